@@ -3,7 +3,6 @@
 .DELETE_ON_ERROR:
 SHELL := /bin/sh
 BIN := .venv/bin
-# What is never imported need not be compiled.
 PIP := $(BIN)/pip --disable-pip-version-check --quiet install --no-compile
 # What is pinned. uv takes a fifth of pip's time; pip does it where uv does not come, or finds no index that pip knows.
 PINNED = VIRTUAL_ENV=.venv UV_HTTP_TIMEOUT=10 UV_HTTP_RETRIES=0 $(BIN)/uv --quiet pip install --require-hashes -r $(1) 2>.venv/uv-said || \
@@ -12,15 +11,14 @@ PAGES := src/phalanx/gateway/pages
 PEER := tests/peers/npm_qrkey
 FIRMWARE := $(wildcard setup.py firmware/build.py firmware/*/*.[ch] firmware/*/*/*.[ch])
 WEB_SOURCES := $(shell find web -type f -not -path '*/node_modules/*' 2>/dev/null)
-KERNELS := $(shell find src/phalanx/kernel.py src/phalanx/bundle.py src/phalanx/wire src/phalanx/crypto src/phalanx/bti src/phalanx/mission src/phalanx/robot src/phalanx/sim -name '*.py')
+# What kernels may be compiled from; a folder changes when a file in it is deleted.
+KERNELS := $(shell find phalanx_compiler src/phalanx -name __pycache__ -prune -o -name pages -prune -o \( -type d -o -name '*.py' -o -name '*.[ch]' \) -print)
 # To read all other files takes longer than some of these tests.
 marked = $(shell grep -ls 'mark\.$(1)\b' tests/test_*.py tests/*/test_*.py)
 # What only computes has what is left of the processor by those that wait for somebody, and have limits for it.
 LEFT_OVER := chrt --idle 0
 COMPUTES := -m "not waits and not alone and not long" --numprocesses $(shell nproc) --dist worksteal
-WAITS := -m "waits and not early and not alone and not long" $(call marked,waits) --numprocesses 2 --dist loadfile
-# These call next to nothing that robots run, and come while that is compiled.
-EARLY := -m "waits and early and not alone and not long" $(call marked,early) --numprocesses 2 --dist loadfile
+WAITS := -m "waits and not alone and not long" $(call marked,waits) --numprocesses 2 --dist loadfile
 ALONE := -m "alone and not long" $(call marked,alone)
 DEMO ?=
 RELEASE ?=
@@ -44,7 +42,7 @@ NEEDS += arm-none-eabi-gcc=gcc-arm-none-eabi mipsel-linux-gnu-gcc=gcc-mipsel-lin
 endif
 
 .PHONY: help setup setup-dev ready ready-dev tools-dev demo test lint lint-python lint-web test-firmware test-web test-python \
-	test-computes test-early test-waits test-alone check-long coverage bench docs release clean
+	test-computes test-waits test-alone check-long coverage bench docs release clean
 
 help:
 	@echo "make demo    run a swarm, and drive it from a phone"
@@ -59,10 +57,8 @@ setup:
 setup-dev:
 	@$(MAKE) --no-print-directory --jobs=8 ready-dev
 
-FIRST_CALLS := $(addprefix .venv/called-,flock gateway mission building)
-ready: $(NEEDED) $(FIRST_CALLS) $(PAGES)/built
-# All that lint needs, and the tests of TypeScript and C: these go on while robots' code is compiled.
-tools-dev: $(NEEDED) .venv/dev $(PAGES)/built $(PEER)/dist/peer.cjs
+ready: $(NEEDED) .venv/kernels $(PAGES)/built
+tools-dev: $(NEEDED) .venv/kernels .venv/dev $(PAGES)/built $(PEER)/dist/peer.cjs
 ready-dev: ready tools-dev .venv/needs-boards
 ready ready-dev tools-dev:
 	@: # make would say of each that there is nothing to be done
@@ -86,16 +82,16 @@ $(NEEDED):
 	@touch $@
 
 .venv/runtime: requirements.lock requirements-amqtt.lock pyproject.toml $(FIRMWARE) | .venv/uv
-	@echo "installing Python packages, compiling the trusted nodes"
+	@echo "installing Python packages, compiling the trusted nodes and the kernels"
 	@$(call PINNED,requirements.lock)
 	@PATH="$$PATH:/usr/sbin"; command -v mosquitto >/dev/null || $(call PINNED,requirements-amqtt.lock)
 	@$(PIP) --no-deps --no-build-isolation -e .
 	@touch $@
 
-# Robots' code is compiled when it is first called; here, so that neither a demo nor a test waits for it.
-$(FIRST_CALLS): .venv/called-%: .venv/runtime $(KERNELS)
-	@echo "compiling what robots run: $*"
-	@nice $(BIN)/python scripts/first_call.py $*
+# Most changes are none of a kernel.
+.venv/kernels: .venv/runtime $(KERNELS)
+	@PHALANX_PURE= $(BIN)/python -m phalanx_compiler.fresh 2>/dev/null || \
+		{ echo "compiling the kernels"; $(BIN)/python setup.py --quiet build_ext --inplace; }
 	@touch $@
 
 .venv/dev: requirements-dev.lock .venv/runtime
@@ -103,14 +99,19 @@ $(FIRST_CALLS): .venv/called-%: .venv/runtime $(KERNELS)
 	@$(call PINNED,requirements-dev.lock)
 	@touch $@
 
-# Not with the others: where it is, numba imports it too, in each of hundreds of processes.
 .venv/coverage: requirements-coverage.lock .venv/dev
 	@$(call PINNED,requirements-coverage.lock)
 	@touch $@
 
-# Nor this one: 180 MB that nobody needs but tests of make check-long.
+# Not with the others: 180 MB that nobody needs but tests of make check-long.
 .venv/ros2: requirements-ros2.lock .venv/dev
 	@$(call PINNED,requirements-ros2.lock)
+	@touch $@
+
+# Nor what builds and runs the wheel for another processor.
+.venv/zig: requirements-zig.lock .venv/dev
+	@scripts/need.sh qemu-aarch64=qemu-user
+	@$(call PINNED,requirements-zig.lock)
 	@touch $@
 
 web/node_modules/.installed: web/package-lock.json | $(NEEDED)
@@ -163,22 +164,18 @@ test-python: setup-dev
 test-computes: ready-dev
 	$(LEFT_OVER) $(BIN)/python -m pytest --durations=10 $(COMPUTES)
 
-test-early: tools-dev
-	$(BIN)/python -m pytest --durations=10 $(EARLY)
-
-test-waits: ready-dev test-early
+test-waits: ready-dev
 	$(BIN)/python -m pytest --durations=10 $(WAITS)
 
 test-alone: setup-dev
 	$(BIN)/python -m pytest --durations=10 $(ALONE)
 
-check-long: setup-dev .venv/ros2
+check-long: setup-dev .venv/ros2 .venv/zig
 	$(BIN)/python -m pytest --durations=10 -m long
 
 coverage: setup-dev .venv/coverage
 	rm -f .coverage .coverage.*
 	$(BIN)/coverage run -m pytest $(COMPUTES)
-	$(BIN)/coverage run -m pytest $(EARLY)
 	$(BIN)/coverage run -m pytest $(WAITS)
 	$(BIN)/coverage run -m pytest $(ALONE)
 	$(BIN)/coverage combine --quiet

@@ -9,7 +9,7 @@ from setuptools import setup
 
 sys.path.insert(0, str(Path(__file__).resolve().parent / "release"))
 
-from commands import BdistWheel, BuildPy, Sdist
+from commands import KERNELS, BdistWheel, BuildExt, BuildPy, Sdist
 from readme import for_index
 
 # The same sources give the same bytes, whenever and wherever they are built: not the time of a checkout, nor the places
@@ -20,7 +20,8 @@ os.environ.setdefault("LDSHARED", " ".join(link))
 
 setup(
     cffi_modules=["firmware/build.py:bound", "firmware/build.py:paper"],
-    cmdclass={"bdist_wheel": BdistWheel, "build_py": BuildPy, "sdist": Sdist},
+    ext_modules=[KERNELS],
+    cmdclass={"bdist_wheel": BdistWheel, "build_ext": BuildExt, "build_py": BuildPy, "sdist": Sdist},
     long_description=for_index(Path("README.md").read_text(encoding="utf-8")),
     long_description_content_type="text/markdown",
     # cffi compiles against the stable interface: one wheel for 3.11 and whatever comes.

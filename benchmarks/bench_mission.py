@@ -70,7 +70,7 @@ def faster(section: int, what: str, ours: list[float], theirs: list[float], limi
 def in_turn(jobs: dict[str, Callable[[], object]], repetitions: int, count: int) -> dict[str, list[float]]:
     times: dict[str, list[float]] = {name: [] for name in jobs}
     for job in jobs.values():
-        job()  # compiled, and warm
+        job()  # warm
     for _ in range(repetitions):
         for name, job in jobs.items():
             times[name].append(timed(job, count))

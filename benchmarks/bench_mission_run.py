@@ -52,7 +52,7 @@ def office(profile: Profile, robots: int, duration_s: float, seed: int = 0) -> M
 
 
 def bench_speed(duration_s: float) -> list[Row]:
-    run_mission(office(Profile.PAPER, 2, 5))  # compiled
+    run_mission(office(Profile.PAPER, 2, 5))  # warm
     run = office(Profile.PAPER, ROBOTS, duration_s)
     cpu_before, began = cpu_s(), time.perf_counter()
     reports = run_mission(run, CORES)

@@ -22,7 +22,6 @@ SCENES = ((25, 64, "0.03"), (100, 64, "0.32"), (324, 64, "2.5 to 2.8"), (324, 4,
 
 
 def bench_radio(repetitions: int, seconds: float) -> list[Row]:
-    replay(4, 4, seconds=1, audits=True)  # compiles
     rows = []
     for robots, spacing_m, ns3 in SCENES:
         spent = []

@@ -80,7 +80,7 @@ def main() -> int:
     plain = json.loads(
         subprocess.run(
             [sys.executable, __file__, "--plain"],
-            env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
+            env={**os.environ, "PHALANX_PURE": "1"},
             check=True,
             capture_output=True,
             text=True,

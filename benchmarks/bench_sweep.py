@@ -78,7 +78,7 @@ def main() -> int:
     said = words.parse_args()
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
-        sweep(folder, 2, 1)  # compiled
+        sweep(folder, 2, 1)  # warm
         rows = gain(folder, said.runs, said.pairs, LIMIT) + gain(folder, SHORT, said.pairs, None)
     if said.json:
         print(json.dumps([row.json() for row in rows]))

@@ -1,17 +1,22 @@
-"""setuptools' commands, and what they do beside: pages and the nodes' program, and a wheel's bill of materials."""
+"""setuptools' commands, and what they make: the kernels' C, the pages, the nodes' program, a bill of materials."""
 
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
+import sys
 import sysconfig
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pages import make_pages
 from sbom import bill_of_materials
+from setuptools import Extension
 from setuptools.command.bdist_wheel import bdist_wheel
+from setuptools.command.build_ext import build_ext
 from setuptools.command.build_py import build_py
 from setuptools.command.sdist import sdist
 
@@ -25,9 +30,51 @@ SOURCES = [
 FLAGS = ["-std=c99", "-Wall", "-Wextra", "-O2", "-g0", "-s", "-ffile-prefix-map=firmware=."]
 
 
+# Kernels, translated to C when the package is built (docs/kernels.md). Strict floating point: replay compares bytes.
+KERNELS = Extension(
+    "phalanx._kernels",
+    sources=["build/kernels/_kernels.c"],
+    include_dirs=[np.get_include()],
+    extra_compile_args=[
+        *["-O3", "-std=c99", "-ffp-contract=off", "-fwrapv", "-fno-strict-aliasing", "-fvisibility=hidden", "-g0"],
+        *["-Wall", "-Wextra", "-Wno-missing-braces", "-Wno-unused-parameter"],
+        *["-Wno-unused-but-set-variable", "-Wno-unused-function"],
+        f"-ffile-prefix-map={Path.cwd()}=.",
+    ],
+    libraries=["m"],
+    py_limited_api=True,
+)
+
+
+class BuildExt(build_ext):
+    """Compile the trusted nodes, then the kernels: their C takes constants from the nodes' headers."""
+
+    def finalize_options(self) -> None:
+        """Put the kernels last."""
+        super().finalize_options()
+        self.extensions.sort(key=lambda each: each.name == KERNELS.name)
+
+    def build_extension(self, ext: Extension) -> None:
+        """Translate the kernels first. Raises: SystemExit: a kernel is outside the subset; its line was printed."""
+        if ext.name == KERNELS.name:
+            # A build for another machine takes the constants from the nodes of this one, which are built in place.
+            crossing = "_PYTHON_HOST_PLATFORM" in os.environ
+            nodes = Path("src/phalanx") if crossing else Path(self.get_ext_fullpath("phalanx._firmware_bound")).parent
+            self._translate(Path(ext.sources[0]), nodes.resolve())
+        super().build_extension(ext)
+
+    @staticmethod
+    def _translate(source: Path, nodes: Path) -> None:
+        source.parent.mkdir(parents=True, exist_ok=True)
+        env = os.environ | {"PYTHONPATH": os.pathsep.join([".", "src", *filter(None, sys.path)])}
+        command = [sys.executable, "-m", "phalanx_compiler.generate", source, "src/phalanx", nodes]
+        if subprocess.run(command, env=env, check=False).returncode:
+            raise SystemExit(1)
+
+
 def make_program(folder: Path) -> None:
     """Compile it into a folder. Raises: CalledProcessError: the compiler said why."""
-    compiler = sysconfig.get_config_var("CC").split()
+    compiler = os.environ.get("CC", sysconfig.get_config_var("CC")).split()
     where = [f"-Ifirmware/{name}" for name in ("include", "port", "src")]
     sources = [f"firmware/{name}.c" for name in SOURCES]
     folder.mkdir(parents=True, exist_ok=True)

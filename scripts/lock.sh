@@ -7,6 +7,7 @@ $uv pyproject.toml --group build --extra reproduce -o requirements.lock
 $uv pyproject.toml --group build --group dev --extra amqtt --extra reproduce -c requirements.lock -o requirements-dev.lock
 echo coverage | $uv - -c requirements-dev.lock -o requirements-coverage.lock
 echo uv | $uv - -o requirements-uv.lock
+echo ziglang | $uv - -o requirements-zig.lock
 echo amqtt | $uv - -c requirements-dev.lock -o requirements-amqtt.lock
 grep -o '"ros-[^"]*"' pyproject.toml | tr -d '"' | $uv - -c requirements-dev.lock -o requirements-ros2.lock
 $uv --group release -o requirements-release.lock

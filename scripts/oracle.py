@@ -72,7 +72,7 @@ def _git(*words: str) -> str:
 
 def record(cases: list[Case], *, allow_dirty: bool) -> int:
     """Run the cases and write their digests into the repository."""
-    from behaviour import digest  # noqa: PLC0415 - numba loads slowly
+    from behaviour import digest  # noqa: PLC0415 - it loads slowly
 
     dirty = is_dirty()
     if dirty and not allow_dirty:

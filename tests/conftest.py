@@ -6,6 +6,7 @@ import asyncio
 import gc
 import io
 import json
+import logging
 import os
 import re
 import shutil
@@ -40,6 +41,17 @@ settings.register_profile("beside others", deadline=None, max_examples=30, suppr
 settings.load_profile("beside others")
 # Whoever runs in the background of a shell does not hear Ctrl-C, nor does any program that is started from there.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(autouse=True)
+def kernel_defects():
+    """Log records of checks that failed while kernels read a peer's bytes: a test that clears them not, fails."""
+    handler, records, logger = logging.Handler(), [], logging.getLogger("phalanx.kernel")
+    handler.emit = records.append
+    logger.addHandler(handler)
+    yield records
+    logger.removeHandler(handler)
+    assert not [record.getMessage() for record in records]
 
 
 _running: list[pytest.Item] = []
@@ -288,7 +300,7 @@ def phalanx(capsys):
 
 def uncompiled(script: str) -> list[str]:
     """The words that a script prints where nothing is compiled; it stands in the tests' folder."""
-    environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    environment = os.environ | {"PHALANX_PURE": "1"}
     where = Path(__file__).parent
     done = subprocess.run(
         [sys.executable, "-c", script], env=environment, cwd=where, capture_output=True, text=True, check=True
@@ -313,14 +325,9 @@ def a_gateway(*arguments: str, **more):
 
     Robots do not audit each other unless asked to: most tests are about the link, and any number of them will do.
     """
-    protected = "--defence" in arguments
-    defence = () if protected else ("--defence", "none")
+    defence = () if "--defence" in arguments else ("--defence", "none")
     with child("up", "--events", "--port", "0", *defence, *arguments, **more) as running:
-        ready = running.wait_for("ready")
-        if protected and "none" not in arguments:
-            # The first after a kernel has changed compiles the world.
-            running.wait_for("prepared", timeout_s=500.0)
-        yield running, ready
+        yield running, running.wait_for("ready")
 
 
 def secrets_of(ready: dict) -> list[str]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from phalanx.config.radio import RadioConfig
@@ -35,11 +34,11 @@ class Result(NamedTuple):
     air: radio.Air
 
 
-# Not a @kernel: its cache would not notice a change of the radio, which is not in this folder.
-@numba.njit(nogil=True, error_model="numpy")
 def run(air, reach, queue, until_us, fragment_bytes, fragments, targets, left_over, receivers):
-    """Events handled until then. left_over: (N,), fragments a robot has still to hand to its NIC."""
+    """Handle events until then, and return how many. left_over: (N,), fragments a robot has still to hand to its NIC."""
     frame = np.zeros(8192, np.uint8)
+    targets, left_over = targets.tolist(), left_over.tolist()
+    per_round = [fragments * sum(target >= 0 for target in row) for row in targets]
     events = 0
     while next_us(queue) < until_us:
         now_us, kind, robot, arg = pop(queue)
@@ -51,7 +50,7 @@ def run(air, reach, queue, until_us, fragment_bytes, fragments, targets, left_ov
             end = finish(air, reach, queue, robot, arg, now_us, receivers)
             if end.receivers == 1 and end.frame[0] == 0x80 and end.frame[1] == fragments - 1:
                 frame[0], frame[1] = 0x80, REPLY
-                sender = (np.int64(end.frame[2]) << 8) + end.frame[3]
+                sender = (int(end.frame[2]) << 8) + int(end.frame[3])
                 enqueue(air, queue, receivers[0], frame, REPLY_BYTES, sender, now_us)
             hand_over = end.left
         elif kind == STATE:
@@ -59,13 +58,13 @@ def run(air, reach, queue, until_us, fragment_bytes, fragments, targets, left_ov
             enqueue(air, queue, robot, frame, STATE_BYTES, BROADCAST, now_us)
             push(queue, now_us + STATE_US, STATE, robot, 0)
         else:
-            left_over[robot] += fragments * (targets[robot] >= 0).sum()
+            left_over[robot] += per_round[robot]
             hand_over = robot
             push(queue, now_us + AUDIT_US, AUDIT, robot, 0)
         if hand_over != radio.NOBODY and left_over[hand_over] > 0:
-            per_round = fragments * (targets[hand_over] >= 0).sum()
-            nth = per_round - 1 - (left_over[hand_over] - 1) % per_round
-            target = targets[hand_over, nth // fragments]
+            of_round = per_round[hand_over]
+            nth = of_round - 1 - (left_over[hand_over] - 1) % of_round
+            target = targets[hand_over][nth // fragments]
             frame[0], frame[1], frame[2], frame[3] = 0x80, nth % fragments, hand_over >> 8, hand_over & 255
             if enqueue(air, queue, hand_over, frame, fragment_bytes, target, now_us) == 0:
                 left_over[hand_over] -= 1

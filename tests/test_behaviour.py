@@ -25,8 +25,6 @@ from conftest import ROOT
 from phalanx.robot.attacks.library import ATTACKS
 from phalanx.sim.builtin import built_in
 
-pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
-
 CASES = all_cases()
 ORACLE = [sys.executable, str(ROOT / "scripts" / "oracle.py")]
 LINES = ["inputs scenario {}", "0 50000 stop 0 -", "0 60000 stop 2 -", "0 70000 verdict 1 020000000300000005000000"]

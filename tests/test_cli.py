@@ -252,7 +252,7 @@ class TestMistakes:
 
 
 # Each takes longer to import than a command's help may take in all.
-SLOW = ("numba", "numpy", "aiohttp", "aiomqtt", "amqtt", "cryptography", "matplotlib", "mcap")
+SLOW = ("numpy", "aiohttp", "aiomqtt", "amqtt", "cryptography", "matplotlib", "mcap")
 
 
 def imported(*commands: list[str]) -> list[str]:

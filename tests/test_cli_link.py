@@ -14,7 +14,7 @@ from phalanx.cli.link import _find
 from phalanx.errors import Unavailable, UsageError
 from phalanx.io import Client, Server
 
-pytestmark = [pytest.mark.waits, pytest.mark.early]
+pytestmark = pytest.mark.waits
 
 
 class TestConnect:

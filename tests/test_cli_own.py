@@ -13,8 +13,6 @@ from phalanx.sim.scenarios.attack_spec import parse_attack
 from phalanx.sim.scenarios.file import find_scenario
 from phalanx.sim.scenarios.own import find_attacks, mistakes_in
 
-pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
-
 OWN = f"{ROOT / 'examples' / 'own_controller.py'}:GoThere"
 QUICK = ("--duration", "2", "--robots", "6")
 WHOLE = """

@@ -6,19 +6,16 @@ import logging
 import math
 import os
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import click
-import numba
 import pytest
 
 from conftest import ROOT
 from phalanx.cli import link, reproduce, sim, terminal
 from phalanx.cli.main import ABOUT, main, phalanx, run_command
 from phalanx.errors import Unavailable
-from phalanx.sim import compiling
 
 ROBOT_SAID = """
 robot: 1
@@ -37,77 +34,16 @@ def commands(command: click.Command = phalanx):
     return [each for name in command.commands for each in commands(command.commands[name])]
 
 
-@pytest.fixture
-def compiled(monkeypatch):
-    """Has a function compiled that never was."""
-    monkeypatch.setattr(compiling, "PATIENCE_S", 0.0)
-
-    def compiled():
-        return numba.njit(lambda x: x + 1)(1)
-
-    return compiled
-
-
-COMPILING = "compiling what robots run, only this time:"
-# A handful of kernels, compiled in a process of its own: a table of digests.
-HASH = """
-import numpy as np
-from phalanx.cli.terminal import Progress
-from phalanx.crypto.sha3 import sha3_256_many
-from phalanx.sim import compiling
-compiling.PATIENCE_S = 0.0
-with compiling.telling_of_compiling(Progress(0.0, 0.0).tell):
-    print(sha3_256_many(np.zeros((1, 1), np.uint8)).tobytes().hex()[:8])
-"""
-
-
-class TestCompiling:
-    def test_a_cold_cache_shows_how_far_it_is_and_a_warm_one_nothing(self, tmp_path):
-        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-        cold, warm = (
-            subprocess.run([sys.executable, "-c", HASH], env=environment, capture_output=True, text=True, check=True)
-            for _ in range(2)
-        )
-        assert cold.stdout == warm.stdout == "5d53469f\n"
-        told = [re.fullmatch(f"{COMPILING} (\\d) of about 3 functions", line) for line in cold.stderr.splitlines()]
-        assert sorted({int(line[1]) for line in told}) == [0, 1, 2]  # the last of the three is the one that was called
-        assert warm.stderr == ""
-
-    def test_it_is_told_only_if_something_is_compiled(self, compiled):
-        told = []
-        with compiling.telling_of_compiling(lambda *words: told.append(words)):
-            assert not told
-            assert compiled() == compiled() == 2
-        assert told == [(f"{COMPILING} 0 of about 1 functions", 0.0), (f"{COMPILING} 1 of about 2 functions", 0.5)]
-        compiled()
-        assert len(told) == 2
-
-    def test_time_between_two_compilations_does_not_count(self, compiled, monkeypatch):
-        readings = (0.0, 10.0, 1000.0, 1007.0)
-        clock = iter([reading for reading in readings for _ in range(2)]).__next__  # a search's stopwatch reads it too
-        monkeypatch.setattr(compiling.time, "perf_counter", clock)
-        monkeypatch.setattr(compiling, "PATIENCE_S", 10.0)
-        told = []
-        with compiling.telling_of_compiling(lambda *words: told.append(words)):
-            compiled()
-            assert not told
-            compiled()
-        assert len(told) == 1
-
+class TestStopped:
     @pytest.mark.parametrize("figure", ["bti-fig9", "mission-fig8a"])
-    def test_a_command_tells_and_claims_no_file_that_is_not_there(
-        self, figure, compiled, monkeypatch, capsys, tmp_path
-    ):
+    def test_a_command_claims_no_file_that_is_not_there(self, figure, monkeypatch, capsys, tmp_path):
         def measure(*_):
-            compiled()
             raise KeyboardInterrupt
 
         monkeypatch.setattr(reproduce, "measure", measure)
         command = ["reproduce", figure, "--out", str(tmp_path)]
         assert run_command(command) == 1
-        first, last = capsys.readouterr().err.splitlines()
-        assert first.startswith(f"{COMPILING} 0 of about ")
-        assert last == "stopped"
+        assert capsys.readouterr().err.splitlines() == ["stopped"]
         csv = tmp_path / f"{figure}.csv"
         csv.touch()
         assert run_command(command) == 1

@@ -19,7 +19,6 @@ import pytest
 
 from conftest import ROOT, a_gateway, bare_mosquitto, called, child, run, secrets_of
 from phalanx.cli import up as command
-from phalanx.gateway.up import UpOptions
 from phalanx.gateway.waits import for_at_most
 from ports import free_port
 
@@ -186,7 +185,6 @@ class TestUp:
         now = {
             "held": held,
             "connected": connected,
-            "preparing": "no shields yet" if held else "",
             "rotates_in_s": 899.0,
             **counts,
         }
@@ -197,7 +195,7 @@ class TestUp:
         (line,) = shown
         assert len(line) <= 79
         assert ("ALL STOPPED: go and Enter" if held else "Enter: stop all") in line
-        assert ("no shields yet" in line, "broker away" in line) == (held, not connected)
+        assert ("broker away" in line) == (not connected)
         for count in re.findall("12345.*", line.replace("  ", "\n")):
             assert count.removeprefix("12345 ") in counts, "whole words only"
 
@@ -314,16 +312,6 @@ class TestUp:
             assert re.search(r"visitors.*  http://[0-9.]+:\d+/#v=1&pin=", text)
             assert ("--host 0.0.0.0" in text) == (host == "127.0.0.1")
             assert re.search(r"operator  http://127.0.0.1:\d+/#token=", text)
-
-
-@pytest.mark.parametrize("late", [True, False])
-def test_people_are_told_when_shields_that_had_to_be_compiled_are_up(late, monkeypatch, capsys):
-    async def gateway(_options, say, _started, **_):
-        say({"event": "prepared", "late_shields": late})
-
-    monkeypatch.setattr(command, "run_gateway", gateway)
-    command._run_for_people(UpOptions(), lambda: None)
-    assert ("shields are up" in capsys.readouterr().err) == late
 
 
 @pytest.mark.parametrize("file", ["phalanx.service", "Containerfile"])

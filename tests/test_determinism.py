@@ -17,8 +17,6 @@ from phalanx.sim.determinism.calls import ADVICE, ROBOT, calls_of, maker
 from phalanx.sim.determinism.check import Report, check_controller
 from phalanx.sim.determinism.trace import LIVES, live
 
-pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
-
 OWN = f"{ROOT / 'examples' / 'own_controller.py'}:GoThere"
 # It remembers a number, and where it is not told otherwise adds one to it and commands it.
 WHOLE = """
@@ -204,7 +202,7 @@ def test_so_is_the_one_that_the_others_are_made_from(checked):
             id="a checkpoint that is put on top of what was there",
         ),
         pytest.param(
-            {COUNTED: "self.heard += int(__import__('numba').config.DISABLE_JIT) + 1"},
+            {COUNTED: "self.heard += int(__import__('phalanx.kernel').kernel.PURE) + 1"},
             {COMPILED},
             r"encode at byte [0-7]: .* in not compiled",
             id="compiled code that rounds otherwise",

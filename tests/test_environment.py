@@ -11,10 +11,7 @@ from phalanx.sim.environment import OWN, SwarmEnv
 from phalanx.sim.scenarios.file import find_scenario
 from phalanx.sim.scenarios.own import find_attacks
 
-pytestmark = [
-    pytest.mark.timeout(600),  # the first run after a kernel has changed compiles the world
-    pytest.mark.filterwarnings("ignore::DeprecationWarning"),  # PettingZoo's own
-]
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")  # PettingZoo's own
 SMALL = find_scenario("flock-12").with_options(robots=6, duration_s=8.0)
 
 

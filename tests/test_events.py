@@ -15,7 +15,7 @@ actions = st.lists(st.one_of(st.integers(0, 5), st.integers(0, 1 << 52), st.none
 
 
 @given(actions, st.integers(1, 40))
-@settings(deadline=None)  # the first example compiles
+@settings(deadline=None)  # on a busy machine an example waits
 def test_events_come_out_by_time_and_those_of_one_time_as_they_went_in(steps, capacity):
     queue, model, turned_away = make_queue(capacity), [], 0
     for number, t_us in enumerate(steps):

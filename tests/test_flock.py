@@ -185,7 +185,7 @@ def run_digest():
 
 class TestReplay:
     def test_a_run_has_the_same_bytes_compiled_interpreted_and_everywhere(self):
-        script = "import numba, test_flock; print(numba.config.DISABLE_JIT, test_flock.run_digest())"
+        script = "from phalanx import kernel; import test_flock; print(int(kernel.PURE), test_flock.run_digest())"
         assert uncompiled(script) == ["1", run_digest()]
         assert run_digest() == RUN_SHA256
 

@@ -19,7 +19,7 @@ from chromium import wait_until
 from conftest import child, eventually
 from phalanx.cli.main import run_command
 from phalanx.cli.mission.files import read_plain
-from phalanx.errors import PhalanxError, Unavailable, Unknown, UsageError
+from phalanx.errors import PhalanxError, Unknown, UsageError
 from phalanx.gateway.missions.watch import MissionWatch
 from phalanx.io import Client
 from phalanx.mission import BuildOptions, build, plain_mission, public_key, sign
@@ -31,9 +31,6 @@ from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.missions.live import Moment, Standing
 from phalanx.sim.missions.orders import orders_of
 from phalanx.sim.swarms.mission import MOST_ROBOTS, MissionSwarm, ShieldedMissionSwarm
-
-# The first after a kernel has changed compiles what robots run.
-pytestmark = pytest.mark.timeout(600)
 
 NOW = 1_700_000_000.0
 # One room, 8 by 6 m, with a door to another: a mission in it takes seconds.
@@ -72,11 +69,10 @@ def orders(text: str = THROUGH, plan=PLAN, **options):
 
 
 class Silent(MissionSwarm):
-    """A swarm without its process, ready: what robots do is said by the test."""
+    """A swarm without its process: what robots do is said by the test."""
 
     def __init__(self, count: int = 2, plan=PLAN):
         super().__init__(plan, count, 0, lambda: NOW)
-        self.preparing = ""
         self.sent: list[tuple] = []
         self._pipe = self
 
@@ -93,11 +89,9 @@ class Silent(MissionSwarm):
 
 @contextmanager
 def a_mission_gateway(*arguments: str):
-    """Like `a_gateway`, with robots that live missions; what they run may have to be compiled first."""
+    """Like `a_gateway`, with robots that live missions."""
     with child("up", "--events", "--port", "0", *arguments) as running:
-        ready = running.wait_for("ready", timeout_s=60)
-        running.wait_for("prepared", timeout_s=500)
-        yield running, ready
+        yield running, running.wait_for("ready")
 
 
 def addresses(swarm):
@@ -215,9 +209,6 @@ class TestSwarm:
     def test_robots_live_it_in_a_process_of_their_own_stand_while_held_and_end_with_it(self):
         with MissionSwarm(PLAN, 2, 0, time.time) as swarm:
             swarm.begin(orders())
-            assert [walk.why for walk in swarm.walks()] == ["robots come up"] * 2
-            assert asyncio.run(swarm.ready()) is swarm
-            assert [walk.why for walk in swarm.walks()] == [""] * 2
             deadline = time.monotonic() + 60
             longest, held = 0.0, False
             while swarm.progress().completed < 2:
@@ -237,27 +228,6 @@ class TestSwarm:
             process = swarm._process
         assert not process.is_alive()
 
-    def test_what_robots_are_told_before_they_are_ready_they_hear_then(self):
-        swarm = Silent()
-        swarm.preparing = "robots come up"
-        mission, last = orders(), orders()
-        swarm.begin(mission)
-        swarm.begin(last)
-        assert swarm.sent == []
-        heard = iter([(0, "compiling: 5 %"), (0, None)])
-        swarm.poll, swarm.recv = iter([True, False, True, False]).__next__, heard.__next__
-        swarm.robots()
-        assert (swarm.preparing, swarm.sent) == ("compiling: 5 %", [])
-        swarm.robots()
-        assert swarm.preparing == ""
-        assert [(number, told.parts) for number, told in swarm.sent] == [(2, last.parts)], "a mission begins once"
-
-    def test_robots_that_cannot_come_up_end_the_gateway_with_a_line(self):
-        with MissionSwarm(PLAN, 1, 0, time.time) as swarm:
-            swarm._process.kill()
-            with pytest.raises(Unavailable, match="before they were ready"):
-                asyncio.run(swarm.ready())
-
     def test_robots_whose_process_dies_are_not_heard_any_more(self, caplog):
         now = [NOW]
         with MissionSwarm(PLAN, 1, 0, lambda: now[0]) as swarm:
@@ -275,7 +245,6 @@ class TestSwarm:
 class TestShields:
     def test_robots_audit_each_other_on_their_mission_and_one_that_lies_is_stopped(self):
         with ShieldedMissionSwarm(PLAN, 4, 0, time.time, "bound", 1) as swarm:
-            asyncio.run(swarm.ready())
             assert isinstance(swarm, Shielded)
             assert isinstance(swarm, OnMission)
             liar, *honest = addresses(swarm)

@@ -26,7 +26,6 @@ from phalanx.io.websocket import Websocket, frame_head
 from phalanx.link.envelope import encode_envelope, seal
 from test_strangers import Stranger, connect, the_process, varint, with_length
 
-pytestmark = pytest.mark.early
 MASK = b"\x01\x02\x03\x80"
 
 

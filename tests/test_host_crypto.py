@@ -137,7 +137,7 @@ def test_what_is_hashed_in_part_may_be_gone_on_with_by_the_other():
 @pytest.mark.parametrize("plain", [False, True])
 def test_only_a_simulation_that_is_not_plain_computes_so(plain):
     use(0)
-    Run(Scenario(robots=2, duration_s=1.0, bti=BtiConfig(f_max=1)), plain=plain)
+    Run(Scenario(robots=2, duration_s=1.0, bti=BtiConfig(f_max=1)), plain=plain).advance(0.1)
     _, lib = trusted.FIRMWARE[trusted.BOUND]
     assert lib.phx_host_used() == (0 if plain else CAN)
 

@@ -24,7 +24,7 @@ from phalanx.io.broker import RunningBroker
 from phalanx.link import Pin, QrUrl
 from ports import free_port
 
-pytestmark = [pytest.mark.waits, pytest.mark.early, pytest.mark.peers, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.waits, pytest.mark.peers, pytest.mark.timeout(120)]
 
 HERE = Path(__file__).parent
 WEB = HERE.parent / "web"

@@ -1,40 +1,36 @@
-"""What kernels and bundles promise: one pointer, the same arrays, and no compiled code that is older than its source."""
+"""Calls of compiled kernels, and bundles: the same bytes as uncompiled, no wrong argument, no stale binary."""
 
 from __future__ import annotations
 
+import inspect
 import os
-import re
 import shutil
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-import numba
 import numpy as np
 import pytest
-from numba.core import types
 
+import phalanx_compiler
 from phalanx import kernel as kernel_module
 from phalanx.arrays import Records, U8x3
+from phalanx.bti import trusted
 from phalanx.bti.fleet import records
 from phalanx.bti.work import make_work
 from phalanx.bundle import bundled
 from phalanx.config import BtiConfig
-from phalanx.sim.audited import loop
+from phalanx.errors import KernelDefect
+from phalanx.mission.pose.spread import Sight, doubt_of
+from phalanx.pool import make_pool
 from phalanx.sim.audited.events import Queue, make_queue, pack, pop, push
-from phalanx.sim.compiling import _called_by
-from phalanx.wire.fields import copy, whole
+from phalanx.wire import fields
+from phalanx_compiler.kinds import fields_of
 
 SRC = Path(kernel_module.__file__).parent
-
-
-def test_a_bundle_shares_its_arrays_with_compiled_code():
-    queue = make_queue(4)
-    assert push(queue, 5, 7, 8, 9) == 0
-    assert queue.tally[0] == 1
-    queue.event[0].robot = 80  # written in Python, read in compiled code
-    assert pop(queue) == (5, 7, 80, 9)
 
 
 def test_a_kernel_does_the_same_uncompiled():
@@ -46,10 +42,140 @@ def test_a_kernel_does_the_same_uncompiled():
     assert [pop(compiled) for _ in range(5)] == [pop.py_func(plain) for _ in range(5)]
 
 
+def test_a_kernel_has_the_name_the_documentation_and_the_signature_of_its_function():
+    assert type(push).__name__ == "Kernel"
+    assert push.__wrapped__ is push.py_func
+    assert (push.__name__, push.__module__) == ("push", "phalanx.sim.audited.events")
+    assert push.__doc__ == push.py_func.__doc__
+    assert [*inspect.signature(push).parameters] == ["queue", "t_us", "kind", "robot", "arg"]
+
+
+# --- arguments --------------------------------------------------------------------------------------------------------
+
+
+def test_arguments_are_given_by_place_or_by_name():
+    queue = make_queue(4)
+    push(queue, 5, robot=8, kind=7, arg=9)
+    push(arg=4, robot=3, kind=2, t_us=1, queue=queue)
+    assert [pop(queue), pop(queue)] == [(1, 2, 3, 4), (5, 7, 8, 9)]
+
+
+@pytest.mark.parametrize(
+    ("given", "named", "why"),
+    [
+        ((1, 2, 3), {}, "argument arg is missing"),
+        ((1, 2), {"arg": 4}, "argument robot is missing"),
+        ((1, 2, 3, 4, 5), {}, "takes 5 arguments"),
+        ((1, 2, 3, 4), {"arg": 4}, "takes 5 arguments"),
+        ((1, 2, 3), {"place": 4}, "argument arg is missing"),
+        ((1, 2, 3), {"t_us": 4}, "argument arg is missing"),
+    ],
+)
+def test_an_argument_that_is_missing_unknown_or_given_twice_is_refused(given, named, why):
+    queue = make_queue(4)
+    with pytest.raises(TypeError, match=rf"phalanx\.sim\.audited\.events\.push.*{why}"):
+        push(queue, *given, **named)
+    assert queue.tally[0] == 0
+
+
+@pytest.mark.parametrize("wrong", [1.0, np.float64(1.0), "1", None, b"1", (1,), np.arange(2)])
+def test_what_is_no_whole_number_is_refused_where_one_belongs(wrong):
+    with pytest.raises(TypeError):
+        fields.get_u32(np.zeros(8, np.uint8), wrong)
+
+
+def test_whole_numbers_of_numpy_are_whole_numbers():
+    row = np.arange(8, dtype=np.uint8)
+    for kind in (np.int64, np.int32, np.uint8, np.uint64):
+        assert fields.get_u16(row, kind(2)) == 0x0302
+
+
+def test_a_number_that_64_bits_do_not_hold_is_refused():
+    with pytest.raises(OverflowError):
+        fields.get_u32(np.zeros(8, np.uint8), 1 << 63)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [
+        (np.zeros(8, np.int8), "dtype.*uint8.*is expected, not.*int8"),
+        (np.zeros(8), "float64"),
+        (np.zeros(8, ">u2"), "uint16|>u2"),
+        (np.zeros((2, 4), np.uint8), "1 axes is expected, not 2"),
+        (np.zeros((), np.uint8), "1 axes is expected, not 0"),
+        (np.zeros(16, np.uint8)[::2], "C order"),
+        (np.zeros(8, np.uint8)[::-1], "C order"),
+        (bytes(8), "an array is expected"),
+        ([0] * 8, "an array is expected"),
+        (None, "an array is expected"),
+    ],
+    ids=lambda wrong: "" if isinstance(wrong, str) else repr(wrong)[:30],
+)
+def test_an_array_of_another_dtype_or_number_of_axes_or_order_is_refused(wrong, why):
+    with pytest.raises(TypeError, match=why):
+        fields.get_u32(wrong, 0)
+
+
+@pytest.mark.parametrize("wrong", [(0.1, 0.2), (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7), [0.1, 0.2, 0.3], 0.1])
+def test_a_tuple_of_another_length_is_refused(wrong):
+    spread = np.zeros((3, 3))
+    with pytest.raises(TypeError, match="a tuple of"):
+        doubt_of(spread, 1.0, 2.0, wrong)
+    assert doubt_of(spread, 1.0, 2.0, Sight(0.1, 0.2, 0.3)) == doubt_of(spread, 1.0, 2.0, (0.1, 0.2, 0.3))
+
+
+def test_read_only_arrays_are_refused_where_the_kernel_writes_and_only_there():
+    mine, fixed = np.zeros(8, np.uint8), np.arange(8, dtype=np.uint8)
+    fixed.flags.writeable = False
+    assert fields.get_u16(fixed, 0) == 0x0100
+    fields.copy(mine, 0, fixed, 1, 4)
+    assert mine.tolist() == [1, 2, 3, 4, 0, 0, 0, 0]
+    for writes in (lambda: fields.copy(fixed, 0, mine, 0, 4), lambda: fields.put_u32(fixed, 0, 7)):
+        with pytest.raises(ValueError, match="read-only"):
+            writes()
+    assert fixed.tolist() == [*range(8)]
+
+
+def test_neither_a_call_nor_one_that_fails_keeps_its_arguments():
+    row, queue = np.arange(9, dtype=np.uint8), make_queue(4)
+    before = sys.getrefcount(row), sys.getrefcount(queue)
+    for _ in range(9):
+        fields.copy(row, 3, row, 0, 5)
+        push(queue, 1, 2, 3, 4)
+        for fails in (lambda: fields.copy(row, 9, row, 0, 5), lambda: push(queue, 1, 2, 3, row)):
+            with pytest.raises((KernelDefect, TypeError)):
+                fails()
+    assert (sys.getrefcount(row), sys.getrefcount(queue)) == before
+
+
+# --- bundles ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_bundle_shares_its_arrays_with_compiled_code():
+    queue = make_queue(4)
+    assert push(queue, 5, 7, 8, 9) == 0
+    assert queue.tally[0] == 1
+    queue.event[0].robot = 80  # written in Python, read in compiled code
+    assert pop(queue) == (5, 7, 80, 9)
+
+
 def test_a_bundle_is_itself_where_nothing_is_compiled(monkeypatch):
-    monkeypatch.setattr(kernel_module.numba.config, "DISABLE_JIT", 1)
+    monkeypatch.setattr("phalanx.bundle.PURE", True)
     queue = Queue(*[np.zeros(1, np.int64)] * len(Queue._fields))
     assert pack(queue) is queue
+
+
+def test_a_bundle_of_another_class_is_refused():
+    with pytest.raises(TypeError, match=r"events\.Queue.*is expected, not .*Pool"):
+        push(make_pool(3, 8), 1, 2, 3, 4)
+    with pytest.raises(TypeError, match=r"events\.Queue.*is expected, not None"):
+        push(None, 1, 2, 3, 4)
+
+
+def test_which_arrays_a_bundle_has_never_changes():
+    queue = make_queue(4)
+    with pytest.raises(AttributeError, match=r"Queue\.heap"):
+        queue.heap = np.zeros(4, np.int32)
 
 
 SEEN = np.dtype([("small", "u1"), ("large", "i8")], align=True)
@@ -58,63 +184,59 @@ SEEN = np.dtype([("small", "u1"), ("large", "i8")], align=True)
 class Inner(NamedTuple):
     seen: Annotated[Any, Records(SEEN, 2)]
     half: float
-    pair: tuple[int, int]
+    pair: tuple[int, float]
 
 
 class Outer(NamedTuple):
     inner: Inner
     bytes: U8x3
+    count: int
 
 
 pack_inner, pack_outer = bundled(Inner), bundled(Outer)
 
 
-def nested():
-    seen = records((3, 2), SEEN)
-    return pack_outer(Outer(pack_inner(Inner(seen, 0.5, (3, 4))), np.zeros((2, 3, 4), np.uint8)))
-
-
-@numba.njit
-def touch(outer, i, times):
-    total = 0.0
-    for _ in range(times):
-        record = outer.inner.seen[i, 1]
-        record.small += 1
-        record.large -= outer.inner.pair[1]
-        row = outer.bytes[1, i]
-        row[3] += 1
-        total += outer.inner.half * len(outer.bytes) + row[3:].size + outer.inner.pair[0]
-    return total
+def an_inner(**other):
+    return Inner(**{"seen": records((3, 2), SEEN), "half": 0.5, "pair": (3, 4.0)} | other)
 
 
 def test_fields_are_arrays_of_numbers_and_records_and_numbers_and_tuples_and_bundles():
-    outer = nested()
-    assert touch(outer, 2, 10) == 10 * (0.5 * 2 + 1 + 3)
-    assert outer.inner.seen.tolist() == [[(0, 0), (0, 0)], [(0, 0), (0, 0)], [(0, 0), (10, -40)]]
-    assert np.argwhere(outer.bytes).tolist() == [[1, 2, 3]]
-    assert outer.bytes[1, 2, 3] == 10
+    inner = pack_inner(an_inner())
+    outer = pack_outer(Outer(inner, np.zeros((2, 3, 4), np.uint8), 7))
+    words = outer._kept.tolist()
+    assert words == [inner._address, outer.bytes.ctypes.data, 2, 3, 4, 7]
+    assert inner._kept.tolist()[:3] == [inner.seen.ctypes.data, 3, 2]
+    assert inner._kept.view(np.float64)[[3, 5]].tolist() == [0.5, 4.0]
+    assert inner._kept[4] == 3
+    assert [str(kind) for _, kind in fields_of(Outer)] == ["Inner", "array of uint8 with 3 axes", "int"]
 
 
-def test_nobody_counts_who_refers_to_what_is_in_a_bundle():
-    """Counting takes a third of a simulation's time; a numba that gave these arrays an owner would bring it back."""
-    touch(nested(), 0, 1)
-    (compiled,) = touch.inspect_llvm().values()
-    body = next(each for each in compiled.split("\ndefine ")[1:] if "touch" in each.partition("(")[0]).partition("\n}")[
-        0
-    ]
-    assert "getelementptr" in body
-    assert "NRT_" not in body
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"seen": np.zeros((3, 2))},
+        {"seen": np.zeros((3, 2), np.dtype([("small", "u1"), ("large", "i4")], align=True))},
+        {"seen": records((2, 3), SEEN).T},
+        {"seen": records((3, 4), SEEN)[:, ::2]},
+        {"seen": records(6, SEEN)},
+        {"seen": records((3, 2), SEEN).tolist()},
+        {"half": 1},
+        {"pair": (3, 4)},
+        {"pair": (3.0, 4.0)},
+        {"pair": (3, 4.0, 5)},
+        {"pair": 3},
+    ],
+    ids=lambda wrong: repr(wrong)[:50],
+)
+def test_what_a_field_is_not_declared_as_is_refused(wrong):
+    with pytest.raises(TypeError, match=rf"Inner\.{next(iter(wrong))}"):
+        pack_inner(an_inner(**wrong))
 
 
-def test_a_bundle_of_other_arrays_is_another_type():
-    wide = pack_inner(Inner(np.zeros((3, 2)), 0.5, (3, 4)))
-    assert wide._numba_type_ != nested().inner._numba_type_
-    assert nested()._numba_type_ == nested()._numba_type_
-
-
-def test_an_array_in_another_order_is_no_field():
-    with pytest.raises(AssertionError, match="C order"):
-        pack_inner(Inner(np.zeros((3, 2)).T, 0.5, (3, 4)))
+def test_a_bundle_in_a_bundle_has_the_class_that_is_declared():
+    for wrong in (an_inner(), make_queue(4), None):
+        with pytest.raises(TypeError, match=r"Outer\.inner"):
+            pack_outer(Outer(wrong, np.zeros((2, 3, 4), np.uint8), 7))
 
 
 def test_scratch_memory_holds_the_longest_batch_of_entries():
@@ -122,88 +244,159 @@ def test_scratch_memory_holds_the_longest_batch_of_entries():
     assert work.batch.shape == (2, 10 * (7 + 2048))
 
 
-def test_whoever_calls_with_a_constant_or_a_narrow_number_gets_the_kernel_of_every_number():
-    before = set(whole.signatures)
-    for kind in (types.literal(3), types.literal(4), types.int32, types.int64):
-        whole.get_call_template((kind,), {})
-    assert set(whole.signatures) - before <= {(types.int64,)}
+# --- violated checks, threads -----------------------------------------------------------------------------------------
 
 
-def stamps_of(root: Path, *modules: str) -> list[str]:
-    code = f"from phalanx import kernel; print(*(kernel._stamp(kernel._ROOT / each) for each in {modules}))"
-    run = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env={"PYTHONPATH": str(root)}
-    )
-    return run.stdout.split()
+def test_an_index_that_is_outside_is_an_error_that_names_its_line_and_the_process_goes_on():
+    row = np.arange(8, dtype=np.uint8)
+    lines, first = inspect.getsourcelines(fields.get_u32.py_func)
+    for at in (5, 8, 1 << 40, -1, -(1 << 63)):
+        with pytest.raises(KernelDefect, match=r"index -?\d+ is outside an array of 8") as defect:
+            fields.get_u32(row, at)
+        file, line = str(defect.value).split(": ")[0].rsplit(":", 1)
+        assert file.endswith("wire/fields.py")
+        assert first <= int(line) < first + len(lines)
+        assert defect.value.hint
+        assert fields.get_u32(row, 4) == 0x07060504
 
 
-# Two imports away from the loop: loop -> node -> rounds; and the trusted nodes, which C became.
-@pytest.mark.parametrize("changed", ["bti/rounds.py", "_firmware_bound.abi3.so"])
-def test_compiled_code_is_stale_when_what_it_calls_has_changed(tmp_path, changed):
-    copy = tmp_path / "phalanx"
-    shutil.copytree(SRC, copy, ignore=shutil.ignore_patterns("__pycache__", "pages", "data"))
-    before = stamps_of(tmp_path, "sim/audited/loop.py", "link/pin.py")
-    with (copy / changed).open("ab") as file:
-        file.write(b"\n# changed\n")
-    after = stamps_of(tmp_path, "sim/audited/loop.py", "link/pin.py")
-    assert before[0] != after[0]
-    assert before[1] == after[1]
+LONG = np.zeros(1 << 26, np.uint8)
 
 
-def counts(kernel):
-    return kernel.targetoptions["_nrt"]
+def hashed() -> tuple[bytes, float]:
+    """Return the digest of 64 MB, and how long it took."""
+    began, out = time.perf_counter(), np.zeros(20, np.uint8)
+    trusted.sha1(LONG, LONG.size, out)
+    return out.tobytes(), time.perf_counter() - began
 
 
-def test_nobody_counts_in_the_loop_but_what_returns_a_view_of_a_bundles_array():
-    # An array that a kernel made would never be freed by one that does not count.
-    counting = {kernel.__name__ for kernel in _called_by(loop.run) if counts(kernel)}
-    assert counting == {"finish", "_finish_ack", "_bytes"}
+def test_other_threads_run_while_a_kernel_runs():
+    took, looked = [], []
+    thread = threading.Thread(target=lambda: took.append(hashed()[1]))
+    thread.start()
+    while thread.is_alive():
+        looked.append(time.perf_counter())
+        time.sleep(0.001)
+    thread.join()
+    # One that held the interpreter's lock would let nobody look but at its beginning and its end.
+    inside = [t for t in looked if looked[0] + 0.2 * took[0] < t < looked[0] + 0.8 * took[0]]
+    assert len(inside) >= 3
 
 
-MAKES = re.compile(
-    r"np\.(empty|zeros|ones|full|eye|array|arange)|\.(copy|astype)\(|-> .*(NDArray|Row|[A-Z]+\d*x\d|End)\b"
-)
+def test_threads_have_violations_of_their_own():
+    right, seen = hashed()[0], []
+
+    def violate():
+        for _ in range(200):
+            with pytest.raises(KernelDefect):
+                fields.get_u32(LONG, LONG.size)
+        seen.append(True)
+
+    threads = [threading.Thread(target=violate), threading.Thread(target=lambda: seen.append(hashed()[0] == right))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert seen == [True, True]
 
 
-def test_what_makes_arrays_or_returns_them_counts():
-    # A maker that another kernel has compiled would not be refused.
-    for file in SRC.rglob("*.py"):
-        for text in re.findall(r"^@kernel\n(def .*?)(?=\n\n\n|\Z)", file.read_text(), re.MULTILINE | re.DOTALL):
-            assert not MAKES.search(text), f"{file}: {text.partition('(')[0]}"
+# --- the binary, and the sources beside it ----------------------------------------------------------------------------
 
 
-def test_a_kernel_that_does_not_count_makes_no_array_and_keeps_none():
-    @kernel_module.kernel
-    def borrowing(n: int) -> float:
-        made = np.empty(n)
-        return made[0]
-
-    with pytest.raises(numba.errors.NumbaError):
-        borrowing(3)
-    row = np.arange(9, dtype=np.uint8)
-    before = sys.getrefcount(row)
-    for _ in range(9):
-        copy(row, 3, row, 0, 5)
-    assert sys.getrefcount(row) == before
+@pytest.fixture(scope="module")
+def copied(tmp_path_factory):
+    """The package and its compiler in a folder of their own."""
+    root = tmp_path_factory.mktemp("copied")
+    ignore = shutil.ignore_patterns("__pycache__", "pages", "data")
+    for name, source in {"phalanx": SRC, "phalanx_compiler": Path(phalanx_compiler.__file__).parent}.items():
+        shutil.copytree(source, root / name, ignore=ignore)
+    return root
 
 
-ONE_OF_TWO = """
-import sys
-from phalanx.mission.angles import sin_cos
-sin_cos({})
-print("made" if sin_cos.stats.cache_misses else "found")
+def run(root, *words, **env):
+    env = {"PYTHONPATH": str(root), "PATH": os.environ["PATH"], "PYTHONDONTWRITEBYTECODE": "1"} | env
+    return subprocess.run([sys.executable, *words], capture_output=True, text=True, env=env, check=False, cwd=root)
+
+
+PUSHED = """
+from phalanx.sim.audited.events import make_queue, pop, push
+queue = make_queue(4)
+push(queue, 5, 7, 8, 9)
+print(type(push).__name__, *pop(queue))
 """
 
 
-def test_processes_that_need_a_kernel_at_once_compile_it_once_and_keep_what_each_made(tmp_path):
-    env = os.environ | {"PYTHONPATH": str(SRC.parent), "NUMBA_CACHE_DIR": str(tmp_path)}
+# An editable install finds its own binary where the copy has none.
+COMMAND = """
+import sys
+sys.meta_path[:] = [each for each in sys.meta_path if "Editable" not in str(each)]
+from phalanx.cli.main import run_command
+sys.exit(run_command(["sim", "run", "flock-12", "--duration", "1"]))
+"""
 
-    def at_once(*numbers: str) -> list[str]:
-        running = [
-            subprocess.Popen([sys.executable, "-c", ONE_OF_TWO.format(x)], stdout=subprocess.PIPE, text=True, env=env)
-            for x in numbers
-        ]
-        return sorted(one.communicate()[0].strip() for one in running)
 
-    assert at_once("0.5", "0.5", "1") == ["found", "made", "made"]
-    assert at_once("0.5", "1") == ["found", "found"]
+def refused_at_start(root):
+    """Return the error of a command that needs kernels, one line of stderr beside its hint."""
+    done = run(root, "-c", COMMAND)
+    assert done.returncode == 1
+    assert done.stdout == ""
+    error, hint = done.stderr.splitlines()
+    assert hint == f"phalanx: hint: {kernel_module.HINT}"
+    return error
+
+
+@pytest.mark.parametrize(
+    ("file", "changed"),
+    [
+        ("phalanx/wire/fields.py", "# changed"),
+        ("phalanx/wire/fields.py", None),
+        ("phalanx/robot/controllers/bundled/flock.py", "# changed"),
+        ("phalanx_compiler/runtime.h", "/* changed */"),
+    ],
+)
+def test_kernels_that_were_compiled_from_other_sources_are_refused_in_a_line(copied, file, changed):
+    path = copied / file
+    before = path.read_bytes()
+    try:
+        if changed:
+            path.write_bytes(before + f"\n{changed}\n".encode())
+        else:
+            path.unlink()
+        assert file in refused_at_start(copied)
+        if changed:  # uncompiled it runs
+            done = run(copied, "-c", PUSHED, PHALANX_PURE="1")
+            assert done.stdout == "function 5 7 8 9\n", done.stderr
+    finally:
+        path.write_bytes(before)
+    assert run(copied, "-c", PUSHED).stdout == "Kernel 5 7 8 9\n"
+
+
+def test_without_a_binary_the_error_is_a_line_too(copied):
+    (binary,) = (copied / "phalanx").glob("_kernels*.so")
+    away = binary.rename(copied / "away")
+    try:
+        assert "the kernels are not compiled" in refused_at_start(copied)
+        assert run(copied, "-c", PUSHED, PHALANX_PURE="1").stdout == "function 5 7 8 9\n"
+    finally:
+        away.rename(binary)
+
+
+def test_a_kernel_that_the_binary_lacks_is_refused(copied):
+    more = copied / "phalanx" / "wire" / "more.py"
+    more.write_text("from phalanx.kernel import kernel\n\n@kernel\ndef twice(n: int) -> int:\n    return 2 * n\n")
+    try:
+        done = run(copied, "-c", "import phalanx.wire.more")
+        assert done.stderr.splitlines()[-1].endswith("the compiled kernels have no phalanx.wire.more.twice")
+        done = run(copied, "-c", "from phalanx.wire.more import twice; print(twice(4))", PHALANX_PURE="1")
+        assert done.stdout == "8\n", done.stderr
+    finally:
+        more.unlink()
+
+
+def test_a_kernel_of_somebody_else_runs_as_it_is():
+    @kernel_module.kernel
+    def twice(n: int) -> int:
+        return 2 * n
+
+    assert inspect.isfunction(twice)
+    assert twice(4) == 8

@@ -13,7 +13,6 @@ from phalanx.sim.audited.world import clock_ms
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import Scenario
 
-pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
 F_MAX = 1
 
 

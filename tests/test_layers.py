@@ -9,7 +9,8 @@ import pytest
 
 SRC = Path(__file__).parent.parent / "src" / "phalanx"
 LAYERS = [
-    "errors kernel loading pages arrays",
+    "errors _kernels",
+    "kernel loading pages arrays",
     "config bundle memory",
     "wire pool _firmware_bound _firmware_paper",
     "crypto",
@@ -25,7 +26,7 @@ DOORS = {("link/__init__.py", "io")}
 # No clock, socket, random source or await below the floor of sim and io: time and nonces are arguments.
 IMPURE = {"asyncio", "socket", "time", "random", "secrets", "os", "subprocess", "threading", "aiomqtt", "aiohttp"}
 PURE_BELOW = RANK["sim"]
-# It finds numba a folder for compiled code, and looks at nothing that a kernel could see.
+# It reads whether kernels are to run uncompiled, and looks at nothing that a kernel could see.
 HOUSEKEEPING = {"kernel.py"}
 LONGEST = 400
 # What auditors replay of a mission knows no function whose last bit depends on a machine, or on a Python.

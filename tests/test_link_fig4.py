@@ -26,7 +26,6 @@ from phalanx.experiments.table import TableFile, read_table
 from phalanx.io.mosquitto import find_mosquitto
 from ports import free_port
 
-pytestmark = pytest.mark.early
 FIGURE = FIGURES["link-fig4"]
 ORIGIN = {"broker": "mosquitto", "interval_s": 0.5, "lost_after_s": 10.0, "version": "0.0.0 (cafe)"}
 

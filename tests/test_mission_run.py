@@ -6,11 +6,9 @@ import json
 import math
 import multiprocessing
 import random
-import time
 from dataclasses import replace
 from pathlib import Path
 
-import numba
 import pytest
 from click.testing import CliRunner
 from mcap.reader import make_reader
@@ -24,7 +22,6 @@ from phalanx.errors import PeerError, Unavailable, UsageError
 from phalanx.mission import BuildOptions, Draft, Landmark, Mission, Phase, Position, Profile, build
 from phalanx.mission.landmarks import floorplan_of_yaml
 from phalanx.mission.refused import NotForUs
-from phalanx.robot.controllers.mission.controller import MissionController
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.odometry import NoiseModel, OdometryNoise
 from phalanx.sim.missions.orders import furnished
@@ -238,21 +235,6 @@ def test_too_few_robots_to_audit_each_other_are_refused_before_anything_is_encod
         _, _, error = _command("office", *words, "--defence", "bound")
         assert str(error) == f"{who} cannot audit each other with f_max 1"
         assert error.hint == "at least 3; or --defence none"
-
-
-def test_the_stopwatch_of_a_search_stands_still_while_a_kernel_is_compiled(monkeypatch) -> None:
-    _, robot = world_of(two_doors())
-    took_s = []
-
-    def compiled(*_: object) -> tuple:
-        began = time.perf_counter()
-        numba.njit(lambda x: x + 1)(1)
-        took_s.append(time.perf_counter() - began)
-        return ()
-
-    monkeypatch.setattr(MissionController, "landmarks", compiled)
-    robot.controller.landmarks(b"", START)
-    assert robot.controller.extraction_ms[-1] < 1e3 * took_s[0] / 2
 
 
 def test_what_audits_did_is_shown(capsys) -> None:

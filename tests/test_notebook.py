@@ -8,11 +8,7 @@ import re
 import subprocess
 import sys
 
-import pytest
-
 from conftest import ROOT
-
-pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
 
 NOTEBOOK = json.loads((ROOT / "examples" / "research.ipynb").read_text())
 CODE = ["".join(cell["source"]) for cell in NOTEBOOK["cells"] if cell["cell_type"] == "code"]

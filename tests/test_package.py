@@ -13,14 +13,12 @@ import phalanx
 import phalanx.robot
 import phalanx.sim
 
-pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
-
 
 @pytest.mark.parametrize("room", ["phalanx", "phalanx.robot", "phalanx.sim"])
 def test_it_is_light(room):
     script = f"import sys, {room}; dir({room}); print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert not {"numba", "numpy", "click", "asyncio", "yaml"} & set(done.stdout.split())
+    assert not {"numpy", "click", "asyncio", "yaml"} & set(done.stdout.split())
 
 
 @pytest.mark.parametrize("room", [phalanx, phalanx.robot, phalanx.sim], ids=lambda room: room.__name__)

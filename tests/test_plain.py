@@ -14,7 +14,7 @@ from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import Scenario
 
-pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]  # the first run after a kernel has changed compiles the world
+pytestmark = pytest.mark.long
 
 SWARM = Scenario(robots=9, duration_s=20.0, bti=BtiConfig(f_max=1))
 CROWD = Scenario(robots=49, duration_s=8.0, grid_step_m=4.0, d_m=4.0)

@@ -9,7 +9,6 @@ import subprocess
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -18,17 +17,13 @@ import pytest
 from chromium import wait_until
 from conftest import a_gateway, child, eventually
 from phalanx.cli.main import run_command
-from phalanx.demo.rehearsal import rehearse_elsewhere
-from phalanx.demo.simulated import SoonProtected, choose_protection, plan_swarm, simulated_swarm
-from phalanx.errors import Unavailable, Unknown, UsageError
-from phalanx.gateway import UpOptions, up
+from phalanx.demo.simulated import choose_protection
+from phalanx.errors import Unknown, UsageError
 from phalanx.io import Client
 from phalanx.robot import Led, Point
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.robot.shield import Shielded
 from phalanx.sim.swarms.protected import MOST_ROBOTS, ProtectedSwarm, draw_places
-
-pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
 
 DT = 0.02
 T_VAL_S = 10.0
@@ -404,77 +399,26 @@ class TestUp:
         assert area["unprotected"] == choose_protection(101, None, None).note
         assert "t_val_ms" not in area
 
-    async def test_robots_drive_before_all_is_compiled_and_get_their_shields_where_they_stand(self, monkeypatch):
-        compiled = asyncio.Event()
-
-        async def elsewhere(_: str, _protocol: str, tell: Callable[[str], None]) -> None:
-            tell("half is compiled")
-            await compiled.wait()
-
-        monkeypatch.setattr("phalanx.demo.simulated.is_compiled", lambda *_: False)
-        monkeypatch.setattr("phalanx.demo.simulated.rehearse_elsewhere", elsewhere)
-        events: asyncio.Queue[dict] = asyncio.Queue()
-        lines: list[str] = []
-        swarm = simulated_swarm(plan_swarm(12, None, None), 0, lines.append)
-        gateway = asyncio.ensure_future(up(UpOptions(port=0), events.put_nowait, swarm=lambda: swarm))
-        try:
-            ready = await asyncio.wait_for(events.get(), 10)
-            assert ready["event"] == "ready"
-            async with Client(ready["qr_url"]) as client:
-                area = await client.request(1, frames=True)
-                assert "being compiled" in area["unprotected"]
-                assert "t_val_ms" not in area
-                assert isinstance(swarm, SoonProtected)
-                assert swarm.preparing == "no shields yet, half is compiled"
-                before = {robot["address"]: robot for robot in await client.request(0, frames=True)}
-                driven = next(iter(before))
-                for _ in range(10):
-                    await client.command(driven, "move_raw", {"left_x": 0, "left_y": 60, "right_x": 0, "right_y": 60})
-                    await asyncio.sleep(0.1)
-                await asyncio.sleep(0.5)
-                stood = {robot["address"]: robot for robot in await client.request(0, frames=True)}
-                assert stood[driven]["lh2_position"] != before[driven]["lh2_position"]
-                assert not any("shield" in robot for robot in stood.values())
-                compiled.set()
-                while (await asyncio.wait_for(events.get(), 500))["event"] != "prepared":
-                    pass
-                area = await client.request(1, frames=True)
-                assert area["tokens_needed"] == 4
-                assert "unprotected" not in area
-                after = {robot["address"]: robot for robot in await client.request(0, frames=True)}
-                assert all(robot["shield"][0] == 0 for robot in after.values())
-                for field in ("name", "direction", "lh2_position", "position_history", "n"):
-                    assert {a: r[field] for a, r in after.items()} == {a: r[field] for a, r in stood.items()}, field
-            assert [line.split(";")[0] for line in lines] == ["compiling what audits need"]
-        finally:
-            gateway.cancel()
-            await asyncio.gather(gateway, return_exceptions=True)
-
     @pytest.mark.alone
     @pytest.mark.parametrize("words", [[], ["--mission", "office"]])
-    def test_the_code_is_shown_within_ten_seconds_though_nothing_is_compiled(self, words, tmp_path):
+    def test_the_code_is_shown_within_seconds_and_robots_have_shields_from_the_first(self, words):
         began_s = time.monotonic()
-        with child("up", "--events", "--port", "0", *words, env={"NUMBA_CACHE_DIR": str(tmp_path)}) as running:
+        with child("up", "--events", "--port", "0", *words, fresh=True) as running:
             ready = running.wait_for("ready", timeout_s=60)
             took_s = time.monotonic() - began_s
-            assert words or state_of(ready)["shields"] is None, "nobody is told of shields that are not there"
-            assert running.process.poll() is None
-            assert not running.events("prepared")
+            state = state_of(ready)
+            assert {robot["address"] for robot in state["robots"]} == state["shields"]["robots"].keys()
+            assert not state["unprotected"]
             own = subprocess.run(["pgrep", "-P", str(running.process.pid)], capture_output=True, text=True, check=True)
             children = [int(pid) for pid in own.stdout.split()]
-            kept = ["multiprocessing's tracker"] if words else []
-            assert len(children) == len(["a broker", "its guard", "the page", "what compiles", *kept])
+            more = ["robots on a mission", "multiprocessing's tracker"] if words else []
+            assert len(children) == len(["a broker", "its guard", "the page", *more])
             began_s = time.monotonic()
             assert running.stop() == 0
             assert time.monotonic() - began_s < 2
             wait_until(lambda: not [pid for pid in children if Path(f"/proc/{pid}").exists()], 5)
         assert not [line for line in running.err if "Traceback" in line]
-        assert took_s < 10
-
-    async def test_a_gateway_whose_code_does_not_compile_says_so_in_a_line(self, monkeypatch):
-        monkeypatch.setattr("sys.executable", "/bin/false")
-        with pytest.raises(Unavailable, match="cannot be compiled: exit code 1"):
-            await rehearse_elsewhere("bound", "", lambda _: None)
+        assert took_s < 5
 
     async def test_frames_alone_tell_all_that_a_page_needs(self):
         frames: list[dict] = []

@@ -294,7 +294,7 @@ class TestDeterminism:
         )
 
         def digest(switch):
-            env = os.environ | {"NUMBA_DISABLE_JIT": switch, "PYTHONPATH": str(ROOT / "tests")}
+            env = os.environ | {"PHALANX_PURE": switch, "PYTHONPATH": str(ROOT / "tests")}
             done = subprocess.run([sys.executable, "-c", script], env=env, capture_output=True, text=True, timeout=150)
             assert done.returncode == 0, done.stderr
             return done.stdout

@@ -29,7 +29,6 @@ from phalanx.sim.scenarios.file import written_scenario
 from phalanx.sim.scenarios.run import Run
 from phalanx.wire.table import ENTRY, ENTRY_ACMD, ENTRY_INPUT, ENTRY_RECV, PROOF
 
-pytestmark = pytest.mark.timeout(600)  # compiles, the first time
 # Nobody is audited yet: what robots have logged they still have.
 MISSION = Scenario(name="young", robots=4, grid_step_m=16.0, duration_s=3.9, bti=BtiConfig(f_max=1))
 ME = 1

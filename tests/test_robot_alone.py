@@ -28,7 +28,7 @@ from phalanx.bti.nodes import seal_mission_key
 from phalanx.cli.reproduce import _write
 from phalanx.cli.robot import status
 from phalanx.config import BtiConfig
-from phalanx.daemon import kept_log, rehearsal, signers
+from phalanx.daemon import kept_log, signers
 from phalanx.daemon import life as life_module
 from phalanx.daemon import run as daemon_run
 from phalanx.daemon.driver import Driver, OwnDriver
@@ -51,7 +51,6 @@ from phalanx.io.serial_line import open_line
 from phalanx.io.udp_radio import LEAST_WAITING, Allowance, UdpRadio, parsed
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.python_controller import OwnMistake
-from phalanx.sim.audited.setup import limits_of
 from phalanx.sim.recorder import Recorder
 from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.file import parse_scenario, written_scenario
@@ -553,15 +552,6 @@ def test_a_radio_of_mixed_addresses_or_of_no_address_of_ours_is_said():
         UdpRadio("127.0.0.1:4410", ["[::1]:4411"])
     with pytest.raises(Unavailable, match=r"cannot listen on 192\.0\.2\.1:4410"):
         UdpRadio("192.0.2.1:4410", ["127.0.0.1:4411"])
-
-
-@pytest.mark.timeout(600)  # compiles, the first time
-@pytest.mark.parametrize("controller", ["flock", "guard"])
-def test_two_robots_of_a_rehearsal_audit_each_other(controller):
-    scenario = Scenario(
-        robots=2, controller=controller, bti=BtiConfig(f_max=1), attacks=(AttackSpec(name="hijack", robot=1),)
-    )
-    assert rehearsal.rehearse(scenario, limits_of(scenario.bti, scenario.radio)) > 2
 
 
 @contextlib.contextmanager

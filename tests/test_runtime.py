@@ -21,8 +21,6 @@ from phalanx.sim import Scenario
 from phalanx.sim.audited import loop, pybot
 from phalanx.sim.scenarios.run import Run
 
-pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
-
 SWARM = Scenario(
     robots=6, grid_step_m=16.0, goal_m=(60.0, 60.0), duration_s=16.0, controller="guard", bti=BtiConfig(f_max=1)
 )

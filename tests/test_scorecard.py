@@ -24,7 +24,6 @@ from phalanx.robot.attacks import ATTACKS, IN_FLOCKS
 from phalanx.sim.scenarios.own import find_attack
 from phalanx.sim.scenarios.scenario import in_scenarios
 
-pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
 PAGE = Path(__file__).parents[1] / "docs" / "attacks.md"
 SHORT_S = 24.0
 

@@ -294,7 +294,6 @@ def test_an_attack_on_the_air_that_is_none_is_said(words):
         parse_on_air(words, 4)
 
 
-@pytest.mark.timeout(600)  # the first run after a kernel has changed compiles it
 def test_a_planner_hears_no_frame_that_its_a_node_refused():
     heard, codes = [], {1: 34, 2: boards.CODES["BAD_MAC"]}
 

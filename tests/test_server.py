@@ -17,7 +17,7 @@ from phalanx.io import Client, Server, parse_broker_url
 from phalanx.io.client import FIRST_FRAME_S
 from phalanx.link.client_side import FRAME
 
-pytestmark = [pytest.mark.waits, pytest.mark.early]
+pytestmark = pytest.mark.waits
 
 
 class TestEverydayUse:

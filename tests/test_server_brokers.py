@@ -39,7 +39,7 @@ from test_cli_up import children_of
 from test_guard_floods import aside
 from test_strangers import processor_s, with_length
 
-pytestmark = [pytest.mark.waits, pytest.mark.early]
+pytestmark = pytest.mark.waits
 
 
 def somewhere() -> Listeners:

@@ -20,7 +20,7 @@ from phalanx.io import Client, Login, Server
 from phalanx.link.envelope import encode_envelope, seal
 from ports import free_port
 
-pytestmark = [pytest.mark.waits, pytest.mark.early]
+pytestmark = pytest.mark.waits
 
 
 class TestHostileMessages:

@@ -30,7 +30,6 @@ from phalanx.sim.scenarios.run import Run
 
 simulate_module = sys.modules[simulate.__module__]
 
-pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
 
 SMALL = Scenario(robots=9, duration_s=3.0, attacks=(AttackSpec(name="hijack", at_s=1.0),))
 OWN = f"{ROOT / 'examples' / 'own_controller.py'}:GoThere"
@@ -252,18 +251,6 @@ def test_the_example_runs_and_tells_what_became_of_the_liar():
     lied, stopped = done.stdout.splitlines()
     assert re.fullmatch(r"robot 5 lied from 10\.\d* s on, Safe Mode at 1\d\.\d+ s", lied)
     assert stopped == "honest robots stopped: [], for want of a quorum: []"
-
-
-def test_who_waits_for_a_compiler_hears_of_it_now_and_then(caplog, monkeypatch):
-    tell = simulate_module._now_and_then()
-    for share in (0.1, 0.2, 0.3):
-        tell(f"compiling: {share}", share)
-    assert caplog.messages == ["compiling: 0.1"]
-    monkeypatch.setattr(simulate_module, "TELL_S", 0.0)
-    tell = simulate_module._now_and_then()
-    tell("compiling", 0.5)
-    tell("compiling", 0.6)
-    assert len(caplog.messages) == 3
 
 
 class TestCautions:

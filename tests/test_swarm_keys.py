@@ -20,8 +20,6 @@ from phalanx.sim.swarms.protected import ProtectedSwarm, SwarmKeys
 from phalanx.wire.fields import row
 from phalanx.wire.table import MAC_BYTES, TOKEN
 
-pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
-
 ROBOTS = 4
 WORDS = "correct horse battery staple"
 

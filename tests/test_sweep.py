@@ -27,8 +27,6 @@ from phalanx.experiments.table import read_table
 from phalanx.sim import simulate
 from phalanx.sim.scenarios.file import find_scenario
 
-pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
-
 SMALL = """scenario: flock-12
 seeds: 3
 grid:

@@ -16,7 +16,6 @@ from phalanx.sim.swarms.protected import DEMO, ProtectedSwarm
 from phalanx.sim.swarms.work import LATELY_S, ON_WHEELS, Work
 from phalanx.wire.record import MalformedRecord
 
-pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
 STEP_S = 0.1
 LEAST = {"exploration": 90.0, "patrol": 50.0, "tracking": 30.0}  # after 20 s
 

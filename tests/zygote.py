@@ -21,8 +21,8 @@ import subprocess
 import sys
 import time
 
-# Read by Python itself, by numba and by coverage as they are imported.
-OF_A_START = ("PYTHON", "NUMBA_", "OPENBLAS_", "COVERAGE_", "LC_", "LANG")
+# Read by Python itself, by our kernels and by coverage as they are imported.
+OF_A_START = ("PYTHON", "PHALANX_PURE", "OPENBLAS_", "COVERAGE_", "LC_", "LANG")
 _ENDED = struct.Struct("<i")
 _running: list[tuple[socket.socket, subprocess.Popen]] = []
 
@@ -146,7 +146,6 @@ if __name__ == "__main__":
     import phalanx.cli.link
     import phalanx.cli.robot
     import phalanx.cli.up
-    import phalanx.demo.rehearsal
     import phalanx.demo.simulated  # noqa: F401
 
     if _serve(socket.socket(fileno=int(sys.argv.pop(1)))):

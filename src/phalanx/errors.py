@@ -26,17 +26,43 @@ class _Told(PhalanxError):
 
 
 class UsageError(_Told):
-    """The caller can mend this: a bad value, a missing file, a port in use."""
+    """The caller can mend this: a bad value, a missing file, a port in use.
+
+    Class attributes:
+        exit_code: of the command line.
+    """
+
+    exit_code: ClassVar[int] = 2
 
 
 class Unavailable(_Told):
     """The world said no: a broker that cannot be reached, a port in use, a swarm that does not answer."""
 
 
+class KernelDefect(_Told):
+    """A compiled function would have left an array or divided by zero: a defect of ours; file and line say where."""
+
+
+class OwnDefect(KernelDefect):
+    """A function of a user's file would have left an array or divided by zero, or returned what it must not."""
+
+
+class OutsideSubset(UsageError):
+    """A user's file uses what cannot be compiled; file and line say where."""
+
+    exit_code = 1
+
+
 class PeerError(PhalanxError):
     """Bytes from a peer are wrong. `reason` is the word under which it is counted."""
 
     reason: ClassVar[str] = "peer_error"
+
+
+class Defective(PeerError):
+    """A defect of ours kept us from reading a peer's bytes; it is logged, and the message is rejected."""
+
+    reason = "defect"
 
 
 class TooLarge(PeerError):

@@ -69,7 +69,7 @@ class Judge:
         path.write_bytes(pickle.dumps((arrays, self.config, requests)))
         child = subprocess.run(
             [sys.executable, str(HERE / "caught.py"), str(path)],
-            env=os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONWARNINGS": "error", "PYTHONPATH": str(HERE.parent)},
+            env=os.environ | {"PHALANX_PURE": "1", "PYTHONWARNINGS": "error", "PYTHONPATH": str(HERE.parent)},
             capture_output=True,
             text=True,
         )
@@ -101,7 +101,7 @@ def quiet_run(defence: str, until_s: float, robots: int = 10, seed: int = 3) -> 
 
 
 if __name__ == "__main__":
-    assert not hasattr(node.judge, "py_func"), "compiled"
+    assert type(node.judge).__name__ == "function", "compiled"
     arrays, config, asked = pickle.loads(Path(sys.argv[1]).read_bytes())
     judge = Judge(Fleet(**arrays), config)
     print(json.dumps([(refused, state.hex()) for refused, state in (judge(*each) for each in asked)]))

@@ -11,6 +11,7 @@ import __future__
 import argparse
 import ast
 import importlib
+import inspect
 import json
 import os
 import random
@@ -256,7 +257,7 @@ class Bench:
     @staticmethod
     def _first_failure(items: list[pytest.Item], mutant: Mutant) -> str:
         module = importlib.import_module(f"phalanx.{mutant.module.replace('/', '.')}")
-        getattr(module, mutant.function).__code__ = mutant.code
+        inspect.unwrap(getattr(module, mutant.function)).__code__ = mutant.code
         return next((item.nodeid for item in items if _fails(item)), "")
 
 
@@ -267,7 +268,7 @@ def main() -> int:
     parser.add_argument("--take", type=int, default=0, help="so many, drawn by chance; 0 is all")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    os.environ["NUMBA_DISABLE_JIT"] = "1"
+    os.environ["PHALANX_PURE"] = "1"
     import pytest
 
     sys.path.insert(0, str(SOURCES.parent))

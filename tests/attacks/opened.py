@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from types import ModuleType
 
 import pytest
-from trials import scenario
 
 from phalanx.bti import request
 from phalanx.robot import node
@@ -38,7 +37,6 @@ class Hole:
 
 def run_with(patch: pytest.MonkeyPatch, made: Scenario, *holes: Hole) -> Run:
     """The scenario to its end, with these holes open in all robots; with none of them, the defence as it is."""
-    Run(scenario("bound"))  # compiles the loop over the world, which has what is uncompiled below built in
     with patch.context() as within:
         opened = [(hole, hole.opened()) for hole in holes]
         for module, name in ((node, "hear"), (node, "hear_audit"), (node, "hear_fragment"), (request, "take_fragment")):

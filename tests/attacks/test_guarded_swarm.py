@@ -23,7 +23,7 @@ from phalanx.sim import AttackSpec, Scenario, simulate
 from phalanx.wire.fields import row
 from phalanx.wire.guarded import ADVICE, KIND_WISH, WISH
 
-pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]  # the first run after a kernel has changed compiles the world
+pytestmark = pytest.mark.long
 
 AT_S, LISTEN_MS = 5.0, 2000
 ENVELOPE = GuardConfig(

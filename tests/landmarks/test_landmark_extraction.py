@@ -281,7 +281,7 @@ def test_compiled_and_plain_extraction_give_the_same_bits():
     digests = [
         subprocess.run(
             [sys.executable, "-c", DIGEST],
-            env={**os.environ, "NUMBA_DISABLE_JIT": plain},
+            env={**os.environ, "PHALANX_PURE": plain},
             check=True,
             capture_output=True,
             text=True,

@@ -13,7 +13,7 @@ ANGLE = st.floats(-1000, 1000)
 NUMBER = st.floats(-1e6, 1e6)
 
 
-@settings(deadline=None)  # the first call compiles
+@settings(deadline=None)  # on a busy machine a call waits
 @given(ANGLE)
 def test_sines_and_cosines_are_those_of_the_library(angle):
     sine, cosine = angles.sin_cos(angle)
@@ -21,7 +21,7 @@ def test_sines_and_cosines_are_those_of_the_library(angle):
     assert abs(cosine - math.cos(angle)) < 5e-15
 
 
-@settings(deadline=None)  # the first call compiles
+@settings(deadline=None)  # on a busy machine a call waits
 @given(NUMBER, NUMBER)
 def test_arctangents_are_those_of_the_library(y, x):
     if x or y:
@@ -32,7 +32,7 @@ def test_arctangents_are_those_of_the_library(y, x):
         assert angles.atan2(y, x) == 0
 
 
-@settings(deadline=None)  # the first call compiles
+@settings(deadline=None)  # on a busy machine a call waits
 @given(ANGLE)
 def test_a_wrapped_angle_is_the_same_direction_within_half_a_turn(angle):
     wrapped = angles.wrap(angle)
@@ -41,7 +41,7 @@ def test_a_wrapped_angle_is_the_same_direction_within_half_a_turn(angle):
     assert math.cos(wrapped - angle) > 0
 
 
-@settings(deadline=None)  # the first call compiles
+@settings(deadline=None)  # on a busy machine a call waits
 @given(ANGLE, NUMBER, NUMBER)
 def test_compiled_and_plain_agree_to_the_bit(angle, y, x):
     assert angles.sin_cos(angle) == angles.sin_cos.py_func(angle)

@@ -115,7 +115,7 @@ def test_a_process_in_which_nothing_is_compiled_replays_the_same_commands_and_st
     path.write_text(json.dumps({"profile": int(profile), "steps": told, "end": recording.steps[-1].state.hex()}))
     child = subprocess.run(
         [sys.executable, str(HERE / "test_mission_pilot.py"), str(path)],
-        env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
+        env=os.environ | {"PHALANX_PURE": "1"},
         capture_output=True,
         text=True,
     )

@@ -43,8 +43,6 @@ describe("missions", () => {
     expect(words(START)[2]).toContain("4 still dark");
     expect(words(START, A)[3]).toBe("Ada: seeking the next landmark, decoded 1 of 5");
     expect(words(START, B)[3]).toBe("Bo: waiting to begin");
-    const cold = play([frame(0, { walks: [[2, "waiting", 0, 5, "compiling: 5 %"]] })], START);
-    expect(words(cold, B)[3]).toBe("Bo: waiting to begin (compiling: 5 %)");
   });
 
   test("frames light landmarks, once each, and tell how far robots are", () => {

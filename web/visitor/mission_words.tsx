@@ -61,7 +61,7 @@ export function walkWords({ phase, decoded, of, why }: Walk): string {
   const because = why === "" ? "" : ` (${why})`;
   switch (phase) {
     case "waiting":
-      return `waiting to begin${because}`;
+      return "waiting to begin";
     case "seeking":
       return `seeking the next landmark${count}`;
     case "returning":

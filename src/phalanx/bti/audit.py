@@ -160,7 +160,7 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912 - one
                 if bound and (t < due - s.delta or t > due + s.delta):
                     return Refusal.INPUT_OFF_GRID
                 due += s.t_control
-            elif kind != ACMD and q[payload_at] & MARK:
+            elif kind != ACMD and int(q[payload_at]) & MARK:
                 return Refusal.AUDIT_FRAME_LOGGED
             chain = 0 if kind == INPUT else 1
             copy(w.batch[chain], w.held[chain, 1], q, begin, at - begin)

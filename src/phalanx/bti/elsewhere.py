@@ -112,7 +112,7 @@ def _asks(kernel: Any, call: Record) -> Callable[..., int]:
         try:
             number = row(bytes(view(node, trusted.ELSEWHERE_BYTES)))
             code, result = _placed[get_u32(number, 0)].ask(call, now_ms, **arguments)
-        except BaseException as error:  # noqa: BLE001 - Ctrl-C too would be lost in what was compiled
+        except BaseException as error:  # noqa: BLE001 - C that called us would lose it, as it would Ctrl-C
             _failed.append(error)
             return FAILED
         if result:

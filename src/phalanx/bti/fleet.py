@@ -97,7 +97,7 @@ RX = np.dtype(
         ("src", "i8"),  # who sends it, 0: nobody, and the row is not the place's any more
         ("no", "i8"),
         ("count", "i8"),
-        ("have", "u8"),
+        ("have", "i8"),
         ("len", "i8"),
         ("at", "i8"),
         ("row", "i8"),  # where it is, or was last

@@ -37,3 +37,4 @@ class Refusal(IntEnum):
     REQUEST_INVALID = 23  # the auditor's own a-node issues no token for it
     CONTROLLER_FAILED = 24  # replay of a plain-Python controller raised
     EVIDENCE_WRONG = 25  # it does not show what is claimed, or not what the s-node chained
+    DEFECT = 26  # a check in the auditor's own code failed: a defect of ours, which is logged

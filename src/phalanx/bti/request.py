@@ -69,7 +69,7 @@ def make_request(f: Fleet, i: int, now: int, treq: Row, auth_s: Row, auth_a: Row
     asked.asked_ms = now
     asked.claimed = r.checkpoint_no
     r.quota -= 1
-    r.request_no = (r.request_no + 1) & 0xFFFF
+    r.request_no = (int(r.request_no) + 1) & 0xFFFF
     r.request_to = tor
     r.request_next = 0
     r.repeats = 0
@@ -89,7 +89,7 @@ def _write(f: Fleet, i: int, treq: Row, auth_s: Row, auth_a: Row) -> int:
         return 0
     out[0] = VERSION
     out[AT_FLAGS] = r.booted
-    put_u16(out, AT_TEE, r.id)
+    put_u16(out, AT_TEE, int(r.id))
     copy(out, AT_T, treq, 0, TREQ_BYTES)  # they agree from t to the MAC
     copy(out, AT_TOP_S, auth_s, 0, HASH_BYTES)
     copy(out, AT_AUTH_S, auth_s, AUTH_MAC, MAC_BYTES)
@@ -142,8 +142,8 @@ def next_fragment(f: Fleet, i: int, now: int, frame: Row) -> int:
         return 0
     if now < r.repeat_at:
         return 0
-    audit_head(frame, r.id, r.request_to, FRAGMENT)
-    put_u16(frame, AT_REQUEST, r.request_no)
+    audit_head(frame, int(r.id), int(r.request_to), FRAGMENT)
+    put_u16(frame, AT_REQUEST, int(r.request_no))
     frame[AT_INDEX] = r.request_next
     frame[AT_COUNT] = count
     begin = r.request_next * body
@@ -175,7 +175,7 @@ def not_arrived(f: Fleet, i: int, now: int) -> None:
         r.repeats += 1
         return
     if nothing:
-        f.peer[i, peer_at(f, i, r.request_to)].asked_ms = now - again_after(f) + chance % (s.t_audit // 2)
+        f.peer[i, peer_at(f, i, int(r.request_to))].asked_ms = now - again_after(f) + chance % (s.t_audit // 2)
     withdraw(f, i)
     r.quota += 1
 
@@ -210,7 +210,7 @@ def listens(f: Fleet, i: int, now: int, auth_s: Row) -> int:
     r.seeks = 0
     if r.round_no == 0 or r.got > s.f_max:
         return 0
-    chance = mixed(drawn(f, i), r.id)
+    chance = mixed(drawn(f, i), int(r.id))
     if hears_few(f, i, now) and trusted.snode_make_auth(s.profile, f.snode[i], f.hckpt[i, PENDING], auth_s) >= 0:
         mark(f, i, FLUSH_S)
         r.seeks = 1
@@ -230,8 +230,8 @@ def hello(f: Fleet, i: int, now: int, frame: Row) -> int:
         r.quota = 0
         r.asked_at = now
         pause = max(1, s.t_audit >> 3)
-        r.seek_at = now + pause + mixed(r.secret, now) % pause
-    audit_head(frame, r.id, 0, SEEK if r.seeks else HELLO)
+        r.seek_at = now + pause + mixed(int(r.secret), now) % pause
+    audit_head(frame, int(r.id), 0, SEEK if r.seeks else HELLO)
     return AUDIT_HEAD_BYTES
 
 
@@ -239,7 +239,7 @@ def hello(f: Fleet, i: int, now: int, frame: Row) -> int:
 def seek(f: Fleet, i: int, now: int, frame: Row) -> int:
     """As `hello`, once more in a round that began so, after a pause that nobody can foresee; 0 if it is not to be."""
     r = f.robot[i]
-    due = r.seeks and r.got <= f.settings[0].f_max and now >= r.seek_at
+    due = r.seeks != 0 and r.got <= f.settings[0].f_max and now >= r.seek_at
     return int(hello(f, i, now, frame)) if due and hears_few(f, i, now) else 0
 
 
@@ -253,7 +253,7 @@ def hello_to(f: Fleet, i: int, src: int, now: int, frame: Row) -> int:
     if at < 0 or now - f.peer[i, at].told < f.settings[0].t_audit // 2:
         return 0
     f.peer[i, at].told = now
-    audit_head(frame, f.robot[i].id, src, HELLO)
+    audit_head(frame, int(f.robot[i].id), src, HELLO)
     return AUDIT_HEAD_BYTES
 
 

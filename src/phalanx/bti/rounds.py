@@ -108,7 +108,7 @@ def next_candidate(f: Fleet, i: int, now: int) -> int:
         fresh = p.token >= now - s.t_val
         if not fresh and p.heard * 2 < now * 2 - HEARD_ROUNDS_X2 * s.t_audit:
             continue
-        key = mixed(r.id, rob_id) + (whole(p.misses) << 32) + (0 if fresh or r.seeks else 1 << 36)
+        key = mixed(int(r.id), rob_id) + (whole(p.misses) << 32) + (0 if fresh or r.seeks else 1 << 36)
         if p.asked == r.round_no:
             key += 1 << 37  # silent so far in this round: only if nobody else is left
         if key < best_key:
@@ -152,7 +152,7 @@ def begin_round(f: Fleet, i: int) -> None:
     for k in range(r.peers):
         p = f.peer[i, k]
         if p.asked == r.round_no and p.answered != r.round_no:
-            p.misses = min(p.misses + 1, MOST_MISSES)
+            p.misses = min(int(p.misses) + 1, MOST_MISSES)
     r.round_no += 1
     r.quota = f.settings[0].f_max + 1
     r.got = 0
@@ -166,7 +166,7 @@ def withdraw(f: Fleet, i: int) -> None:
     r.request_len = 0
     if r.request_row != NO_ROW:
         r.drawn = drawn(f, i)
-        give_back(f.request, r.request_row)
+        give_back(f.request, int(r.request_row))
         r.request_row = NO_ROW
 
 

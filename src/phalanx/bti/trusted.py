@@ -3,7 +3,7 @@
 `profile` is 0 (bound) or 1 (paper): two builds of firmware/. A node is a row of bytes that only the C reads, or, in
 `bound`, the number of one that is not here (elsewhere.py); rows and buffers are contiguous uint8. Functions return what
 the C returns, >= 0 or one of the E_ codes, and look at sizes before the C sees an address: too small a buffer is E_ARG.
-How numba finds the C is in docs/adr/0010.
+How kernels find the C is in docs/adr/0010.
 Source: RoboRebound Alg. 2-4; docs/spec/rebound-nodes.md.
 """
 
@@ -13,15 +13,14 @@ import inspect
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-import llvmlite.binding
-from numba import extending, types
+import numpy as np
 
 from phalanx._firmware_bound import ffi as bound_ffi
 from phalanx._firmware_bound import lib as bound_lib
 from phalanx._firmware_paper import ffi as paper_ffi
 from phalanx._firmware_paper import lib as paper_lib
 from phalanx.errors import Unavailable
-from phalanx.kernel import written
+from phalanx.kernel import link, written
 from phalanx.wire import driven, table
 from phalanx.wire.fields import U32_BYTES, Row
 
@@ -61,27 +60,20 @@ def counted() -> tuple[int, int]:
     return sum(int(counts[0]) for counts in told), sum(int(counts[1]) for counts in told)
 
 
-class _CFunction(types.ExternalFunction):
-    """A C function: numba links to it by its symbol, Python calls it. Addresses are integers for both.
-
-    Only a symbol, not an address, is in what numba compiles, which is why that can be cached on disk.
-    """
+class _CFunction:
+    """A C function that kernels call, with rows and numbers; compiled, by its address, which is linked here."""
 
     def __init__(self, ffi: Any, symbol: str, function: Any) -> None:
-        self._cast, self._function = ffi.cast, function
-        self._is_pointer = [argument.kind == "pointer" for argument in ffi.typeof(function).args]
-        arguments = [types.intp if pointer else types.uint32 for pointer in self._is_pointer]
-        llvmlite.binding.add_symbol(symbol, int(ffi.cast("intptr_t", function)))
-        super().__init__(symbol, types.int32(*arguments))
+        self.__c_symbol__ = symbol
+        self._ffi, self._function = ffi, function
+        link(symbol, int(ffi.cast("uintptr_t", function)))
 
-    def __call__(self, *arguments: int) -> int:  # type: ignore[override]
-        """What the C returns, for kernels that run uncompiled."""
-        pairs = zip(self._is_pointer, arguments, strict=True)
-        return int(self._function(*(self._cast("void *", int(x)) if pointer else int(x) for pointer, x in pairs)))
-
-
-_EXTEND: Any = extending  # untyped
-_EXTEND.register_model(_CFunction)(_EXTEND.models.OpaqueModel)
+    def __call__(self, *arguments: Any) -> int:
+        """Return what the C returns, for kernels that run uncompiled."""
+        cast, view = self._ffi.cast, self._ffi.from_buffer
+        return int(
+            self._function(*(cast("void *", view(x)) if isinstance(x, np.ndarray) else int(x) for x in arguments))
+        )
 
 
 def _c_function(profile: int, name: str) -> _CFunction:
@@ -90,7 +82,7 @@ def _c_function(profile: int, name: str) -> _CFunction:
 
 
 def _elsewhere(name: str) -> _CFunction:
-    """The same function of a node that is not here: C that calls Python."""
+    """Return the same function of a node that is not here: C that calls Python."""
 
     def ask(*arguments: Any) -> int:
         return ELSEWHERE[name](*arguments) if name in ELSEWHERE else E_ARG
@@ -113,8 +105,7 @@ def _in_c(declared: _F) -> _F:
     if not scope:
         raise Unavailable(f"the compiled trusted nodes have no phx_{name}", "make setup, or pip install, compiles them")
     parameters = inspect.signature(declared).parameters
-    given = [f"{each.name}.ctypes.data" if each.annotation == "Row" else each.name for each in parameters.values()]
-    told = ", ".join(each for each in given if each != "profile")
+    told = ", ".join(each for each in parameters if each != "profile")
     rows = {each.name for each in parameters.values() if each.annotation == "Row"}
     assert rows <= CHECKS.keys() | {"node", "data"}, "no row goes to C unchecked"  # `length` is that of `data`
     checks = " and ".join(CHECKS[each] for each in parameters if each in CHECKS)

@@ -16,7 +16,7 @@ from phalanx.robot.attacks.library import ATTACKS
 from phalanx.robot.attacks.missions.harm import Guessed, Walked
 from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.file import find_scenario
-from phalanx.sim.scenarios.own import find_attack, find_controller, mistakes_in
+from phalanx.sim.scenarios.own import find_attack, find_controller, is_file, mistakes_in
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import PROTOCOLS, Scenario
 
@@ -74,7 +74,8 @@ def _try_in_flock(
         tell[which](run)
 
     try:
-        return try_attack(scenario, on_step, own), None if own or on_stage else scenario.goal_m
+        unknown = own or on_stage or is_file(scenario.controller)
+        return try_attack(scenario, on_step, own), None if unknown else scenario.goal_m
     finally:
         end_status_line()
 

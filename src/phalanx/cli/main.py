@@ -135,11 +135,11 @@ def run_command(arguments: list[str]) -> int:
     except click.ClickException as error:
         return _fail(error.format_message().rstrip(".").replace("\n", " "), _help_hint(error), 2)
     except UsageError as error:
-        return _fail(str(error), error.hint, 2)
+        return _fail(str(error), error.hint, error.exit_code)
     except Unavailable as error:
         return _fail(str(error), error.hint, 1)
     except PhalanxError as error:
-        return _fail(str(error), "", 1)
+        return _fail(str(error), getattr(error, "hint", ""), 1)
     except (KeyboardInterrupt, click.Abort):
         return 1
     except BrokenPipeError:

@@ -99,9 +99,9 @@ cluster_options = together(
 json_option = option("--json", "as_json", help="Print JSON.", is_flag=True)
 controller_option = option(
     "--controller",
-    help="What honest robots run: a controller of your own, flock, or guard.",
+    help="What honest robots run: a controller of your own, a class or kernels; flock, or guard.",
     shell_complete=a_scenario_s_controller,
-    metavar="FILE.py:CLASS",
+    metavar="FILE.py[:CLASS]",
 )
 planner_option = option(
     "--planner",

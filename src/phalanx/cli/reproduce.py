@@ -20,7 +20,6 @@ from phalanx.experiments.table import EachCase, Table, measure, one_by_one, read
 from phalanx.experiments.version import version
 from phalanx.io.private_file import write_whole
 
-from .commands.runs import tell_of_compiling
 from .login import read_login
 from .run import run
 from .terminal import Progress, end_status_line, print_json, stopped, talk, warn_if_nothing_is_drawn
@@ -107,7 +106,6 @@ def _show(figure: Figure, out: Path, each_case: EachCase, *, quick: bool) -> Sho
 def _measure(figure: Figure, out: Path, asked: dict[str, Any], each_case: EachCase, begin: str = "") -> bool:
     """Whether it was measured to its end; what is there already is not measured again."""
     body, progress = figure.body, Progress()
-    tell_of_compiling()  # only what was just imported may need it
 
     def tell(done: float, of: int) -> None:
         progress.tell(f"{begin}{int(done)} of {of} {figure.counted}", done / of)

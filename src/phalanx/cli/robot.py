@@ -127,7 +127,8 @@ def arena(
     """Robots as processes, summed up on stdout."""
     weather = Weather(**{each.name: said.pop(each.name) for each in fields(Weather)})
     liars = find_attacks(attacks) if attacks else None
-    chosen, own = find_controller(controller, sim.changed(find_scenario(scenario), said, attacks=liars))
+    chosen = sim.changed(find_scenario(scenario), said, attacks=liars)
+    chosen, own = find_controller(controller, chosen, in_python=True)
     if loss is not None:
         chosen = replace(chosen, radio=replace(chosen.radio, loss=loss))
     air = Air(sealed, tuple(parse_on_air(each, chosen.robots) for each in on_air))
@@ -279,7 +280,7 @@ def verify(
     kept = read_kept(file)
     signer = kept.mission_signer
     of_mission, is_as_signed = _mission_of(signer, kept.signed is not None, trusted)
-    scenario, own = find_controller(controller, kept.scenario)
+    scenario, own = find_controller(controller, kept.scenario, in_python=True)
     kept = replace(kept, scenario=scenario)
     borne: Proven | None = None
     if keys and issued:

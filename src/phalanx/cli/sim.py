@@ -15,7 +15,7 @@ from phalanx.robot.controllers.python_controller import Controller
 from phalanx.robot.planner import MakePlanner
 from phalanx.sim.scenarios.cautions import cautions
 from phalanx.sim.scenarios.file import find_scenario
-from phalanx.sim.scenarios.own import find_attacks, find_controller, find_planner, mistakes_in
+from phalanx.sim.scenarios.own import find_attacks, find_controller, find_planner, is_file, mistakes_in
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import PROTOCOLS, Scenario
@@ -54,6 +54,11 @@ class Chosen:
     planner: MakePlanner | None
     files: tuple[str | None, ...]
 
+    @property
+    def is_own(self) -> bool:
+        """Whether the controller is of a researcher's file."""
+        return self.controller is not None or is_file(self.scenario.controller)
+
 
 def choose(
     scenario: str, defence: Any, attacks: tuple[str, ...], controller: str | None, planner: str | None, **said: Any
@@ -82,9 +87,9 @@ def run(scenario: str, record: Path | None, plain: bool, as_json: bool, **said: 
     if as_json:
         print_json(ended.summary())
     else:
-        knows_goal = chosen.controller is None and chosen.scenario.controller not in PROTOCOLS
+        knows_goal = not chosen.is_own and chosen.scenario.controller not in PROTOCOLS
         show(chosen.scenario, ended.summary(), knows_goal=knows_goal)
-    if chosen.controller and ended.summary()["correct_in_safe_mode"]:
+    if chosen.is_own and ended.summary()["correct_in_safe_mode"]:
         click.echo(f"phalanx: hint: honest robots were stopped: phalanx sim check {chosen.files[0]}", err=True)
     if record:
         click.echo(f"recorded: {record}", err=True)
@@ -92,7 +97,7 @@ def run(scenario: str, record: Path | None, plain: bool, as_json: bool, **said: 
 
 
 def _written(record: Path | None) -> int:
-    """When the recording was written last, ns; 0 if it is not there: robots may be stopped while they are compiled."""
+    """When the recording was written last, ns; 0 if it is not there: a run may be stopped before its first step."""
     return record.stat().st_mtime_ns if record and record.exists() else 0
 
 

@@ -11,7 +11,6 @@ from phalanx.experiments.sweep.plan import Plan, read_sweep
 from phalanx.experiments.sweep.store import OUTCOME, Store, points
 from phalanx.experiments.version import version
 
-from .commands.runs import tell_of_compiling
 from .sim import told
 from .terminal import Progress, end_status_line, print_json, print_table, said_aside, talk
 
@@ -50,7 +49,6 @@ def make_runs(
     def tell(done: int, of: int) -> None:
         progress.tell(f"{done} of {of} runs", done / of)
 
-    tell_of_compiling()
     with Store(out, plan, version(), columns) as store:
         try:
             with said_aside():

@@ -52,9 +52,8 @@ def end_status_line() -> None:
 class Progress:
     """What is done so far, on stderr: one line that changes in a terminal; elsewhere a line now and then."""
 
-    def __init__(self, first_s: float | None = None, every_s: float | None = None) -> None:
-        self._due_s = time.monotonic() + (EVERY_S if first_s is None else first_s)
-        self._every_s = EVERY_S if every_s is None else every_s
+    def __init__(self) -> None:
+        self._due_s = time.monotonic() + EVERY_S
         self._over = False
 
     def tell(self, text: str, share: float) -> None:
@@ -62,7 +61,7 @@ class Progress:
         status_line(f"{text}   {100 * share:.0f} %   Ctrl-C stops")
         over, now_s = share >= 1, time.monotonic()
         if not sys.stderr.isatty() and (now_s >= self._due_s or (over and not self._over)):
-            self._due_s = now_s + self._every_s
+            self._due_s = now_s + EVERY_S
             click.echo(text, err=True)
         self._over = over
 

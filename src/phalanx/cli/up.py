@@ -37,7 +37,7 @@ from .options import link_config
 from .qr import qr_text
 from .run import run
 from .stop_word import heed_stop_words
-from .terminal import EventLines, Progress, end_status_line, plain, status_line, talk
+from .terminal import EventLines, end_status_line, plain, status_line, talk
 
 log = logging.getLogger(__name__)
 
@@ -249,8 +249,6 @@ def _tell(options: UpOptions, event: dict[str, Any]) -> None:
             end_status_line()
             click.echo("a new code; the old one works for a while yet")
             _show_code("visitors", event["qr_url"])
-        case "prepared" if event["late_shields"]:
-            talk("shields are up: robots audit each other from now on")
         case "mission" if event["what"] != "decoded":
             end_status_line()
             click.echo(_mission_line(event))
@@ -272,16 +270,12 @@ def _show_code(what: str, url: str) -> None:
 
 
 async def _keep_status(running: Running) -> None:
-    preparing = Progress(0.0, 15.0)  # where there is no terminal
     while True:
         now = running.summary()
-        if now["preparing"] and not sys.stderr.isatty():
-            preparing.tell(now["preparing"], 0.0)
         minutes, seconds = divmod(int(now["rotates_in_s"]), 60)
         status_line(
             "ALL STOPPED: go and Enter frees them" if now["held"] else "Enter: stop all",
             *([] if now["connected"] else ["broker away, trying again"]),
-            *([now["preparing"]] if now["preparing"] else []),
             f"new code {minutes}:{seconds:02d}",
             *(f"{now[what]} {what}" for what in ("visitors", "refused", "robots", "commands")),
         )

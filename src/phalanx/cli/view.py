@@ -65,7 +65,7 @@ def _live(chosen: Chosen, put: Put, check: Callable[[], None]) -> None:
 
 
 async def _served(port: int, fill: Callable[[Put, Callable[[], None]], object]) -> None:
-    """The page, and its run: filled in a thread of its own, so that Ctrl-C need not wait for what is compiled."""
+    """The page, and its run: filled in a thread of its own, so that Ctrl-C need not wait for a step."""
     loop = asyncio.get_running_loop()
     filled: asyncio.Future[None] = loop.create_future()
     stopped = False

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.arrays import U64x1, U64x2
-from phalanx.kernel import counting_kernel, written
+from phalanx.kernel import kernel, written
 
 DIGEST_BYTES = 32
 RATE_BYTES = 136
@@ -38,7 +38,7 @@ _IOTA = np.array(_round_constants(), dtype=np.uint64)
 _64, _LAST = np.uint64(64), np.uint64(1 << 63)
 
 
-@counting_kernel
+@kernel
 def _turn(lane: np.uint64, bits: int) -> np.uint64:
     return (lane << np.uint64(bits)) | (lane >> np.uint64(64 - bits))
 
@@ -73,7 +73,7 @@ def _permute(a: U64x1) -> None:
 _permute = written(_permute, _rounds(), {"turn": _turn, "iota": _IOTA})
 
 
-@counting_kernel
+@kernel
 def _hash_many(messages: U64x2, blocks: int, digests: U64x2) -> None:
     """Digests (n, 4) of messages (n, lanes) that have their suffix; the last bit of the padding is put here."""
     a = np.empty(200, np.uint64)
@@ -94,7 +94,7 @@ def _hash_many(messages: U64x2, blocks: int, digests: U64x2) -> None:
                 digests[first + j, i] = a[i * 8 + j]
 
 
-@counting_kernel
+@kernel
 def find(  # noqa: C901, PLR0912  # a kernel is one function
     template: U64x1, word: int, shift: np.uint64, patches: U64x1, targets: U64x2
 ) -> tuple[int, int]:

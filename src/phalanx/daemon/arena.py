@@ -25,9 +25,9 @@ from phalanx.errors import PhalanxError, Unavailable, UsageError
 from phalanx.io.children import die_with_parent
 from phalanx.io.keyring import Keys
 from phalanx.robot.planner import ToGoal
-from phalanx.sim.audited.setup import POWER_UP_MS, limits_of
+from phalanx.sim.audited.setup import POWER_UP_MS
 from phalanx.sim.scenarios.own import find_planner, mistakes_in
-from phalanx.sim.scenarios.run import MakeController, adviser, on_stage, with_room
+from phalanx.sim.scenarios.run import MakeController, adviser
 from phalanx.sim.scenarios.scenario import WHEELS, Scenario, for_robots
 
 from .driver import GO, PACKET_BYTES, READY
@@ -36,7 +36,6 @@ from .far_planner import check_adviser, is_far
 from .field import Field
 from .on_air import PLAIN_AIR, Air
 from .places import STATION, free_ports, lay_out
-from .rehearsal import rehearse
 from .run import run_robot
 from .sealed_air import with_room_for_seals
 from .settings import RobotSettings
@@ -267,7 +266,7 @@ async def _packet(link: socket.socket) -> bytes:
 class Robots:
     """A process for each robot of an arena; all are gone when the context is left.
 
-    They are forked, so that what runs is compiled and in memory once: nothing else of this process may have threads.
+    They are forked, so that code and data are in memory once: nothing else of this process may have threads.
 
     Attributes:
         failed: robots whose process ended by a mistake, which it has told; not those that somebody killed.
@@ -333,14 +332,14 @@ def _forked(settings: RobotSettings, arena: Arena) -> int:
 
 async def _until_told(settings: RobotSettings, arena: Arena) -> None:
     on_air, attacks = arena.on_air.get(settings.said.robot), arena.field.scenario.drawn_attacks()
-    job = asyncio.ensure_future(run_robot(settings, rehearsed=True, on_air=on_air, attacks=attacks))
+    job = asyncio.ensure_future(run_robot(settings, in_arena=True, on_air=on_air, attacks=attacks))
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, job.cancel)
     with contextlib.suppress(asyncio.CancelledError):
         await job
 
 
 def _check(scenario: Scenario, weather: Weather) -> None:
-    """What no arena plays is said before anything is compiled. Raises: UsageError."""
+    """Refuse what no arena plays. Raises: UsageError."""
     for_robots(scenario)
     if scenario.robots > MOST_ROBOTS:
         raise UsageError(f"{scenario.robots} robots", f"at most {MOST_ROBOTS}: each is two processes")
@@ -380,12 +379,10 @@ def play_in_arena(
     if adviser(scenario, minds.make, ToGoal if is_far(minds.planner) else planner):
         check_adviser(scenario, is_far=is_far(minds.planner))
     program()
-    staged, make, _ = on_stage(scenario, minds.make)
-    rehearse(with_room(staged, make), limits_of(staged.bti, scenario.radio), make)
     arena = Arena(scenario, folder, weather, air, minds)
     log.warning("trusted nodes are processes, which protect from nobody here")
     try:
-        _go_first()  # when all is compiled, or that would go before all else too
+        _go_first()
         gc.collect()
         gc.freeze()  # nor is what all share looked through by each
         # Before there is an event loop: a child has its own.

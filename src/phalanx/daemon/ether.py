@@ -84,9 +84,6 @@ class Ether:
         self._ports, self._is_silent, self._robots = ports, is_silent, len(world.fleet.robot)
         self._index = {(LOOPBACK, port): i for i, port in enumerate(ports)}
         self._rates = rates_of(config)
-        in_range(world.reach, 0)  # called once, as it may compile; so are these
-        self._airtime_us(bytes(request.AUDIT_HEAD_BYTES), 0)
-        self._airtime_us(bytes(request.AUDIT_HEAD_BYTES), self._addressee(bytes(request.AUDIT_HEAD_BYTES)) + 1)
         self._waiting: list[tuple[float, int, int, bytes]] = []
         self._number = 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

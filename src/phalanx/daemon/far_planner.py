@@ -12,8 +12,6 @@ import socket
 from collections import deque
 from pathlib import Path
 
-import numpy as np
-
 from phalanx.bti import trusted
 from phalanx.errors import UsageError
 from phalanx.io.serial_line import check_owner
@@ -54,8 +52,6 @@ class FarPlanner:
         self.taken = self.rubbish = 0
         self._socket: socket.socket | None = None
         self._was_there = True
-        # Called once, as it may compile.
-        trusted.order_check(np.zeros(32, np.uint8), np.zeros(64, np.uint8), 64)
         if self._address and self._key is None and not ipaddress.ip_address(self._address[0]).is_loopback:
             log.warning(
                 "robot %d: nothing tells who advises it at %s: adviser_key in the mission's guard", rob_id, where

@@ -15,7 +15,6 @@ from phalanx.bti.refusal import Refusal
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.controllers.senses import Senses
 from phalanx.sim.audited import body, loop
-from phalanx.sim.audited.quorum import Quorum
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire.fields import row
@@ -40,13 +39,6 @@ class Field(Run):
         self._states: dict[int, Mapping[str, Any]] = {}
         self._on_air: dict[int, str] = {}
         self.failed_s: dict[int, float] = {}
-        # All is called once before robots count on an answer in time: the first call of each may compile.
-        self.advance(0.0)
-        self.sensed(0, 0)
-        self.drive(0, b"?")  # none that a body knows
-        self.drive(0, STOP)
-        Quorum(self.world, scenario.bti, self._correct).look()
-        self.world.safe[0], self.world.safe_us[0] = 0, -1
 
     def advance(self, until_s: float) -> None:
         """The bodies are where they are by now; called each 50 ms or so."""

@@ -1,7 +1,7 @@
 """Why a reading was late: what the robot's thread did since it last looked, by its own clock and the kernel's.
 
-A late reading may convict an honest robot, and afterwards nobody can tell a disk from a compiler or from another
-program. So this is asked at each turn, which costs a hundredth of a millisecond, and told when it matters.
+A late reading may convict an honest robot, and afterwards nobody can tell a disk from another program. So this is
+asked at each turn, which costs a hundredth of a millisecond, and told when it matters.
 """
 
 from __future__ import annotations

@@ -30,7 +30,6 @@ from .far_planner import FarPlanner, is_far
 from .kept_log import KeptLog
 from .life import Life
 from .on_air import HostileRadio, OnAir
-from .rehearsal import rehearse
 from .sealed_air import SealedAir, with_room_for_seals
 from .settings import RobotSettings
 from .signed_mission import signed_for
@@ -64,7 +63,8 @@ def controlled(scenario: Scenario, settings: RobotSettings) -> tuple[Scenario, M
     """
     made: MakeController | None = None
     if settings.said.controller:
-        _, made = find_controller(str(settings.path(settings.said.controller)), scenario)
+        words = str(settings.path(settings.said.controller))
+        _, made = find_controller(words, scenario, in_python=True)
     scenario, made, _ = on_stage(scenario, made)
     return with_room(scenario, made), made
 
@@ -95,7 +95,7 @@ def provision(settings: RobotSettings, keys_file: Path, passphrase: str, today: 
 async def run_robot(
     settings: RobotSettings,
     *,
-    rehearsed: bool = False,
+    in_arena: bool = False,
     on_air: OnAir | None = None,
     attacks: tuple[AttackSpec, ...] = (),
     make_base: MakeBase | None = None,
@@ -103,6 +103,7 @@ async def run_robot(
     """The robot lives until this is cancelled; in Safe Mode it stands, and tells of it.
 
     Args:
+        in_arena: an arena has forked this process: it has warned about the nodes already, and frozen its memory.
         attacks: who lies how, in place of what the mission says of that.
         make_base: what makes sensors, motors and planner, in place of those that the file names.
     Raises: UsageError: something in its file; Unavailable: nodes, radio or sensors, then its nodes stop it; or its
@@ -115,7 +116,7 @@ async def run_robot(
     with contextlib.ExitStack() as stack:
         node = open_nodes(settings)
         stack.callback(node.close)
-        if said.trusted.startswith("process") and not rehearsed:
+        if said.trusted.startswith("process") and not in_arena:
             log.warning("robot %d: its trusted nodes are a process, which protects from nobody here", said.robot)
         sealed = give_keys(node, settings, limits)
         kept = stack.enter_context(KeptLog(settings.log_file))
@@ -140,8 +141,7 @@ async def run_robot(
         lived = replace(scenario, attacks=attacks) if attacks else scenario
         life = Life(lived, said.robot, clock, hardware, ears, planner, controller, sealed.seq)
         stack.callback(life.close)
-        if not rehearsed:
-            rehearse(scenario, limits, controller)
+        if not in_arena:
             gc.collect()
             gc.freeze()  # looking through what lives as long as we do takes longer than a reading may be late
         if base:

@@ -1,1 +1,1 @@
-"""The robots that `phalanx up` shows: simulated ones, ready to run, whatever has to be compiled for them."""
+"""The simulated robots that `phalanx up` shows."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import signal
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -11,16 +10,12 @@ from dataclasses import dataclass
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.sim.missions.orders import Orders
-from phalanx.sim.signals import handled_by
 from phalanx.sim.swarms.dotbots import MAX_ROBOTS, Dotbots
 from phalanx.sim.swarms.mission import MissionSwarm, ShieldedMissionSwarm
 from phalanx.sim.swarms.protected import MOST_ROBOTS, ProtectedSwarm, SwarmKeys, least_robots
 from phalanx.sim.swarms.work import check_work
 
-from .rehearsal import is_compiled, rehearse, rehearse_elsewhere, rehearse_here
-
 DEFAULT_F_MAX = 3
-NO_SHIELDS_YET = "what audits need is being compiled, until then nothing stops a robot that lies"
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,56 +78,15 @@ def plan_swarm(robots: int, defence: str | None, f_max: int | None, protocol: st
 def simulated_swarm(
     plan: Plan, seed: int, talk: Callable[[str], None], keys: SwarmKeys | None = None
 ) -> Dotbots | ProtectedSwarm:
-    """Simulated robots, ready to run: whatever has to be compiled for them is, or they go on unprotected until it is.
-
-    What people should know is told `talk`, in one line.
-    """
-    robots, protection, protocol = plan.robots, plan.protection, plan.protocol
+    """Return the simulated robots of a plan. `talk` gets a line of what people should know about them."""
+    robots, protection = plan.robots, plan.protection
     if protection.note:
         talk(protection.note)
     if protection.defence == "none":
         return Dotbots(robots, seed, time.time, unprotected=protection.note)
-    if not is_compiled(protection.defence, protocol):
-        # Before the code is shown: lines below would push it out of a small terminal.
-        talk("compiling what audits need; it takes minutes, only the first time, and robots have no shields until then")
-        return SoonProtected(plan, seed, keys)
-    # An event loop hears of Ctrl-C when it has its turn.
-    with handled_by(signal.default_int_handler, signal.SIGINT, signal.SIGTERM):
-        rehearse(protection.defence, protocol)
     return ProtectedSwarm(
-        robots, seed, time.time, defence=protection.defence, f_max=protection.f_max, keys=keys, protocol=protocol
+        robots, seed, time.time, defence=protection.defence, f_max=protection.f_max, keys=keys, protocol=plan.protocol
     )
-
-
-class SoonProtected(Dotbots):
-    """Robots that can be driven at once, and will audit each other when what that needs is compiled."""
-
-    def __init__(self, plan: Plan, seed: int, keys: SwarmKeys | None) -> None:
-        self.preparing = "no shields yet"
-        super().__init__(plan.robots, seed, time.time, unprotected=NO_SHIELDS_YET)
-        self._plan, self._seed, self._keys = plan, seed, keys
-
-    async def ready(self) -> ProtectedSwarm:
-        """The same robots, where they are when all is compiled, auditing each other.
-
-        Raises: Unavailable: it cannot be compiled.
-        """
-        protection, protocol = self._plan.protection, self._plan.protocol
-        await rehearse_elsewhere(protection.defence, protocol, self._hear)
-        await rehearse_here(protection.defence, protocol)
-        return ProtectedSwarm(
-            self._plan.robots,
-            self._seed,
-            time.time,
-            defence=protection.defence,
-            f_max=protection.f_max,
-            now=self.robots(),
-            keys=self._keys,
-            protocol=protocol,
-        )
-
-    def _hear(self, how_far: str) -> None:
-        self.preparing = f"no shields yet, {how_far}"
 
 
 @contextlib.contextmanager
@@ -145,15 +99,14 @@ def mission_swarm(
     f_max: int | None,
     talk: Callable[[str], None],
 ) -> Iterator[MissionSwarm]:
-    """Simulated robots that live missions in a building, while the body runs; they begin with `orders` when all is
-    compiled that they run.
+    """Yield simulated robots that live missions in a building; they begin with `orders`.
 
     As `simulated_swarm`.
     Raises: UsageError: too many robots, or a building without walls or a start.
     """
     protection = choose_protection(robots, defence, f_max)
     if orders is not None:
-        orders.run(robots=robots, defence=protection.defence, f_max=protection.f_max)  # before anything is compiled
+        orders.run(robots=robots, defence=protection.defence, f_max=protection.f_max)  # refuses, if they cannot
     if protection.note:
         talk(protection.note)
     if protection.defence == "none":

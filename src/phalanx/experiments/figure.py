@@ -1,7 +1,7 @@
 """What a figure of a paper is: one record for each.
 
 What is measured, compared and drawn is a module of this package, and only its name stands here until somebody asks: the
-list of figures needs no compiler. Rows go to a CSV (table.py), and the figure is drawn from the CSV alone (plot.py).
+list of figures loads none of them. Rows go to a CSV (table.py), and the figure is drawn from the CSV alone (plot.py).
 """
 
 from __future__ import annotations

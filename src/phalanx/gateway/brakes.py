@@ -53,11 +53,6 @@ class Brakes:
         self._wake.set()
         self._thread.join(1.0)  # a driver that hangs must not hold up the end
 
-    def adopt(self, swarm: Swarm) -> None:
-        """These robots from now on."""
-        self._swarm = swarm
-        self._wake.set()
-
     def hold(self) -> None:
         """Every robot stands still, whatever it is told, until `release`: an emergency stop."""
         self.held = True

@@ -59,9 +59,11 @@ class Gateway:
         self._watchers: list[Callable[[dict[str, Any]], None]] = []
         self._told = Told()
         self._frames = Frames(server.config.part_plaintext_bytes)
-        self._say = say
+        self.swarm = swarm
         self.brakes = Brakes(swarm)
-        self._serve(swarm)
+        self.shields = ShieldWatch(swarm, say) if isinstance(swarm, Shielded) else None
+        self.work = WorkWatch(swarm) if isinstance(swarm, AtWork) else None
+        self._longest_route = swarm.longest_route if isinstance(swarm, Routed) else vocabulary.MAX_WAYPOINTS
         self.missions = MissionWatch(swarm, say) if isinstance(swarm, OnMission) else None
         self._lately: dict[str, tuple[float, SharedAnswer]] = {}
         self._next_update = 0
@@ -79,34 +81,16 @@ class Gateway:
             server.on_request(vocabulary.REQUEST_WALLS)(lambda _: self._shared("walls", missions.walls))
             server.on_request(vocabulary.REQUEST_LIT)(lambda _: self._shared("lit", missions.lit))
 
-    def _serve(self, swarm: Swarm) -> None:
-        self.swarm = swarm
-        self.shields = ShieldWatch(swarm, self._say) if isinstance(swarm, Shielded) else None
-        self.work = WorkWatch(swarm) if isinstance(swarm, AtWork) else None
-        self._longest_route = swarm.longest_route if isinstance(swarm, Routed) else vocabulary.MAX_WAYPOINTS
-
-    async def adopt(self, swarm: Swarm) -> None:
-        """Serve this swarm of the same robots from now on; visitors are told to ask for everything."""
-        self._serve(swarm)
-        self.brakes.adopt(swarm)
-        self._lately.clear()
-        for tell in self._watchers:
-            self._tell_all(tell)
-        await self._tell_one(Notice.RELOAD)
-
     def watch(self, tell: Callable[[dict[str, Any]], None]) -> Callable[[], None]:
         """`tell` is told, past the broker, what draws the swarm, and every frame from then on; the result ends it."""
-        self._tell_all(tell)
-        self._watchers.append(tell)
-        return lambda: self._watchers.remove(tell)
-
-    def _tell_all(self, tell: Callable[[dict[str, Any]], None]) -> None:
-        """In the words in which visitors are answered."""
+        # In the words in which visitors are answered.
         answers: dict[int, Any] = {vocabulary.REQUEST_AREA: self._area(), vocabulary.REQUEST_ROBOTS: self._list(True)}
         if self.missions:
             answers |= {vocabulary.REQUEST_WALLS: self.missions.walls(), vocabulary.REQUEST_LIT: self.missions.lit()}
         for number, data in answers.items():
             tell({"request": number, "data": data})
+        self._watchers.append(tell)
+        return lambda: self._watchers.remove(tell)
 
     async def run(self) -> None:
         """Tell visitors what happens, and have robots stopped that nobody drives any longer, until cancelled."""

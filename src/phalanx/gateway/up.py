@@ -31,7 +31,7 @@ from phalanx.link import Request
 from phalanx.link.messages import Rejected
 from phalanx.robot import Swarm
 from phalanx.robot.on_mission import OnMission
-from phalanx.robot.swarm import Preparing, Stepped
+from phalanx.robot.swarm import Stepped
 
 from . import vocabulary
 from .events import tell_event
@@ -135,7 +135,6 @@ class Running:
             "refused": sum(self._server.rejected.values()),
             "rotates_in_s": self._server.rotates_in_s,
             "connected": self._server.connected,
-            "preparing": swarm.preparing if isinstance(swarm := self.gateway.swarm, Preparing) else "",
             "held": self.gateway.brakes.held,
         }
 
@@ -216,7 +215,7 @@ class Running:
     async def run(self) -> None:
         """Let the world turn, tell visitors, report refusals, until cancelled."""
         phones = self._ask_again_for_phones()
-        work = (self._turn(), self.gateway.run(), self._server.run(), self._report(), self._prepare(), phones)
+        work = (self._turn(), self.gateway.run(), self._server.run(), self._report(), phones)
         tasks = [asyncio.ensure_future(job) for job in work]
         try:
             await asyncio.gather(*tasks)  # not a TaskGroup: the one error that ends it should arrive as itself
@@ -261,12 +260,6 @@ class Running:
             # A machine that slept does not hurl its robots through the wall.
             swarm.step(min(now_s - before_s, 0.2))
             before_s = now_s
-
-    async def _prepare(self) -> None:
-        before = self.gateway.swarm
-        if isinstance(before, Preparing) and (ready := await before.ready()) is not before:
-            await self.gateway.adopt(ready)
-        self._say({"event": "prepared", "late_shields": self.gateway.swarm is not before})
 
     async def _report(self) -> None:
         connected = True

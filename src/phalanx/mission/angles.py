@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from phalanx.kernel import counting_kernel
+from phalanx.kernel import kernel
 
 PI = math.pi
 TWO_PI = 2.0 * math.pi
@@ -20,12 +20,12 @@ _ATAN_HALF = 4.63647609000806093515e-01
 _ATAN_ONE = 7.85398163397448278999e-01
 
 
-@counting_kernel
+@kernel
 def _nearest(x: float) -> int:
     return int(x + 0.5) if x >= 0.0 else -int(0.5 - x)
 
 
-@counting_kernel
+@kernel
 def sin_cos(angle_rad: float) -> tuple[float, float]:
     """(sine, cosine) of an angle within a thousand turns."""
     quarter = _nearest(angle_rad * (1.0 / HALF_PI))
@@ -55,7 +55,7 @@ def sin_cos(angle_rad: float) -> tuple[float, float]:
     return -cosine, sine
 
 
-@counting_kernel
+@kernel
 def _arctangent(x: float) -> float:
     """Of x in [0, 1]."""
     if x < 0.4375:
@@ -79,7 +79,7 @@ def _arctangent(x: float) -> float:
     return base + (y - y * q * p)
 
 
-@counting_kernel
+@kernel
 def atan2(y: float, x: float) -> float:
     """The angle of the vector (x, y), in [-pi, pi]; 0 for the zero vector."""
     across, along = abs(y), abs(x)
@@ -91,7 +91,7 @@ def atan2(y: float, x: float) -> float:
     return -angle if y < 0.0 else angle
 
 
-@counting_kernel
+@kernel
 def wrap(angle_rad: float) -> float:
     """The same angle in [-pi, pi], to the nearest turn; within a thousand turns."""
     return angle_rad - TWO_PI * _nearest(angle_rad * (1.0 / TWO_PI))
@@ -102,4 +102,4 @@ def wrap_rad(angle_rad: float) -> float:
     return angle_rad - TWO_PI * math.floor((angle_rad + math.pi) / TWO_PI)
 
 
-wrap_rad_kernel = counting_kernel(wrap_rad)
+wrap_rad_kernel = kernel(wrap_rad)

@@ -1,6 +1,6 @@
 """What a robot is to those who command it, and what controllers and attacks of your own are made of.
 
-The latter are loaded when they are first used: whoever only has a swarm does not wait for numba.
+The latter are loaded when they are first used: whoever only has a swarm does not wait for them.
 """
 
 from typing import TYPE_CHECKING

@@ -21,7 +21,8 @@ from phalanx.bti.log import ENTRY_HEAD_BYTES, ENTRY_T
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.rounds import CHECKPOINT_BYTES
 from phalanx.bti.work import CASE, Work
-from phalanx.errors import PeerError
+from phalanx.errors import Defective, PeerError
+from phalanx.kernel import reading_peer
 from phalanx.wire import guarded, table
 from phalanx.wire.fields import Row, get_u32, row
 
@@ -298,12 +299,13 @@ class CNode:
         """As `node.judge`, with the mission's plain-Python controller."""
         info = self.f.rx_info[self.i, place]
         q, length = self.f.rx.rows[info.row], int(info.len)
-        refused = audit.examine(self.f, self.i, self.w, q, length, src)
-        if not refused:
-            try:
-                refused = self._replay(q)
-            except Exception:  # noqa: BLE001 - whatever a log makes a researcher's controller raise, it earns no token
-                refused = Refusal.CONTROLLER_FAILED
+        try:
+            with reading_peer():
+                refused = audit.examine(self.f, self.i, self.w, q, length, src) or self._replay(q)
+        except Defective:
+            refused = Refusal.DEFECT
+        except Exception:  # noqa: BLE001 - whatever a log makes a researcher's controller raise, it earns no token
+            refused = Refusal.CONTROLLER_FAILED
         return int(refused)
 
     def _replay(self, q: Row) -> int:

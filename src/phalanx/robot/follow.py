@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from phalanx.arrays import F64x1, I64x1
-from phalanx.kernel import counting_kernel, kernel
+from phalanx.kernel import kernel
 from phalanx.wire.fields import whole
 
 FULL_PCT = 100.0
@@ -44,7 +44,7 @@ def _nearest(value: float) -> int:
     return whole(value + (0.5 if value >= 0.0 else -0.5))
 
 
-@counting_kernel
+@kernel
 def wheels_towards(ahead_mm: F64x1, right_mm: F64x1) -> tuple[I64x1, I64x1]:
     """`steer` for N robots with a goal each: (N,) all."""
     left, right = np.zeros(len(ahead_mm), np.int64), np.zeros(len(ahead_mm), np.int64)

@@ -11,8 +11,9 @@ from phalanx.bti import audit, log, request, rounds, trusted
 from phalanx.bti.audit import ACMD, INPUT, RECV, SEND
 from phalanx.bti.fleet import PAPER, PLAIN, Fleet
 from phalanx.bti.log import ENTRY_HEAD_BYTES, ENTRY_LENGTH, ENTRY_T
+from phalanx.bti.refusal import Refusal
 from phalanx.bti.work import Work
-from phalanx.kernel import kernel
+from phalanx.kernel import kernel, reads_peer
 from phalanx.wire.fields import Row, copy, get_u16, get_u32, put_u16, put_u32
 from phalanx.wire.table import MAC_BYTES, STATE
 
@@ -32,9 +33,9 @@ def boot(f: Fleet, i: int, now: int) -> None:
     r, s = f.robot[i], f.settings[0]
     r.alive = 1
     r.t_key = now
-    r.phase = rounds.phase_of(s.mission_seed, r.id, s.t_control)
+    r.phase = rounds.phase_of(s.mission_seed, int(r.id), s.t_control)
     r.step = 0
-    r.state_len = dispatch.begin(s.controller, f.params, r.id, f.state[i])
+    r.state_len = dispatch.begin(s.controller, f.params, int(r.id), f.state[i])
     rounds.forget_checkpoint(f, i)
 
 
@@ -80,17 +81,19 @@ def record(f: Fleet, i: int, w: Work, length: int) -> None:
 def take(f: Fleet, i: int, w: Work, kind: int, now: int, payload: Row, length: int) -> int:
     """As `chain`, and the entry is logged unless it is audit traffic."""
     n = chain(f, i, w, kind, now, payload, length)
-    if n > 0 and (kind in (INPUT, ACMD) or not payload[0] & request.AUDIT):
+    if n > 0 and (kind in (INPUT, ACMD) or not int(payload[0]) & request.AUDIT):
         record(f, i, w, n)
     return n
 
 
 @kernel
-def advise(f: Fleet, i: int, advice: Row, length: int) -> None:
-    """A planner's words are in the bundled controller's state. Source: docs/guard.md."""
+@reads_peer(rejected=-1)
+def advise(f: Fleet, i: int, advice: Row, length: int) -> int:
+    """Give a planner's advice to the bundled controller. Returns: 0; -1: rejected. Source: docs/guard.md."""
     r, s = f.robot[i], f.settings[0]
-    dispatch.on_advice(s.controller, f.params, r.id, advice, length, f.state[i])
+    dispatch.on_advice(s.controller, f.params, int(r.id), advice, length, f.state[i])
     r.state_len = dispatch.size(s.controller, f.state[i])
+    return 0
 
 
 @kernel
@@ -100,7 +103,7 @@ def think(f: Fleet, i: int, w: Work, length: int) -> int:
     reading = w.entry[ENTRY_HEAD_BYTES:length]
     t = get_u32(w.entry, ENTRY_T)
     n = dispatch.on_input(
-        s.controller, f.params, r.id, r.step, t, reading, length - ENTRY_HEAD_BYTES, f.state[i], w.out
+        s.controller, f.params, int(r.id), r.step, t, reading, length - ENTRY_HEAD_BYTES, f.state[i], w.out
     )
     r.step += 1
     r.state_len = dispatch.size(s.controller, f.state[i])
@@ -108,6 +111,7 @@ def think(f: Fleet, i: int, w: Work, length: int) -> int:
 
 
 @kernel
+@reads_peer(rejected=-1)
 def hear(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> int:
     """A frame has arrived: passed on by the a-node, logged and given to the controller, or taken as audit traffic.
 
@@ -117,19 +121,19 @@ def hear(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> int:
     Source: RoboRebound Alg. 4, §3.7.
     """
     s = f.settings[0]
-    if s.profile == PLAIN and (length < 1 or frame[0] & request.AUDIT):
+    if s.profile == PLAIN and (length < 1 or int(frame[0]) & request.AUDIT):
         return NOTHING
     n = take(f, i, w, RECV, now, frame, length)
     if n < 0:
         return int(n)
-    if not frame[0] & request.AUDIT:
+    if not int(frame[0]) & request.AUDIT:
         if s.profile == PAPER and length >= ID_AT + ID_BYTES and frame[0] in dispatch.STATE_KINDS:
             # As printed: auditors are chosen among the neighbours that states claim.
             rounds.heard(f, i, get_u16(frame, ID_AT), now)
         if s.controller:
             r = f.robot[i]
             r.state_len = dispatch.on_recv(
-                s.controller, f.params, r.id, get_u32(w.entry, ENTRY_T), frame, length, f.state[i]
+                s.controller, f.params, int(r.id), get_u32(w.entry, ENTRY_T), frame, length, f.state[i]
             )
         return NOTHING
     return hear_audit(f, i, w, now, frame, length)
@@ -141,7 +145,7 @@ def hear_audit(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> 
     r = f.robot[i]
     if length < request.AUDIT_HEAD_BYTES:
         return NOTHING
-    src, dst, sub = get_u16(frame, request.AT_SRC), get_u16(frame, request.AT_DST), frame[request.AT_SUB]
+    src, dst, sub = get_u16(frame, request.AT_SRC), get_u16(frame, request.AT_DST), int(frame[request.AT_SUB])
     if src == 0 or src == r.id or (dst != 0 and dst != r.id):
         return NOTHING
     rounds.heard(f, i, src, now)
@@ -193,6 +197,7 @@ def knock(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
 
 
 @kernel
+@reads_peer(rejected=Refusal.DEFECT)
 def judge(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
     """The request at `place` is audited with a bundled controller.
 
@@ -218,7 +223,7 @@ def answer(f: Fleet, i: int, w: Work, place: int, src: int, refused: int) -> int
         w.told[TOLD_LENGTH] = 0
         return REPLY
     r.audits_passed += 1
-    request.audit_head(w.frame, r.id, src, request.TOKEN)
+    request.audit_head(w.frame, int(r.id), src, request.TOKEN)
     put_u16(w.frame, request.AT_REQUEST, f.rx_info[i, place].no)
     put_u32(w.frame, request.REPLY_T, w.case[0].t)
     copy(w.frame, request.REPLY_MAC, w.small[2], 0, MAC_BYTES)

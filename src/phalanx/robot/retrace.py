@@ -19,6 +19,7 @@ from phalanx.bti.fleet import BOUND, make_fleet
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig
+from phalanx.kernel import reading_peer
 from phalanx.robot.controllers.python_controller import Controller, pack_outputs
 from phalanx.wire.fields import get_u32, row
 from phalanx.wire.table import PROOF
@@ -96,7 +97,12 @@ class Retracer:
         Args:
             raw: the log from the mission key on; what is cut short at its end is left out.
             t_key_ms: when its mission key was loaded, of its trusted nodes' clock.
+        Raises: PeerError: the log cannot be replayed because of a defect of ours, which is logged.
         """
+        with reading_peer():
+            return self._first_lie(raw, rob_id, t_key_ms)
+
+    def _first_lie(self, raw: bytes, rob_id: int, t_key_ms: int) -> Finding | None:
         # As numbers: a hostile log has 64 million entries of one byte.
         entries = np.fromiter(((each.end, each.t_ms) for each in entries_of(raw)), ENTRIES)
         if not entries.size:

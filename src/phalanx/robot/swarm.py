@@ -6,7 +6,7 @@ Lengths are millimetres, x to the right and y down from the area's top left corn
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -100,18 +100,3 @@ class Stepped(Swarm, Protocol):
 
     def step(self, dt_s: float) -> None:
         """Let so many seconds pass."""
-
-
-@runtime_checkable
-class Preparing(Swarm, Protocol):
-    """Robots that are shown before all is compiled that they run."""
-
-    @property
-    def preparing(self) -> str:
-        """What is not there yet, for people; "" when all is."""
-
-    def ready(self) -> Awaitable[Swarm]:
-        """The same robots, where they are when all is there.
-
-        Raises: Unavailable: they cannot run.
-        """

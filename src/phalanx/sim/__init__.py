@@ -1,6 +1,6 @@
 """A world of arrays and ticks, and the door to it: `simulate` runs a scenario, and gives arrays.
 
-What is imported from here is loaded when it is first used: whoever only names scenarios does not wait for numba.
+What is imported from here is loaded when it is first used: whoever only names scenarios does not wait for the rest.
 """
 
 from typing import TYPE_CHECKING

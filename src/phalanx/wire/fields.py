@@ -1,7 +1,7 @@
 """Little-endian fields in rows of bytes, for kernels: the same bytes compiled and not.
 
 `row` is always (n,) uint8 and `at` lies within it with the field's width to spare: callers check lengths first. Whole
-numbers come out as int64: numba makes a float of a signed and an unsigned number's difference.
+numbers come out as int64: a signed and an unsigned number's difference would be a float.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from phalanx import memory
 from phalanx.arrays import U8x1
-from phalanx.kernel import kernel
+from phalanx.kernel import intrinsic, kernel
 
 from .record import LARGEST_NUMBER, Field
 
@@ -23,11 +23,11 @@ _INT64: Any = np.int64
 
 
 def row(raw: bytes) -> Row:
-    """Bytes as kernels take them: writable, as a row of what cannot be changed has another type, compiled again."""
+    """Return bytes as kernels take them: a writable row."""
     return np.frombuffer(bytearray(raw), np.uint8)
 
 
-@kernel
+@intrinsic("whole")
 def whole(value: SupportsInt) -> int:
     """`value`, cut to a whole number."""
     made: int = _INT64(value)

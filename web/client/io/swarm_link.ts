@@ -168,8 +168,7 @@ export class SwarmLink implements SwarmSource {
     const now_ms = performance.now();
     if (this.#watch.due(now_ms, Math.random())) {
       this.#ask(REQUEST_ROBOTS);
-      // Robots that were to have shields and have none may get them: the gateway says then that all is to be asked again.
-      if (!this.#view.swarm.areaTold || this.#view.swarm.unprotected !== "") this.#ask(REQUEST_AREA);
+      if (!this.#view.swarm.areaTold) this.#ask(REQUEST_AREA);
       if (this.#view.swarm.missions) this.#ask(REQUEST_LIT);
     } else if (this.#watch.presenceDue(now_ms)) {
       this.#ask(REQUEST_AREA);

@@ -86,7 +86,7 @@ def schema() -> None:
 
 
 @sim.command(epilog="Example: phalanx sim check examples/own_controller.py:GoThere")
-@click.argument("controller", metavar="|".join(("FILE.py:CLASS", *CONTROLLERS)), shell_complete=a_controller)
+@click.argument("controller", metavar="|".join(("FILE.py[:CLASS]", *CONTROLLERS)), shell_complete=a_controller)
 @option("--seed", help="Of the life it lives.", type=click.IntRange(0, (1 << 32) - 1), default=0)
 @json_option
 @runs("check", "check")

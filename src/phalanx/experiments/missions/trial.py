@@ -15,7 +15,7 @@ from phalanx.config.defence import Defence
 from phalanx.config.mission import CodingConfig
 from phalanx.errors import UsageError
 from phalanx.experiments.trial import Trial, said_of
-from phalanx.mission import Profile, parse_mission
+from phalanx.mission import parse_mission
 from phalanx.robot.attacks.attack import Attack, Verdict
 from phalanx.robot.attacks.missions.guesses import Guess
 from phalanx.robot.attacks.missions.harm import FALSE_FIX_M, Guessed, Walked
@@ -98,8 +98,6 @@ def try_guess(
         return Guessed(nodes, nodes, 0, 0.0, 0.0, 0.0, 0.0)
     profile = parse_mission(sent.file).header.profile
     most = attack.tries_max[profile] if tries is None else tries
-    if profile is Profile.PAPER:
-        next(attack.guess(sent, AREA_M, building()))  # compiles what hashes, before the clock runs
     read: set[int] = set()
     made, of = 0, 0
     began = time.perf_counter()

@@ -44,7 +44,7 @@ def run_sweep(
         return []
     if scheduler is None:
         get_ready()
-        _compile(todo[0])
+        _check(todo[0])
     failed: list[str] = []
     left = len(todo)
     for key, row in dealt({job.key: job for job in todo}, run or run_job, scheduler, workers):
@@ -68,8 +68,8 @@ def run_job(job: Job) -> dict[str, Any]:
         return outcome(run.summary(), time.thread_time() - begun_s)
 
 
-def _compile(job: Any) -> None:
-    """Here and once, and not in each process at a time; and what can be refused is refused here."""
+def _check(job: Any) -> None:
+    """Refuse here and once what can be refused, before processes start."""
     if not job.scenario:  # what a scorecard tries beside flocks
         return
     with mistakes_in(job.attack, job.controller):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from phalanx.arrays import F64x1, F64x2
 from phalanx.errors import UsageError
-from phalanx.kernel import counting_kernel
+from phalanx.kernel import kernel
 from phalanx.mission.angles import atan2, sin_cos, wrap
 from phalanx.mission.observable import Landmark
 
@@ -112,7 +112,7 @@ def qr_landmark(text: str, pose: CodePose, mount: Mount, x_m: float, y_m: float,
     return Landmark("qr", x_m + (cosine * x - sine * y), y_m + (sine * x + cosine * y), facing, text=text)
 
 
-@counting_kernel
+@kernel
 def _normalised(corners: F64x2, fx: float, fy: float, cx: float, cy: float, k1: float, k2: float) -> F64x2:
     """Pixels → x / z and y / z, without the distortion."""
     points = np.empty((4, 2))
@@ -129,7 +129,7 @@ def _normalised(corners: F64x2, fx: float, fy: float, cx: float, cy: float, k1: 
     return points
 
 
-@counting_kernel
+@kernel
 def _first_guess(points: F64x2, rotation: F64x2, at: F64x1, half: float) -> bool:
     """The pose of the square -half..half by its homography."""
     x0, y0, x1, y1 = points[0, 0], points[0, 1], points[1, 0], points[1, 1]
@@ -168,14 +168,14 @@ def _first_guess(points: F64x2, rotation: F64x2, at: F64x1, half: float) -> bool
     return True
 
 
-@counting_kernel
+@kernel
 def _third_column(rotation: F64x2) -> None:
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         rotation[i, 2] = rotation[j, 0] * rotation[k, 1] - rotation[k, 0] * rotation[j, 1]
 
 
-@counting_kernel
+@kernel
 def _refine(points: F64x2, rotation: F64x2, at: F64x1, half: float) -> float:  # noqa: C901  # one system
     """Moves the pose to the least squared error; returns its root mean square, or inf."""
     matrix = np.empty((6, 7))
@@ -220,7 +220,7 @@ def _refine(points: F64x2, rotation: F64x2, at: F64x1, half: float) -> float:  #
     return math.sqrt(error / 4.0)
 
 
-@counting_kernel
+@kernel
 def _solve(matrix: F64x2) -> bool:
     """Gauss-Jordan with pivots on a (6, 7) system; the solution is left in the last column."""
     for p in range(6):
@@ -242,7 +242,7 @@ def _solve(matrix: F64x2) -> bool:
     return True
 
 
-@counting_kernel
+@kernel
 def _turn(rotation: F64x2, wx: float, wy: float, wz: float) -> None:
     """Turns a rotation by the vector w, for small w, and keeps its columns square (Gram-Schmidt)."""
     for column in range(2):
@@ -265,7 +265,7 @@ def _turn(rotation: F64x2, wx: float, wy: float, wz: float) -> None:
     _third_column(rotation)
 
 
-@counting_kernel
+@kernel
 def _pose(points: F64x2, size_m: float) -> tuple[bool, F64x1, float, float]:
     """(found, [position, normal into the wall, the other tilt's normal], error, the other's); in focal lengths."""
     half = 0.5 * size_m

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from phalanx.arrays import F64x2, I64x2
-from phalanx.kernel import counting_kernel
+from phalanx.kernel import kernel
 
 from .view import Limits, View
 from .walls import ALONG_X, ALONG_Y, ROUND, X, Y, bow
@@ -28,7 +28,7 @@ SHORT_M = 1.0
 CORNER_X, CORNER_Y, BEAM, BEFORE, AFTER, CONVEX = range(6)
 
 
-@counting_kernel
+@kernel
 def meet(walls: F64x2, a: int, b: int) -> tuple[float, float, float]:
     """(x, y, sine of the angle from wall a to wall b) of the crossing of two walls' lines; the sine must not be 0."""
     ax, ay, bx, by = walls[a, ALONG_X], walls[a, ALONG_Y], walls[b, ALONG_X], walls[b, ALONG_Y]
@@ -39,14 +39,14 @@ def meet(walls: F64x2, a: int, b: int) -> tuple[float, float, float]:
     return walls[a, X] + s * ax, walls[a, Y] + s * ay, sine
 
 
-@counting_kernel
+@kernel
 def _grazes(x: float, y: float, walls: F64x2, w: int, graze_sine: float) -> bool:
     """Whether the robot sees the point of wall `w` at too flat an angle."""
     grazes: bool = abs(x * walls[w, ALONG_Y] - y * walls[w, ALONG_X]) < graze_sine * math.sqrt(x * x + y * y)
     return grazes
 
 
-@counting_kernel
+@kernel
 def _runs_away(v: View, walls: F64x2, spans: I64x2, w: int, graze_sine: float) -> bool:
     """Whether the robot looks along the farther half of a short wall.
 
@@ -66,7 +66,7 @@ def _runs_away(v: View, walls: F64x2, spans: I64x2, w: int, graze_sine: float) -
     return away
 
 
-@counting_kernel
+@kernel
 def _off_line(v: View, i: int, walls: F64x2, w: int) -> float:
     """Distance of point i from the line of wall `w`, positive on the robot's side."""
     off: float = walls[w, ALONG_X] * (v.y[i] - walls[w, Y]) - walls[w, ALONG_Y] * (v.x[i] - walls[w, X])
@@ -74,7 +74,7 @@ def _off_line(v: View, i: int, walls: F64x2, w: int) -> float:
     return off if robot >= 0.0 else -off
 
 
-@counting_kernel
+@kernel
 def _outermost(v: View, walls: F64x2, w: int, at: int, step: int, line_m: float) -> int:
     """The last point on the wall's line, near the wall's end `at`, in the direction of `step`."""
     i = at
@@ -89,7 +89,7 @@ def _outermost(v: View, walls: F64x2, w: int, at: int, step: int, line_m: float)
         i = j
 
 
-@counting_kernel
+@kernel
 def next_beam(v: View, beam: int, step: int) -> int:
     """The next beam that says something, or -1."""
     n = len(v.ranges)
@@ -104,7 +104,7 @@ def next_beam(v: View, beam: int, step: int) -> int:
     return -1
 
 
-@counting_kernel
+@kernel
 def _turns_back(v: View, limits: Limits, walls: F64x2, w: int, i: int, step: int) -> bool:
     """Whether the surface goes on behind the line of the wall that ends at point i."""
     j = i + step
@@ -118,7 +118,7 @@ def _turns_back(v: View, limits: Limits, walls: F64x2, w: int, i: int, step: int
     return there >= 0 and bool(v.ranges[there] > v.ranges[v.beam[j]] + limits.jump_m)
 
 
-@counting_kernel
+@kernel
 def _slides(v: View, limits: Limits, walls: F64x2, w: int, i: int, step: int) -> bool:
     """Whether the surface leaves the line of the wall little by little before point i: what is round does so."""
     ax, ay, p = walls[w, ALONG_X], walls[w, ALONG_Y], i
@@ -131,7 +131,7 @@ def _slides(v: View, limits: Limits, walls: F64x2, w: int, i: int, step: int) ->
     return slides
 
 
-@counting_kernel
+@kernel
 def _edge(v: View, limits: Limits, walls: F64x2, w: int, at: int, step: int) -> tuple[bool, float, float, float]:
     """(is one, x, y, beam): the edge at which wall `w` ends in the direction of `step`."""
     nothing = (False, 0.0, 0.0, 0.0)
@@ -174,12 +174,12 @@ def _edge(v: View, limits: Limits, walls: F64x2, w: int, at: int, step: int) -> 
     return True, edge_x, edge_y, float(here) + 0.5 * step
 
 
-@counting_kernel
+@kernel
 def _distance(ax: float, ay: float, bx: float, by: float) -> float:
     return math.sqrt((ax - bx) * (ax - bx) + (ay - by) * (ay - by))
 
 
-@counting_kernel
+@kernel
 def _bend(v: View, limits: Limits, walls: F64x2, spans: I64x2, w: int) -> tuple[bool, float, float, float]:
     """(whether walls w and w + 1 meet, x, y, sine of the angle between them)."""
     last, first = spans[w, 1], spans[w + 1, 0]
@@ -195,14 +195,14 @@ def _bend(v: View, limits: Limits, walls: F64x2, spans: I64x2, w: int) -> tuple[
     return touching and near, meet_x, meet_y, sine
 
 
-@counting_kernel
+@kernel
 def _store(corners: F64x2, row: int, at: tuple[float, float, float], before: int, after: int, convex: float) -> int:
     corners[row, CORNER_X], corners[row, CORNER_Y], corners[row, BEAM] = at
     corners[row, BEFORE], corners[row, AFTER], corners[row, CONVEX] = float(before), float(after), convex
     return row + 1
 
 
-@counting_kernel
+@kernel
 def corners_of(v: View, limits: Limits, walls: F64x2, spans: I64x2) -> F64x2:
     """(c, 6) corners in the order of their bearings. Source: Encoded graphs Alg. 1 (getCv, getCx), §V-A."""
     corners = np.empty((2 * len(walls), 6))

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from phalanx.arrays import BOOLx1, F64x2, I64x1
-from phalanx.kernel import counting_kernel
+from phalanx.kernel import kernel
 
 from .corners import AFTER, BEAM, BEFORE, CONVEX, CORNER_X, CORNER_Y, next_beam
 from .view import Limits, View
@@ -28,7 +28,7 @@ WIDTH_SLACK_M = 0.05
 DOOR_X, DOOR_Y, DOOR_ALONG_X, DOOR_ALONG_Y, WIDTH, DEPTH = range(6)
 
 
-@counting_kernel
+@kernel
 def _is_open(v: View, from_beam: int, to_beam: int, a: Pair, b: Pair, clear_m: float) -> bool:
     """Whether all beams from `from_beam` to `to_beam` pass between jambs a and b; half of them must say something.
 
@@ -60,7 +60,7 @@ def _is_open(v: View, from_beam: int, to_beam: int, a: Pair, b: Pair, clear_m: f
         k = (k + 1) % n
 
 
-@counting_kernel
+@kernel
 def _depth_behind(v: View, i: int, step: int, jamb: Pair, along: Pair, limit_m: float) -> float:
     """How deep the jamb's face goes that begins at point i, straight behind the jamb; 0 if there is none.
 
@@ -89,7 +89,7 @@ def _depth_behind(v: View, i: int, step: int, jamb: Pair, along: Pair, limit_m: 
     return deepest
 
 
-@counting_kernel
+@kernel
 def _point_at(beam: I64x1, at: float) -> int:
     """The first point whose beam is past `at`."""
     low, high = 0, len(beam)
@@ -102,7 +102,7 @@ def _point_at(beam: I64x1, at: float) -> int:
     return low
 
 
-@counting_kernel
+@kernel
 def doorways_of(v: View, limits: Limits, walls: F64x2, corners: F64x2) -> tuple[F64x2, BOOLx1]:
     """(d, 6) doorways, and which corners are jambs.
 
@@ -165,13 +165,13 @@ def doorways_of(v: View, limits: Limits, walls: F64x2, corners: F64x2) -> tuple[
     return doors[:found], is_jamb
 
 
-@counting_kernel
+@kernel
 def _length(walls: F64x2, w: int) -> float:
     dx, dy = walls[w, TO_X] - walls[w, FROM_X], walls[w, TO_Y] - walls[w, FROM_Y]
     return math.sqrt(dx * dx + dy * dy)
 
 
-@counting_kernel
+@kernel
 def rooms_of(corners: F64x2, room_min_m2: float) -> F64x2:
     """(r, 3): centroid and area of the triangle of each three consecutive convex corners.
 

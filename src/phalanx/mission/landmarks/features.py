@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from phalanx.arrays import BOOLx1, F64x1, F64x2
 from phalanx.config.lidar import ExtractionConfig
-from phalanx.kernel import counting_kernel
+from phalanx.kernel import kernel
 from phalanx.mission.angles import HALF_PI, PI, atan2, sin_cos, wrap
 from phalanx.mission.observable import InSight, Landmark
 
@@ -67,19 +67,17 @@ def _swept(scan: LaserScan, config: ExtractionConfig) -> tuple[F64x1, F64x1, F64
     if scan.full_turn:
         seam = _seam(ranges)
         ranges, cosines, sines = (np.roll(array, -seam) for array in (ranges, cosines, sines))
-        for array in (ranges, cosines, sines):
-            array.setflags(write=False)  # as other scans': another type would be compiled anew
     farthest_m = scan.range_max_m, min(config.feature_range_m, scan.range_max_m)
     return ranges, cosines, sines, scan.full_turn, scan.angle_increment_rad, *farthest_m, limits_of(config)
 
 
-@counting_kernel
+@kernel
 def _seam(ranges: F64x1) -> int:
     """Where to cut a full turn open: at the largest step of the range, so that no wall is cut."""
     n = len(ranges)
     best, at = -1.0, 0
     for k in range(n):
-        a, b = ranges[k - 1], ranges[k]
+        a, b = ranges[(k - 1) % n], ranges[k]
         if np.isfinite(a) and np.isfinite(b):
             step = abs(b - a)
         elif np.isfinite(a) or np.isfinite(b):
@@ -91,7 +89,7 @@ def _seam(ranges: F64x1) -> int:
     return at
 
 
-@counting_kernel
+@kernel
 def _extract(
     ranges: F64x1,
     cosines: F64x1,
@@ -113,7 +111,7 @@ def _extract(
     return walls, corners, is_jamb, doorways, rooms_of(corners, limits.room_min_m2)
 
 
-@counting_kernel
+@kernel
 def _placed(
     walls: F64x2,
     corners: F64x2,
@@ -168,7 +166,7 @@ def _placed(
     return rows[:found]
 
 
-@counting_kernel
+@kernel
 def _sighted(
     ranges: F64x1,
     cosines: F64x1,

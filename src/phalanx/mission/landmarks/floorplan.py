@@ -25,7 +25,7 @@ from phalanx.arrays import F64x2
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.written import compose, words_of
 from phalanx.errors import UsageError
-from phalanx.kernel import counting_kernel
+from phalanx.kernel import kernel
 
 from .outlines import Outline, outlines_of
 from .sources import Source
@@ -119,7 +119,7 @@ class FloorPlan:
         return not bool(np.any(first < last))
 
 
-@counting_kernel
+@kernel
 def clearance(walls: F64x2, x: float, y: float) -> float:
     """As `FloorPlan.clearance_m`."""
     nearest = np.inf
@@ -134,7 +134,7 @@ def clearance(walls: F64x2, x: float, y: float) -> float:
     return math.sqrt(nearest)
 
 
-@counting_kernel
+@kernel
 def _is_crossed(walls: F64x2, x: float, y: float, way_x: float, way_y: float, margin: float) -> bool:
     """Whether a wall meets the way from x, y, but for such a share of it at both ends."""
     for i in range(len(walls)):

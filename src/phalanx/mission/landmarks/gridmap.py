@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from phalanx.arrays import BOOLx1, F64x1, F64x2, I64x1, U8x2
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.errors import UsageError
-from phalanx.kernel import counting_kernel
+from phalanx.kernel import kernel
 
 from .dust import without_dust
 from .floorplan import FloorPlan, extraction_of, numbers, read_yaml, start_pose
@@ -180,7 +180,7 @@ def _to_map(points: NDArray[np.float64], words: MapWords) -> NDArray[np.float64]
     )
 
 
-@counting_kernel
+@kernel
 def _contours(cells: U8x2) -> tuple[F64x2, I64x1, BOOLx1]:  # noqa: C901  # one walk
     """The borders of all that is not free, walked with free space on the left: middles of cells' edges, in cells.
 
@@ -242,7 +242,7 @@ def _straight(points: NDArray[np.float64], of_wall: NDArray[np.bool_]) -> tuple[
     return _pieces(points[order, 0].copy(), points[order, 1].copy(), of_wall[order])
 
 
-@counting_kernel
+@kernel
 def _pieces(x: F64x1, y: F64x1, of_wall: BOOLx1) -> tuple[F64x2, BOOLx1]:
     """Corners of a closed contour whose last point is its first, and whether the piece after each is a wall."""
     last = len(x) - 1
@@ -269,14 +269,14 @@ def _pieces(x: F64x1, y: F64x1, of_wall: BOOLx1) -> tuple[F64x2, BOOLx1]:
                 bordering += 1
         seen[p] = 2 * bordering > end - first
     for p in range(pieces):
-        i = starts[p]
+        i, before = starts[p], (p - 1) % pieces
         corners[p, 0], corners[p, 1] = x[i], y[i]
-        ax, ay, bx, by = lines[p - 1, 2], lines[p - 1, 3], lines[p, 2], lines[p, 3]
+        ax, ay, bx, by = lines[before, 2], lines[before, 3], lines[p, 2], lines[p, 3]
         sine = ax * by - ay * bx
         if abs(sine) < 0.3:
             continue
-        s = ((lines[p, 0] - lines[p - 1, 0]) * by - (lines[p, 1] - lines[p - 1, 1]) * bx) / sine
-        meet_x, meet_y = lines[p - 1, 0] + s * ax, lines[p - 1, 1] + s * ay
+        s = ((lines[p, 0] - lines[before, 0]) * by - (lines[p, 1] - lines[before, 1]) * bx) / sine
+        meet_x, meet_y = lines[before, 0] + s * ax, lines[before, 1] + s * ay
         if abs(meet_x - x[i]) + abs(meet_y - y[i]) < 2.0:
             corners[p, 0], corners[p, 1] = meet_x, meet_y
     return corners, seen

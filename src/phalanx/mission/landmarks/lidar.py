@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from phalanx.arrays import F64x1, F64x2
 from phalanx.config.lidar import LidarConfig
-from phalanx.kernel import counting_kernel
+from phalanx.kernel import kernel
 
 from .raycast import Beams, Tiles, cast, packed_beams, tiles_of
 from .scan import LaserScan, beam_table, sort_out
@@ -16,7 +16,7 @@ Pose = tuple[float, float, float]
 _NOBODY, _NOTHING = np.zeros((0, 3)), np.zeros(0)
 
 
-@counting_kernel
+@kernel
 def _sensed(
     pose: Pose,
     tiles: Tiles,

@@ -14,7 +14,7 @@ import numpy as np
 
 from phalanx.arrays import F64x1, F64x2, I64x1
 from phalanx.bundle import bundled
-from phalanx.kernel import counting_kernel
+from phalanx.kernel import kernel
 from phalanx.mission.angles import TWO_PI, atan2, sin_cos
 
 TILE_M = 2.0
@@ -62,7 +62,7 @@ def tiles_of(walls: F64x2) -> Tiles:
     return _packed_tiles(Tiles(walls, ends, circles))
 
 
-@counting_kernel
+@kernel
 def _span(from_rad: float, to_rad: float, beams: Beams) -> tuple[int, int]:
     """The beams [low, high) with bearings from..to."""
     low = (from_rad - beams.first_rad) / beams.step_rad - _SLACK_BEAMS
@@ -73,7 +73,7 @@ def _span(from_rad: float, to_rad: float, beams: Beams) -> tuple[int, int]:
     return (int(low) + 1 if low > 0.0 else 0), (int(high) + 1 if high < count - 1 else count)
 
 
-@counting_kernel
+@kernel
 def _cast_wall(ax: float, ay: float, bx: float, by: float, beams: Beams, ranges: F64x1) -> None:
     """Shortens the beams that meet the wall from a to b, robot frame."""
     along_x, along_y = bx - ax, by - ay
@@ -95,7 +95,7 @@ def _cast_wall(ax: float, ay: float, bx: float, by: float, beams: Beams, ranges:
             ranges[k] = distance if 0.0 < distance < ranges[k] else ranges[k]
 
 
-@counting_kernel
+@kernel
 def _cast_disc(x: float, y: float, radius: float, beams: Beams, ranges: F64x1) -> None:
     """Shortens the beams that meet a disc, robot frame; one around the sensor is not seen."""
     squared = x * x + y * y - radius * radius
@@ -111,7 +111,7 @@ def _cast_disc(x: float, y: float, radius: float, beams: Beams, ranges: F64x1) -
                 ranges[k] = ahead - math.sqrt(inside)
 
 
-@counting_kernel
+@kernel
 def _is_hidden(x: float, y: float, radius: float, beams: Beams, ranges: F64x1) -> bool:
     """Whether all beams that may meet something in a circle, robot frame, have met something before it."""
     squared = x * x + y * y - radius * radius
@@ -127,7 +127,7 @@ def _is_hidden(x: float, y: float, radius: float, beams: Beams, ranges: F64x1) -
     return True
 
 
-@counting_kernel
+@kernel
 def _nearest_first(x: float, y: float, circles: F64x2, range_max_m: float) -> I64x1:
     """The circles in reach, by the whole metres that they are off."""
     metres, counts = np.empty(len(circles), np.int64), np.zeros(int(range_max_m) + 3, np.int64)
@@ -147,7 +147,7 @@ def _nearest_first(x: float, y: float, circles: F64x2, range_max_m: float) -> I6
     return order
 
 
-@counting_kernel
+@kernel
 def cast(pose: tuple[float, float, float], tiles: Tiles, discs: F64x2, beams: Beams, ranges: F64x1) -> None:
     """Writes to `ranges` the distance to the first thing in each beam's way, +inf beyond the farthest.
 

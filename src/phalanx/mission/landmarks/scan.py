@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 from phalanx.arrays import F64x1
 from phalanx.config.lidar import LidarConfig
 from phalanx.errors import UsageError
-from phalanx.kernel import counting_kernel
+from phalanx.kernel import kernel
 from phalanx.mission.angles import TWO_PI, sin_cos
 
 BEAMS_MAX = 8192
 FARTHEST_M = 65_534
 
 
-@counting_kernel
+@kernel
 def sort_out(ranges: F64x1, least_m: float, most_m: float) -> None:
     """Ranges beyond the farthest are misses, and those before the nearest say nothing."""
     for k in range(len(ranges)):

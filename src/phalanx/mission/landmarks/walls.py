@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from phalanx.arrays import BOOLx1, F64x1, F64x2, I64x1, I64x2
-from phalanx.kernel import counting_kernel
+from phalanx.kernel import kernel
 
 # Beams that may be silent between two neighbours on one wall.
 GAP_BEAMS = 4
@@ -25,7 +25,7 @@ STEPPED_M, FACE_M = 1.5, 0.07
 X, Y, ALONG_X, ALONG_Y, FROM_X, FROM_Y, TO_X, TO_Y = range(8)
 
 
-@counting_kernel
+@kernel
 def points_of(ranges: F64x1, cosines: F64x1, sines: F64x1, range_m: float) -> tuple[F64x1, F64x1, I64x1]:
     """(x, y, beam) of the beams that saw something nearer than `range_m`; robot frame, metres."""
     count = 0
@@ -43,7 +43,7 @@ def points_of(ranges: F64x1, cosines: F64x1, sines: F64x1, range_m: float) -> tu
     return x, y, beam
 
 
-@counting_kernel
+@kernel
 def breaks_of(ranges: F64x1, beam: I64x1, step_rad: float, jump_m: float, graze_slope: float) -> BOOLx1:
     """For each point, whether it begins a new run: not on one surface with the point before it.
 
@@ -68,7 +68,7 @@ def breaks_of(ranges: F64x1, beam: I64x1, step_rad: float, jump_m: float, graze_
     return new_run
 
 
-@counting_kernel
+@kernel
 def _farthest_from_chord(x: F64x1, y: F64x1, first: int, last: int) -> tuple[int, float]:
     chord_x, chord_y = x[last] - x[first], y[last] - y[first]
     length = math.sqrt(chord_x * chord_x + chord_y * chord_y)
@@ -81,7 +81,7 @@ def _farthest_from_chord(x: F64x1, y: F64x1, first: int, last: int) -> tuple[int
     return at, worst
 
 
-@counting_kernel
+@kernel
 def split_run(x: F64x1, y: F64x1, first: int, last: int, split_m: float, starts: I64x1) -> int:
     """Writes the first points of the straight pieces of the run first..last to `starts`; returns how many.
 
@@ -105,7 +105,7 @@ def split_run(x: F64x1, y: F64x1, first: int, last: int, split_m: float, starts:
     return count
 
 
-@counting_kernel
+@kernel
 def fit_line(x: F64x1, y: F64x1, first: int, last: int) -> tuple[float, float, float, float]:
     """(x, y, along_x, along_y): the line with the least squared distances, from `first` towards `last`."""
     n = last - first + 1
@@ -133,17 +133,17 @@ def fit_line(x: F64x1, y: F64x1, first: int, last: int) -> tuple[float, float, f
     return x[first] + mean_x, y[first] + mean_y, along_x / length, along_y / length
 
 
-@counting_kernel
+@kernel
 def _strays(x: F64x1, y: F64x1, first: int, last: int, split_m: float) -> bool:
     """Whether a point of first..last is farther than `split_m` from the line through them all."""
     cx, cy, ax, ay = fit_line(x, y, first, last)
-    for i in range(first, last + 1):  # noqa: SIM110  # numba knows no generators
+    for i in range(first, last + 1):  # noqa: SIM110 - kernels know no generators
         if abs(ax * (y[i] - cy) - ay * (x[i] - cx)) > split_m:
             return True
     return False
 
 
-@counting_kernel
+@kernel
 def _bow(x: F64x1, y: F64x1, first: int, last: int, line: tuple[float, float, float, float]) -> float:
     """How far the middle third lies on the left of the line of both ends: 0 for a wall, not for a leg or a column."""
     cx, cy, ax, ay = line
@@ -158,7 +158,7 @@ def _bow(x: F64x1, y: F64x1, first: int, last: int, line: tuple[float, float, fl
     return middle / (last - first + 1 - 2 * third) - ends / (2 * third)
 
 
-@counting_kernel
+@kernel
 def _step(x: F64x1, y: F64x1, first: int, last: int, line: tuple[float, float, float, float]) -> float:
     """By how much one part of a wall stands out before the other, where two parallel lines fit best.
 
@@ -185,14 +185,14 @@ def _step(x: F64x1, y: F64x1, first: int, last: int, line: tuple[float, float, f
     return most
 
 
-@counting_kernel
+@kernel
 def _off(x: F64x1, y: F64x1, i: int, line: tuple[float, float, float, float]) -> float:
     """How far a point is from a line."""
     off: float = line[2] * (y[i] - line[1]) - line[3] * (x[i] - line[0])
     return abs(off)
 
 
-@counting_kernel
+@kernel
 def _is_flat(
     x: F64x1, y: F64x1, first: int, last: int, line: tuple[float, float, float, float], long_m: float, line_m: float
 ) -> bool:
@@ -202,7 +202,7 @@ def _is_flat(
     return long_m >= STEPPED_M or _step(x, y, first, last, line) <= line_m
 
 
-@counting_kernel
+@kernel
 def bow(x: F64x1, y: F64x1, walls: F64x2, spans: I64x2, w: int) -> float:
     """How far wall w stands out towards the robot in its middle."""
     first, last = spans[w, 0] + 1, spans[w, 1] - 1
@@ -210,7 +210,7 @@ def bow(x: F64x1, y: F64x1, walls: F64x2, spans: I64x2, w: int) -> float:
     return _bow(x, y, first, last, line) if last - first >= 2 else 0.0
 
 
-@counting_kernel
+@kernel
 def _border(x: F64x1, y: F64x1, walls: F64x2, spans: I64x2, w: int) -> int:
     """The last point of wall w, where w and w + 1 meet: with it, all points lie best on the one line or the other."""
     best, sum_ = 0.0, 0.0
@@ -224,7 +224,7 @@ def _border(x: F64x1, y: F64x1, walls: F64x2, spans: I64x2, w: int) -> int:
     return at
 
 
-@counting_kernel
+@kernel
 def _trimmed(first: int, last: int) -> tuple[int, int]:
     """The points of first..last without the outermost, which may belong to the next wall."""
     points = last - first + 1
@@ -232,7 +232,7 @@ def _trimmed(first: int, last: int) -> tuple[int, int]:
     return first + trim, last - trim
 
 
-@counting_kernel
+@kernel
 def _part(x: F64x1, y: F64x1, new_run: BOOLx1, walls: F64x2, spans: I64x2) -> F64x2:
     """The walls, each fitted to its own points alone.
 
@@ -252,7 +252,7 @@ def _part(x: F64x1, y: F64x1, new_run: BOOLx1, walls: F64x2, spans: I64x2) -> F6
     return parted
 
 
-@counting_kernel
+@kernel
 def walls_of(
     x: F64x1, y: F64x1, new_run: BOOLx1, split_m: float, line_m: float, wall_min_m: float, min_points: int
 ) -> tuple[F64x2, I64x2]:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from phalanx.arrays import F64x1, F64x2
-from phalanx.kernel import counting_kernel
+from phalanx.kernel import kernel
 from phalanx.mission.angles import sin_cos, wrap
 
 from .spread import Sight, Sighting, corrected, not_surer
@@ -41,7 +41,7 @@ class Wheels(NamedTuple):
     curve_noise: float  # radians in the first metre, likewise
 
 
-@counting_kernel
+@kernel
 def moved(
     mean: F64x1, spread: F64x2, way_m: float, turn_rad: float, touches: bool, wheels: Wheels
 ) -> tuple[F64x1, F64x2]:
@@ -89,7 +89,7 @@ def moved(
     return after, sure
 
 
-@counting_kernel
+@kernel
 def _driven(
     mean: F64x1, spread: F64x2, before: Pose, after: Pose, touches: bool, wheels: Wheels
 ) -> tuple[F64x1, F64x2]:

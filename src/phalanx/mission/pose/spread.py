@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from phalanx.arrays import F64x1, F64x2
-from phalanx.kernel import counting_kernel
+from phalanx.kernel import kernel
 from phalanx.mission.angles import wrap
 
 
@@ -40,7 +40,7 @@ def pose_spread(spread: tuple[float, ...]) -> F64x2:
     return np.array((xx, xy, xt, xy, yy, yt, xt, yt, tt), np.float64).reshape(3, 3)  # flat, it is read faster
 
 
-@counting_kernel
+@kernel
 def not_surer(spread: F64x2, place_m: float, turn_rad: float) -> F64x2:
     """The spread, nowhere smaller than a map allows: the same landmark seen twice errs twice the same way."""
     sure = spread.copy()
@@ -50,7 +50,7 @@ def not_surer(spread: F64x2, place_m: float, turn_rad: float) -> F64x2:
     return sure
 
 
-@counting_kernel
+@kernel
 def _doubt(spread: F64x2, ox: float, oy: float, sight: Sight) -> tuple[float, float, float]:
     """(xx, xy, yy) of the covariance of where a landmark is that is seen at an offset."""
     away = math.sqrt(ox * ox + oy * oy)
@@ -62,7 +62,7 @@ def _doubt(spread: F64x2, ox: float, oy: float, sight: Sight) -> tuple[float, fl
     return xx, xy, yy
 
 
-@counting_kernel
+@kernel
 def doubt_of(spread: F64x2, ox: float, oy: float, sight: Sight) -> tuple[float, float, float]:
     """(along x, along y, at most) standard deviations of where a landmark is that is seen at an offset.
 
@@ -76,7 +76,7 @@ def doubt_of(spread: F64x2, ox: float, oy: float, sight: Sight) -> tuple[float, 
     return math.sqrt(xx), math.sqrt(yy), math.sqrt(most)
 
 
-@counting_kernel
+@kernel
 def _gain(spread: F64x2, ox: float, oy: float, sight: Sight, oriented: bool) -> tuple[F64x2, F64x2, F64x2]:
     """(H, S inverted, P H^T) for a landmark at an offset; without an orientation its row says nothing."""
     h = np.zeros((3, 3))
@@ -99,7 +99,7 @@ def _gain(spread: F64x2, ox: float, oy: float, sight: Sight, oriented: bool) -> 
     return h, inverse(s), ph
 
 
-@counting_kernel
+@kernel
 def inverse(s: F64x2) -> F64x2:
     """Of a symmetric, positive (3, 3)."""
     a = s[1, 1] * s[2, 2] - s[1, 2] * s[1, 2]
@@ -115,7 +115,7 @@ def inverse(s: F64x2) -> F64x2:
     return out
 
 
-@counting_kernel
+@kernel
 def misfit(spread: F64x2, x_m: float, y_m: float, sighting: Sighting, sight: Sight) -> float:
     """How badly a match fits: the square of its Mahalanobis distance, of 3 degrees of freedom, of 2 if not oriented."""
     oriented = not np.isnan(sighting.turn_rad)
@@ -128,7 +128,7 @@ def misfit(spread: F64x2, x_m: float, y_m: float, sighting: Sighting, sight: Sig
     return square
 
 
-@counting_kernel
+@kernel
 def corrected(mean: F64x1, spread: F64x2, sighting: Sighting, sight: Sight) -> tuple[F64x1, F64x2]:
     """(mean, spread) after a match; of a pose, or of a pose and more that is correlated with it.
 

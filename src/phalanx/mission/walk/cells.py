@@ -15,7 +15,7 @@ import numpy as np
 from phalanx.arrays import F64x1, F64x2, I64x1, I64x2, U64x1, U64x2
 from phalanx.bundle import bundled
 from phalanx.crypto.sha3 import find
-from phalanx.kernel import counting_kernel
+from phalanx.kernel import kernel
 from phalanx.mission.pose.spread import Sight, doubt_of
 
 from .searched import RINGS_MOST, SPIRAL, Known, Numbers, keep, keep_tiles, row_of, untried
@@ -76,13 +76,13 @@ RINGS = (0, 1, 2, 3, 5, 7, 10, 14, 20, 28, RINGS_MOST)
 BIN_STEPS = (0, 1, -1)
 
 
-@counting_kernel
+@kernel
 def _number(value: float, offset: float, step: float) -> int:
     # rint rounds halves to even, on every machine and as `round` does.
     return int(np.rint((value - offset) / step))
 
 
-@counting_kernel
+@kernel
 def numbers_of(
     x_m: float, y_m: float, turn_rad: float, area_m2: float, offset: Steps, steps: Steps, bins: int
 ) -> Numbers:
@@ -103,7 +103,7 @@ def numbers_of(
     return max(-CELL_LIMIT, min(CELL_LIMIT, x)), max(-CELL_LIMIT, min(CELL_LIMIT, y)), turn, area
 
 
-@counting_kernel
+@kernel
 def region_of(thing: F64x1, place: bool, group: F64x1, steps: Steps, doubt: Doubt) -> tuple[int, int, bool, bool]:
     """(level of RINGS, rings, whether the next bin may be meant, whether the one before may) around a thing's cell.
 
@@ -117,7 +117,7 @@ def region_of(thing: F64x1, place: bool, group: F64x1, steps: Steps, doubt: Doub
     return level, RINGS[level], up, down
 
 
-@counting_kernel
+@kernel
 def _level_of(thing: F64x1, place: bool, steps: Steps, doubt: Doubt) -> int:
     """Of RINGS, around a thing's cell."""
     ox, oy = thing[0] - doubt.x_m, thing[1] - doubt.y_m
@@ -132,7 +132,7 @@ def _level_of(thing: F64x1, place: bool, steps: Steps, doubt: Doubt) -> int:
     return level
 
 
-@counting_kernel
+@kernel
 def _beside(turn_rad: float, offset_rad: float, step_rad: float, doubt: Doubt) -> tuple[bool, bool]:
     """Whether the next bin of an orientation may be meant, and whether the one before may."""
     if np.isnan(turn_rad):
@@ -144,7 +144,7 @@ def _beside(turn_rad: float, offset_rad: float, step_rad: float, doubt: Doubt) -
     return rest + reach > 0.5, rest - reach < -0.5
 
 
-@counting_kernel
+@kernel
 def search_cells(  # noqa: C901  # a kernel is one function
     first: int,
     things: F64x2,
@@ -204,9 +204,9 @@ def search_cells(  # noqa: C901  # a kernel is one function
         targets = groups.targets[groups.ends[g] : groups.ends[g + 1]]
         hit, row = find(trial, message.word, np.uint64(message.shift), words, targets)
         if hit >= 0:
-            place = places[hit]
-            x, y = numbers[0] + int(SPIRAL[place, 0]), numbers[1] + int(SPIRAL[place, 1])
-            return pair, groups.ends[g] + row, left - place - 1, (x, y, numbers[2], numbers[3]), pair + 1
+            cell = places[hit]
+            x, y = numbers[0] + int(SPIRAL[cell, 0]), numbers[1] + int(SPIRAL[cell, 1])
+            return pair, groups.ends[g] + row, left - cell - 1, (x, y, numbers[2], numbers[3]), pair + 1
         left -= (2 * rings + 1) * (2 * rings + 1)
         keep_tiles(known, lanes[g], numbers, rings, bits)
         if rings == wanted:
@@ -214,7 +214,7 @@ def search_cells(  # noqa: C901  # a kernel is one function
     return -1, -1, left, (0, 0, 0, 0), -1
 
 
-@counting_kernel
+@kernel
 def search_shapes(
     begin: tuple[int, int], shapes: Shapes, seen: F64x2, doubt: Doubt, steps: Steps, left: int
 ) -> tuple[int, int, int, int, int, Numbers, int]:
@@ -252,7 +252,7 @@ def search_shapes(
     return -1, -1, -1, -1, left, (0, 0, 0, 0), -1
 
 
-@counting_kernel
+@kernel
 def _put(trial: U64x1, message: Message, six: np.uint64) -> None:
     """Six bytes, behind the eight of x and y: bin and area."""
     shift = np.uint64(message.shift)

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from phalanx.arrays import F64x2, I64x2
-from phalanx.kernel import counting_kernel
+from phalanx.kernel import kernel
 from phalanx.mission.angles import PI, wrap_rad_kernel
 from phalanx.mission.observable import HALF_TURN_TYPES, LANDMARK_TYPES, Experience, Landmark, rows_of
 from phalanx.mission.pose.spread import Sight, Sighting, misfit, pose_spread
@@ -53,7 +53,7 @@ class Chart:
         return found
 
 
-@counting_kernel
+@kernel
 def turn_to(truth_rad: float, seen_rad: float, half: bool) -> float:
     """By how much an orientation that was seen must be turned to be the true one; NaN without one of them.
 
@@ -64,13 +64,13 @@ def turn_to(truth_rad: float, seen_rad: float, half: bool) -> float:
     return turn - PI * np.floor(turn / PI + 0.5) if half else turn
 
 
-@counting_kernel
+@kernel
 def most_of(turn_rad: float) -> float:
     """What a match may misfit by, with such a turn from the orientation seen to the true one."""
     return MISFIT_2 if np.isnan(turn_rad) else MISFIT_3
 
 
-@counting_kernel
+@kernel
 def _fitting(
     seen: F64x2, known: F64x2, place: tuple[float, float], spread: F64x2, sight: Sight, within_m: float
 ) -> I64x2:
@@ -85,7 +85,7 @@ def _fitting(
     return pairs[:count]
 
 
-@counting_kernel
+@kernel
 def may_mean(
     seen: F64x2,
     i: int,

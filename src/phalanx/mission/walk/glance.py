@@ -15,7 +15,7 @@ import numpy as np
 from phalanx.arrays import F64x2, I64x1
 from phalanx.bundle import bundled
 from phalanx.config.mission import MissionConfig
-from phalanx.kernel import counting_kernel
+from phalanx.kernel import kernel
 from phalanx.mission.file.canonical import Shape
 from phalanx.mission.observable import Covariance
 from phalanx.mission.pose.spread import Sight
@@ -80,7 +80,7 @@ def gaze_of(
     return _pack(Gaze(*told, *limits, *sure))
 
 
-@counting_kernel
+@kernel
 def _is_asked(gaze: Gaze, seen: F64x2, i: int, away_dm: float) -> bool:
     """Whether a thing in sight is of a shape that is searched elsewhere."""
     for k in range(len(gaze.asked)):
@@ -91,7 +91,7 @@ def _is_asked(gaze: Gaze, seen: F64x2, i: int, away_dm: float) -> bool:
     return False
 
 
-@counting_kernel
+@kernel
 def glance(gaze: Gaze, seen: F64x2, x_m: float, y_m: float, doubt: Covariance, tries: int) -> int:
     """Tries that are left if nothing is found, and nothing known corrects the pose; else NOBODY.
 

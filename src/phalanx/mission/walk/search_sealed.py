@@ -11,7 +11,7 @@ import numpy as np
 from phalanx.arrays import F64x1, I64x1, I64x2
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.crypto.sha3 import sha3_256
-from phalanx.kernel import counting_kernel
+from phalanx.kernel import kernel
 from phalanx.mission.angles import wrap_rad_kernel
 from phalanx.mission.file import sealed
 from phalanx.mission.file.canonical import Shape
@@ -137,7 +137,7 @@ def cells_that_fit(
     ]
 
 
-@counting_kernel
+@kernel
 def _that_fit(
     centre: tuple[int, int, int],
     rings: int,

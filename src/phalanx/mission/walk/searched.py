@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from phalanx.arrays import I64x1, I64x2, U64x1
-from phalanx.kernel import counting_kernel
+from phalanx.kernel import kernel
 
 TABLE_ROWS = 1 << 14
 LANES_LIMIT = 1 << 16
@@ -49,7 +49,7 @@ def spiral(rings: int) -> tuple[tuple[int, int], ...]:
 SPIRAL = np.array(spiral(RINGS_MOST), np.int64)
 
 
-@counting_kernel
+@kernel
 def row_of(table: I64x2, lane: int, numbers: Numbers) -> int:
     """Where this cell is in the table, or the free row where it would be."""
     x, y, turn, area = numbers
@@ -66,7 +66,7 @@ def row_of(table: I64x2, lane: int, numbers: Numbers) -> int:
     return row
 
 
-@counting_kernel
+@kernel
 def _add(table: I64x2, lane: int, numbers: Numbers) -> bool:
     """Puts a cell into the table; whether it is new."""
     row = row_of(table, lane, numbers)
@@ -77,7 +77,7 @@ def _add(table: I64x2, lane: int, numbers: Numbers) -> bool:
     return bool(is_new)
 
 
-@counting_kernel
+@kernel
 def keep(known: Known, lane: int, numbers: Numbers) -> None:
     """Nothing is around this cell."""
     if known.used[0] >= len(known.table) * 3 // 4:
@@ -86,14 +86,14 @@ def keep(known: Known, lane: int, numbers: Numbers) -> None:
     known.used[0] += _add(known.table, lane, numbers)
 
 
-@counting_kernel
+@kernel
 def tiles_around(numbers: Numbers, rings: int) -> tuple[int, int, int, int]:
     """(x and y of the first, how many along x, along y) of the tiles that have cells in so many rings."""
     x, y = (numbers[0] - rings) >> TILE_BITS, (numbers[1] - rings) >> TILE_BITS
     return x, y, ((numbers[0] + rings) >> TILE_BITS) - x + 1, ((numbers[1] + rings) >> TILE_BITS) - y + 1
 
 
-@counting_kernel
+@kernel
 def untried(known: Known, lane: int, numbers: Numbers, rings: int) -> tuple[U64x1, I64x1, I64x1]:
     """(x and y of each cell around that was not tried, in eight bytes; their places on the spiral; all tiles' bits)."""
     first_x, first_y, wide, high = tiles_around(numbers, rings)
@@ -116,7 +116,7 @@ def untried(known: Known, lane: int, numbers: Numbers, rings: int) -> tuple[U64x
     return words[:count], places[:count], bits
 
 
-@counting_kernel
+@kernel
 def keep_tiles(known: Known, lane: int, numbers: Numbers, rings: int, bits: I64x1) -> None:
     """Nothing is in these cells: `bits` as `untried` has them."""
     first_x, first_y, wide, _ = tiles_around(numbers, rings)

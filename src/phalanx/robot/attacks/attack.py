@@ -1,6 +1,6 @@
 """What an attack is: one record, which the list, scenarios, trials, tests and docs/attacks.md read alike.
 
-How it is carried out is a class, and only its name stands here until somebody attacks: the list needs no compiler.
+How it is carried out is a class, and only its name stands here until somebody attacks: the list loads none.
 """
 
 from __future__ import annotations

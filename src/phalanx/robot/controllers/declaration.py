@@ -1,4 +1,4 @@
-"""What a bundled controller declares, in its file in bundled/: there is no other list of them.
+"""What a controller of kernels declares: a bundled one in its file in bundled/, a user's in a file of one's own.
 
 Beside its `CONTROLLER` such a file has six kernels, and `on_advice` if planners advise it, each named and called as in
 dispatch.py, less the number. It keeps the rules of python_controller.py; its state is its own encoding, and
@@ -35,7 +35,10 @@ class Declaration:
     params: Callable[[Any], Params]  # what kernels are given of one
 
 
+# Of users' files that were loaded, by the words that name them (own_kernels.py).
+OWN: dict[str, Declaration] = {}
+
+
 def bundled() -> list[str]:
     """Names of the bundled controllers: those of their files."""
-    # phalanx.kernel looks for this: what lies there is what compiled code depends on.
     return sorted(file.stem for file in Path(__file__).parent.glob("bundled/[a-z]*.py"))

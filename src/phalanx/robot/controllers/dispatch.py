@@ -1,8 +1,8 @@
 """The bundled controllers by number, so that one compiled loop runs whichever a mission has chosen.
 
 A controller is bundled by being a file in bundled/ that declares itself (declaration.py). The kernels here are made of
-all there are: an `if` for each, which compiles to what writing them out would. Number 0, and any that is not bundled,
-holds a state of no bytes and puts out nothing.
+all there are: an `if` for each, which compiles to what writing them out would. Number 0 holds a state of no bytes and
+puts out nothing. Numbers behind the bundled ones are users' own controllers (own_kernels.py), called by their address.
 """
 
 from __future__ import annotations
@@ -12,10 +12,13 @@ import inspect
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from phalanx.kernel import written
+import numpy as np
+
+from phalanx.errors import UsageError
+from phalanx.kernel import Linked, link, linked, written
 from phalanx.wire.fields import Row, whole
 
-from .declaration import Declaration, bundled
+from .declaration import OWN, Declaration, bundled
 from .parameters import Params
 
 _F = TypeVar("_F", bound=Callable[..., Any])
@@ -25,6 +28,36 @@ _MODULES = [importlib.import_module(f"{__package__}.bundled.{name}") for name in
 BUNDLED: dict[str, Declaration] = {name: each.CONTROLLER for name, each in zip(_NAMES, _MODULES, strict=True)}
 NUMBERS = {name: number for number, name in enumerate(_NAMES, 1)}
 STATE_KINDS = tuple(int(each.says.tag or 0) for each in BUNDLED.values())
+FIRST_OWN = len(_NAMES) + 1
+MOST_OWN = 256  # users' controllers in a process; each version of a file counts
+WRITTEN = ("state", "out")  # parameters that kernels write to
+# The kernels, without the number, as users' files declare them; and for each own controller, its address and function.
+DECLARED: dict[str, Callable[..., Any]] = {}
+_addresses: dict[str, Any] = {}
+_functions: dict[str, list[Callable[..., Any]]] = {}
+
+
+def add_own(functions: dict[str, Callable[..., Any]], addresses: dict[str, int]) -> int:
+    """Return the number of a new own controller.
+
+    Args:
+        functions: its kernels uncompiled, by name, which are called where the package is not compiled.
+        addresses: of its kernels in C, by name, which are called where it is.
+    Raises: UsageError: there are too many.
+    """
+    place = len(_functions["size"])
+    if place == MOST_OWN:
+        raise UsageError(f"more than {MOST_OWN} controllers of one's own in a process", "a new process")
+    for name, known in _functions.items():
+        known.append(functions[name])
+        _addresses[name][place] = addresses.get(name, 0)
+    return FIRST_OWN + place
+
+
+def name_own(words: str, declaration: Declaration, number: int) -> None:
+    """Let a name mean an own controller."""
+    OWN[words] = BUNDLED[words] = declaration
+    NUMBERS[words] = number
 
 
 def _of_the_chosen(declared: _F) -> _F:
@@ -32,13 +65,27 @@ def _of_the_chosen(declared: _F) -> _F:
     signature = inspect.signature(declared)
     rest = list(signature.parameters.values())[1:]
     given = ", ".join(f"whole({each.name})" if each.annotation == "int" else each.name for each in rest)
+    own = _linked(declared)
     body = []
     for number, name in enumerate(_NAMES, 1):
         if not hasattr(_MODULES[number - 1], declared.__name__):  # planners advise not all of them
             continue
         body += [f"if kind == {number}:", f"    return {name}.{declared.__name__}({given})"]
+    body += [f"if kind >= {FIRST_OWN}:", f"    return own(kind - {FIRST_OWN}, {given})"]
     body.append("return False" if signature.return_annotation == "bool" else "return 0")
-    return written(declared, body, {"whole": whole, **dict(zip(_NAMES, _MODULES, strict=True))})
+    return written(declared, body, {"whole": whole, "own": own, **dict(zip(_NAMES, _MODULES, strict=True))})
+
+
+def _linked(declared: Callable[..., Any]) -> Callable[..., Any]:
+    """Return the kernel that calls an own controller's kernel of this name, by its place among own controllers."""
+    name = declared.__name__
+    functions = _functions[name] = []
+    table = _addresses[name] = np.zeros(MOST_OWN, np.uint64)
+    DECLARED[name] = declared
+    symbol = f"own_{name}"
+    link(symbol, table.ctypes.data)
+    writes = tuple(each for each in WRITTEN if each in inspect.signature(declared).parameters)
+    return linked(declared, Linked(symbol, MOST_OWN, writes), lambda place, *rest: functions[place](*rest))
 
 
 @_of_the_chosen

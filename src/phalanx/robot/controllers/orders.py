@@ -57,7 +57,7 @@ def is_order(mission: int, rob_id: int, frame: Row, length: int) -> bool:
     size = length - BODY - SIGNATURE_BYTES
     if size < 0 or frame[0] != KIND_ORDER or get_u32(frame, MISSION) != mission or frame[WHO] >= SIGNERS:
         return False
-    told, action = get_u16(frame, ID), frame[ACTION]
+    told, action = get_u16(frame, ID), int(frame[ACTION])
     if told not in (EVERYBODY, rob_id):
         return False
     if action == TELL_WHEELS:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from phalanx.config.flock import Box
 
-if TYPE_CHECKING:  # whoever asks for names need not wait for a compiler
+if TYPE_CHECKING:  # whoever asks for names loads nothing else
     from .parameters import Params
     from .python_controller import Controller
 

@@ -28,9 +28,10 @@ from typing import ClassVar
 import numpy as np
 
 from phalanx.errors import UsageError
+from phalanx.kernel import reading_peer
 from phalanx.wire.fields import row
 from phalanx.wire.record import MalformedRecord
-from phalanx.wire.table import ENTRY_ACMD, ENTRY_SEND, KIND_AUDIT, OUTPUT
+from phalanx.wire.table import ENTRY_ACMD, ENTRY_HEADER_BYTES, ENTRY_SEND, FRAME_MAX, KIND_AUDIT, OUTPUT
 
 from . import dispatch
 from .outputs import OUT_BYTES
@@ -53,6 +54,7 @@ class Act:
 
 
 Output = Send | Act
+OWN_OUT_BYTES = 2 * (ENTRY_HEADER_BYTES + FRAME_MAX)  # as in compiled code (bti/work.py)
 
 
 class OwnMistake(UsageError):
@@ -126,7 +128,7 @@ class _Compiled(Controller):
         self._kind, self._params = int(kind), params
         self.longest_bytes = int(dispatch.capacity(self._kind, params))
         self._state = np.zeros(self.longest_bytes, np.uint8)
-        self._out = np.zeros(OUT_BYTES, np.uint8)
+        self._out = np.zeros(OUT_BYTES if kind < dispatch.FIRST_OWN else OWN_OUT_BYTES, np.uint8)
         dispatch.begin(self._kind, params, rob_id, self._state)
 
     def encode(self) -> bytes:
@@ -134,15 +136,19 @@ class _Compiled(Controller):
 
     def decode(self, encoding: bytes) -> None:
         state = row(encoding)
-        if not dispatch.is_encoding(self._kind, self._params, self.rob_id, state, len(encoding)):
+        with reading_peer():
+            is_encoding = dispatch.is_encoding(self._kind, self._params, self.rob_id, state, len(encoding))
+        if not is_encoding:
             raise MalformedRecord(f"checkpoint is not a state of robot {self.rob_id}")
         self._state[: len(encoding)] = state
 
     def on_recv(self, t_ms: int, frame: bytes) -> None:
-        dispatch.on_recv(self._kind, self._params, self.rob_id, t_ms, row(frame), len(frame), self._state)
+        with reading_peer():
+            dispatch.on_recv(self._kind, self._params, self.rob_id, t_ms, row(frame), len(frame), self._state)
 
     def on_advice(self, advice: bytes) -> None:
-        dispatch.on_advice(self._kind, self._params, self.rob_id, row(advice), len(advice), self._state)
+        with reading_peer():
+            dispatch.on_advice(self._kind, self._params, self.rob_id, row(advice), len(advice), self._state)
 
     def on_input(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
         n = dispatch.on_input(

@@ -99,18 +99,18 @@ def pop(queue: Queue) -> tuple[int, int, int, int]:
     if tally[_WAITING] == 0:
         return NEVER_US, NOTHING, NOTHING, NOTHING
     _turn(queue)
-    place = heap[0]
+    place = int(heap[0])
     tally[_WAITING] -= 1
     tally[_NEAR] -= 1
     last = tally[_NEAR]
-    moved, at = heap[last], 0
+    moved, at = int(heap[last]), 0
     while True:
         below = 2 * at + 1
         if below >= last:
             break
-        if below + 1 < last and _before(queue, heap[below + 1], heap[below]):
+        if below + 1 < last and _before(queue, int(heap[below + 1]), int(heap[below])):
             below += 1
-        if _before(queue, moved, heap[below]):
+        if _before(queue, moved, int(heap[below])):
             break
         heap[at] = heap[below]
         at = below
@@ -155,7 +155,7 @@ def _rise(queue: Queue, place: int) -> None:
     queue.tally[_NEAR] += 1
     while at > 0:
         above = (at - 1) >> 1
-        if _before(queue, heap[above], place):
+        if _before(queue, int(heap[above]), place):
             break
         heap[at] = heap[above]
         at = above
@@ -172,10 +172,10 @@ def _turn(queue: Queue) -> None:
         turned += 1
         tally[_WINDOW] += 1
         bucket = tally[_WINDOW] & (BUCKETS - 1)
-        place = queue.bucket[bucket]
+        place = int(queue.bucket[bucket])
         queue.bucket[bucket] = NOTHING
         while place != NOTHING:
-            after = queue.event[place].after
+            after = int(queue.event[place].after)
             _wait(queue, place)
             place = after
 
@@ -185,10 +185,10 @@ def _earliest(queue: Queue) -> int:
     """The earliest millisecond in which anything in the wheel is due."""
     window = NEVER_US
     for bucket in range(BUCKETS):
-        place = queue.bucket[bucket]
+        place = int(queue.bucket[bucket])
         while place != NOTHING:
             window = min(window, queue.event[place].t_us >> SHIFT)
-            place = queue.event[place].after
+            place = int(queue.event[place].after)
     return int(window)
 
 

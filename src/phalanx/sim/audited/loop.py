@@ -41,10 +41,10 @@ def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeli
     """
     clock = world.clock[0]
     for profile in (trusted.BOUND, trusted.PAPER):
-        trusted.host_use(profile, 1 - world.fleet.settings[0].plain)
+        trusted.host_use(profile, 1 - int(world.fleet.settings[0].plain))
     while True:
         while clock.next < clock.receivers:
-            j = world.receivers[clock.next]
+            j = int(world.receivers[clock.next])
             clock.next += 1
             if deliver(world, j):
                 return FOR_PYTHON
@@ -99,7 +99,7 @@ def control(world: World, i: int) -> int:
     if world.safe[i]:
         return 0
     now = clock_ms(world, i)
-    length = body.sensed(world, i, world.fleet.robot[i].id, now)
+    length = body.sensed(world, i, int(world.fleet.robot[i].id), now)
     if world.runs[i] == PYTHON:
         world.clock[0].kind = CONTROL
         world.clock[0].robot = i
@@ -112,7 +112,7 @@ def control(world: World, i: int) -> int:
     out = world.work.out
     at = 0
     while at < length:
-        kind, size = out[at], get_u16(out, at + OUTPUT_LENGTH)
+        kind, size = int(out[at]), get_u16(out, at + OUTPUT_LENGTH)
         at += OUTPUT_HEAD_BYTES
         payload = out[at : at + size]
         n = node.take(world.fleet, i, world.work, kind, now, payload, size)
@@ -169,7 +169,7 @@ def deliver(world: World, j: int) -> int:
 @kernel
 def frame_left(world: World, i: int, arrived: int) -> int:
     """A robot's radio is done with a frame; if it was a fragment the next may follow. Source: RoboRebound §5.2."""
-    is_fragment = world.frame[0] & request.AUDIT and world.frame[request.AT_SUB] == request.FRAGMENT
+    is_fragment = int(world.frame[0]) & request.AUDIT != 0 and world.frame[request.AT_SUB] == request.FRAGMENT
     if not is_fragment or i >= len(world.fleet.robot) or world.safe[i]:
         return 0
     if world.runs[i] == PYTHON:
@@ -190,7 +190,7 @@ def judged(world: World, auditor: int, auditee_id: int, refusal: int) -> None:
     """A verdict is kept for whoever watches."""
     clock = world.clock[0]
     row = world.verdicts[clock.verdicts % VERDICTS]
-    row[0], row[1], row[2], row[3] = clock.now_us, world.fleet.robot[auditor].id, auditee_id, refusal
+    row[0], row[1], row[2], row[3] = clock.now_us, int(world.fleet.robot[auditor].id), auditee_id, refusal
     clock.verdicts += 1
 
 
@@ -274,5 +274,4 @@ def move(world: World) -> None:
     clock.contacts += robot_contacts(world.pos, world.last, world.reach, clock.contact_m)
     clock.contacts += obstacle_contacts(world.pos, world.last, world.discs, world.boxes, clock.contact_m)
     for i in range(len(world.pos)):
-        # Number by number: for an array that might not fit into another, numba compiles four seconds' worth of texts.
         world.last[i, 0], world.last[i, 1] = world.pos[i, 0], world.pos[i, 1]

@@ -92,7 +92,7 @@ def _enough(reach: Reach, auditors: BOOLx1, lost: BOOLx1, needed: int, most: int
     for i in range(len(has)):
         begin, end, can, cannot = reach.near[i], in_range(reach, i), 0, 0
         for at in range(begin, end):
-            k = reach.ids[at]
+            k = int(reach.ids[at])
             if k < len(has):
                 can += auditors[k]
                 cannot += lost[k]

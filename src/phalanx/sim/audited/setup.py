@@ -163,7 +163,7 @@ def make_world(setup: Setup, chance: np.random.Generator) -> World:
         last=filled((m, 2), np.nan),
         led=dense((m, 3), np.uint8),
         area=np.array(setup.area_m),
-        # Of float64 whatever they were written as: of a world of integers all would be compiled again.
+        # Of float64 whatever they were written as: kernels take no others.
         discs=np.array(
             [(o.x_m, o.y_m, o.radius_m) for o in setup.obstacles if isinstance(o, Disc)], np.float64
         ).reshape(-1, 3),

@@ -16,9 +16,9 @@ from phalanx.robot.controllers.python_controller import Controller, Output, comp
 from phalanx.robot.planner import Planner, ToGoal, advice_of
 from phalanx.robot.signer import Signer
 from phalanx.sim.scenarios.file import find_scenario
-from phalanx.sim.scenarios.own import find_class, is_file, no_controller
+from phalanx.sim.scenarios.own import find_own, is_file, no_controller
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import GUARD, PROTOCOLS, Scenario
+from phalanx.sim.scenarios.scenario import PROTOCOLS, Scenario
 from phalanx.wire import driven, table
 from phalanx.wire.fields import put_u16, put_u64
 
@@ -59,19 +59,18 @@ class Call:
 
 
 def maker(words: str) -> Make:
-    """What makes the bundled controller of that name, or that of "FILE.py:CLASS".
+    """What makes the bundled controller of that name, or that of "FILE.py:CLASS" or "FILE.py".
 
     Raises: as `find_class`. UsageError: no such name.
     """
+    if is_file(words) and (own := find_own(words)):
+        return own
     if words in BUNDLED:
         keys = {"gateway_key": _gateway().public} if _is_driven(words) else {}
         return compiled(NUMBERS[words], BUNDLED[words].params(BUNDLED[words].config(**keys)))
     if protocol := find_protocol(words):
         return protocol.maker(find_scenario(words).task)
-    if not is_file(words):
-        raise no_controller(words, [*BUNDLED, *PROTOCOLS])
-    own: Make = find_class(words, Controller)
-    return own
+    raise no_controller(words, [*BUNDLED, *PROTOCOLS])
 
 
 def calls_of(make: Make, words: str, seed: int) -> list[Call]:
@@ -87,7 +86,9 @@ def calls_of(make: Make, words: str, seed: int) -> list[Call]:
 
 def _is_advised(make: Make, words: str) -> bool:
     """Whether it does anything with what a planner says."""
-    return words == GUARD if words in BUNDLED else type(make(ROBOT)).on_advice is not Controller.on_advice
+    if words in BUNDLED:
+        return BUNDLED[words].advised is not None
+    return type(make(ROBOT)).on_advice is not Controller.on_advice
 
 
 def _is_driven(words: str) -> bool:

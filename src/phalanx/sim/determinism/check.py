@@ -129,7 +129,7 @@ class _Process:
         with self._said.open("wb") as said:
             self._child = subprocess.Popen(
                 [sys.executable, "-m", "phalanx.sim.determinism.trace", str(job), str(self._out)],
-                env=os.environ | apart | ({} if compiled else {"NUMBA_DISABLE_JIT": "1"}),
+                env=os.environ | apart | ({} if compiled else {"PHALANX_PURE": "1"}),
                 stdin=subprocess.DEVNULL,
                 stdout=said,
                 stderr=said,

@@ -28,8 +28,8 @@ FORBIDDEN = {
     "os.fork": "starts a process",
     "socket.__new__": "opens a socket",
 }
-# What is done in these is not the controller's doing: modules that are first needed now, and what numba compiles.
-ALLOWED = ("importlib", "numba")
+# What is done in these is not the controller's doing: modules that are first needed now.
+ALLOWED = "importlib"
 
 # What it does not tell of.
 UNTOLD: tuple[tuple[Any, str, str], ...] = ((time, "sleep", "sleeps"), (threading.Thread, "start", "starts a thread"))
@@ -45,7 +45,7 @@ class Endless(OwnMistake):
 def watched(controller: object, method: str, call: str) -> Iterator[None]:
     """The body asks `controller` this.
 
-    What numba compiles may take as long as it likes. Outside the main thread nobody looks at the time.
+    Outside the main thread nobody looks at the time.
 
     Raises: OwnMistake: it did what it must not, whatever it caught itself. Endless: it did not return.
     """

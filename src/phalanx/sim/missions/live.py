@@ -2,9 +2,8 @@
 
 A search for landmarks takes a core for a tenth of a second. Whoever shows the robots to visitors must not wait for it.
 
-The process tells how far it is while it compiles. Then it is told what to live (a `MissionRun`), and tells ten times a
-second what became of it (a `Moment`). When a tick takes longer than it should, the robots' time goes slower: nobody is
-hurled through a wall.
+The process receives what to live (a `MissionRun`), and sends ten times a second what became of it (a `Moment`). When
+a tick takes longer than it should, the robots' time goes slower: nobody is hurled through a wall.
 """
 
 from __future__ import annotations
@@ -16,16 +15,13 @@ from ctypes import c_byte
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 
-from phalanx.mission import BuildOptions, Draft, Landmark, Phase, Position, Profile, build
-from phalanx.mission.landmarks import FloorPlan
+from phalanx.mission import Phase
 from phalanx.robot.attacks import ON_MISSIONS
 from phalanx.robot.attacks.missions.cheat import CheatPlan
 from phalanx.robot.on_mission import Completed, Decoded, Drift, News, NotValidated, drift_of
 from phalanx.sim.audited.watch import shields
-from phalanx.sim.compiling import telling_of_compiling
 
-from .orders import start_of
-from .setup import MissionRun, Part
+from .setup import MissionRun
 from .world import MissionRobot, MissionWorld
 
 WAITING = "waiting"  # to begin, before any phase of the walk
@@ -33,8 +29,6 @@ TICK_S = 0.1
 NICE = 5
 # A liar that wants to be elsewhere wants to be so far from the building's edge.
 EDGE_M = 1.0
-# Long enough for a round of audits; without a defence, for a step of each robot.
-REHEARSED_S = {"none": 0.5, "paper": 6.0, "bound": 6.0}
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,21 +124,17 @@ class Crew:
         return news
 
 
-def live(pipe: Connection, plan: FloorPlan, defence: str, held: c_byte) -> None:
+def live(pipe: Connection, held: c_byte) -> None:
     """Lives what it is told until the pipe is closed: the body of the process.
 
     Args:
         pipe: takes (number, MissionRun or Lie), gives (number, Moment or None): of that run, None before the first.
-            Before it takes anything it gives (0, words) for as long as it compiles.
-        plan: the building, for a rehearsal, in which all is compiled.
         held: other than 0 while robots are to stand still.
     """
     os.nice(NICE)
     number: int = 0
     crew: Crew | None = None
     try:
-        with telling_of_compiling(lambda _, share: pipe.send((0, f"compiling what robots run: {100 * share:.0f} %"))):
-            _rehearse(plan, defence)
         due_s = time.monotonic()
         while True:
             pipe.send((number, crew.tick(bool(held.value)) if crew else None))
@@ -157,16 +147,3 @@ def live(pipe: Connection, plan: FloorPlan, defence: str, held: c_byte) -> None:
                     crew.compromise(told)
     except (EOFError, OSError):
         return
-
-
-def _rehearse(plan: FloorPlan, defence: str) -> None:
-    x_m, y_m, heading_rad = start_of(plan)
-    draft = Draft("rehearsal")
-    draft.node("start", Position(x_m, y_m), start=True)
-    draft.node("end", Landmark("doorway", x_m, y_m + 1, 0.0), Landmark("concave_left", x_m, y_m, 0.0), final=True)
-    draft.way("start", "end")
-    (built,) = build(draft.mission(), BuildOptions(profile=Profile.PAPER), bytes)
-    part = Part(built.mission, built.key, (x_m, y_m, heading_rad))
-    crew = Crew(MissionRun(plan=plan, parts=(part,), robots=1 if defence == "none" else 3, defence=defence))
-    for _ in range(round(REHEARSED_S[defence] / TICK_S)):
-        crew.tick()

@@ -18,7 +18,7 @@ from phalanx.arrays import I32x1, I64x3, Records, U8x3
 from phalanx.bundle import bundled
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
-from phalanx.kernel import counting_kernel, kernel
+from phalanx.kernel import kernel
 from phalanx.pages import dense
 from phalanx.pool import Pool, give_back, lend, make_pool
 from phalanx.sim.audited.events import Queue, push
@@ -146,9 +146,9 @@ def enqueue(air: Air, queue: Queue, robot: int, frame: Row, length: int, dst: in
         or (is_long and nic.long_used)
     ):
         if length > 0:
-            air.counts[robot, _class(frame[0], dst), DROPPED] += 1
+            air.counts[robot, _class(int(frame[0]), dst), DROPPED] += 1
         return -1
-    slot = (nic.head + nic.waiting) % SLOTS
+    slot = (int(nic.head) + int(nic.waiting)) % SLOTS
     if is_long:
         nic.long_used, nic.long_row = 1, lend(air.long)
     target = air.long.rows[nic.long_row] if is_long else air.short[slot, robot]
@@ -174,7 +174,7 @@ def silence(air: Air, robot: int) -> None:
     nic.off, nic.tries = 1, air.tries
     if nic.attempt_at != NEVER:  # nothing on its way: all that waits is forgotten
         nic.attempt_at, nic.waiting = NEVER, 0
-    nic.waiting = min(nic.waiting, 1)
+    nic.waiting = min(int(nic.waiting), 1)
 
 
 @kernel
@@ -192,18 +192,18 @@ def attempt(air: Air, reach: Reach, queue: Queue, robot: int, now_us: int) -> No
         push(queue, nic.attempt_at, ATTEMPT, robot, 0)
         return
     nic.attempt_at = NEVER
-    slot = nic.head
+    slot = int(nic.head)
     length, dst = whole(air.slot[slot, robot].length), whole(air.slot[slot, robot].dst)
     if dst == BROADCAST:
         took_us, answer_us = broadcast_us(air.rates, length), 0
     else:
         took_us, answer_us = unicast_us(air.rates, length), SIFS_US + ack_us(air.rates)
     nic.tries += 1
-    air.counts[robot, _class(_bytes(air, robot, slot)[0], dst), AIRTIME_US] += took_us
+    air.counts[robot, _class(int(_bytes(air, robot, slot)[0]), dst), AIRTIME_US] += took_us
     _transmit(air, reach, queue, robot, now_us, now_us + took_us, answer_us, 0)
 
 
-@counting_kernel
+@kernel
 def finish(air: Air, reach: Reach, queue: Queue, robot: int, arg: int, now_us: int, receivers: I32x1) -> End:
     """What a TX_END says has happened: who received, and whether the NIC is done with the frame.
 
@@ -213,14 +213,14 @@ def finish(air: Air, reach: Reach, queue: Queue, robot: int, arg: int, now_us: i
     if arg > 0:
         return _finish_ack(air, queue, robot, arg - 1, now_us)
     nic = air.nic[robot]
-    slot = nic.head
+    slot = int(nic.head)
     dst = whole(air.slot[slot, robot].dst)
     frame = _bytes(air, robot, slot)
     count = 0
     if dst == BROADCAST:
         end = in_range(reach, robot)
         for at in range(reach.near[robot], end):
-            other = reach.ids[at]
+            other = int(reach.ids[at])
             if received(air.nic[other], robot, now_us, air.capture, air.loss):
                 receivers[count] = other
                 count += 1
@@ -239,10 +239,10 @@ def finish(air: Air, reach: Reach, queue: Queue, robot: int, arg: int, now_us: i
     return End(count, NOBODY, 0, frame)
 
 
-@counting_kernel
+@kernel
 def _finish_ack(air: Air, queue: Queue, robot: int, sender: int, now_us: int) -> End:
     nic = air.nic[sender]
-    frame = _bytes(air, sender, nic.head)
+    frame = _bytes(air, sender, int(nic.head))
     if received(nic, robot, now_us, air.data_capture, air.loss):
         return End(0, _done(air, queue, sender, now_us), 1, frame)
     return End(0, _retry(air, queue, sender, now_us), 1, frame)
@@ -253,7 +253,7 @@ def _retry(air: Air, queue: Queue, robot: int, now_us: int) -> int:
     nic = air.nic[robot]
     if nic.tries >= air.tries:
         return _done(air, queue, robot, now_us)
-    nic.window = min(2 * nic.window + 1, WINDOW_MAX)
+    nic.window = min(2 * int(nic.window) + 1, WINDOW_MAX)
     nic.slots = draw(nic)
     _contend(nic, queue, robot, now_us)
     return NOBODY
@@ -262,15 +262,15 @@ def _retry(air: Air, queue: Queue, robot: int, now_us: int) -> int:
 @kernel
 def _done(air: Air, queue: Queue, robot: int, now_us: int) -> int:
     nic = air.nic[robot]
-    slot = nic.head
+    slot = int(nic.head)
     sent = air.slot[slot, robot]
-    counts = air.counts[robot, _class(_bytes(air, robot, slot)[0], sent.dst)]
+    counts = air.counts[robot, _class(int(_bytes(air, robot, slot)[0]), int(sent.dst))]
     counts[SENT] += 1
-    counts[BYTES] += sent.length
-    counts[DUE] += nic.due if sent.dst == BROADCAST else 1
+    counts[BYTES] += int(sent.length)
+    counts[DUE] += int(nic.due) if sent.dst == BROADCAST else 1
     if sent.length > SHORT_BYTES:
         nic.long_used = 0
-        give_back(air.long, nic.long_row)
+        give_back(air.long, int(nic.long_row))
     nic.waiting -= 1
     nic.head = (slot + 1) % SLOTS if nic.waiting else 0  # an empty ring begins anew, where memory is near
     nic.tries, nic.delivered, nic.window = 0, 0, WINDOW_MIN
@@ -296,7 +296,8 @@ def _transmit(
         if other.off:
             continue
         due += 1
-        heard = listen(other, robot, strength(reach.square[at], air.half_exponents), air.capture, now_us, end_us)
+        level = strength(float(reach.square[at]), air.half_exponents)
+        heard = listen(other, robot, level, air.capture, now_us, end_us)
         # Only whoever reads the frame knows that an answer follows.
         hold(other, now_us, end_us + answer_us if heard else end_us)
     nic.due = due
@@ -308,7 +309,7 @@ def _contend(nic: Nic, queue: Queue, robot: int, now_us: int) -> None:
     """The NIC attempts when its back-off is over, at the next boundary of a slot."""
     idle_from = nic.busy_until + AIFS_US
     begun = (now_us - idle_from) // SLOT_US + 1 if now_us > idle_from else 0
-    nic.attempt_at = idle_from + SLOT_US * max(nic.slots, begun)
+    nic.attempt_at = idle_from + SLOT_US * max(int(nic.slots), begun)
     if not nic.queued:
         nic.queued = 1
         push(queue, nic.attempt_at, ATTEMPT, robot, 0)
@@ -319,7 +320,7 @@ def _class(first_byte: int, dst: int) -> int:
     return (AUDIT_BROADCAST if first_byte & AUDIT_BIT else APP_BROADCAST) + (dst != BROADCAST)
 
 
-@counting_kernel
+@kernel
 def _bytes(air: Air, robot: int, slot: int) -> Row:
     length = whole(air.slot[slot, robot].length)
     if length > SHORT_BYTES:
@@ -330,7 +331,7 @@ def _bytes(air: Air, robot: int, slot: int) -> Row:
 @kernel
 def _account(air: Air, robot: int, slot: int, receivers: I32x1, count: int, now_us: int) -> None:
     sent = air.slot[slot, robot]
-    row = _class(_bytes(air, robot, slot)[0], sent.dst)
+    row = _class(int(_bytes(air, robot, slot)[0]), int(sent.dst))
     air.counts[robot, row, ARRIVED] += count
     air.counts[robot, row, DELAY_US] += count * (now_us - sent.since)
     for at in range(count):

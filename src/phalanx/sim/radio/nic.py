@@ -122,16 +122,16 @@ def hold(nic: Nic, now_us: int, until_us: int) -> None:
     """
     idle_from = nic.busy_until + AIFS_US
     if now_us > idle_from:
-        nic.slots -= min(nic.slots, (now_us - idle_from) // SLOT_US)
+        nic.slots -= min(int(nic.slots), (now_us - idle_from) // SLOT_US)
     nic.busy_until = max(nic.busy_until, until_us)
     if nic.attempt_at >= now_us + SENSE_US:
-        nic.attempt_at = nic.busy_until + AIFS_US + nic.slots * SLOT_US
+        nic.attempt_at = nic.busy_until + AIFS_US + int(nic.slots) * SLOT_US
 
 
 @kernel
 def draw(nic: Nic) -> int:
     """A back-off in slots, from the NIC's own state and its window."""
-    return np.int64(_step(nic) >> np.uint64(33)) & nic.window  # type: ignore[no-any-return]
+    return int(_step(nic) >> np.uint64(33)) & int(nic.window)
 
 
 @kernel

@@ -117,7 +117,7 @@ def in_range(reach: Reach, i: int) -> int:
     pos, end = reach.at, reach.near[i]
     limit = reach.range_m * reach.range_m
     for at in range(reach.near[i], reach.near[i + 1]):
-        k = reach.maybe[at]
+        k = int(reach.maybe[at])
         dx, dy = pos[k, 0] - pos[i, 0], pos[k, 1] - pos[i, 1]
         square = dx * dx + dy * dy
         if square <= limit and not walled(reach, i, k):
@@ -189,7 +189,7 @@ def _sort(reach: Reach, pos: F64x2, width_m: float) -> int:
         least = math.inf
         for nth in range(9):
             x, y = reach.cell[i, 0] + nth // 3 - 1, reach.cell[i, 1] + nth % 3 - 1
-            k = reach.first[_bucket(x, y, mask)]
+            k = int(reach.first[_bucket(x, y, mask)])
             while k != END:
                 dx, dy = pos[k, 0] - pos[i, 0], pos[k, 1] - pos[i, 1]
                 # Cells share buckets: a robot counts for its own cell only, or it would be listed twice.
@@ -200,7 +200,7 @@ def _sort(reach: Reach, pos: F64x2, width_m: float) -> int:
                     if total < len(reach.maybe):
                         _put_in_order(reach, reach.near[i], total, k)
                     total += 1
-                k = reach.after[k]
+                k = int(reach.after[k])
         reach.least_m[i] = math.sqrt(least)
     reach.near[count] = min(total, len(reach.maybe))
     return total

@@ -1,4 +1,4 @@
-"""A researcher's own class in a file, found by "FILE.py:CLASS", and its mistakes, told in one line with file and line.
+"""A researcher's own file, "FILE.py:CLASS" or "FILE.py" with kernels, and its mistakes as one line with file and line.
 
 Files are run as Python runs a script: whoever names one trusts it.
 """
@@ -20,10 +20,13 @@ from phalanx.config.written import read_at_most
 from phalanx.errors import PhalanxError, UsageError, did_you_mean
 from phalanx.robot.attacks.attack import Attack, own_attack
 from phalanx.robot.attacks.liar import Liar
+from phalanx.robot.controllers import own_kernels
+from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.python_controller import Controller, OwnMistake
 from phalanx.robot.planner import MakePlanner, Planner
 
 from .attack_spec import AttackSpec, parse_attack
+from .run import params_of
 from .scenario import CONTROLLERS, Scenario, in_scenarios
 
 TRACEBACK_HINT = "phalanx --log-level debug shows the whole traceback"
@@ -33,20 +36,44 @@ MOST_BYTES = 1 << 24  # of a file of one's own
 logger = logging.getLogger(__name__)
 
 
-def find_controller(words: str | None, scenario: Scenario) -> tuple[Scenario, Callable[[int], Controller] | None]:
-    """The scenario, and what makes its controllers: None where that is a bundled one.
+def find_controller(
+    words: str | None, scenario: Scenario, *, in_python: bool = False
+) -> tuple[Scenario, Callable[[int], Controller] | None]:
+    """The scenario, and what makes its controllers: None where that is a bundled one, or one of a file with kernels.
 
     Args:
-        words: "FILE.py:CLASS", the name of a bundled controller, or None for the scenario's.
+        words: "FILE.py:CLASS", "FILE.py" with kernels, the name of a bundled controller, or None for the scenario's.
+        in_python: make controllers of a file with kernels, too, for robots that know the scenario from elsewhere.
     Raises: as `find_class`. UsageError: no such name.
     """
     if words is None:
         return scenario, None
     if is_file(words):
-        return scenario, find_class(words, Controller)
+        made = find_own(words)
+        if made:
+            return scenario, made
+        chosen = replace(scenario, controller=words)
+        return (scenario, own_kernels.made_of(words, params_of(chosen))) if in_python else (chosen, None)
     if words not in CONTROLLERS:
         raise no_controller(words, in_scenarios())
     return replace(scenario, controller=words), None
+
+
+def find_own(words: str) -> Callable[[int], Controller] | None:
+    """Return what makes controllers of a file's class; None of a file with kernels, which now go by these words.
+
+    Raises: as `find_class`, and as `load_kernels`.
+    """
+    path, _, name = words.partition(":")
+    if not name and own_kernels.is_loaded(words, Path(path)):
+        return None
+    module = _run(Path(path))
+    if name or not isinstance(getattr(module, "CONTROLLER", None), Declaration):
+        made: Callable[[int], Controller] = _class_in(module, Path(path), name, Controller)
+        return made
+    with mistakes_in(words):
+        own_kernels.load_kernels(words, module)
+    return None
 
 
 def find_planner(words: MakePlanner | str | None) -> MakePlanner | None:
@@ -108,8 +135,11 @@ def find_class(words: str, kind: type[Any]) -> Any:
 
     Raises: UsageError: no such file or class, or the file raises. Unavailable: it cannot be read.
     """
-    path, name = Path(words.partition(":")[0]), words.partition(":")[2]
-    module = _run(path)
+    path, _, name = words.partition(":")
+    return _class_in(_run(Path(path)), Path(path), name, kind)
+
+
+def _class_in(module: ModuleType, path: Path, name: str, kind: type[Any]) -> Any:
     own = {
         key: value
         for key, value in vars(module).items()

@@ -32,8 +32,7 @@ TINY = 1e-9  # a step is not followed by one of nothing because 0.3 / 0.1 is mor
 def ctrl_c_between_steps() -> Iterator[Callable[[], None]]:
     """Ctrl-C and SIGTERM wait for the function given, which then raises KeyboardInterrupt; a second comes at once.
 
-    In the middle of a call of compiled code it can be lost: numba, looking at arguments, forgets exceptions (seen).
-    Outside the main thread, which alone is sent signals, nothing changes.
+    So a step is recorded whole. Outside the main thread, which alone receives signals, nothing changes.
     """
     waiting: list[int] = []
 

@@ -23,7 +23,7 @@ from phalanx.errors import Unavailable, UsageError
 from phalanx.robot.attacks.liar import Liar, Plan, lying
 from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers import dispatch
-from phalanx.robot.controllers.declaration import Declaration
+from phalanx.robot.controllers.declaration import OWN, Declaration
 from phalanx.robot.controllers.protocol import Stage, find_protocol
 from phalanx.robot.controllers.python_controller import Controller
 from phalanx.robot.controllers.senses import Senses
@@ -97,8 +97,10 @@ def number_of(scenario: Scenario, controller: MakeController | None) -> int:
 def with_room(scenario: Scenario, controller: MakeController | None) -> Scenario:
     """The same, in which a researcher's own controller has room for what it remembers, and for what it reads."""
     senses = getattr(controller, "senses", None)
+    is_own = controller is None and scenario.controller in OWN
+    capacity = dispatch.capacity(number_of(scenario, None), params_of(scenario)) if is_own else 0
     sizes = {
-        "state_bytes": getattr(controller, "state_bytes", 0),
+        "state_bytes": max(getattr(controller, "state_bytes", 0), capacity),
         "reading_bytes": max(getattr(controller, "reading_bytes", 0), SENSOR.size + senses.size if senses else 0),
     }
     longest = {name: max(getattr(scenario.bti, name), size) for name, size in sizes.items()}
@@ -193,7 +195,6 @@ class Run:
                 self.robots.setdefault(i, CNode(self.world.fleet, i, self.world.work, controller))
         self._quorum = Quorum(self.world, scenario.bti, self._correct)
         start(self.world, self.robots)
-        loop.run(self.world, 0)  # compiles, if need be: that is not the world's slowness
 
     def _compromise(
         self,

@@ -18,7 +18,7 @@ from phalanx.config.parameter import check_key, check_limits, check_within, told
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError, did_you_mean
 from phalanx.robot.attacks.library import IN_SWARMS
-from phalanx.robot.controllers.declaration import bundled
+from phalanx.robot.controllers.declaration import OWN, bundled
 from phalanx.robot.controllers.protocol import Task, protocols
 from phalanx.wire.driven import SIGNER_KEY_BYTES
 from phalanx.wire.guarded import GUARD_MEMORY, SIGNED_BYTES, WISH
@@ -114,7 +114,7 @@ class Scenario:
         check_within("the grid's edge", self.grid_step_m * (row - 1), 0.0, FARTHEST_M)
         if self.defence not in DEFENCES:
             raise _none_such("defence", self.defence, DEFENCES)
-        if self.controller not in CONTROLLERS:
+        if self.controller not in CONTROLLERS and self.controller not in OWN:
             raise _none_such("controller", self.controller, in_scenarios())
         if not 0 <= self.seed < 1 << 32:
             raise UsageError(f"seed is {self.seed}", "0 to 4294967295")
@@ -125,7 +125,8 @@ class Scenario:
     def _agree(self) -> None:
         n_max = self._neighbours() if self.n_max is None else self.n_max
         guarded = self.controller == GUARD
-        bti = replace(self.bti, n_max=n_max, advice_bytes=0)
+        advised = OWN[self.controller].advised if self.controller in OWN else None
+        bti = replace(self.bti, n_max=n_max, advice_bytes=advised.size if advised else 0)
         if guarded:
             signed = bool(self.guard.adviser_key)
             key_bytes = SIGNER_KEY_BYTES * signed  # behind what a guard remembers
@@ -311,7 +312,7 @@ class Scenario:
 
 def in_scenarios() -> list[str]:
     """Names of the bundled controllers that a scenario can run; the others wait for orders."""
-    from phalanx.robot.controllers.dispatch import BUNDLED  # noqa: PLC0415  # whoever makes a scenario waits for no numba
+    from phalanx.robot.controllers.dispatch import BUNDLED  # noqa: PLC0415 - it takes long to import
 
     return [name for name, each in BUNDLED.items() if each.config in (FlockConfig, GuardConfig)] + [*PROTOCOLS]
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import logging
 import math
 import multiprocessing
 import signal
-import time
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ProcessPoolExecutor, wait
@@ -24,7 +22,6 @@ from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.controllers.python_controller import Controller
 from phalanx.robot.planner import MakePlanner
 from phalanx.sim.audited.watch import VerdictReader
-from phalanx.sim.compiling import telling_of_compiling
 
 from .attack_spec import AttackSpec
 from .cautions import cautions
@@ -35,9 +32,8 @@ from .result import VERDICT, Result
 from .run import Run
 from .scenario import Scenario
 
-# Between two looks at what other processes have done, and two lines on how far compiling is, seconds.
-LOOK_S, TELL_S = 0.1, 15.0
-logger = logging.getLogger(__name__)
+# Between two looks at what other processes have done, seconds.
+LOOK_S = 0.1
 OneAttack = str | AttackSpec | Attack | type[Liar]
 
 
@@ -79,8 +75,8 @@ def simulate(
 
     Args:
         scenario: itself, the name of a built-in one, or a YAML file.
-        controller: a class derived from `Controller`, or whatever makes one for a robot's id; "file.py:Class"; or the
-            name of a bundled one. None for the scenario's.
+        controller: a class derived from `Controller`, or whatever makes one for a robot's id; "file.py:Class";
+            "file.py" with kernels; or the name of a bundled one. None for the scenario's.
         planner: who advises robots that the controller `guard` drives: a class derived from `Planner`, or whatever
             makes one of a robot's id and the goal; or "file.py:Class". None for one that goes straight to the goal.
         attacks: one or several, instead of the scenario's own: `AttackSpec`s; what `phalanx sim run --attack` takes; or
@@ -93,8 +89,7 @@ def simulate(
         on_progress: called now and then with the share of the work that is done, 0 to 1.
     Raises: UsageError: something of it is not as said. Unavailable: memory or disk are full, a file cannot be read.
         What the controller raises ends it too.
-    Warns: before a run whose robots cannot have a quorum, or whose audits will fill the radio channel; in the log,
-        while what robots run is compiled, which the first time takes minutes.
+    Warns: before a run whose robots cannot have a quorum, or whose audits will fill the radio channel.
     """
     _check_kinds(scenario, controller, planner, every_s, workers)
     chosen = scenario if isinstance(scenario, Scenario) else find_scenario(str(scenario))
@@ -117,8 +112,7 @@ def simulate(
     advises = find_planner(planner)
     job = _Job(chosen, controller, advises, numbers, float(every_s), None if record is None else str(record))
     workers = min(workers, len(numbers))
-    with telling_of_compiling(_now_and_then()):
-        return _joined(job, _here(job, on_progress) if workers == 1 else _forked(job, workers, on_progress))
+    return _joined(job, _here(job, on_progress) if workers == 1 else _forked(job, workers, on_progress))
 
 
 def _numbers(seeds: Iterable[int] | int | None, own: int) -> tuple[int, ...]:
@@ -148,19 +142,6 @@ def _check_kinds(scenario: object, controller: object, planner: object, every_s:
     ):
         if not right:
             raise UsageError(f"{name} is {given!r}", hint)
-
-
-def _now_and_then() -> Callable[[str, float], None]:
-    """Warns in the log of what takes minutes in which nothing else is seen; not of each step of it."""
-    due_s = 0.0
-
-    def tell(words: str, _share: float) -> None:
-        nonlocal due_s
-        if time.monotonic() >= due_s:
-            due_s = time.monotonic() + TELL_S
-            logger.warning("%s", words)
-
-    return tell
 
 
 def _here(job: _Job, on_progress: Callable[[float], None]) -> list[dict[str, Any]]:
@@ -238,7 +219,7 @@ def _forked(job: _Job, workers: int, on_progress: Callable[[float], None]) -> li
     # Forked, and not begun anew: a class from a notebook has no module that another process could import.
     context = multiprocessing.get_context("fork")
     shares, ends = context.Array("d", len(job.seeds), lock=False), context.Event()
-    Run(job.scenario, job.controller, job.planner)  # compiles here and once, and refuses here what can be refused
+    Run(job.scenario, job.controller, job.planner)  # refuses here and once what can be refused
     with ProcessPoolExecutor(workers, context, _begin, (job, shares, ends)) as pool:
         futures = [pool.submit(_nth, k) for k in range(len(job.seeds))]
         try:

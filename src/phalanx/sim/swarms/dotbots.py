@@ -60,7 +60,6 @@ class Dotbots(Roster):
         self._now = np.zeros((ROWS, 0))
         self._longest_trail = max(30, min(HISTORY, HISTORY_IN_ALL // count))
         self._following: NDArray[np.bool_] = np.zeros(0, dtype=bool)
-        wheels_towards(np.zeros(0), np.zeros(0))  # its first call compiles: not while visitors drive
         for _ in range(count):
             self.join()
 

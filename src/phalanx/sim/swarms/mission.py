@@ -6,7 +6,6 @@ known here but how many there are.
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import math
 import signal
@@ -46,14 +45,11 @@ MEET_M = 8.0
 APART_S = 6.0
 BATTERY_V = 3.0
 ATTACK = "drive-dark"
-LISTEN_EVERY_S = 0.1  # while robots are prepared
 
 
 class MissionSwarm(Roster):
     """A `phalanx.robot.on_mission.OnMission` of simulated robots, unprotected; a context manager, in which their
     process lives. The seed is that of their odometry; the clock, seconds since 1970, is also the mission's.
-
-    It is `phalanx.robot.swarm.Preparing`: what robots are told before they are ready, they hear then.
 
     Raises: UsageError: too many robots, or a building without walls or a start.
     """
@@ -79,11 +75,9 @@ class MissionSwarm(Roster):
         context = get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._held = context.RawValue("b", 0)  # without a lock, for which whoever stops them would wait
-        self._process = context.Process(target=live, args=(theirs, plan, self.defence, self._held), daemon=True)
+        self._process = context.Process(target=live, args=(theirs, self._held), daemon=True)
         self._theirs = theirs
         self._lost = False
-        self.preparing = "robots come up"
-        self._untold: list[tuple[int, MissionRun | Lie]] = []
 
     def __enter__(self) -> Self:
         # It does not hear of Ctrl-C: whoever started it ends it.
@@ -98,18 +92,6 @@ class MissionSwarm(Roster):
         self._pipe.close()
         self._process.terminate()
         self._process.join()
-
-    async def ready(self) -> Self:
-        """These robots, when all is compiled that they run.
-
-        Raises: Unavailable: their process has ended.
-        """
-        while self.preparing:
-            self._listen()
-            if self._lost:
-                raise Unavailable("the robots' process has ended before they were ready")
-            await asyncio.sleep(LISTEN_EVERY_S)
-        return self
 
     # --- the swarm ----------------------------------------------------------------------------------------------------
 
@@ -228,7 +210,7 @@ class MissionSwarm(Roster):
                 phase=stands.phase,
                 decoded=self._decoded[i],
                 of=self._nodes(i),
-                why=stands.why or self.preparing,
+                why=stands.why,
                 drift=stands.drift,
             )
             for i, (each, stands) in enumerate(zip(self._members, self._standing, strict=True))
@@ -246,10 +228,6 @@ class MissionSwarm(Roster):
     # --- inside -------------------------------------------------------------------------------------------------------
 
     def _tell(self, number: int, what: MissionRun | Lie) -> None:
-        if self.preparing and not self._lost:
-            # They do not listen yet, and a pipe that is full would make us wait.
-            self._untold = [each for each in self._untold if each[0] == number] + [(number, what)]
-            return
         try:
             self._pipe.send((number, what))
         except OSError as error:
@@ -265,18 +243,10 @@ class MissionSwarm(Roster):
     def _listen(self) -> None:
         if self._lost:
             return
-        if self.preparing:
-            self._heard_at_s = self._clock()  # where we put them
         try:
             while self._pipe.poll():
                 number, said = self._pipe.recv()
                 self._heard_at_s = self._clock()
-                if isinstance(said, str):
-                    self.preparing = said
-                    continue
-                self.preparing = ""
-                while self._untold:
-                    self._pipe.send(self._untold.pop(0))
                 # What was on its way of a mission that has ended is nobody's business any more.
                 if said is not None and number == self._number:
                     self._take(said)

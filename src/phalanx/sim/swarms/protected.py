@@ -120,9 +120,9 @@ class StationAir:
 class ProtectedSwarm(Ordered):
     """A `phalanx.robot.shield.Shielded` swarm of 2 f_max + 2 to 100 that goes on when told that time has passed.
 
-    When f_max are stopped, the others still find f_max + 1 to vouch for them. The clock says seconds since 1970. If the
-    same robots were there `now`, they stay where they are, and stop. Without `keys` they have keys of their own. With a
-    `protocol`, one of ON_WHEELS, they do its work while nobody drives them.
+    When f_max are stopped, the others still find f_max + 1 to vouch for them. The clock says seconds since 1970.
+    Without `keys` they have keys of their own. With a `protocol`, one of ON_WHEELS, they do its work while nobody
+    drives them.
     Raises: UsageError: the count is out of range.
     """
 
@@ -134,7 +134,6 @@ class ProtectedSwarm(Ordered):
         *,
         defence: str = "bound",
         f_max: int = 3,
-        now: Sequence[Robot] = (),
         keys: SwarmKeys | None = None,
         protocol: str = "",
     ) -> None:
@@ -149,10 +148,7 @@ class ProtectedSwarm(Ordered):
         chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 0x7077])))
         self._chance, self._clock = chance, clock
         self._config = replace(DEMO, f_max=f_max, n_max=count + ORDERS_AS_NEIGHBOURS)
-        here = {self._rows[robot.address]: robot for robot in now}
         places_mm = draw_places(count, chance)
-        for i, robot in here.items():
-            places_mm[i] = robot.at.x_mm, robot.at.y_mm
         middle_m = np.array([AREA_MM]) / 2000
         params = wheels.CONTROLLER.params(
             WheelsConfig(
@@ -198,12 +194,8 @@ class ProtectedSwarm(Ordered):
         self._now_s = 0.0
         self._stopped_at_s: dict[int, float] = {}
         start(self.world, self._nodes)
-        for i, robot in here.items():
-            self.world.vel[i, 0] = robot.direction_deg
-            self._battery_mv[i] = robot.battery_v * 1000
-            self._members[i].history.extend(robot.history)
         for i, each in enumerate(self._members):
-            self._show(i, here[i].led if i in here else each.led)
+            self._show(i, each.led)
             each.led = Led(0, 0, 0)
 
     # --- the swarm ----------------------------------------------------------------------------------------------------

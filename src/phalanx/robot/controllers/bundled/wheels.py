@@ -157,7 +157,7 @@ def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, sta
 @kernel
 def _obey(who: int, t_ms: int, frame: Row, end: int, state: Row) -> None:
     """What the order says is done, but no motion while somebody holds the robot. Source: docs/spec/vocabulary.md."""
-    action, body = frame[orders.ACTION], orders.BODY
+    action, body = int(frame[orders.ACTION]), orders.BODY
     if action == driven.TELL_STOP:
         state[HELD] |= 1 << who
         state[LEFT] = 0

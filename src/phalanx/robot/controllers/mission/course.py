@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from phalanx.arrays import F64x2, U8x1
-from phalanx.kernel import counting_kernel
+from phalanx.kernel import kernel
 from phalanx.mission.angles import atan2, sin_cos
 
 from .field import (
@@ -68,7 +68,7 @@ class Course(NamedTuple):
     waited_s: float  # before a long way around
 
 
-@counting_kernel
+@kernel
 def around(
     cells: U8x1, base: Stop, moved: Pose, goal: tuple[float, float], points: F64x2, count: int
 ) -> tuple[float, float, bool, bool]:
@@ -118,7 +118,7 @@ def around(
     return ahead, aside, False, is_long
 
 
-@counting_kernel
+@kernel
 def touches(points: F64x2, count: int, speed_mps: float, turn_radps: float) -> bool:
     """Whether a robot that drives so for a second comes too near to something, and nearer than it is."""
     part = ARC_S / ARC_STEPS
@@ -141,7 +141,7 @@ def touches(points: F64x2, count: int, speed_mps: float, turn_radps: float) -> b
     return False
 
 
-@counting_kernel
+@kernel
 def command(
     points: F64x2, count: int, to: tuple[float, float], left_m: float, turning: int
 ) -> tuple[float, float, int]:
@@ -181,7 +181,7 @@ def command(
     return 0.0, turn, turning
 
 
-@counting_kernel
+@kernel
 def looking(for_s: float) -> float:
     """How it turns when it looks around: to both sides and back, for its odometry counts every turn a little wrong.
 
@@ -192,7 +192,7 @@ def looking(for_s: float) -> float:
     return -TURN_RADPS if 0.25 <= part < 0.75 else TURN_RADPS
 
 
-@counting_kernel
+@kernel
 def _rested(waited_s: float, way_m: float) -> float:
     """What is left of a wait when it gets on: who is stopped again at the next step does not wait all of it again.
 
@@ -201,7 +201,7 @@ def _rested(waited_s: float, way_m: float) -> float:
     return max(0.0, min(waited_s, WAIT_S + LOOK_S) - FORGETS * way_m)
 
 
-@counting_kernel
+@kernel
 def steer(seen: Seen, wanted: Goal, course: Course, past_s: float, cells: U8x1) -> tuple[float, float, Stop, Course]:
     """The next command.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from phalanx.arrays import F64x2, I64x1, U8x1
-from phalanx.kernel import counting_kernel
+from phalanx.kernel import kernel
 
 from .surroundings import HALF, PER_M, SIDE
 
@@ -32,7 +32,7 @@ PASSES = 24
 NEAR_GOAL = 3.2  # cells: a place in a wall is reached from so near
 
 
-@counting_kernel
+@kernel
 def weight(near: int) -> int:
     """What a step costs, in halves, so near to a thing."""
     if near < TOUCHES:
@@ -44,7 +44,7 @@ def weight(near: int) -> int:
     return 3 if near < 12 else 2
 
 
-@counting_kernel
+@kernel
 def standing(cells: U8x1, here: Point, along: tuple[float, float], points: F64x2, near: I64x1, out: I64x1) -> None:
     """Where the robot stands, it stands, and may go on to where nothing is nearer, and nowhere else.
 
@@ -71,7 +71,7 @@ def standing(cells: U8x1, here: Point, along: tuple[float, float], points: F64x2
                 out[i] = max(out[i], ABOUT_COST)
 
 
-@counting_kernel
+@kernel
 def is_nearer(points: F64x2, here: Point, to_x: float, to_y: float) -> bool:
     """Whether a robot that goes straight so far, in cells, comes too near to something, and nearer than it is."""
     whole = to_x * to_x + to_y * to_y
@@ -85,7 +85,7 @@ def is_nearer(points: F64x2, here: Point, to_x: float, to_y: float) -> bool:
     return False
 
 
-@counting_kernel
+@kernel
 def weights(cells: U8x1, here: Point, along: tuple[float, float], points: F64x2, out: I64x1) -> None:
     """(SIDE + 2)^2, with an edge: what it costs to leave a cell, by how near the nearest thing is.
 
@@ -116,7 +116,7 @@ def weights(cells: U8x1, here: Point, along: tuple[float, float], points: F64x2,
     standing(cells, here, along, points, near, out)
 
 
-@counting_kernel
+@kernel
 def seeds(leave: I64x1, goal_x: float, goal_y: float, points: F64x2, out: I64x1) -> None:
     """(SIDE + 2)^2: from cells at the goal and at the edge straight to the goal, hundredths of a metre.
 
@@ -140,7 +140,7 @@ def seeds(leave: I64x1, goal_x: float, goal_y: float, points: F64x2, out: I64x1)
                     out[i] += UNSEEN_COST
 
 
-@counting_kernel
+@kernel
 def is_between(points: F64x2, here: tuple[float, float], along: tuple[float, float], away: float) -> bool:
     """Whether something is on the straight way from here, in cells."""
     for k in range(len(points)):
@@ -151,7 +151,7 @@ def is_between(points: F64x2, here: tuple[float, float], along: tuple[float, flo
     return False
 
 
-@counting_kernel
+@kernel
 def spread(leave: I64x1, out: I64x1) -> None:
     """(SIDE + 2)^2: the cheapest way from each cell to a seed, and on."""
     wide = SIDE + 2
@@ -177,7 +177,7 @@ def spread(leave: I64x1, out: I64x1) -> None:
             break
 
 
-@counting_kernel
+@kernel
 def downhill(costs: I64x1, leave: I64x1, i: int) -> int:
     """The next cell of the way; the same where it ends."""
     wide = SIDE + 2

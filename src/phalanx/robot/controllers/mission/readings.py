@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from phalanx.arrays import F64x1, U8x1, U16x1
 from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.errors import UsageError
-from phalanx.kernel import counting_kernel
+from phalanx.kernel import kernel
 from phalanx.mission.landmarks.scan import LaserScan, sort_out
 from phalanx.wire.record import MalformedRecord
 from phalanx.wire.table import KIND_MISSION_READING, MISSION_READING, RANGE
@@ -40,24 +40,24 @@ _WORD = np.dtype(RANGE.dtype)  # made once: to name it at each step takes longer
 _CLEAR_STEP_MM = round(CLEAR_STEP_M * MM_PER_M)
 
 
-@counting_kernel
+@kernel
 def _words_of(ranges: F64x1, words: U16x1) -> None:
     for k in range(len(ranges)):
         millimetres = np.rint(ranges[k] * MM_PER_M)
         words[k] = SILENT if np.isnan(millimetres) else int(min(millimetres, float(MISS)))
 
 
-@counting_kernel
+@kernel
 def _ranges_of(words: U16x1, ranges: F64x1, least_m: float, most_m: float) -> None:
     for k in range(len(words)):
         if words[k] == SILENT:
             ranges[k] = np.nan
         else:
-            ranges[k] = np.inf if words[k] == MISS else words[k] / float(MM_PER_M)
+            ranges[k] = np.inf if words[k] == MISS else int(words[k]) / float(MM_PER_M)
     sort_out(ranges, least_m, most_m)
 
 
-@counting_kernel
+@kernel
 def _room_in(words: U16x1, each: int, clear: U8x1) -> None:
     for sector in range(len(clear)):
         nearest = int(MISS)

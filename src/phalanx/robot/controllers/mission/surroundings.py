@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from phalanx.arrays import F64x1, F64x2, U8x1
-from phalanx.kernel import counting_kernel
+from phalanx.kernel import kernel
 from phalanx.mission.angles import atan2, sin_cos
 
 from .readings import CLEAR, CLEAR_STEP_M
@@ -74,13 +74,13 @@ def unpacked(raw: bytes) -> bytes:
     return np.stack([told & 3, told >> 2 & 3, told >> 4 & 3, told >> 6], axis=1).tobytes()
 
 
-@counting_kernel
+@kernel
 def cell_at(value_m: float) -> int:
     """Number of the cell on an axis."""
     return int(value_m * PER_M + _FAR) - _FAR
 
 
-@counting_kernel
+@kernel
 def look(seen: Seen, cells: U8x1, points: F64x2) -> tuple[int, int, int]:
     """Takes a reading in.
 
@@ -98,7 +98,7 @@ def look(seen: Seen, cells: U8x1, points: F64x2) -> tuple[int, int, int]:
     found = 0
     for y in range(max(0, -by_y), min(SIDE, SIDE - by_y)):
         for x in range(max(0, -by_x), min(SIDE, SIDE - by_x)):
-            left = old[(y + by_y) * SIDE + x + by_x]
+            left = int(old[(y + by_y) * SIDE + x + by_x])
             if left <= fade:
                 continue
             dx, dy = (base_x + x + 0.5) * CELL_M - moved[0], (base_y + y + 0.5) * CELL_M - moved[1]
@@ -108,7 +108,7 @@ def look(seen: Seen, cells: U8x1, points: F64x2) -> tuple[int, int, int]:
             is_hidden = True
             if abs(bearing) < -first_rad:
                 k = min(len(clear) - 1, int((bearing - first_rad) / step_rad))
-                beyond = clear[k] * CLEAR_STEP_M - away
+                beyond = int(clear[k]) * CLEAR_STEP_M - away
                 if beyond > _SEEN_M or clear[k] == CLEAR:
                     continue
                 is_hidden = beyond < -_SEEN_M
@@ -119,7 +119,7 @@ def look(seen: Seen, cells: U8x1, points: F64x2) -> tuple[int, int, int]:
     for k in range(len(clear)):
         if clear[k] == CLEAR:
             continue
-        range_m = clear[k] * CLEAR_STEP_M
+        range_m = int(clear[k]) * CLEAR_STEP_M
         ahead, aside = range_m * cosines[k], range_m * sines[k]
         points[found, 0], points[found, 1] = ahead, aside
         found += 1
@@ -130,7 +130,7 @@ def look(seen: Seen, cells: U8x1, points: F64x2) -> tuple[int, int, int]:
     return base_x, base_y, found
 
 
-@counting_kernel
+@kernel
 def free_way(points: F64x2, count: int, cosine: float, sine: float, margin_m: float) -> float:
     """How far a robot gets in a direction before something comes nearer to its middle than the margin."""
     free = np.inf
@@ -141,7 +141,7 @@ def free_way(points: F64x2, count: int, cosine: float, sine: float, margin_m: fl
     return free
 
 
-@counting_kernel
+@kernel
 def sight(clear: U8x1, cosines: F64x1, sines: F64x1, goal_x: float, goal_y: float, margin_m: float) -> bool:
     """Whether a reading shows the straight way to a place, robot frame, to be free."""
     away = math.sqrt(goal_x * goal_x + goal_y * goal_y)
@@ -152,7 +152,7 @@ def sight(clear: U8x1, cosines: F64x1, sines: F64x1, goal_x: float, goal_y: floa
     count = 0
     for k in range(len(clear)):
         if clear[k] != CLEAR:
-            range_m = clear[k] * CLEAR_STEP_M
+            range_m = int(clear[k]) * CLEAR_STEP_M
             points[count, 0], points[count, 1] = range_m * cosines[k], range_m * sines[k]
             count += 1
     return free_way(points, count, goal_x / away, goal_y / away, margin_m) >= away

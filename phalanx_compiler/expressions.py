@@ -1,0 +1,401 @@
+"""Expressions of a typed kernel in C.
+
+What has to happen in Python's order is a statement of its own: a call of a kernel becomes an assignment to a temporary
+before the statement in which it stands, and operands that it might change are read into temporaries before it.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from .kinds import BOOL, F32, FLOAT, INT, NARROW, U32, U64, Array, Bundle, Kind, Record, Scalar, Tuple, element
+from .kinds import words as words_of
+from .needed import Needed
+from .typed import ABSENT, Typed, compared
+
+SIGNS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.BitAnd: "&", ast.BitOr: "|", ast.BitXor: "^"}
+COMPARED = {ast.Eq: "==", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">="}
+WHOLE = (INT, NARROW, BOOL, U32)
+
+
+class Expressions:
+    """Writes a kernel's expressions; `lines` are the statements written so far."""
+
+    def __init__(self, typed: Typed, unit: Needed) -> None:
+        self.typed, self.unit, self.source = typed, unit, typed.source
+        self.lines: list[str] = []
+        self.depth = 1
+        self.temporaries: dict[str, Kind] = {}
+        self.makes = False  # whether it uses scratch memory
+
+    # --- lines, temporaries ---
+
+    def say(self, line: str) -> None:
+        """Write a statement."""
+        self.lines.append("    " * self.depth + line)
+
+    def site(self, node: ast.AST) -> int:
+        """Return the number of a place in the source, for checks."""
+        return self.unit.site(self.source.file, getattr(node, "lineno", self.source.tree.lineno))
+
+    def temporary(self, kind: Kind) -> str:
+        """Return the name of a new temporary."""
+        name = f"t{len(self.temporaries)}"
+        self.temporaries[name] = kind
+        return name
+
+    def hold(self, c: str, kind: Kind) -> str:
+        """Return a name for a value that is used several times, or must be read now."""
+        if c.isidentifier() or c.isdigit():
+            return c
+        name = self.temporary(kind)
+        self.say(f"{name} = {c};")
+        return name
+
+    def many(self, nodes: list[ast.expr]) -> list[tuple[str, Kind]]:
+        """Write several expressions, left to right; what a later one may change is read before it."""
+        found: list[tuple[str, Kind]] = []
+        for node in nodes:
+            before = len(self.lines)
+            made = self._starred(node) if isinstance(node, ast.Starred) else [(self.expr(node), self.typed.kinds[node])]
+            if len(self.lines) > before:
+                late, self.lines = self.lines[before:], self.lines[:before]
+                found = [(self.hold(c, kind) if self._may_change(c) else c, kind) for c, kind in found]
+                self.lines += late
+            found += made
+        return found
+
+    @staticmethod
+    def _may_change(c: str) -> bool:
+        return any(mark in c for mark in "*[(")
+
+    def _starred(self, node: ast.Starred) -> list[tuple[str, Kind]]:
+        kind = self.typed.kinds[node.value]
+        assert isinstance(kind, Tuple)
+        held = self.hold(self.expr(node.value), kind)
+        return [(self.item(held, kind, k), each) for k, each in enumerate(kind.items)]
+
+    # --- kinds ---
+
+    def convert(self, c: str, kind: Kind, into: Kind) -> str:
+        """Write a value of one kind as another."""
+        if kind == into:
+            return c
+        if isinstance(kind, Scalar) and isinstance(into, Scalar):
+            if into == BOOL:
+                return f"(({c}) != 0)"
+            if into == F32 and kind in WHOLE:  # as numpy: a whole number is a float64 first
+                return f"((float)(double)({c}))"
+            return f"(({into.c})({c}))"
+        assert isinstance(kind, Tuple)
+        assert isinstance(into, Tuple)
+        if self.unit.c_type(kind) == self.unit.c_type(into):
+            return c
+        held = self.hold(c, kind)
+        items = [
+            self.convert(self.item(held, kind, k), a, b)
+            for k, (a, b) in enumerate(zip(kind.items, into.items, strict=True))
+        ]
+        return self.tuple_of(into, items)
+
+    def tuple_of(self, kind: Tuple, items: list[str]) -> str:
+        """Write a tuple of values."""
+        text = ", ".join(items)
+        return (
+            f"(({self.unit.c_type(kind)}){{{{{text}}}}})"
+            if self.unit.is_alike(kind)
+            else f"(({self.unit.c_type(kind)}){{{text}}})"
+        )
+
+    def item(self, c: str, kind: Tuple, k: int) -> str:
+        """Write an item of a tuple."""
+        return f"{c}.f[{k}]" if self.unit.is_alike(kind) else f"{c}.f{k}"
+
+    def literal(self, value: Any) -> str:
+        """Write a constant."""
+        if isinstance(value, (bool, np.bool_)):
+            return "true" if value else "false"
+        if isinstance(value, np.uint64):
+            return f"UINT64_C({int(value)})"
+        if isinstance(value, np.uint32):
+            return f"UINT32_C({int(value)})"
+        if isinstance(value, (int, np.integer)):
+            number = int(value)
+            if number == -(1 << 63):
+                return "INT64_MIN"
+            text = f"INT64_C({abs(number)})"
+            return text if number >= 0 else f"(-{text})"
+        if isinstance(value, (float, np.floating)):
+            real = float(value)
+            if math.isnan(real):
+                return "NAN"
+            if math.isinf(real):
+                return "INFINITY" if real > 0 else "(-INFINITY)"
+            return f"({real.hex()}{'f' if isinstance(value, np.float32) else ''})"
+        if isinstance(value, np.ndarray):
+            return self.unit.static(value)
+        assert isinstance(value, tuple)
+        kind = self.typed.kind_of_constant(self.source.tree, value)
+        assert isinstance(kind, Tuple)
+        return self.tuple_of(kind, [self.literal(each) for each in value])
+
+    # --- expressions ---
+
+    def expr(self, node: ast.expr) -> str:
+        """Write an expression of the kind that typing has found."""
+        if node in self.typed.constants:
+            return self.literal(self.typed.constants[node])
+        written: str = getattr(self, f"_x_{type(node).__name__.lower()}")(node)
+        return written
+
+    def as_kind(self, node: ast.expr, into: Kind) -> str:
+        """Write an expression, converted."""
+        return self.convert(self.expr(node), self.typed.kinds[node], into)
+
+    def _x_name(self, node: ast.Name) -> str:
+        return f"v_{node.id}"
+
+    def _x_tuple(self, node: ast.Tuple) -> str:
+        kind = self.typed.kinds[node]
+        assert isinstance(kind, Tuple)
+        return self.tuple_of(kind, [c for c, _ in self.many(node.elts)])
+
+    def place(self, target: ast.expr) -> str:
+        """Write what can be assigned to, with its index computed once: an element, a record's field, or several."""
+        whole = self.typed.kinds[target.value] if isinstance(target, (ast.Attribute, ast.Subscript)) else None
+        if isinstance(target, ast.Subscript) and isinstance(whole, Array):
+            return self._indexed(target, whole)
+        assert isinstance(target, ast.Attribute)
+        assert isinstance(whole, Record)
+        return self._member(self.expr(target.value), whole, target.attr)
+
+    def read(self, place: str, target: ast.expr) -> str:
+        """Write the value of an element or a field: narrow ones are widened, or C would compute in 32 bits."""
+        kind = self.typed.kinds[target]
+        if kind == BOOL:
+            return f"({place} != 0)"
+        return f"((int64_t){place})" if kind in (INT, NARROW) else place
+
+    def _x_attribute(self, node: ast.Attribute) -> str:
+        kind = self.typed.kinds[node.value]
+        if isinstance(kind, Bundle):
+            place, of = kind.places[node.attr]
+            return self._loaded(self.hold(self.expr(node.value), kind), place, of)
+        if isinstance(kind, Record):
+            return self.read(self.place(node), node)
+        held = self.hold(self.expr(node.value), kind)
+        if isinstance(kind, Tuple):
+            return self.item(held, kind, kind.fields.index(node.attr))
+        assert isinstance(kind, Array)
+        lengths = [f"{held}.n{k}" for k in range(kind.axes)]
+        if node.attr == "size":
+            return f"({' * '.join(lengths)})"
+        return self.tuple_of(Tuple((INT,) * kind.axes), lengths)
+
+    def _loaded(self, words: str, place: int, kind: Kind) -> str:
+        """Write a field of a bundle, from its words."""
+        if isinstance(kind, Scalar):
+            word = f"as_double({words}[{place}])" if kind in (FLOAT, F32) else f"{words}[{place}]"
+            return word if kind in (FLOAT, INT) else f"(({kind.c}){word})"
+        if isinstance(kind, Bundle):
+            return f"((const int64_t *){words}[{place}])"
+        if isinstance(kind, Tuple):
+            items = []
+            for each in kind.items:
+                items.append(self._loaded(words, place, each))
+                place += words_of(each)
+            return self.tuple_of(kind, items)
+        assert isinstance(kind, Array)
+        lengths = ", ".join(f"{words}[{place + 1 + k}]" for k in range(kind.axes))
+        return f"(({self.unit.c_type(kind)}){{(char *){words}[{place}], {lengths}}})"
+
+    def _member(self, record: str, kind: Record, name: str) -> str:
+        """Write a field of a record, which can be assigned to."""
+        dtype, offset = kind.dtype.fields[name][:2]  # type: ignore[index]
+        if dtype.subdtype:
+            of = Array(dtype.subdtype[0], len(dtype.subdtype[1]))
+            lengths = ", ".join(map(str, dtype.subdtype[1]))
+            return f"(({self.unit.c_type(of)}){{{record} + {offset}, {lengths}}})"
+        return f"(*({element(dtype)[0]} *)({record} + {offset}))"
+
+    def _x_subscript(self, node: ast.Subscript) -> str:
+        kind = self.typed.kinds[node.value]
+        if isinstance(kind, Tuple):
+            at = self.typed.constant(node.slice)
+            (held, _), *rest = self.many([node.value] if at is not ABSENT else [node.value, node.slice])
+            held = self.hold(held, kind)
+            if at is not ABSENT:
+                return self.item(held, kind, at % len(kind.items))
+            return f"{held}.f[within({rest[0][0]}, {len(kind.items)}, {self.site(node)})]"
+        return self.read(self.place(node), node)
+
+    def _indexed(self, node: ast.Subscript, kind: Array) -> str:
+        given = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+        ends = [end for each in given if isinstance(each, ast.Slice) for end in (each.lower, each.upper) if end]
+        plain = [each for each in given if not isinstance(each, ast.Slice)]
+        (array, _), *written = self.many([node.value, *plain, *ends])
+        array, at, cut = self.hold(array, kind), iter(written[: len(plain)]), iter(written[len(plain) :])
+        places: list[str | tuple[str, str]] = []
+        for axis, each in enumerate(given):
+            length, value = f"{array}.n{axis}", self.typed.constant(each)
+            if not isinstance(each, ast.Slice):
+                c = next(at)[0]
+                from_end = isinstance(value, int) and value < 0
+                places.append(f"{length} - {-value}" if from_end else c)
+                continue
+            low = self.hold(f"cut({next(cut)[0]}, {length})", INT) if each.lower else "0"
+            high = self.hold(f"cut({next(cut)[0]}, {length})", INT) if each.upper else length
+            places.append((low, high if low == "0" else f"cut_length({low}, {high})"))
+        return self.index(array, kind, places, node)
+
+    def index(self, array: str, kind: Array, places: list[str | tuple[str, str]], node: ast.AST) -> str:
+        """Write an element, a record, or a smaller array.
+
+        Args:
+            places: for each of the first axes its index, or where a slice begins and its length.
+        """
+        place, at, size = "", self.site(node), kind.dtype.itemsize
+        lengths: list[str] = []
+        for axis in range(kind.axes):
+            length = f"{array}.n{axis}"
+            each = places[axis] if axis < len(places) else ("0", length)
+            if isinstance(each, tuple):
+                where = each[0]
+                lengths.append(each[1])
+            else:
+                where = f"within({each}, {length}, {at})"
+            place = where if place in ("", "0") else f"({place}) * {length}" + (f" + {where}" if where != "0" else "")
+        where = f"{array}.p" + ("" if place == "0" else f" + ({place}) * {size}" if size > 1 else f" + {place}")
+        if lengths:
+            return f"(({self.unit.c_type(Array(kind.dtype, len(lengths)))}){{{where}, {', '.join(lengths)}}})"
+        if kind.dtype.names is not None:
+            return f"({where})"
+        return f"(*({element(kind.dtype)[0]} *)({where}))"
+
+    def _x_binop(self, node: ast.BinOp) -> str:
+        (a, ka), (b, kb) = self.many([node.left, node.right])
+        return self.operated(node, node.op, (a, ka), (b, kb), self.typed.kinds[node])
+
+    def operated(
+        self, node: ast.AST, op: ast.operator, one: tuple[str, Kind], other: tuple[str, Kind], kind: Kind
+    ) -> str:
+        """Write an operation on two numbers."""
+        a, b = self.convert(*one, kind), self.convert(*other, kind)
+        if type(op) in SIGNS:
+            return f"({a} {SIGNS[type(op)]} {b})"
+        if isinstance(op, ast.Div):
+            return f"({a} / {b})"
+        if isinstance(op, (ast.LShift, ast.RShift)):
+            count = f"within((int64_t){b}, 64, {self.site(node)})"
+            if isinstance(op, ast.RShift):
+                return f"({a} >> {count})"
+            return f"({a} << {count})" if kind == U64 else f"((int64_t)((uint64_t){a} << {count}))"
+        name = "floordiv" if isinstance(op, ast.FloorDiv) else "floormod"
+        if kind in (FLOAT, F32):
+            return f"{name}_d({a}, {b})"
+        if kind == U64:
+            return f"({a} {'/' if name == 'floordiv' else '%'} (uint64_t)divisor((int64_t){b}, {self.site(node)}))"
+        return (
+            f"{name}({a}, {b if b.startswith('INT64_C') and b != 'INT64_C(0)' else f'divisor({b}, {self.site(node)})'})"
+        )
+
+    def _x_unaryop(self, node: ast.UnaryOp) -> str:
+        if isinstance(node.op, ast.Not):
+            return f"(!{self.truth(node.operand)})"
+        c = self.as_kind(node.operand, self.typed.kinds[node])
+        return f"({ {ast.USub: '-', ast.Invert: '~', ast.UAdd: '+'}[type(node.op)] }{c})"
+
+    def truth(self, node: ast.expr) -> str:
+        """Write a condition."""
+        if isinstance(node, ast.BoolOp):
+            return self._x_boolop(node)
+        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+            return f"(!{self.truth(node.operand)})"
+        return self.convert(self.expr(node), self.typed.kinds[node], BOOL)
+
+    def _x_boolop(self, node: ast.BoolOp) -> str:
+        """Write `and` and `or`; statements that an operand needs run only if it is reached."""
+        text = self.truth(node.values[0])
+        for each in node.values[1:]:
+            text = self._further(text, partial(self.truth, each), is_and=isinstance(node.op, ast.And))
+        return text
+
+    def _further(self, text: str, write: Callable[[], str], *, is_and: bool) -> str:
+        """Write what is only reached if the truth so far does not decide."""
+        later, late = self.aside(write)
+        if not late:
+            return f"({text} {'&&' if is_and else '||'} {later})"
+        held = self.temporary(BOOL)
+        self.say(f"{held} = {text};")
+        self.say(f"if ({held if is_and else f'!{held}'}) {{")
+        self.lines += late
+        self.say(f"    {held} = {later};")
+        self.say("}")
+        return held
+
+    def aside(self, write: Callable[[], str], *, deeper: bool = True) -> tuple[str, list[str]]:
+        """Return what is written, and the statements that it needs before it, which are not written yet."""
+        before = len(self.lines)
+        self.depth += deeper
+        c = write()
+        self.depth -= deeper
+        late, self.lines = self.lines[before:], self.lines[:before]
+        return c, late
+
+    def _x_ifexp(self, node: ast.IfExp) -> str:
+        kind, test = self.typed.kinds[node], self.truth(node.test)
+        one, first = self.aside(lambda: self.as_kind(node.body, kind))
+        other, second = self.aside(lambda: self.as_kind(node.orelse, kind))
+        if not first and not second and not isinstance(kind, Array):
+            return f"({test} ? {one} : {other})"
+        held = self.temporary(kind)
+        self.say(f"if ({test}) {{")
+        self.lines += [*first, "    " * self.depth + f"    {held} = {one};"]
+        self.say("} else {")
+        self.lines += [*second, "    " * self.depth + f"    {held} = {other};"]
+        self.say("}")
+        return held
+
+    def _x_compare(self, node: ast.Compare) -> str:
+        if isinstance(node.ops[0], (ast.In, ast.NotIn)):
+            return self._membership(node)
+        one, other = self.many([node.left, node.comparators[0]])
+        if len(node.ops) > 1:
+            other = self.hold(*other), other[1]
+        return self._chained(node, 1, self._compared(node.ops[0], one, other), other)
+
+    def _compared(self, op: ast.cmpop, one: tuple[str, Kind], other: tuple[str, Kind]) -> str:
+        into = compared(one[1], other[1])
+        return f"({self.convert(*one, into)} {COMPARED[type(op)]} {self.convert(*other, into)})"
+
+    def _chained(self, node: ast.Compare, k: int, text: str, one: tuple[str, Kind]) -> str:
+        """Write the comparisons from number k on, which are only reached while those before are true."""
+        if k == len(node.ops):
+            return text
+
+        def write() -> str:
+            right = node.comparators[k]
+            other = self.expr(right), self.typed.kinds[right]
+            if k + 1 < len(node.ops):
+                other = self.hold(*other), other[1]
+            return self._chained(node, k + 1, self._compared(node.ops[k], one, other), other)
+
+        return self._further(text, write, is_and=True)
+
+    def _membership(self, node: ast.Compare) -> str:
+        right = self.typed.kinds[node.comparators[0]]
+        assert isinstance(right, Tuple)
+        (one, kind), (among, _) = self.many([node.left, node.comparators[0]])
+        one, among = self.hold(one, kind), self.hold(among, right)
+        parts = []
+        for k, of in enumerate(right.items):
+            into = compared(kind, of)
+            parts.append(f"({self.convert(one, kind, into)} == {self.convert(self.item(among, right, k), of, into)})")
+        found = f"({' || '.join(parts) or 'false'})"
+        return found if isinstance(node.ops[0], ast.In) else f"(!{found})"

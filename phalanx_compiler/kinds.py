@@ -1,0 +1,228 @@
+"""Kinds: the types of the subset, and how annotations name them.
+
+A kind is a scalar, an array (dtype and number of axes), a record (dtype), a tuple (kinds of its items), or a bundle
+(a NamedTuple class whose fields have kinds).
+"""
+
+from __future__ import annotations
+
+import typing
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True, slots=True)
+class Scalar:
+    """A number, a truth value, or nothing."""
+
+    name: str
+    c: str
+
+    def __str__(self) -> str:
+        return self.name
+
+
+INT = Scalar("int", "int64_t")
+# An element of fewer than 64 bits: in Python its sums would wrap at its own width, so int() comes first.
+NARROW = Scalar("narrow int", "int64_t")
+FLOAT = Scalar("float", "double")
+F32 = Scalar("np.float32", "float")
+U32 = Scalar("np.uint32", "uint32_t")
+U64 = Scalar("np.uint64", "uint64_t")
+BOOL = Scalar("bool", "bool")
+NONE = Scalar("None", "void")
+
+
+@dataclass(frozen=True, slots=True)
+class Array:
+    """An array in C order."""
+
+    dtype: np.dtype[Any]
+    axes: int
+
+    def __str__(self) -> str:
+        return f"array of {self.dtype if self.dtype.names is None else 'records'} with {self.axes} axes"
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One record of an array; assignments to its fields change the array."""
+
+    dtype: np.dtype[Any]
+
+    def __str__(self) -> str:
+        return f"record with {', '.join(self.dtype.names or ())}"
+
+
+@dataclass(frozen=True, slots=True)
+class Tuple:
+    """A tuple of fixed length, or a NamedTuple."""
+
+    items: tuple[Kind, ...]
+    cls: type[Any] | None = None
+
+    def __str__(self) -> str:
+        return f"tuple[{', '.join(map(str, self.items))}]"
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Names of the items of a NamedTuple."""
+        return self.cls._fields if self.cls else ()
+
+
+@dataclass(frozen=True, slots=True)
+class Bundle:
+    """Arrays and numbers that kernels take by one address (phalanx/bundle.py)."""
+
+    cls: Any
+
+    def __str__(self) -> str:
+        return str(self.cls.__name__)
+
+    @property
+    def places(self) -> dict[str, tuple[int, Kind]]:
+        """Return each field's first 8-byte word, and its kind."""
+        return _places(self.cls)
+
+
+Kind = Scalar | Array | Record | Tuple | Bundle
+SCALARS: dict[Any, Scalar] = {
+    int: INT,
+    float: FLOAT,
+    bool: BOOL,
+    None: NONE,
+    type(None): NONE,
+    np.float64: FLOAT,
+    np.float32: F32,
+    np.uint32: U32,
+    np.uint64: U64,
+    np.int64: INT,
+}
+# Element types of arrays: C type and the kind that an element has once it is read.
+ELEMENTS: dict[str, tuple[str, Scalar]] = {
+    "u1": ("uint8_t", NARROW),
+    "i1": ("int8_t", NARROW),
+    "u2": ("uint16_t", NARROW),
+    "i2": ("int16_t", NARROW),
+    "u4": ("uint32_t", NARROW),
+    "i4": ("int32_t", NARROW),
+    "i8": ("int64_t", INT),
+    "u8": ("uint64_t", U64),
+    "f4": ("float", F32),
+    "f8": ("double", FLOAT),
+    "b1": ("uint8_t", BOOL),  # whatever is not 0 is true, as in numpy; a bool of C has to be 0 or 1
+}
+MOST_AXES = 4
+
+
+def element(dtype: np.dtype[Any]) -> tuple[str, Scalar]:
+    """Return the C type and the kind of an array's elements, or of a record's field. Raises: TypeError: it has none."""
+    if dtype.str[1:] not in ELEMENTS or not dtype.isnative:
+        raise TypeError(f"{dtype} is not an element type of kernels")
+    return ELEMENTS[dtype.str[1:]]
+
+
+def array_kind(dtype: np.dtype[Any], axes: int) -> Array:
+    """Return the kind of an array. Raises: TypeError: it has none."""
+    if not 1 <= axes <= MOST_AXES:
+        raise TypeError(f"an array with {axes} axes where 1 to {MOST_AXES} are possible")
+    if dtype.names is None:
+        element(dtype)
+    return Array(_aligned(dtype), axes)
+
+
+def _aligned(dtype: np.dtype[Any]) -> np.dtype[Any]:
+    for name, (field, offset, *_) in (dtype.fields or {}).items():
+        if offset % field.base.alignment or dtype.itemsize % field.base.alignment:
+            raise TypeError(f"a record whose field {name} is not aligned; np.dtype(…, align=True) aligns it")
+    return dtype
+
+
+def is_bundle(cls: Any) -> bool:
+    """Return whether a NamedTuple is taken by address."""
+    return getattr(cls, "__bundled__", False) is True
+
+
+def kind_of(hint: Any) -> Kind:
+    """Return the kind that an annotation names. Raises: TypeError: it names none."""
+    if hint in SCALARS:
+        return SCALARS[hint]
+    if isinstance(hint, type) and issubclass(hint, tuple) and hasattr(hint, "_fields"):
+        return Bundle(hint) if is_bundle(hint) else Tuple(tuple(kind for _, kind in fields_of(hint)), hint)
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if origin is tuple and Ellipsis not in arguments:
+        return Tuple(tuple(map(kind_of, arguments)))
+    if origin is typing.Annotated:
+        return _array_of(arguments)
+    raise TypeError(f"{_name(hint)} is not a kind")
+
+
+def _array_of(arguments: tuple[Any, ...]) -> Kind:
+    base, *notes = arguments
+    for note in notes:
+        if isinstance(note, int):
+            return array_kind(np.dtype(typing.get_args(typing.get_args(base)[1])[0]), note)
+        if hasattr(note, "dtype") and hasattr(note, "axes"):
+            return array_kind(note.dtype, note.axes) if note.axes else Record(_aligned(note.dtype))
+    return kind_of(base)
+
+
+def _name(hint: Any) -> str:
+    return hint.__name__ if isinstance(hint, type) else str(hint)
+
+
+@cache
+def fields_of(cls: Any) -> list[tuple[str, Kind]]:
+    """Return the fields of a NamedTuple with their kinds. Raises: TypeError: a field has none."""
+    hints = typing.get_type_hints(cls, include_extras=True)
+    fields = []
+    for name in cls._fields:
+        try:
+            fields.append((name, kind_of(hints[name])))
+        except TypeError as error:
+            raise TypeError(f"{cls.__module__}.{cls.__name__}.{name}: {error}") from None
+    return fields
+
+
+@cache
+def signature_of(function: Callable[..., Any]) -> tuple[dict[str, Kind], Kind]:
+    """Return the kinds of a function's parameters, and of what it returns. Raises: TypeError: one has none."""
+    hints = typing.get_type_hints(function, include_extras=True)
+    code = function.__code__
+    kinds = {}
+    for name in (*code.co_varnames[: code.co_argcount], "return"):
+        if name not in hints:
+            raise TypeError(f"{name} has no annotation")
+        try:
+            kinds[name] = kind_of(hints[name])
+        except TypeError as error:
+            raise TypeError(f"{name}: {error}") from None
+    returned = kinds.pop("return")
+    return kinds, returned
+
+
+def leaves(kind: Kind) -> list[Kind]:
+    """Return the kinds that a value is made of."""
+    return [leaf for item in kind.items for leaf in leaves(item)] if isinstance(kind, Tuple) else [kind]
+
+
+def words(kind: Kind) -> int:
+    """Return how many 8-byte words a value takes in a bundle, or in a call from Python."""
+    if isinstance(kind, Array):
+        return 1 + kind.axes
+    if isinstance(kind, Tuple):
+        return sum(map(words, kind.items))
+    return 1
+
+
+@cache
+def _places(cls: Any) -> dict[str, tuple[int, Kind]]:
+    places, at = {}, 0
+    for name, kind in fields_of(cls):
+        places[name] = at, kind
+        at += words(kind)
+    return places

@@ -1,0 +1,258 @@
+"""Statements of a typed kernel in C, and the whole function."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable
+from typing import Any
+
+from .calls import Calls
+from .kinds import BOOL, INT, NARROW, NONE, U64, Array, Kind, Record, Scalar, Tuple, element, leaves
+from .needed import Needed
+from .typed import Typed
+
+
+class Statements(Calls):
+    """Writes a kernel's statements; `text` is the function."""
+
+    def __init__(self, typed: Typed, unit: Needed) -> None:
+        super().__init__(typed, unit)
+        self._block(typed.source.tree.body)
+        self.text = self._function()
+
+    def _block(self, body: list[ast.stmt]) -> None:
+        for statement in body:
+            getattr(self, f"_{type(statement).__name__.lower()}")(statement)
+
+    def _within(self, write: Callable[[], None]) -> None:
+        self.depth += 1
+        write()
+        self.depth -= 1
+
+    def _expr(self, node: ast.Expr) -> None:
+        if not isinstance(node.value, ast.Constant):
+            c = self.expr(node.value)
+            if c and not c.isidentifier():
+                self.say(f"(void)({c});")
+
+    def _pass(self, node: ast.Pass) -> None: ...
+
+    def _break(self, _: ast.Break) -> None:
+        self.say("break;")
+
+    def _continue(self, _: ast.Continue) -> None:
+        self.say("continue;")
+
+    def _return(self, node: ast.Return) -> None:
+        returned = self.typed.returned
+        if returned == NONE:
+            if node.value is not None and node.value not in self.typed.constants:
+                self.expr(node.value)
+            self.say("goto end;")
+            return
+        assert node.value is not None
+        self.say(f"returned = {self.as_kind(node.value, returned)};")
+        self.say("goto end;")
+
+    # --- assignments ---
+
+    def _assign(self, node: ast.Assign) -> None:
+        kind = self.typed.kinds[node.value]
+        target = node.targets[0]
+        if len(node.targets) == 1 and isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
+            values = [(self._kept(c, of), of) for c, of in self.many(node.value.elts)]
+            for each, (c, of) in zip(target.elts, values, strict=True):
+                self._store(each, c, of)
+            return
+        c = self.expr(node.value)
+        if len(node.targets) > 1:
+            c = self.hold(c, kind)
+        for target in node.targets:
+            self._store(target, c, kind)
+
+    def _kept(self, c: str, kind: Kind) -> str:
+        """Write a value that assignments to variables do not change any more."""
+        if c.startswith(("INT64_C", "(-INT64_C", "(0x", "(-0x")) or (c.startswith("t") and c.isidentifier()):
+            return c
+        held = self.temporary(kind)
+        self.say(f"{held} = {c};")
+        return held
+
+    def _annassign(self, node: ast.AnnAssign) -> None:
+        assert node.value is not None
+        self._store(node.target, self.expr(node.value), self.typed.kinds[node.value])
+
+    def _augassign(self, node: ast.AugAssign) -> None:
+        if isinstance(node.target, ast.Name):
+            one = f"v_{node.target.id}", self.typed.variables[node.target.id]
+            place = one[0]
+        else:
+            place = self._lvalue(node.target)
+            one = self.read(place, node.target), self.typed.kinds[node.target]
+        value, late = self.aside(lambda: self.expr(node.value), deeper=False)
+        if late and not isinstance(node.target, ast.Name):  # Python reads the old value first
+            one = self.hold(*one), one[1]
+        self.lines += late
+        other = value, self.typed.kinds[node.value]
+        into = self.typed.operated(node, node.op, one[1], other[1])
+        self.say(f"{place} = {self.convert(self.operated(node, node.op, one, other, into), into, one[1])};")
+
+    def _lvalue(self, target: ast.expr) -> str:
+        """Write what is assigned to, with its address computed once."""
+        assert isinstance(target, (ast.Attribute, ast.Subscript))
+        whole = self.typed.kinds[target.value]
+        assert isinstance(whole, (Array, Record))
+        dtype = whole.dtype[target.attr] if isinstance(target, ast.Attribute) else whole.dtype
+        pointer = self.temporary(INT)
+        self.say(f"{pointer} = (intptr_t)&{self.place(target)};")
+        return f"(*({element(dtype)[0]} *){pointer})"
+
+    def _store(self, target: ast.expr, c: str, kind: Kind) -> None:
+        if isinstance(target, ast.Name) and target.id not in self.typed.variables:  # it is `_`
+            if c and not c.isidentifier():
+                self.say(f"(void)({c});")
+            return
+        if isinstance(target, ast.Name):
+            self.say(f"v_{target.id} = {self.convert(c, kind, self.typed.variables[target.id])};")
+            return
+        if isinstance(target, ast.Tuple):
+            assert isinstance(kind, Tuple)
+            held = self.hold(c, kind)
+            for k, each in enumerate(target.elts):
+                self._store(each, self.item(held, kind, k), kind.items[k])
+            return
+        into = self.typed.kinds[target]
+        if not isinstance(into, Scalar):
+            self._store_many(target, c, kind, into)
+            return
+        held = c if not self._may_change(c) or isinstance(kind, Scalar) else self.hold(c, kind)
+        before = len(self.lines)
+        place = self.place(target)
+        if len(self.lines) > before and self._may_change(held):
+            late, self.lines = self.lines[before:], self.lines[:before]
+            held = self.hold(held, kind)
+            self.lines += late
+        self.say(f"{place} = {self.convert(held, kind, into)};")
+
+    def _store_many(self, target: ast.expr, c: str, kind: Kind, into: Kind) -> None:
+        """Write the assignment to a record, a row, or a slice."""
+        value = self.hold(c, kind)
+        place = self.hold(self.place(target), into)
+        if isinstance(into, Record):
+            self.say(f"memmove({place}, {value}, {into.dtype.itemsize});")
+        elif isinstance(kind, Array):
+            assert isinstance(into, Array)
+            for k in range(into.axes):
+                self.say(f"alike({place}.n{k}, {value}.n{k}, {self.site(target)});")
+            size = " * ".join(f"{place}.n{k}" for k in range(into.axes))
+            self.say(f"memmove({place}.p, {value}.p, (size_t)({size} * {into.dtype.itemsize}));")
+        else:
+            assert isinstance(into, Array)
+            self.fill(place, into, value, kind)
+
+    # --- control ---
+
+    def _if(self, node: ast.If) -> None:
+        self.say(f"if ({self.truth(node.test)}) {{")
+        self._within(lambda: self._block(node.body))
+        if node.orelse:
+            self.say("} else {")
+            self._within(lambda: self._block(node.orelse))
+        self.say("}")
+
+    def _while(self, node: ast.While) -> None:
+        self.say("for (;;) {")
+        self._within(lambda: self.say(f"if (!{self.truth(node.test)}) break;"))
+        self._within(lambda: self._block(node.body))
+        self.say("}")
+
+    def _for(self, node: ast.For) -> None:
+        iterated = node.iter
+        if isinstance(iterated, ast.Call) and self.typed.constant(iterated.func) is range:
+            self._for_range(node, iterated)
+            return
+        kind = self.typed.kinds[iterated]
+        each = self.typed.each(iterated)
+        held = self._kept(self.expr(iterated), kind)
+        k = self.temporary(INT)
+        if isinstance(kind, Array):
+            self.say(f"for ({k} = 0; {k} < {held}.n0; {k}++) {{")
+            value = self.index(held, kind, [k], node)
+            value = f"({value} != 0)" if each == BOOL else f"((int64_t){value})" if each in (INT, NARROW) else value
+        else:
+            assert isinstance(kind, Tuple)
+            if len(set(kind.items)) > 1:
+                into = Tuple((each,) * len(kind.items))
+                held = self.hold(self.convert(held, kind, into), into)
+            self.say(f"for ({k} = 0; {k} < {len(kind.items)}; {k}++) {{")
+            value = f"{held}.f[{k}]"
+        self._within(lambda: self._store(node.target, value, each))
+        self._within(lambda: self._block(node.body))
+        self.say("}")
+
+    def _for_range(self, node: ast.For, iterated: ast.Call) -> None:
+        given = [self._kept(self.convert(c, kind, INT), INT) for c, kind in self.many(iterated.args)]
+        low, high = ("0", given[0]) if len(given) == 1 else given[:2]
+        k = self.temporary(INT)
+        known = self.typed.constant(iterated.args[2]) if len(given) == 3 else 1
+        if known in (1, -1):
+            self.say(f"for ({k} = {low}; {k} {'<' if known == 1 else '>'} {high}; {k} += {known}) {{")
+        else:  # counted, as the last step may lead beyond 64 bits
+            left, step = self.temporary(U64), given[2]
+            count = f"steps({low}, {high}, divisor({step}, {self.site(node)}))"
+            self.say(f"for ({k} = {low}, {left} = {count}; {left} > 0; {left}--, {k} += {step}) {{")
+        self._within(lambda: self._store(node.target, k, INT))
+        self._within(lambda: self._block(node.body))
+        self.say("}")
+
+    # --- the function ---
+
+    def _function(self) -> str:
+        typed, unit = self.typed, self.unit
+        returned = typed.returned
+        name = unit.function(typed.source.function)
+        parameters = ", ".join(f"{unit.c_type(kind)} v_{each}" for each, kind in typed.parameters.items()) or "void"
+        own = {f"v_{each}": kind for each, kind in typed.variables.items() if each not in typed.parameters}
+        lines = [f"    {unit.c_type(kind)} {each};" for each, kind in (own | self.temporaries).items()]
+        frees = self.makes and not any(isinstance(each, (Array, Record)) for each in leaves(returned))
+        if returned != NONE:
+            lines.append(f"    {unit.c_type(returned)} returned;")
+        if frees:
+            lines.append("    struct mark before = top->scratch;")
+        body = list(self.lines)
+        if returned != NONE and not _always_returns(typed.source.tree.body):
+            body.append(f"    violate({self.site(typed.source.tree)}, BAD_OWN, 0, 0);")
+        jumps = any("goto end;" in line for line in body)
+        if body and body[-1] == "    goto end;":
+            body.pop()
+            jumps = any("goto end;" in line for line in body)
+        end = ["end:;"] if jumps else []
+        if frees:
+            end.append("    release(&top->scratch, &before);")
+        if returned != NONE:
+            end.append("    return returned;")
+        if hasattr(typed.source.function, "__rejected__"):
+            if returned != INT:
+                raise typed.source.refuse(typed.source.tree.args, f"reads_peer, and it returns a {returned}", "-> int")
+            name += "_unguarded"
+        head = f"static {unit.c_type(returned)} {name}({parameters})"
+        return "\n".join([head, "{", *lines, *body, *end, "}", ""])
+
+
+def _always_returns(body: list[ast.stmt]) -> bool:
+    last = body[-1]
+    if isinstance(last, ast.If):
+        return bool(last.orelse) and _always_returns(last.body) and _always_returns(last.orelse)
+    if isinstance(last, ast.While):
+        endless = isinstance(last.test, ast.Constant) and bool(last.test.value)
+        return endless and not any(isinstance(node, ast.Break) for node in ast.walk(last))
+    return isinstance(last, ast.Return)
+
+
+def written(function: Callable[..., Any], typed: Typed, unit: Needed) -> str:
+    """Return a kernel's C."""
+    assert typed.source.function is function
+    return Statements(typed, unit).text
+
+
+__all__ = ["BOOL", "Statements", "written"]

@@ -1,0 +1,294 @@
+"""A user's own controller of the form of a bundled one, compiled when it is loaded.
+
+Its file has a `CONTROLLER` and kernels (declaration.py). They are compiled with the machine's C compiler into the
+user's cache and called by their addresses (dispatch.py). Without a compiler, compiled code calls them in Python; with
+PHALANX_PURE=1 all is Python.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import inspect
+import logging
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from phalanx import __version__
+from phalanx.config.flock import FlockConfig
+from phalanx.errors import KernelDefect, OutsideSubset, OwnDefect, Unavailable, UsageError
+from phalanx.kernel import ADDRESSES, PURE, RAISED, RETURNED, THEIRS, WRONG, keep_raised, kernel
+from phalanx.wire.fields import Row, get_u16
+from phalanx.wire.record import Record
+from phalanx.wire.table import ENTRY_ACMD, ENTRY_SEND, FRAME_MAX, KIND_AUDIT
+from phalanx_compiler.errors import SubsetError
+from phalanx_compiler.kinds import BOOL, FLOAT, INT, Array, Kind, signature_of
+from phalanx_compiler.own import NoCompiler, Own, UnsafeCache, library_of, line_of, source_of_own
+from phalanx_compiler.parsing import shown_path, uncompiled
+
+from . import dispatch
+from .declaration import Declaration
+from .outputs import HEAD_BYTES, LENGTH
+from .parameters import Params
+from .python_controller import Controller, compiled
+
+ROOT = Path(__file__).resolve().parents[2]
+MOST_STATE_BYTES = 65_535
+INSTALL = "install gcc or clang, or name one in CC"
+logger = logging.getLogger(__name__)
+# Numbers of what was loaded, by a hash of its C: a file that did not change keeps its number.
+_loaded: dict[str, int] = {}
+# Of each version of a file, by its path and a hash, the declaration and the number.
+_files: dict[tuple[Path, bytes], tuple[Declaration, int]] = {}
+# What compiled code holds addresses of.
+_kept: list[Any] = []
+
+
+# --- what kernels may return ---
+
+
+@kernel
+def is_capacity(returned: int) -> bool:
+    """Return whether a state can be so long."""
+    return 0 <= returned <= MOST_STATE_BYTES
+
+
+@kernel
+def is_length(returned: int, state: Row) -> bool:
+    """Return whether so many bytes fit into a row."""
+    return 0 <= returned <= len(state)
+
+
+@kernel
+def are_outputs(returned: int, out: Row, command_bytes: int, command_kind: int) -> bool:
+    """Return whether `out` has outputs up to there: commands of the body's, and frames unlike those of the audits."""
+    if returned < 0 or returned > len(out):
+        return False
+    at = 0
+    while at < returned:
+        if at + HEAD_BYTES > returned:
+            return False
+        size = get_u16(out, at + LENGTH)
+        begin = at + HEAD_BYTES
+        if size < 1 or size > FRAME_MAX or begin + size > returned:
+            return False
+        if out[at] == ENTRY_ACMD:
+            if size != command_bytes or out[begin] != command_kind:
+                return False
+        elif out[at] != ENTRY_SEND or int(out[begin]) & KIND_AUDIT != 0:
+            return False
+        at = begin + size
+    return True
+
+
+@kernel
+def _no_advice(_params: Params, _rob_id: int, _advice: Row, _length: int, _state: Row) -> int:
+    return 0
+
+
+# --- loading ---
+
+
+def is_loaded(words: str, path: Path) -> bool:
+    """Return whether a file was loaded as it is now; then `words` name its controller."""
+    found = _files.get(_content_of(path)) if path.is_file() else None
+    if found:
+        dispatch.name_own(words, *found)
+    return found is not None
+
+
+def _content_of(path: Path) -> tuple[Path, bytes]:
+    return path.resolve(), hashlib.sha256(path.read_bytes()).digest()
+
+
+def load_kernels(words: str, module: ModuleType) -> None:
+    """Let `words` name the controller in a module, which was run from its file.
+
+    Raises: UsageError: a kernel is missing or takes other arguments, or the cache is not safe. OutsideSubset: it cannot
+        be compiled. Unavailable: the cache cannot be written.
+    """
+    file = str(module.__file__)
+    declaration = _checked(words, module.CONTROLLER)
+    kernels = _kernels_of(words, module, declaration)
+    try:
+        text, slots = source_of_own(kernels, file, ROOT)
+    except SubsetError as error:
+        raise OutsideSubset(f"{error.file}:{error.line}: {error.what}", error.instead) from error
+    key = hashlib.sha256(text.encode()).hexdigest()
+    if key not in _loaded:
+        plain = {name: _plain(own, file) for name, own in kernels.items()}
+        _loaded[key] = dispatch.add_own(plain, {} if PURE else _addresses(words, text, slots, plain))
+    dispatch.name_own(words, declaration, _loaded[key])
+    _files[_content_of(Path(file))] = declaration, _loaded[key]
+
+
+def made_of(words: str, params: Params) -> Callable[[int], Controller]:
+    """Return what makes the controller of a loaded file for a robot's id, in Python."""
+    make: Any = compiled(dispatch.NUMBERS[words], params)
+    make.state_bytes = int(dispatch.capacity(dispatch.NUMBERS[words], params))
+    result: Callable[[int], Controller] = make
+    return result
+
+
+def _checked(words: str, declared: Declaration) -> Declaration:
+    """Return the declaration with parameters as kernels take them."""
+    if declared.config is not FlockConfig:
+        raise UsageError(f"config of CONTROLLER in {words} is {declared.config.__name__}", "FlockConfig, or no config")
+    layouts = {"reads": declared.reads, "commands": declared.commands, "says": declared.says}
+    for name, layout in layouts.items():
+        if not isinstance(layout, Record):
+            raise UsageError(f"{name} of CONTROLLER in {words} is {layout!r}", "a record of phalanx.wire.table")
+    return replace(declared, params=lambda config: np.array(declared.params(config), np.float64).reshape(-1))
+
+
+def _kernels_of(words: str, module: ModuleType, declared: Declaration) -> dict[str, Own]:
+    """Return the kernels with the tests of what they return. Raises: UsageError: of one that is not as declared."""
+    found: dict[str, Own] = {}
+    for name, of in dispatch.DECLARED.items():
+        function = getattr(module, name, None)
+        if function is None and name == "on_advice" and declared.advised is None:
+            function = _no_advice
+        _check_kernel(words, name, of, function)
+        function = uncompiled(function)
+        parameters = list(inspect.signature(of).parameters)[1:]
+        row = next((parameters.index(each) for each in ("out", "state") if each in parameters), None)
+        if name == "on_input":
+            numbers = declared.commands.size, int(declared.commands.tag or 0)
+            found[name] = Own(function, uncompiled(are_outputs), row, numbers)
+        elif name == "is_encoding":
+            found[name] = Own(function)
+        else:
+            found[name] = Own(function, uncompiled(is_capacity if row is None else is_length), row)
+    return found
+
+
+def _check_kernel(words: str, name: str, declared: Callable[..., Any], found: Any) -> None:
+    """Raises: UsageError: it is no kernel, or takes or returns something else than `declared`."""
+    function = uncompiled(found)
+    head = f"def {name}{inspect.signature(declared)}".replace("kind: 'int', ", "").replace("'", "")
+    if not getattr(function, "__kernel__", False):
+        what = "function" if function is None else "kernel"
+        raise UsageError(f"{words} has no {what} {name}", f"@kernel above {head}")
+    wanted, wanted_returned = signature_of(declared)
+    try:
+        kinds, returned = signature_of(function)
+    except TypeError as error:
+        raise UsageError(f"{words}:{line_of(function)}: {name}: {error}", head) from error
+    if [*kinds.values(), returned] != [*list(wanted.values())[1:], wanted_returned]:
+        raise UsageError(f"{words}:{line_of(function)}: {name} takes or returns something else", head)
+
+
+# --- uncompiled ---
+
+
+def _plain(own: Own, file: str) -> Callable[..., Any]:
+    """Return a kernel that runs uncompiled; what it does wrong is an `OwnDefect` with file and line."""
+    function, check, rows = own.function, own.check, () if own.row is None else (own.row,)
+
+    def call(*arguments: Any) -> Any:
+        try:
+            returned = function(*arguments)
+            if check is None:
+                return bool(returned)
+            fits = check(int(returned), *(arguments[row] for row in rows), *own.numbers)
+        except Exception as error:
+            raise _defect(error, file, line_of(function)) from error
+        if not fits:
+            words = WRONG[RETURNED].format(returned)
+            raise OwnDefect(f"{shown_path(file)}:{line_of(function)}: {words}", THEIRS)
+        return int(returned)
+
+    return call
+
+
+def _defect(error: Exception, file: str, line: int) -> OwnDefect:
+    """Return an exception as compiled code would tell of it: by the last line that is not the package's."""
+    frames = list(traceback.extract_tb(error.__traceback__))
+    frames = [each for each in frames if not Path(each.filename).is_relative_to(ROOT)]
+    if frames:
+        file, line = frames[-1].filename, frames[-1].lineno or line
+    words = f"{type(error).__name__}: {error}"
+    if isinstance(error, KernelDefect):  # of a kernel of the package that was called wrongly
+        words = str(error).partition(": ")[2]
+    return OwnDefect(f"{shown_path(file)}:{line}: {words}".splitlines()[0], THEIRS)
+
+
+# --- compiled, or called from compiled code ---
+
+
+class _Row(ctypes.Structure):
+    """An array of one axis, as compiled code has it (runtime.h)."""
+
+    _fields_ = (("p", ctypes.c_void_p), ("n0", ctypes.c_int64))
+
+
+class _Fault(ctypes.Structure):
+    """A violation (runtime.h)."""
+
+    _fields_ = (
+        ("file", ctypes.c_char_p),
+        ("line", ctypes.c_int32),
+        ("what", ctypes.c_int32),
+        ("index", ctypes.c_int64),
+        ("size", ctypes.c_int64),
+    )
+
+
+C_TYPES: dict[Kind, Any] = {INT: ctypes.c_int64, FLOAT: ctypes.c_double, BOOL: ctypes.c_bool}
+
+
+def _addresses(
+    words: str, text: str, slots: Mapping[str, int], plain: Mapping[str, Callable[..., Any]]
+) -> dict[str, int]:
+    """Return the addresses of a controller's kernels: compiled, or of callbacks where there is no compiler."""
+    try:
+        library = ctypes.CDLL(str(library_of(text, __version__)))
+    except NoCompiler as error:
+        logger.warning("%s runs uncompiled, many times slower: %s; %s", words, error, INSTALL)
+        return {name: _callback(name, function) for name, function in plain.items()}
+    except UnsafeCache as error:
+        words = f"{error}: compiled code there may be somebody else's"
+        raise UsageError(words, "move it away, or set XDG_CACHE_HOME") from error
+    except (OSError, RuntimeError) as error:
+        words = f"{words} cannot be compiled into the cache: {error}"
+        raise Unavailable(words, "set XDG_CACHE_HOME to a folder") from error
+    _kept.append(library)
+    library.own_linked.restype = ctypes.POINTER(ctypes.c_void_p)
+    for symbol, slot in slots.items():
+        library.own_linked()[slot] = ADDRESSES[symbol]
+    return {name: ctypes.cast(library[f"own_{name}"], ctypes.c_void_p).value or 0 for name in plain}
+
+
+def _callback(name: str, function: Callable[..., Any]) -> int:
+    """Return the address of a C function that calls one in Python."""
+    parameters, returned = signature_of(dispatch.DECLARED[name])
+    kinds = list(parameters.values())[1:]
+
+    def called(*arguments: Any) -> Any:
+        try:
+            return function(*(_in_python(kind, each) for kind, each in zip(kinds, arguments, strict=False)))
+        except BaseException as error:  # noqa: BLE001 - compiled code unwinds, and raises it again
+            fault = arguments[-1][0]
+            fault.file, fault.line, fault.what, fault.index = b"a user's file", 0, RAISED, keep_raised(error)
+            return 0
+
+    types = [_Row if isinstance(kind, Array) else C_TYPES[kind] for kind in kinds]
+    made = ctypes.CFUNCTYPE(C_TYPES[returned], *types, ctypes.POINTER(_Fault))(called)
+    _kept.append(made)
+    return ctypes.cast(made, ctypes.c_void_p).value or 0
+
+
+def _in_python(kind: Kind, value: Any) -> Any:
+    """Return an argument of compiled code as kernels take it in Python."""
+    if not isinstance(kind, Array):
+        return value
+    if value.n0 == 0:
+        return np.zeros(0, kind.dtype)
+    raw = (ctypes.c_char * (value.n0 * kind.dtype.itemsize)).from_address(value.p)
+    return np.frombuffer(raw, kind.dtype)

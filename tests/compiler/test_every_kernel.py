@@ -1,0 +1,154 @@
+"""Every kernel of the package does the same compiled and as Python, on recorded inputs and on others made of them.
+
+Inputs come from small runs: a flock with a liar, the guard with a hostile planner, wheels that are driven, missions with
+scans, orders and people, and a mission that is guessed. All run as Python and are recorded (recording.py). A kernel
+that none of them reaches gets values of the same kinds that others were given, and random numbers.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import importlib
+import os
+import pickle
+import random
+import subprocess
+import sys
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from harness import agree, value_of
+
+from phalanx import _kernels
+from phalanx.kernel import PURE
+from phalanx_compiler.kinds import BOOL, FLOAT, INT, Array, Bundle, Record, Tuple, signature_of
+
+HERE = Path(__file__).parent
+pytestmark = pytest.mark.skipif(PURE, reason="no kernel is compiled")
+# So many of the 392 are reached by the runs; the rest get drawn inputs. More may be drawn only if this line says so.
+REACHED_AT_LEAST = 345
+CHANGED, DRAWN = 3, 40
+TRUSTED = "phalanx.bti.trusted."
+NAMES = sorted(_kernels.names)
+
+
+@pytest.fixture(scope="module")
+def records(tmp_path_factory):
+    # Workers of pytest-xdist share what the first of them has recorded.
+    base = tmp_path_factory.getbasetemp()
+    path = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "calls.pickle"
+    with path.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not path.exists():
+            env = os.environ | {"PHALANX_PURE": "1"}
+            subprocess.run([sys.executable, HERE / "recording.py", path], env=env, check=True, capture_output=True)
+    return pickle.loads(path.read_bytes())
+
+
+@pytest.fixture(scope="module")
+def kernels():
+    """Return all compiled kernels of the package, by name."""
+    for name in NAMES:
+        importlib.import_module(name.rpartition(".")[0])
+    modules = [module for name, module in list(sys.modules.items()) if name.split(".")[0] == "phalanx"]
+    values = [value for module in modules for value in vars(module).values()]
+    return {each.entry[0]: each for each in values if isinstance(each, _kernels.Kernel)}
+
+
+def packed(value, kind):
+    """Return a recorded argument as compiled kernels take it."""
+    if isinstance(kind, Bundle):
+        fields = [packed(getattr(value, name), of) for name, (_, of) in kind.places.items()]
+        return kind.cls.__packed__(kind.cls(*fields))
+    if isinstance(kind, Tuple):
+        items = [packed(each, of) for each, of in zip(value, kind.items, strict=True)]
+        return kind.cls(*items) if kind.cls else tuple(items)
+    return np.ascontiguousarray(value) if isinstance(kind, Array) and not value.flags.c_contiguous else value
+
+
+def taken(record, function):
+    parameters, _ = signature_of(function)
+    arguments = pickle.loads(zlib.decompress(record))
+    return [packed(each, kind) for each, kind in zip(arguments, parameters.values(), strict=True)]
+
+
+def changed(value, kind, draw):
+    """Return a copy of an argument with some other bytes in its row, or another number near it."""
+    if isinstance(kind, Array) and kind.dtype == np.uint8 and value.size:
+        value = value.copy()
+        for _ in range(draw.randrange(1, 5)):
+            value.reshape(-1)[draw.randrange(value.size)] = draw.choice([0, 1, 255, draw.randrange(256)])
+    elif isinstance(kind, Array) and kind.dtype == np.float64 and value.size:
+        value = value.copy()
+        with np.errstate(all="ignore"):
+            value.reshape(-1)[draw.randrange(value.size)] *= draw.choice([0.0, -1.0, 1.01, 3.0])
+    elif kind == FLOAT and draw.random() < 0.5:
+        return float(value) * draw.choice([0.0, -1.0, 1.01, 0.5])
+    elif kind == BOOL and draw.random() < 0.3:
+        return not value
+    elif isinstance(kind, Tuple) and not kind.cls:
+        return tuple(changed(each, of, draw) for each, of in zip(value, kind.items, strict=True))
+    return value
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_kernel_does_the_same_both_ways(name, kernels, records):
+    made = kernels[name]
+    plain = made.py_func
+    if name not in records:
+        assert not name.startswith(TRUSTED), (
+            "record a run that calls it: its C takes rows of its own lengths as they are"
+        )
+        assert try_drawn(name, kernels, records) >= 1, "no input leads to a result: record a run that calls it"
+        return
+    draw = random.Random(name)
+    kinds = list(signature_of(plain)[0].values())
+    gave = 0
+    for record in records[name]:
+        arguments = taken(record, plain)
+        gave += agree(made, plain, arguments)
+        # Changed bytes may lead anywhere in Python or raise in both, but the process goes on.
+        # The trusted nodes' C trusts its own memory.
+        for _ in range(0 if name.startswith(TRUSTED) else CHANGED):
+            others = [changed(each, kind, draw) for each, kind in zip(arguments, kinds, strict=True)]
+            agree(made, plain, others, is_made_up=True)
+    assert gave == len(records[name])
+
+
+def try_drawn(name, kernels, records):
+    """Call a kernel that no run reaches; return how often it gave a result."""
+    made, draw = kernels[name], random.Random(name)
+    parameters, _ = signature_of(made.py_func)
+    gave = 0
+    for _ in range(DRAWN):
+        arguments = [drawn(kind, each, kernels, records, draw) for each, kind in parameters.items()]
+        gave += agree(made, made.py_func, arguments, is_made_up=True)
+    return gave
+
+
+def drawn(kind, name, kernels, records, draw):
+    """Return a value that some kernel was given for a parameter of this kind, if it is no number."""
+    if kind == INT:
+        return draw.choice([0, 1, 2, 3, 5, 20])
+    if kind == FLOAT:
+        return draw.choice([0.0, 1.0, -0.5, draw.uniform(-3, 3), draw.uniform(0, 40)])
+    if isinstance(kind, Tuple):
+        items = [drawn(each, "", kernels, records, draw) for each in kind.items]
+        return kind.cls(*items) if kind.cls else tuple(items)
+    if isinstance(kind, (Array, Bundle, Record)):
+        others = [each for each in sorted(records) if kind in signature_of(kernels[each].py_func)[0].values()]
+        alike = [each for each in others if name in signature_of(kernels[each].py_func)[0]] or others
+        if alike:
+            other = draw.choice(alike)
+            parameters, _ = signature_of(kernels[other].py_func)
+            arguments = taken(draw.choice(records[other]), kernels[other].py_func)
+            return draw.choice([each for each, of in zip(arguments, parameters.values(), strict=True) if of == kind])
+    return value_of(kind, draw, name)
+
+
+def test_all_kernels_are_tried_and_most_of_them_on_recorded_inputs(kernels, records):
+    assert set(kernels) == set(NAMES)
+    assert set(records) <= set(NAMES)
+    assert len(records) >= REACHED_AT_LEAST
