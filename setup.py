@@ -7,7 +7,8 @@ from pathlib import Path
 
 from setuptools import setup
 
-sys.path.insert(0, str(Path(__file__).resolve().parent / "release"))
+ROOT = Path(__file__).resolve().parent
+sys.path[:0] = [str(ROOT / "release"), str(ROOT)]
 
 from commands import KERNELS, BdistWheel, BuildExt, BuildPy, Sdist
 from readme import for_index

@@ -20,15 +20,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from .flags import FLAGS
 from .kinds import signature_of
 from .parsing import forget_files, shown_path
 from .unit import Unit
 
-# As the package's kernels (release/commands.py).
-FLAGS = (
-    *("-std=c99", "-O3", "-ffp-contract=off", "-fwrapv", "-fno-strict-aliasing", "-fvisibility=hidden", "-g0"),
-    *("-fPIC", "-shared", "-w", "-x", "c", "-"),
-)
+OPTIONS = (*FLAGS, "-fno-fast-math", "-fPIC", "-shared", "-w", "-x", "c", "-")
 COMPILERS = ("cc", "gcc", "clang")
 TIMEOUT_S = 120
 WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
@@ -180,7 +177,7 @@ def library_of(text: str, version: str) -> Path:
     Raises: NoCompiler, UnsafeCache, OSError.
     """
     folder = cache_folder()
-    said = "\0".join([version, sysconfig.get_platform(), *FLAGS, text])
+    said = "\0".join([version, sysconfig.get_platform(), *OPTIONS, text])
     key = hashlib.sha256(said.encode()).hexdigest()[:32]
     try:
         compiler = find_compiler()
@@ -234,7 +231,7 @@ def _compile(compiler: list[str], text: str, library: Path) -> None:
     os.close(number)
     made = Path(name)
     try:
-        done = _run([*compiler, *FLAGS, "-o", name, "-lm"], text)
+        done = _run([*compiler, *OPTIONS, "-o", name, "-lm"], text)
         if done.returncode:
             lines = [*done.stderr.splitlines(), "it fails"]
             raise NoCompiler(f"{compiler[0]}: {next((each for each in lines if 'error' in each), lines[0])}")

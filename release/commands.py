@@ -20,6 +20,8 @@ from setuptools.command.build_ext import build_ext
 from setuptools.command.build_py import build_py
 from setuptools.command.sdist import sdist
 
+from phalanx_compiler.flags import FLAGS as FLAGS_OF_KERNELS
+
 # The trusted nodes as a program, for robots that have no board (firmware/ports/process.c).
 PROGRAM = "trusted_node"
 SOURCES = [
@@ -36,7 +38,7 @@ KERNELS = Extension(
     sources=["build/kernels/_kernels.c"],
     include_dirs=[np.get_include()],
     extra_compile_args=[
-        *["-O3", "-std=c99", "-ffp-contract=off", "-fwrapv", "-fno-strict-aliasing", "-fvisibility=hidden", "-g0"],
+        *FLAGS_OF_KERNELS,
         *["-Wall", "-Wextra", "-Wno-missing-braces", "-Wno-unused-parameter"],
         *["-Wno-unused-but-set-variable", "-Wno-unused-function"],
         f"-ffile-prefix-map={Path.cwd()}=.",

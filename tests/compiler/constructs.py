@@ -1283,3 +1283,21 @@ def seen_as_two_kinds(a: I64x1, b: F64x1) -> int:
     a[0] = 1
     b[0] = 2.0
     return a[0] + a[1]
+
+
+@kernel
+def zero_less(x: int) -> float:
+    # gcc 12 makes -0.0 of it where x is 0, unless it is told that rounding matters.
+    return 0.0 * 1 - x
+
+
+@kernel
+def _overwritten(f: F64x1) -> float:
+    f[0] = 100.0
+    return 1.0
+
+
+@kernel
+def float_augmented_by_a_call(f: F64x1) -> float:
+    f[0] += _overwritten(f)
+    return f[0]

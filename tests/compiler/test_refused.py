@@ -62,6 +62,8 @@ def half(x: int, y: int = 0.5) -> int:
 def none(x: int) -> None:
     pass
 
+CALLED = (none,)
+
 @kernel
 def point(p: Point) -> float:
     return p.x
@@ -82,6 +84,7 @@ def constant() -> F64x1:
 # A function's parameters and result; its lines, of which one is marked with >>; what is wrong, and what to write.
 # fmt: off
 CASES = {
+    "a call of an item": ("x: int -> int", ">> return CALLED[0](x)", "a call of an item", "the function's name"),
     "a list": ("x: int -> int", ">> y = [x]\nreturn 0", "List is not in the subset: [x]", "an array, or a tuple"),
     "a list of targets": ("x: int -> int", ">> [y] = (x,)\nreturn 0", "List is not in the subset: [y]", "an array, or a tuple"),
     "a comprehension": ("x: int -> int", ">> return sum([k for k in range(x)])", "ListComp is not", "a loop that fills an array"),
