@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import inspect
 import os
+import pickle
 import shutil
 import subprocess
 import sys
 import threading
 import time
+from copy import deepcopy
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -176,6 +178,16 @@ def test_which_arrays_a_bundle_has_never_changes():
     queue = make_queue(4)
     with pytest.raises(AttributeError, match=r"Queue\.heap"):
         queue.heap = np.zeros(4, np.int32)
+
+
+def test_a_bundle_that_was_pickled_or_copied_has_arrays_of_its_own():
+    queue = make_queue(4)
+    push(queue, 5, 7, 8, 9)
+    for other in (pickle.loads(pickle.dumps(queue)), deepcopy(queue)):
+        assert pop(other) == (5, 7, 8, 9)
+        push(other, 1, 2, 3, 4)
+    assert queue.tally[0] == 1
+    assert pop(queue) == (5, 7, 8, 9)
 
 
 SEEN = np.dtype([("small", "u1"), ("large", "i8")], align=True)

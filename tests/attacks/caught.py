@@ -16,6 +16,7 @@ from phalanx.bti import request
 from phalanx.bti.fleet import Fleet
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.work import make_work
+from phalanx.kernel import PURE
 from phalanx.robot import node
 from phalanx.sim.scenarios.run import Run
 from shown_requests import requests_of
@@ -101,7 +102,7 @@ def quiet_run(defence: str, until_s: float, robots: int = 10, seed: int = 3) -> 
 
 
 if __name__ == "__main__":
-    assert type(node.judge).__name__ == "function", "compiled"
+    assert PURE, "compiled"
     arrays, config, asked = pickle.loads(Path(sys.argv[1]).read_bytes())
     judge = Judge(Fleet(**arrays), config)
     print(json.dumps([(refused, state.hex()) for refused, state in (judge(*each) for each in asked)]))

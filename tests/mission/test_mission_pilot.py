@@ -14,6 +14,7 @@ import pytest
 from audited import PLAN, SENSORS, Recording
 from worlds import BOTH
 
+from phalanx.kernel import PURE
 from phalanx.mission import Kind, Order
 from phalanx.robot.controllers.mission.course import NO_STOP, Course, Goal, steer
 from phalanx.robot.controllers.mission.pilot import Drive, Leg, drive
@@ -129,7 +130,7 @@ def replay(path: Path) -> None:
 
     from phalanx.mission import Profile, Walker
 
-    assert not hasattr(steer, "py_func"), "compiled"
+    assert PURE, "compiled"
     told = json.loads(path.read_text())
     one = errand(Profile(told["profile"]))
     controller = everybody(one, 2).controllers_of(2, Walker(one.mission, one.key))(1)
