@@ -87,6 +87,11 @@ const REASONS: Readonly<Record<string, Reason>> = {
     text: "The message was fine; the gateway broke while carrying it out. Its log says where. Please report it.",
     tone: "fault",
   },
+  defect: {
+    title: "A check of ours failed",
+    text: "Our own code made a mistake while reading the message, and rejected it. The log says where. Please report it.",
+    tone: "fault",
+  },
 };
 
 /** What to say about a reason; one that a newer gateway invented is shown by its bare name. */
