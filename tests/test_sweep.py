@@ -56,6 +56,7 @@ class Waiting(Controller):
     def decode(self, encoding): pass
     def on_recv(self, t_ms, frame): pass
     def on_input(self, step, t_ms, reading):
+        time.sleep(0.02)  # or a worker would be given many runs at a time, and end none before one that waits
         while self.rob_id > 4 and step and not Path(GATE).exists():
             time.sleep(0.02)
         return []
