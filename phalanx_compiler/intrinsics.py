@@ -145,6 +145,19 @@ def _memory(name: str, *wanted: Kind, result: Kind) -> Intrinsic:
     return Intrinsic(_of(*wanted, result=result), c, "a row of bytes, and whole numbers")
 
 
+def _prefetch(given: Kinds) -> Kind | None:
+    return NONE if len(given) == 4 and isinstance(given[0], Array) and set(given[1:]) <= {INT, U32} else None
+
+
+def _prefetch_c(emitter: Any, _: ast.AST, given: list[tuple[str, Kind]]) -> str:
+    (value, kind), *places = given
+    assert isinstance(kind, Array)
+    row = emitter.hold(value, kind)
+    size = " * ".join([str(kind.dtype.itemsize), *(f"{row}.n{axis}" for axis in range(1, kind.axes))])
+    i, begin, length = (emitter.convert(*each, INT) for each in places)
+    return f"prefetch({row}.p, ({i}) * {size} + ({begin}), {length})"
+
+
 # Functions of Python, math and numpy, by themselves.
 KNOWN: dict[Any, Intrinsic] = {
     int: _conversion(INT),
@@ -186,6 +199,7 @@ NAMED: dict[str, Intrinsic] = {
     "store_32": _memory("store_32", ROW, INT, INT, result=NONE),
     "store_64": _memory("store_64", ROW, INT, INT, result=NONE),
     "move": _memory("move_bytes", ROW, INT, ROW, INT, INT, result=NONE),
+    "prefetch": Intrinsic(_prefetch, _prefetch_c, "an array, and three whole numbers"),
     "equal": _memory("equal_bytes", ROW, INT, ROW, INT, INT, result=BOOL),
 }
 MAKERS = (np.empty, np.zeros, np.full, np.empty_like, np.zeros_like)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import mmap
 import struct
 from pathlib import Path
@@ -13,7 +12,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phalanx import pages
 from phalanx.bti import log
 from phalanx.bti.fleet import ROBOT, SETTINGS, records
 from phalanx.pages import sparse
@@ -81,23 +79,6 @@ def test_sparse_rows_take_memory_where_they_are_written():
     assert int(rows[:, 50_000].sum()) == 20
 
 
-def test_dense_arrays_are_zeroed_lie_side_by_side_on_lines_and_are_given_back():
-    before, size = resident_bytes(), (pages.BLOCK_BYTES // 3) // 24 * 24
-    made = [pages.dense((size // 24, 3)) for _ in range(5)] + [pages.dense(size // 8 + 1, np.int64) for _ in range(2)]
-    places = sorted((each.ctypes.data, each.nbytes) for each in made)
-    assert all(at % pages.LINE_BYTES == 0 for at, _ in places)
-    assert all(at + size <= after for (at, size), (after, _) in itertools.pairwise(places))
-    assert not any(each.any() for each in made)
-    assert (made[1].ctypes.data - made[0].ctypes.data) % pages.LARGE_PAGE_BYTES == pages.lines(
-        made[0].nbytes
-    ) % pages.LARGE_PAGE_BYTES
-    for each in made:
-        each[...] = 1
-    assert resident_bytes() - before > 7 * size * 0.9
-    del made, each
-    assert resident_bytes() - before < pages.BLOCK_BYTES  # the last one goes when it is full
-
-
 @given(st.lists(st.tuples(st.sampled_from(["append", "mark", "cut"]), st.binary(min_size=1, max_size=9)), max_size=30))
 def test_a_log_in_two_pieces_is_one_of_bytes(told):
     """Uncompiled: what is compiled is the same (tests/test_plain.py lives whole runs with both)."""
@@ -124,12 +105,6 @@ def test_a_log_in_two_pieces_is_one_of_bytes(told):
         shown = np.zeros(50, np.uint8)
         log.read.py_func(f, 0, len(right), shown, 3)
         assert shown[3 : 3 + len(right)].tobytes() == right
-
-
-def test_a_small_array_and_one_with_values():
-    assert pages.dense(3, np.uint8).tolist() == [0, 0, 0]
-    assert pages.filled((2, 2), [[1, 2], [3, 4]]).tolist() == [[1, 2], [3, 4]]
-    assert (pages.filled(100_000, -1, np.int64) == -1).all()
 
 
 def test_too_many_are_a_memory_error():

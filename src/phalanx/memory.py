@@ -54,3 +54,8 @@ def move(to: Any, to_at: int, source: Any, source_at: int, length: int) -> None:
 def equal(one: Any, one_at: int, other: Any, other_at: int, length: int) -> bool:
     """Return whether `length` bytes, 0 or more, agree."""
     return bool((one[one_at : one_at + length] == other[other_at : other_at + length]).all())
+
+
+@intrinsic("prefetch")
+def prefetch(rows: Any, i: int, begin: int, length: int) -> None:
+    """Ask the processor's caches for `length` bytes of rows[i], from byte `begin` on. Nothing is read or changed."""

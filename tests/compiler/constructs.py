@@ -27,7 +27,7 @@ from phalanx.arrays import (
 )
 from phalanx.bundle import bundled
 from phalanx.kernel import kernel
-from phalanx.memory import equal, load_16, load_32, load_64, move, store_16, store_32, store_64
+from phalanx.memory import equal, load_16, load_32, load_64, move, prefetch, store_16, store_32, store_64
 
 # Inputs beside random ones, by the name of a kernel; only these if the second is true.
 GIVEN: dict[str, tuple[list[tuple[Any, ...]], bool]] = {}
@@ -1114,6 +1114,14 @@ def bytes_of_rows(a: U8x1, x: int) -> tuple[int, int, bool, bool]:
     store_32(a, 2, x)
     move(a, 1, a, 0, 4)
     return load_16(a, 1), load_32(a, 2), equal(a, 0, a, 1, 5), equal(a, 0, a, 3, 0)
+
+
+@kernel
+def prefetched(a: U8x1, b: F64x2, i: int) -> tuple[int, float]:
+    """Prefetching reads nothing, so no place is out of range."""
+    prefetch(b, i, 0, 200)
+    prefetch(a, 0, i, len(a))
+    return int(a[0]), b[0, 0]
 
 
 @kernel

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from phalanx.arrays import F64x1, I64x2, Records, U8x2, U8x3, U16x2
 from phalanx.bundle import bundled
 from phalanx.config import BtiConfig
-from phalanx.pages import PAGE_BYTES, dense, filled, lines, sparse
+from phalanx.pages import PAGE_BYTES, lines, sparse
 from phalanx.pool import NO_ROW, Pool, make_pool
 from phalanx.wire import table
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
@@ -153,7 +153,7 @@ pack = bundled(Fleet)
 
 def records(shape: int | tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
     """Zeroed records whose fields are attributes, compiled and not."""
-    made: NDArray[Any] = dense(shape, dtype).view(np.recarray)
+    made: NDArray[Any] = np.zeros(shape, dtype).view(np.recarray)
     return made
 
 
@@ -204,18 +204,18 @@ def make_fleet(
         robot=robot,
         snode=snode,
         anode=anode,
-        log=sparse(n, _pages(front)) if is_whole else dense((n, lines(front)), np.uint8),
+        log=sparse(n, _pages(front)) if is_whole else np.zeros((n, lines(front)), np.uint8),
         log_rest=sparse(n, _pages(log_bytes - front)),
-        state=dense((n, lines(state_bytes)), np.uint8),
-        checkpoint=dense((n, 2, state_bytes + table.CHECKPOINT.size), np.uint8),
-        hckpt=dense((n, 2, HASH_BYTES), np.uint8),
+        state=np.zeros((n, lines(state_bytes)), np.uint8),
+        checkpoint=np.zeros((n, 2, state_bytes + table.CHECKPOINT.size), np.uint8),
+        hckpt=np.zeros((n, 2, HASH_BYTES), np.uint8),
         token=records((n, 2, config.tokens_kept), TOKEN),
         peer=records((n, config.n_max), PEER),
-        peer_id=dense((n, config.n_max), np.uint16),
+        peer_id=np.zeros((n, config.n_max), np.uint16),
         request=make_pool(n, requests),
         rx=make_pool(n * places, requests),
         rx_info=records((n, places), RX),
         memo=make_memo(n, requests, state_bytes, 4 * (table.ENTRY_HEADER_BYTES + config.frame_max_bytes)),
-        taken=filled((n, config.audits_taken), LONG_AGO, np.int64),
+        taken=np.full((n, config.audits_taken), LONG_AGO, np.int64),
     )
     return pack(fleet)

@@ -17,7 +17,7 @@ import numpy as np
 from phalanx.arrays import Records, U8x2, U8x3
 from phalanx.bundle import bundled
 from phalanx.kernel import kernel
-from phalanx.pages import dense, sparse
+from phalanx.pages import sparse
 from phalanx.wire import table
 from phalanx.wire.fields import Row, copy, same
 from phalanx.wire.table import HASH_BYTES
@@ -63,7 +63,7 @@ def make_memo(robots: int, request_bytes: int, state_bytes: int, waiting_bytes: 
         passed=np.zeros(slots, PASSED).view(np.recarray),
         shown=sparse(slots, request_bytes),
         tops=np.zeros((slots, 2, HASH_BYTES), np.uint8),
-        state=dense((slots, state_bytes + CHECKPOINT_BYTES), np.uint8),
+        state=np.zeros((slots, state_bytes + CHECKPOINT_BYTES), np.uint8),
         waiting=sparse(slots, waiting_bytes),
     )
     return pack(made)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from phalanx.config import BtiConfig
 from phalanx.config.bti import CHECKPOINT_BYTES, NEIGHBOUR_BYTES, REQUEST_OVERHEAD_BYTES
 from phalanx.errors import PeerError, UsageError
-from phalanx.pages import dense, lines
+from phalanx.pages import lines
 from phalanx.wire.fields import row
 from phalanx.wire.table import AUDIT_FRAGMENT, AUDIT_TOKEN, HASH_BYTES, KEY_BYTES, MAC_BYTES, MKEY, STATE
 
@@ -142,8 +142,8 @@ class Nodes:
     def __init__(self, n: int, profile: int, limits: Limits) -> None:
         self.profile = profile
         self._ffi, self._lib = trusted.FIRMWARE[profile]
-        self.snode = dense((n, lines(self._lib.phx_snode_size())), np.uint8)
-        self.anode = dense((n, lines(self._lib.phx_anode_size())), np.uint8)
+        self.snode = np.zeros((n, lines(self._lib.phx_snode_size())), np.uint8)
+        self.anode = np.zeros((n, lines(self._lib.phx_anode_size())), np.uint8)
         try:
             made = self._ffi.new("phx_limits *", astuple(limits))
         except OverflowError as error:

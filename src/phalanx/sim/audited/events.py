@@ -122,6 +122,12 @@ def pop(queue: Queue) -> tuple[int, int, int, int]:
 
 
 @kernel
+def peek(queue: Queue) -> int:
+    """Return the robot of the next event if it is due within this millisecond, else NOTHING."""
+    return NOTHING if queue.tally[_NEAR] == 0 else whole(queue.event[queue.heap[0]].robot)
+
+
+@kernel
 def next_us(queue: Queue) -> int:
     """When the earliest event is due, µs; NEVER_US if none waits."""
     if queue.tally[_WAITING] == 0:

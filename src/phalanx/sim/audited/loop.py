@@ -19,7 +19,8 @@ from phalanx.sim.radio.reach import rebuild
 from phalanx.wire.fields import Row, copy, get_u16
 
 from . import body
-from .events import CONTROL, MESSAGE, next_us, pop, push
+from .ahead import prefetch_event, prefetch_receiver
+from .events import CONTROL, MESSAGE, next_us, peek, pop, push
 from .motion import obstacle_contacts, robot_contacts
 from .world import PYTHON, VERDICTS, World, clock_ms
 
@@ -46,6 +47,8 @@ def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeli
         while clock.next < clock.receivers:
             j = int(world.receivers[clock.next])
             clock.next += 1
+            if clock.next + 1 < clock.receivers:  # two ahead: memory is slower than one delivery
+                prefetch_receiver(world, int(world.receivers[clock.next + 1]))
             if deliver(world, j):
                 return FOR_PYTHON
         if clock.sender != NOBODY:
@@ -58,6 +61,7 @@ def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeli
             return REACHED
         now_us, kind, i, arg = pop(world.queue)
         clock.now_us = now_us
+        prefetch_event(world, peek(world.queue))
         if kind == ATTEMPT:
             radio.attempt(world.air, world.reach, world.queue, i, now_us)
         elif kind == TX_END:
@@ -145,6 +149,8 @@ def transmitted(world: World, i: int, arg: int) -> None:
     n = len(end.frame)
     copy(world.frame, 0, end.frame, 0, n)
     world.frame_len[0] = n
+    for k in range(min(2, end.receivers)):
+        prefetch_receiver(world, int(world.receivers[k]))
 
 
 @kernel

@@ -17,7 +17,6 @@ from phalanx.config.bti import FRAGMENT_HEAD_BYTES, REQUEST_OVERHEAD_BYTES
 from phalanx.config.flock import Box, Disc
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
-from phalanx.pages import dense, filled
 from phalanx.robot import node
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.cnode import CNode
@@ -157,11 +156,11 @@ def make_world(setup: Setup, chance: np.random.Generator) -> World:
             None if m <= SMALL_SWARM else m * (2 * setup.bti.n_max + ROOM),
             skin=0.0 if setup.plain else SKIN,
         ),
-        pos=filled((m, 2), setup.starts_m),
-        vel=dense((m, 2)),
-        acc=dense((m, 2)),
-        last=filled((m, 2), np.nan),
-        led=dense((m, 3), np.uint8),
+        pos=np.full((m, 2), setup.starts_m),
+        vel=np.zeros((m, 2)),
+        acc=np.zeros((m, 2)),
+        last=np.full((m, 2), np.nan),
+        led=np.zeros((m, 3), np.uint8),
         area=np.array(setup.area_m),
         # Of float64 whatever they were written as: kernels take no others.
         discs=np.array(
@@ -170,13 +169,13 @@ def make_world(setup: Setup, chance: np.random.Generator) -> World:
         boxes=np.array(
             [(o.left_m, o.bottom_m, o.right_m, o.top_m) for o in setup.obstacles if isinstance(o, Box)], np.float64
         ).reshape(-1, 4),
-        moved_us=dense(m, np.int64),
-        boot_us=filled(n, boot_us, np.int64),
-        runs=dense(n, np.uint8),
-        safe=dense(n, np.uint8),
-        safe_us=filled(n, -1, np.int64),
-        retry_us=filled(n, -1, np.int64),
-        receivers=dense(m, np.int32),
+        moved_us=np.zeros(m, np.int64),
+        boot_us=np.full(n, boot_us, np.int64),
+        runs=np.zeros(n, np.uint8),
+        safe=np.zeros(n, np.uint8),
+        safe_us=np.full(n, -1, np.int64),
+        retry_us=np.full(n, -1, np.int64),
+        receivers=np.zeros(m, np.int32),
         frame=np.zeros(setup.radio.long_bytes + 64, np.uint8),
         frame_len=np.zeros(1, np.int64),
         reading=np.zeros(64, np.uint8),

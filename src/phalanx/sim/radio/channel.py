@@ -19,7 +19,6 @@ from phalanx.bundle import bundled
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
-from phalanx.pages import dense
 from phalanx.pool import Pool, give_back, lend, make_pool
 from phalanx.sim.audited.events import Queue, push
 from phalanx.wire.fields import Row, copy, whole
@@ -113,7 +112,7 @@ def make_air(robots: int, config: RadioConfig, seed: int) -> Air:
         short=np.zeros((SLOTS, robots, SHORT_BYTES), np.uint8),
         long=make_pool(robots, config.long_bytes),
         slot=np.zeros((SLOTS, robots), SLOT).view(np.recarray),
-        counts=dense((robots, 4, 8), np.int64),
+        counts=np.zeros((robots, 4, 8), np.int64),
         rates=rates_of(config),
         half_exponents=round(2 * config.exponent),
         capture=10 ** (config.capture_db / 10),

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from phalanx.arrays import Records
 from phalanx.kernel import kernel
-from phalanx.pages import dense
 
 # Access as ns-3 plays it: everything in the best-effort class (AIFSN 3), slots of 9 µs, CWmin 15 and CWmax 1023.
 SLOT_US = 9
@@ -55,7 +54,7 @@ Nic: TypeAlias = Annotated[Any, Records(NIC, 0)]
 
 def make_nics(robots: int, seed: int) -> NDArray[np.void]:
     """(robots,) records of NIC: an idle channel, and each robot's own luck."""
-    nic = dense(robots, NIC).view(np.recarray)
+    nic = np.zeros(robots, NIC).view(np.recarray)
     for name in ("heard_until", "hears_until", "busy_until", "own_until"):
         nic[name] = _LONG_AGO
     nic["attempt_at"] = NEVER

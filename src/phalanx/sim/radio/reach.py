@@ -20,7 +20,6 @@ from phalanx.arrays import F32x1, F64x1, F64x2, I32x1, I64x1, I64x2
 from phalanx.bundle import bundled
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
-from phalanx.pages import dense, filled
 
 END = -1
 # A swarm of this size gets room for every robot to hear every other; a larger one begins with room for 32 each.
@@ -72,20 +71,20 @@ def make_reach(robots: int, range_m: float, capacity: int | None = None, skin: f
     reach = Reach(
         range_m=float(range_m),
         skin_m=float(skin * range_m),
-        at=dense((robots, 2)),
+        at=np.zeros((robots, 2)),
         looks=np.zeros(1, np.int64),
-        listed=dense(robots, np.int64),
-        end=dense(robots, np.int64),
+        listed=np.zeros(robots, np.int64),
+        end=np.zeros(robots, np.int64),
         ids=np.zeros(room, np.int32),
         square=np.zeros(room, np.float32),
-        cell=dense((robots, 2), np.int64),
-        first=dense(buckets, np.int32),
-        after=dense(robots, np.int32),
-        sorted_at=filled((robots, 2), np.nan),
-        near=dense(robots + 1, np.int64),
+        cell=np.zeros((robots, 2), np.int64),
+        first=np.zeros(buckets, np.int32),
+        after=np.zeros(robots, np.int32),
+        sorted_at=np.full((robots, 2), np.nan),
+        near=np.zeros(robots + 1, np.int64),
         maybe=np.zeros(room, np.int32),
-        least_m=dense(robots),
-        aisle=dense(robots, np.int32),
+        least_m=np.zeros(robots),
+        aisle=np.zeros(robots, np.int32),
     )
     return pack(reach)
 
