@@ -10,7 +10,7 @@ import numpy as np
 
 from . import intrinsics
 from .expressions import Expressions
-from .kinds import BOOL, INT, NONE, U32, Array, Kind, Record, Tuple, element, fields_of, leaves, signature_of
+from .kinds import INT, NONE, U32, Array, Kind, Record, Tuple, element, fields_of, leaves, signature_of
 
 
 class Calls(Expressions):
@@ -129,6 +129,3 @@ class Calls(Expressions):
         held = self.made(kind, lengths, node, zeroed=False)
         self.say(f"memcpy({held}.p, {value}.p, (size_t)({' * '.join(lengths)} * {kind.dtype.itemsize}));")
         return held
-
-
-__all__ = ["BOOL", "Calls", "Record"]

@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from .constants import ABSENT
 from .kinds import BOOL, F32, FLOAT, INT, NARROW, U32, U64, Array, Bundle, Kind, Record, Scalar, Tuple, element
 from .kinds import words as words_of
 from .needed import Needed
-from .typed import ABSENT, Typed, compared
+from .typed import Typed, compared
 
 SIGNS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.BitAnd: "&", ast.BitOr: "|", ast.BitXor: "^"}
 COMPARED = {ast.Eq: "==", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">="}

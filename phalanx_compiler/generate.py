@@ -17,8 +17,8 @@ from .errors import SubsetError
 from .unit import Unit
 
 HERE = Path(__file__).parent
-# A module with kernels has one of these words.
-MARK = re.compile(r"^(@kernel|@rejecting|_permute = written|@_in_c|@_of_the_chosen)|\bkernel\(", re.MULTILINE)
+# A module with kernels imports one of the functions of phalanx.kernel that make them.
+MAKES_KERNELS = re.compile(r"^from [.\w]*\bkernel import (\([^)]*|.*)\b(kernel|linked|written)\b", re.MULTILINE)
 
 
 def package_source(root: Path, nodes: Path | None = None) -> str:
@@ -42,7 +42,7 @@ def package_source(root: Path, nodes: Path | None = None) -> str:
 def import_kernels(root: Path) -> None:
     """Import all modules of the package at `root` that have kernels."""
     for file in sorted(root.rglob("*.py")):
-        if MARK.search(file.read_text(encoding="utf-8")) and file.name != "kernel.py":
+        if MAKES_KERNELS.search(file.read_text(encoding="utf-8")):
             importlib.import_module(".".join(["phalanx", *file.relative_to(root).with_suffix("").parts]))
 
 

@@ -286,6 +286,3 @@ def method_kind(typed: Any, node: ast.Call) -> Kind:
             if (of, into) == (F32, np.uint32):
                 return U32
     raise typed.source.refuse(node, "a call of something unknown", "a kernel, or a function of docs/kernels.md")
-
-
-__all__ = ["KNOWN", "NAMED", "Intrinsic", "found", "kind", "method_kind", "shape_of"]

@@ -21,7 +21,7 @@ enum { FIRST_BLOCK = 8192, BLOCK = 1 << 16 };
 #define SCRATCH_MOST (INT64_C(1) << 28)
 enum { BAD_INDEX, BAD_SHAPE, BAD_DIVISOR, BAD_NUMBER, BAD_SCRATCH, BAD_OWN, BAD_RESULT, BAD_LINK };
 
-struct block { struct block *before; int64_t size; };
+struct block { struct block *before; } __attribute__((aligned(16))); /* so that arrays behind it are, too */
 struct mark { struct block *last; char *at, *end; int64_t taken; };
 struct fault { const char *file; int32_t line, what; int64_t index, size; };
 struct frame {
@@ -66,7 +66,6 @@ UNUSED static char *scratch(int64_t size, int32_t at)
         struct block *block = s->taken + most <= SCRATCH_MOST ? malloc(sizeof *block + (size_t)most) : NULL;
         if (block == NULL) violate(at, BAD_SCRATCH, s->taken + most, SCRATCH_MOST);
         block->before = s->last;
-        block->size = most;
         s->last = block;
         s->at = (char *)(block + 1);
         s->end = s->at + most;

@@ -253,6 +253,3 @@ def written(function: Callable[..., Any], typed: Typed, unit: Needed) -> str:
     """Return a kernel's C."""
     assert typed.source.function is function
     return Statements(typed, unit).text
-
-
-__all__ = ["BOOL", "Statements", "written"]

@@ -83,16 +83,12 @@ class Typed(Constants):
         self.variables: dict[str, Kind] = dict(self.parameters)
         self.kinds: dict[ast.AST, Kind] = {}
         self.constants: dict[ast.AST, Any] = {}
-        self.called: list[Callable[..., Any]] = []
-        self.last_pass = False
         # A variable that a loop changes may only then be seen to be a float.
         while True:
             before = dict(self.variables)
             self._block(source.tree.body)
             if before == self.variables:
                 break
-        self.last_pass = True
-        self._block(source.tree.body)
         Assigned(source, self.local, self._runs).check(self.parameters)
 
     def _runs(self, node: ast.For) -> bool:
@@ -465,7 +461,7 @@ class Typed(Constants):
             if is_bundle(function):
                 raise self.source.refuse(node, "a bundle that is made in a kernel", "a bundle as an argument")
             kinds = self.many([*node.args, *(each.value for each in node.keywords)])
-            wanted = Tuple(signature_of_tuple(function), function)
+            wanted = Tuple(tuple(kind for _, kind in fields_of(function)), function)
             first = len(kinds) - len(node.keywords)
             if [each.arg for each in node.keywords] != list(wanted.fields[first : len(kinds)]):
                 raise self.source.refuse(node, "arguments in another order", "the order of the fields")
@@ -493,18 +489,8 @@ class Typed(Constants):
             pairs.append((name, self.kind_of_constant(node, defaults[name])))
         for name, kind in pairs:
             self._fits(node, kind, parameters[name], f"{name} of {function.__name__}")
-        if self.last_pass and function not in self.called:
-            self.called.append(function)
         return returned
 
 
 def _is_whole(node: ast.Slice) -> bool:
     return node.lower is None and node.upper is None
-
-
-def signature_of_tuple(cls: Any) -> tuple[Kind, ...]:
-    """Return the kinds of a NamedTuple's fields."""
-    return tuple(kind for _, kind in fields_of(cls))
-
-
-__all__ = ["ABSENT", "Typed", "compared", "joined"]

@@ -328,7 +328,7 @@ def test_the_build_prints_one_line_and_a_hint(tmp_path):
         ROOT / "src" / "phalanx", package, ignore=shutil.ignore_patterns("pages", "*kernels*.so", "__pycache__")
     )
     (package / "wrong.py").write_text(
-        "from .kernel import kernel\n\n\n@kernel\ndef wrong(x: int) -> int:\n    return [x]\n"
+        "from .kernel import (\n    kernel,\n)\n\n\n@kernel\ndef wrong(x: int) -> int:\n    return [x]\n"
     )
     command = [sys.executable, "-m", "phalanx_compiler.generate", tmp_path / "out.c", package]
     path = f"{package.parent}:{ROOT}"
@@ -336,7 +336,7 @@ def test_the_build_prints_one_line_and_a_hint(tmp_path):
     assert done.returncode == 1
     assert done.stdout == ""
     assert done.stderr.splitlines() == [
-        "error: src/phalanx/wrong.py:6: List is not in the subset: [x]",
+        "error: src/phalanx/wrong.py:8: List is not in the subset: [x]",
         "hint: an array, or a tuple",
     ]
     assert not (tmp_path / "out.c").exists()
