@@ -31,7 +31,7 @@ typedef struct {
     struct op *op;
 } Kernel;
 
-static PyObject *prepare, *complain, *report; /* functions of phalanx.kernel */
+static PyObject *prepare, *raise_violation, *report; /* functions of phalanx.kernel */
 static PyObject *address_name;
 
 static int refuse(const char *what, PyObject *value)
@@ -244,8 +244,8 @@ static PyObject *call(PyObject *object, PyObject *args, PyObject *named)
     PyObject *made = NULL;
     if (UNLIKELY(failed)) {
         struct fault *f = &frame.fault;
-        PyObject *told = PyObject_CallFunction(complain, "siiLL", f->file, f->line, f->what, (long long)f->index, (long long)f->size);
-        Py_XDECREF(told);
+        PyObject *done = PyObject_CallFunction(raise_violation, "siiLL", f->file, f->line, f->what, (long long)f->index, (long long)f->size);
+        Py_XDECREF(done);
     } else {
         at = 0;
         made = give(self, &k, result, &at);
@@ -357,7 +357,7 @@ static PyObject *set_up(PyObject *Py_UNUSED(module), PyObject *args)
     PyObject *first, *second, *third;
     if (!PyArg_ParseTuple(args, "OOO", &first, &second, &third)) return NULL;
     prepare = Py_NewRef(first);
-    complain = Py_NewRef(second);
+    raise_violation = Py_NewRef(second);
     report = Py_NewRef(third);
     Py_RETURN_NONE;
 }

@@ -45,12 +45,14 @@ class Own:
 
     Attributes:
         check: kernel of what is returned, of the parameter number `row` if there is one, and of `numbers`.
+        violation: name of the violation if the check fails (violations.py).
     """
 
     function: Callable[..., Any]
     check: Callable[..., Any] | None = None
     row: int | None = None
     numbers: tuple[int, ...] = ()
+    violation: str = ""
 
 
 class _OwnUnit(Unit):
@@ -113,7 +115,9 @@ __attribute__((visibility("default"))) void **own_linked(void) { return linked; 
         if own.check:
             given = ["returned", *([f"a{own.row}"] if own.row is not None else []), *map(str, own.numbers)]
             is_right = f"{self.function(own.check)}({', '.join(given)})"
-            lines.append(f"    if (UNLIKELY(!{is_right})) violate({self._heads[name]}, BAD_RESULT, returned, 0);")
+            size = "0" if own.row is None else f"a{own.row}.n0"
+            violation = f"violate({self._heads[name]}, {own.violation}, returned, {size})"
+            lines.append(f"    if (UNLIKELY(!{is_right})) {violation};")
         return "\n".join([*lines, "    leave(&frame);", "    return returned;", "}"])
 
 

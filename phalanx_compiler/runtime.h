@@ -1,7 +1,8 @@
 /* What all compiled kernels stand on: arrays, checks that unwind to the caller, and scratch memory.
 
    A violated check never returns: it unwinds to the frame of the call from Python, or of the kernel that reads a
-   peer's bytes. Kernels own no resources but scratch memory, which belongs to the frame. */
+   peer's bytes. Kernels own no resources but scratch memory, which belongs to the frame. The enum of violations is
+   generated (violations.py) and stands before this file. */
 
 #include <math.h>
 #include <setjmp.h>
@@ -19,7 +20,6 @@ typedef struct { const char *file; int32_t line; } site;
 
 enum { FIRST_BLOCK = 8192, BLOCK = 1 << 16 };
 #define SCRATCH_MOST (INT64_C(1) << 28)
-enum { BAD_INDEX, BAD_SHAPE, BAD_DIVISOR, BAD_NUMBER, BAD_SCRATCH, BAD_OWN, BAD_RESULT, BAD_LINK };
 
 struct block { struct block *before; } __attribute__((aligned(16))); /* so that arrays behind it are, too */
 struct mark { struct block *last; char *at, *end; int64_t taken; };
@@ -79,7 +79,7 @@ UNUSED static int64_t scratch_size(int64_t n0, int64_t n1, int64_t n2, int64_t n
 {
     int64_t size = each, n[4] = {n0, n1, n2, n3};
     for (int k = 0; k < 4; k++) {
-        if (n[k] < 0 || n[k] > SCRATCH_MOST) violate(at, BAD_SHAPE, n[k], SCRATCH_MOST);
+        if (n[k] < 0 || n[k] > SCRATCH_MOST) violate(at, BAD_SIZE, n[k], SCRATCH_MOST);
         size *= n[k];
         if (size > SCRATCH_MOST) violate(at, BAD_SCRATCH, size, SCRATCH_MOST);
     }
@@ -125,7 +125,6 @@ UNUSED static void reject(struct frame *f)
 
 /* --- kernels of other libraries, called by an address in a table (own.py) --- */
 
-enum { IN_OWN = 64 }; /* added to what a violation is, in a user's file */
 UNUSED static __thread int32_t caller; /* in a user's file: where it has called a kernel of the package last */
 
 COLD UNUSED static void pass_on(const struct fault *f)

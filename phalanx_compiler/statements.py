@@ -221,7 +221,7 @@ class Statements(Calls):
             lines.append("    struct mark before = top->scratch;")
         body = list(self.lines)
         if returned != NONE and not _always_returns(typed.source.tree.body):
-            body.append(f"    violate({self.site(typed.source.tree)}, BAD_OWN, 0, 0);")
+            body.append(f"    violate({self.site(typed.source.tree)}, BAD_END, 0, 0);")
         jumps = any("goto end;" in line for line in body)
         if body and body[-1] == "    goto end;":
             body.pop()

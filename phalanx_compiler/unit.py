@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from . import violations
 from .kinds import FLOAT, INT, NONE, Array, Bundle, Kind, Record, Scalar, Tuple, leaves, signature_of, words
 from .needed import Needed
 from .parsing import Source, source_of
@@ -51,6 +52,7 @@ class Unit(Needed):
             heads.append(f"{head};")
             k += 1
         parts = [
+            violations.enum(),
             RUNTIME.read_text(),
             *(_struct(items, name) for items, name in self.tuples.items()),
             f"static void *linked[{len(self.slots) + 1}];",

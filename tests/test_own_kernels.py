@@ -27,6 +27,9 @@ EXAMPLE = ROOT / "examples" / "own_kernels.py"
 FLOCK = ROOT / "src" / "phalanx" / "robot" / "controllers" / "bundled" / "flock.py"
 SMALL = Scenario(robots=6, duration_s=4.0)
 QUICK = ("--duration", "2", "--robots", "6")
+# What violations of results say.
+LENGTH = r"length -?\d+ of a row of \d+ bytes$"
+OUTPUTS = r"length -?\d+ of a row of \d+ bytes: no valid outputs end there$"
 RUN = """
 import sys
 from phalanx.sim import Scenario, simulate
@@ -339,28 +342,39 @@ class TestMistakes:
         )
 
     @pytest.mark.parametrize(
-        "was, becomes, name",
+        "was, becomes, name, complaint",
         [
-            ("    return end\n", "    return end + 1\n", "on_input"),
-            ("    return end\n", "    return -1\n", "on_input"),
-            ("    return end\n", "    out[0] = 9\n    return end\n", "on_input"),
-            ("    return end\n", "    out[begin] = 0x81\n    return end\n", "on_input"),
-            ("table.ACCELERATION.size, table.KIND_ACCELERATION", "table.ACCELERATION.size, 7", "on_input"),
-            ("    return PLACES * EACH\n\n\n@kernel\ndef is_enc", "    return -1\n\n\n@kernel\ndef is_enc", "begin"),
-            ("    return PLACES * EACH\n\n\n@kernel\ndef begin", "    return 99999\n\n\n@kernel\ndef begin", "size"),
+            ("    return end\n", "    return end + 1\n", "on_input", OUTPUTS),
+            ("    return end\n", "    return -1\n", "on_input", OUTPUTS),
+            ("    return end\n", "    out[0] = 9\n    return end\n", "on_input", OUTPUTS),
+            ("    return end\n", "    out[begin] = 0x81\n    return end\n", "on_input", OUTPUTS),
+            ("table.ACCELERATION.size, table.KIND_ACCELERATION", "table.ACCELERATION.size, 7", "on_input", OUTPUTS),
+            (
+                "    return PLACES * EACH\n\n\n@kernel\ndef is_enc",
+                "    return -1\n\n\n@kernel\ndef is_enc",
+                "begin",
+                LENGTH,
+            ),
+            (
+                "    return PLACES * EACH\n\n\n@kernel\ndef begin",
+                "    return 99999\n\n\n@kernel\ndef begin",
+                "size",
+                LENGTH,
+            ),
             (
                 "    return PLACES * EACH\n\n\n@kernel\ndef size",
                 "    return 1 << 40\n\n\n@kernel\ndef size",
                 "capacity",
+                r"\d+ bytes, which no state may have$",
             ),
         ],
     )
     @pytest.mark.parametrize("compiler", ["cc", "none-such"])
-    def test_what_it_may_not_return_names_the_kernel(self, mine, monkeypatch, was, becomes, name, compiler):
+    def test_an_invalid_result_names_the_kernel(self, mine, monkeypatch, was, becomes, name, complaint, compiler):
         monkeypatch.setenv("CC", compiler)
         words = mine((was, becomes))
         at = line_of(f"def {name}(") - 1
-        with pytest.raises(OwnDefect, match=rf"^mine.py:{at}: -?\d+ is returned, which it must not be$"):
+        with pytest.raises(OwnDefect, match=rf"^mine.py:{at}: returned {complaint}"):
             digest(words)
 
     def test_a_number_that_no_controller_has_is_refused(self):

@@ -29,6 +29,7 @@ from typing import Any, TypeVar
 
 import phalanx_compiler
 from phalanx_compiler.calling import operations
+from phalanx_compiler.violations import IN_OWN, RAISED, message
 
 from .errors import Defective, KernelDefect, OwnDefect, Unavailable
 
@@ -41,19 +42,9 @@ _BUILDING = os.environ.get("PHALANX_PURE") == "build"
 # All kernels of the package, uncompiled, for the compiler: only where they are not compiled.
 KERNELS: list[Callable[..., Any]] = []
 HINT = "run make setup, or pip install ., to compile them; PHALANX_PURE=1 runs them as Python, slowly"
-WRONG = (
-    "index {0} is outside an array of {1}",
-    "an array of {0} where one of {1} belongs",
-    "a division by zero",
-    "NaN, infinite, or beyond 64 bits: no whole number",
-    "scratch memory: {0} bytes where {1} are allowed",
-    "the end is reached without a result",
-    "{0} is returned, which it must not be",
-    "no controller has the number {0}",
-)
-# A violation's number in a user's file is greater by so much; of an exception that Python raised there it is `RAISED`.
-IN_OWN, RAISED, RETURNED = 64, 255, 6
-OURS, THEIRS = "a defect of Phalanx: please report it", "a defect of this file: its kernels may not do that"
+# Hints of violations: in the package's kernels, and in a user's file.
+PACKAGE_DEFECT = "a defect of Phalanx: please report it"
+FILE_DEFECT = "a defect of this file: its kernels may not do that"
 # Addresses of C functions that kernels call, by their symbols.
 ADDRESSES: dict[str, int] = {}
 
@@ -93,12 +84,12 @@ def _prepare(compiled: Any) -> None:
 def _violation(file: str, line: int, what: int, index: int, size: int) -> BaseException:
     """Return the exception for a check that failed in compiled code."""
     if what == RAISED:
-        return _raised.pop(index, None) or OwnDefect(f"{file}:{line}: an exception", THEIRS)
-    words = f"{file}:{line}: {WRONG[what % IN_OWN].format(index, size)}"
-    return OwnDefect(words, THEIRS) if what >= IN_OWN else KernelDefect(words, OURS)
+        return _raised.pop(index, None) or OwnDefect(f"{file}:{line}: an exception", FILE_DEFECT)
+    words = f"{file}:{line}: {message(what, index, size)}"
+    return OwnDefect(words, FILE_DEFECT) if what >= IN_OWN else KernelDefect(words, PACKAGE_DEFECT)
 
 
-def _complain(file: str, line: int, what: int, index: int, size: int) -> None:
+def _raise_violation(file: str, line: int, what: int, index: int, size: int) -> None:
     raise _violation(file, line, what, index, size)
 
 
@@ -129,7 +120,7 @@ def keep_raised(error: BaseException) -> int:
 
 if _compiled:
     _check_age()
-    _compiled.set_up(_prepare, _complain, _report)
+    _compiled.set_up(_prepare, _raise_violation, _report)
 
 
 def reads_peer(*, rejected: int) -> Callable[[_F], _F]:

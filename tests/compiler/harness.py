@@ -114,7 +114,7 @@ def loaded(path: Path, functions: list[Callable[..., Any]]) -> dict[str, Any]:
     loader = ExtensionFileLoader("_kernels", str(path))
     module = importlib.util.module_from_spec(importlib.util.spec_from_loader("_kernels", loader))
     loader.exec_module(module)
-    module.set_up(kernel._prepare, kernel._complain, kernel._report)
+    module.set_up(kernel._prepare, kernel._raise_violation, kernel._report)
     made = {}
     for function in functions:
         number = module.names[f"{function.__module__}.{function.__name__}"]

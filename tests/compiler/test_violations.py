@@ -19,11 +19,12 @@ from phalanx_compiler.kinds import signature_of
 KERNELS = {each.__name__: each for each in kernels_of(violations)}
 WORDS = {
     "index": r"index -?\d+ is outside an array of \d+",
-    "shape": r"an array of -?\d+ where one of \d+ belongs",
+    "shape": r"an array of length \d+, expected \d+",
+    "size": r"an array cannot have length -?\d+; the largest is \d+",
     "divisor": "a division by zero",
-    "number": "NaN, infinite, or beyond 64 bits: no whole number",
+    "number": "NaN, infinite, or beyond 64 bits: no int can hold it",
     "scratch": r"scratch memory: \d+ bytes where \d+ are allowed",
-    "result": "the end is reached without a result",
+    "result": "the kernel ends without a return",
 }
 MARKED = [
     (name, offset, mark)

@@ -201,7 +201,7 @@ def blocks_of_other_lengths(a: I64x2, i: int) -> None:
 
 @kernel
 def negative_length(i: int) -> int:
-    return len(np.zeros(-1 - abs(i)))  # shape
+    return len(np.zeros(-1 - abs(i)))  # size
 
 
 @kernel
@@ -263,7 +263,7 @@ def too_much_at_once(i: int) -> int:
 
 @kernel
 def too_long(i: int) -> int:
-    return len(np.zeros(1 << 60))  # shape
+    return len(np.zeros(1 << 60))  # size
 
 
 @kernel

@@ -23,7 +23,7 @@ import numpy as np
 from phalanx import __version__
 from phalanx.config.flock import FlockConfig
 from phalanx.errors import KernelDefect, OutsideSubset, OwnDefect, Unavailable, UsageError
-from phalanx.kernel import ADDRESSES, PURE, RAISED, RETURNED, THEIRS, WRONG, keep_raised, kernel
+from phalanx.kernel import ADDRESSES, FILE_DEFECT, PURE, keep_raised, kernel
 from phalanx.wire.fields import Row, get_u16
 from phalanx.wire.record import Record
 from phalanx.wire.table import ENTRY_ACMD, ENTRY_SEND, FRAME_MAX, KIND_AUDIT
@@ -31,6 +31,7 @@ from phalanx_compiler.errors import SubsetError
 from phalanx_compiler.kinds import BOOL, FLOAT, INT, Array, Kind, signature_of
 from phalanx_compiler.own import NoCompiler, Own, UnsafeCache, library_of, line_of, source_of_own
 from phalanx_compiler.parsing import shown_path, uncompiled
+from phalanx_compiler.violations import MESSAGES, RAISED
 
 from . import dispatch
 from .declaration import Declaration
@@ -160,11 +161,13 @@ def _kernels_of(words: str, module: ModuleType, declared: Declaration) -> dict[s
         row = next((parameters.index(each) for each in ("out", "state") if each in parameters), None)
         if name == "on_input":
             numbers = declared.commands.size, int(declared.commands.tag or 0)
-            found[name] = Own(function, uncompiled(are_outputs), row, numbers)
+            found[name] = Own(function, uncompiled(are_outputs), row, numbers, "BAD_OUTPUTS")
         elif name == "is_encoding":
             found[name] = Own(function)
+        elif row is None:
+            found[name] = Own(function, uncompiled(is_capacity), violation="BAD_CAPACITY")
         else:
-            found[name] = Own(function, uncompiled(is_capacity if row is None else is_length), row)
+            found[name] = Own(function, uncompiled(is_length), row, violation="BAD_LENGTH")
     return found
 
 
@@ -200,8 +203,8 @@ def _plain(own: Own, file: str) -> Callable[..., Any]:
         except Exception as error:
             raise _defect(error, file, line_of(function)) from error
         if not fits:
-            words = WRONG[RETURNED].format(returned)
-            raise OwnDefect(f"{shown_path(file)}:{line_of(function)}: {words}", THEIRS)
+            words = MESSAGES[own.violation].format(returned, *(len(arguments[row]) for row in rows))
+            raise OwnDefect(f"{shown_path(file)}:{line_of(function)}: {words}", FILE_DEFECT)
         return int(returned)
 
     return call
@@ -216,7 +219,7 @@ def _defect(error: Exception, file: str, line: int) -> OwnDefect:
     words = f"{type(error).__name__}: {error}"
     if isinstance(error, KernelDefect):  # of a kernel of the package that was called wrongly
         words = str(error).partition(": ")[2]
-    return OwnDefect(f"{shown_path(file)}:{line}: {words}".splitlines()[0], THEIRS)
+    return OwnDefect(f"{shown_path(file)}:{line}: {words}".splitlines()[0], FILE_DEFECT)
 
 
 # --- compiled, or called from compiled code ---
