@@ -7,57 +7,21 @@ before the statement in which it stands, and operands that it might change are r
 from __future__ import annotations
 
 import ast
-import math
 from collections.abc import Callable
 from functools import partial
-from typing import Any
-
-import numpy as np
 
 from .constants import ABSENT
-from .kinds import BOOL, F32, FLOAT, INT, NARROW, U32, U64, Array, Bundle, Kind, Record, Scalar, Tuple, element
+from .kinds import BOOL, F32, FLOAT, INT, NARROW, U64, Array, Bundle, Kind, Record, Scalar, Tuple, element
 from .kinds import words as words_of
-from .needed import Needed
-from .typed import Typed, compared
+from .typed_expressions import compared
+from .values import Values
 
 SIGNS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.BitAnd: "&", ast.BitOr: "|", ast.BitXor: "^"}
 COMPARED = {ast.Eq: "==", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">="}
-WHOLE = (INT, NARROW, BOOL, U32)
 
 
-class Expressions:
-    """Writes a kernel's expressions; `lines` are the statements written so far."""
-
-    def __init__(self, typed: Typed, unit: Needed) -> None:
-        self.typed, self.unit, self.source = typed, unit, typed.source
-        self.lines: list[str] = []
-        self.depth = 1
-        self.temporaries: dict[str, Kind] = {}
-        self.makes = False  # whether it uses scratch memory
-
-    # --- lines, temporaries ---
-
-    def say(self, line: str) -> None:
-        """Write a statement."""
-        self.lines.append("    " * self.depth + line)
-
-    def site(self, node: ast.AST) -> int:
-        """Return the number of a place in the source, for checks."""
-        return self.unit.site(self.source.file, getattr(node, "lineno", self.source.tree.lineno))
-
-    def temporary(self, kind: Kind) -> str:
-        """Return the name of a new temporary."""
-        name = f"t{len(self.temporaries)}"
-        self.temporaries[name] = kind
-        return name
-
-    def hold(self, c: str, kind: Kind) -> str:
-        """Return a name for a value that is used several times, or must be read now."""
-        if c.isidentifier() or c.isdigit():
-            return c
-        name = self.temporary(kind)
-        self.say(f"{name} = {c};")
-        return name
+class Expressions(Values):
+    """Writes a kernel's expressions."""
 
     def many(self, nodes: list[ast.expr]) -> list[tuple[str, Kind]]:
         """Write several expressions, left to right; what a later one may change is read before it."""
@@ -81,70 +45,6 @@ class Expressions:
         assert isinstance(kind, Tuple)
         held = self.hold(self.expr(node.value), kind)
         return [(self.item(held, kind, k), each) for k, each in enumerate(kind.items)]
-
-    # --- kinds ---
-
-    def convert(self, c: str, kind: Kind, into: Kind) -> str:
-        """Write a value of one kind as another."""
-        if kind == into:
-            return c
-        if isinstance(kind, Scalar) and isinstance(into, Scalar):
-            if into == BOOL:
-                return f"(({c}) != 0)"
-            if into == F32 and kind in WHOLE:  # as numpy: a whole number is a float64 first
-                return f"((float)(double)({c}))"
-            return f"(({into.c})({c}))"
-        assert isinstance(kind, Tuple)
-        assert isinstance(into, Tuple)
-        if self.unit.c_type(kind) == self.unit.c_type(into):
-            return c
-        held = self.hold(c, kind)
-        items = [
-            self.convert(self.item(held, kind, k), a, b)
-            for k, (a, b) in enumerate(zip(kind.items, into.items, strict=True))
-        ]
-        return self.tuple_of(into, items)
-
-    def tuple_of(self, kind: Tuple, items: list[str]) -> str:
-        """Write a tuple of values."""
-        text = ", ".join(items)
-        return (
-            f"(({self.unit.c_type(kind)}){{{{{text}}}}})"
-            if self.unit.is_alike(kind)
-            else f"(({self.unit.c_type(kind)}){{{text}}})"
-        )
-
-    def item(self, c: str, kind: Tuple, k: int) -> str:
-        """Write an item of a tuple."""
-        return f"{c}.f[{k}]" if self.unit.is_alike(kind) else f"{c}.f{k}"
-
-    def literal(self, value: Any) -> str:
-        """Write a constant."""
-        if isinstance(value, (bool, np.bool_)):
-            return "true" if value else "false"
-        if isinstance(value, np.uint64):
-            return f"UINT64_C({int(value)})"
-        if isinstance(value, np.uint32):
-            return f"UINT32_C({int(value)})"
-        if isinstance(value, (int, np.integer)):
-            number = int(value)
-            if number == -(1 << 63):
-                return "INT64_MIN"
-            text = f"INT64_C({abs(number)})"
-            return text if number >= 0 else f"(-{text})"
-        if isinstance(value, (float, np.floating)):
-            real = float(value)
-            if math.isnan(real):
-                return "NAN"
-            if math.isinf(real):
-                return "INFINITY" if real > 0 else "(-INFINITY)"
-            return f"({real.hex()}{'f' if isinstance(value, np.float32) else ''})"
-        if isinstance(value, np.ndarray):
-            return self.unit.static(value)
-        assert isinstance(value, tuple)
-        kind = self.typed.kind_of_constant(self.source.tree, value)
-        assert isinstance(kind, Tuple)
-        return self.tuple_of(kind, [self.literal(each) for each in value])
 
     # --- expressions ---
 
