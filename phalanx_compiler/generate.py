@@ -10,10 +10,10 @@ import json
 import os
 import re
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 from .errors import SubsetError
+from .sources import DECLARED, hash_of
 from .unit import Unit
 
 HERE = Path(__file__).parent
@@ -31,11 +31,10 @@ def package_source(root: Path, nodes: Path | None = None) -> str:
     os.environ["PHALANX_PURE"] = "build"
     if nodes:
         importlib.import_module("phalanx").__path__.append(str(nodes))
-    phalanx_kernel = importlib.import_module("phalanx.kernel")
     import_kernels(root)
     unit = Unit()
-    text = unit.text(phalanx_kernel.KERNELS)
-    table = json.dumps({"sources": _hashes(root, phalanx_kernel.hash_of), "slots": unit.slots})
+    text = unit.text(DECLARED)
+    table = json.dumps({"sources": _hashes(root), "slots": unit.slots})
     return "\n".join([text, f"#define TABLE {json.dumps(table)}", (HERE / "call.c").read_text()])
 
 
@@ -46,7 +45,7 @@ def import_kernels(root: Path) -> None:
             importlib.import_module(".".join(["phalanx", *file.relative_to(root).with_suffix("").parts]))
 
 
-def _hashes(root: Path, hash_of: Callable[[Path], str]) -> dict[str, str]:
+def _hashes(root: Path) -> dict[str, str]:
     """Return the hashes of all sources that the C was made of: the package's modules, and the compiler."""
     named = [
         getattr(module, "__file__", None)

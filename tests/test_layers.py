@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-SRC = Path(__file__).parent.parent / "src" / "phalanx"
+ROOT = Path(__file__).parent.parent
+SRC, COMPILER = ROOT / "src" / "phalanx", ROOT / "phalanx_compiler"
 LAYERS = [
     "errors _kernels",
     "kernel loading pages arrays",
@@ -21,6 +22,24 @@ LAYERS = [
     "cli",
 ]
 RANK = {package: i for i, row in enumerate(LAYERS) for package in row.split()}
+LAYERS_OF_COMPILER = [
+    "errors flags sources violations kinds",
+    "parsing calling",
+    "writes constants assigned needed",
+    "intrinsics",
+    "typed_expressions",
+    "typed",
+    "values",
+    "expressions",
+    "calls",
+    "statements",
+    "unit",
+    "own generate",
+    "fresh",
+]
+RANK_IN_COMPILER = {module: i for i, row in enumerate(LAYERS_OF_COMPILER) for module in row.split()}
+# The compiler knows the package only by its name, to import its kernels.
+IMPORTS_KERNELS = {"generate.py", "fresh.py"}
 # The one door upwards: people look for link.Server, which needs sockets (docs/adr/0003).
 DOORS = {("link/__init__.py", "io")}
 # No clock, socket, random source or await below the floor of sim and io: time and nonces are arguments.
@@ -42,8 +61,13 @@ def floor_of(path: Path) -> str:
     return path.relative_to(SRC).parts[0].removesuffix(".py")
 
 
+def compiler_modules():
+    return sorted(each for each in COMPILER.glob("*.py") if each.name != "__init__.py")
+
+
 def imported_names(path: Path) -> set[str]:
-    package = ["phalanx", *path.relative_to(SRC).parts[:-1]]
+    root = SRC if path.is_relative_to(SRC) else COMPILER
+    package = [root.name, *path.relative_to(root).parts[:-1]]
     names = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
@@ -78,6 +102,15 @@ def test_imports_point_down(path):
             check_import(here, parts[1])
 
 
+@pytest.mark.parametrize("path", compiler_modules(), ids=lambda path: path.name)
+def test_the_compilers_imports_point_down(path):
+    for name in imported_names(path):
+        package, *module = name.split(".")
+        if package == "phalanx_compiler":
+            assert RANK_IN_COMPILER[module[0]] < RANK_IN_COMPILER[path.stem], f"{path.stem} -> {module[0]}"
+        assert package != "phalanx" or path.name in IMPORTS_KERNELS, "the package imports the compiler"
+
+
 @pytest.mark.parametrize(
     "path",
     [path for path in modules() if RANK.get(floor_of(path), 99) < PURE_BELOW and path.name not in HOUSEKEEPING],
@@ -101,13 +134,17 @@ def test_a_sideways_import_is_caught():
 
 
 def test_files_hold_one_concept():
-    long = {path.name: n for path in modules() if (n := len(path.read_text().splitlines())) > LONGEST}
+    long = {
+        path.name: n
+        for path in [*modules(), *compiler_modules()]
+        if (n := len(path.read_text().splitlines())) > LONGEST
+    }
     assert not long
 
 
 def test_no_file_is_named_for_nothing():
     nothing = {"utils.py", "helpers.py", "common.py", "base.py", "misc.py"}
-    assert not [path for path in modules() if path.name in nothing]
+    assert not [path for path in [*modules(), *compiler_modules()] if path.name in nothing]
 
 
 @pytest.mark.parametrize("folder", REPLAYED)

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import hashlib
 import importlib
 import inspect
 import json
@@ -29,6 +28,7 @@ from typing import Any, TypeVar
 
 import phalanx_compiler
 from phalanx_compiler.calling import operations
+from phalanx_compiler.sources import DECLARED, hash_of
 from phalanx_compiler.violations import IN_OWN, RAISED, message
 
 from .errors import Defective, KernelDefect, OwnDefect, Unavailable
@@ -39,8 +39,6 @@ _ROOT = Path(__file__).parent
 # Whether kernels run as Python.
 PURE = os.environ.get("PHALANX_PURE", "0") not in ("", "0")
 _BUILDING = os.environ.get("PHALANX_PURE") == "build"
-# All kernels of the package, uncompiled, for the compiler: only where they are not compiled.
-KERNELS: list[Callable[..., Any]] = []
 HINT = "run make setup, or pip install ., to compile them; PHALANX_PURE=1 runs them as Python, slowly"
 # Hints of violations: in the package's kernels, and in a user's file.
 PACKAGE_DEFECT = "a defect of Phalanx: please report it"
@@ -56,11 +54,6 @@ if not PURE:
     except ImportError as error:
         raise Unavailable("the kernels are not compiled", HINT) from error
     _table = json.loads(_compiled.table)
-
-
-def hash_of(file: Path) -> str:
-    """Return a hash of a source file."""
-    return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
 
 
 def _check_age() -> None:
@@ -171,7 +164,7 @@ def kernel(function: _F) -> _F:
     """Return the compiled function of a kernel, or the function itself where it is not compiled."""
     function.__kernel__ = True  # type: ignore[attr-defined]
     if _compiled is None:
-        KERNELS.append(function)
+        DECLARED.append(function)
         if hasattr(function, "__rejected__") and not _BUILDING:
             guarded: Any = _guarded(function)
             return guarded  # type: ignore[no-any-return]
