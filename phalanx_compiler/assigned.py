@@ -67,7 +67,7 @@ class Assigned:
 
     def _name(self, name: ast.Name, shown: ast.AST, known: Names) -> None:
         if name.id in self._local and name.id not in known:
-            instead = "an assignment on each way that leads here"
+            instead = "assign it a value on each way that leads here"
             raise self._source.refuse(shown, f"{name.id} may have no value", instead)
 
 

@@ -65,14 +65,14 @@ class Constants:
             return uncompiled(self.source.names[node.id])
         if hasattr(builtins, node.id):
             return getattr(builtins, node.id)
-        raise self.source.refuse(node, "an unknown name", "a parameter, a variable, or a name of the module")
+        raise self.source.refuse(node, "an unknown name", "use a parameter, a variable, or a name of the module")
 
     def _item(self, node: ast.Subscript) -> Any:
         whole, at = self.constant(node.value), self.constant(node.slice)
         if not isinstance(whole, tuple) or not isinstance(at, int):
             return ABSENT
         if not -len(whole) <= at < len(whole):
-            raise self.source.refuse(node, f"no item {at} of {len(whole)}", "an index inside the tuple")
+            raise self.source.refuse(node, f"no item {at} of {len(whole)}", "use an index inside the tuple")
         return whole[at]
 
     def _folded(self, node: ast.BinOp | ast.UnaryOp) -> Any:
@@ -81,15 +81,15 @@ class Constants:
         if not all(isinstance(each, (int, float)) and not isinstance(each, bool) for each in values):
             return ABSENT
         if isinstance(node.op, (ast.LShift, ast.Pow)) and not -MOST_BITS <= values[1] <= MOST_BITS:
-            raise self.source.refuse(node, "a constant that cannot be computed", "a number that fits 64 bits")
+            raise self.source.refuse(node, "a constant that cannot be computed", "use a number that fits 64 bits")
         try:
             value = FOLDED[type(node.op)](*values)
         except (ArithmeticError, TypeError, ValueError) as error:
             raise self.source.refuse(
-                node, f"a constant that cannot be computed ({error})", "another constant"
+                node, f"a constant that cannot be computed ({error})", "write another constant"
             ) from None
         if isinstance(value, complex):
-            raise self.source.refuse(node, "a complex number", "numbers, arrays, tuples, bundles")
+            raise self.source.refuse(node, "a complex number", "use numbers, arrays, tuples or bundles")
         return value
 
     def kind_of_constant(self, node: ast.AST, value: Any) -> Kind:
@@ -102,7 +102,9 @@ class Constants:
             return NARROW
         if isinstance(value, (int, np.integer)):
             if not -(1 << 63) <= value < 1 << 63:
-                raise self.source.refuse(node, "a number beyond 64 bits", "np.uint64() of it, as a name of the module")
+                raise self.source.refuse(
+                    node, "a number beyond 64 bits", "declare np.uint64() of it as a name of the module"
+                )
             return INT
         if isinstance(value, (float, np.floating)):
             return F32 if isinstance(value, np.float32) else FLOAT
@@ -113,10 +115,12 @@ class Constants:
             return self._array(node, value)
         if value is None:
             return NONE
-        raise self.source.refuse(node, f"a {type(value).__name__} is no value", "numbers, arrays, tuples, bundles")
+        raise self.source.refuse(
+            node, f"a {type(value).__name__} is no value", "use numbers, arrays, tuples or bundles"
+        )
 
     def _array(self, node: ast.AST, value: np.ndarray[Any, Any]) -> Array:
         try:
             return array_kind(value.dtype, value.ndim)
         except TypeError as error:
-            raise self.source.refuse(node, f"a constant: {error}", "an array of numbers in C order") from None
+            raise self.source.refuse(node, f"a constant: {error}", "use an array of numbers in C order") from None

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .kinds import BOOL, F32, FLOAT, INT, NARROW, NONE, U32, U64, Array, Kind, Scalar, Tuple, array_kind
+from .kinds import BOOL, F32, FLOAT, INT, NARROW, NONE, U32, U64, Array, Kind, Scalar, Tuple, array_kind, named
 
 NUMBERS = (INT, BOOL, U32, FLOAT, F32)
 ROW = Array(np.dtype(np.uint8), 1)
@@ -48,7 +48,7 @@ def _math(name: str, count: int = 1, result: Kind = FLOAT) -> Intrinsic:
         call = f"{name}({', '.join(emitter.convert(*each, FLOAT) for each in given)})"
         return f"to_int({call}, {emitter.site(node)})" if result == INT else call
 
-    return Intrinsic(_of(*[FLOAT] * count, result=result), c, f"{name} of numbers")
+    return Intrinsic(_of(*[FLOAT] * count, result=result), c, "pass one number")
 
 
 def _of_float(name: str) -> Intrinsic:
@@ -57,14 +57,14 @@ def _of_float(name: str) -> Intrinsic:
     def c(emitter: Any, _: ast.AST, given: list[tuple[str, Kind]]) -> str:
         return f"{name}({emitter.convert(*given[0], FLOAT)})"
 
-    return Intrinsic(lambda given: FLOAT if given == [FLOAT] else None, c, f"{name} of a float; float() converts")
+    return Intrinsic(lambda given: FLOAT if given == [FLOAT] else None, c, "pass a float; float() converts")
 
 
 def _test(name: str) -> Intrinsic:
     return Intrinsic(
         _of(FLOAT, result=BOOL),
         lambda e, _, given: f"({name}({e.convert(*given[0], FLOAT)}) != 0)",
-        "a test of a number",
+        "pass one number",
     )
 
 
@@ -81,7 +81,7 @@ def _conversion(into: Scalar) -> Intrinsic:
             return value if into == INT else f"(({into.c})({value}))"
         return str(emitter.convert(value, of, into))
 
-    return Intrinsic(kind, c, "a conversion of one number")
+    return Intrinsic(kind, c, "pass one number")
 
 
 def _extreme(name: str) -> Intrinsic:
@@ -99,7 +99,7 @@ def _extreme(name: str) -> Intrinsic:
             text = f"{name}_{suffix}({text}, {each})"
         return f"((float){text})" if into == F32 else text
 
-    return Intrinsic(kind, c, f"{name} of two or more numbers")
+    return Intrinsic(kind, c, "pass two or more numbers")
 
 
 def _abs(given: Kinds) -> Kind | None:
@@ -142,7 +142,7 @@ def _memory(name: str, *wanted: Kind, result: Kind) -> Intrinsic:
         values = [emitter.convert(value, kind, to) for (value, kind), to in zip(given, wanted, strict=True)]
         return f"{name}({', '.join(values)}, {emitter.site(node)})"
 
-    return Intrinsic(_of(*wanted, result=result), c, "a row of bytes, and whole numbers")
+    return Intrinsic(_of(*wanted, result=result), c, "pass a row of bytes, and whole numbers")
 
 
 def _prefetch(given: Kinds) -> Kind | None:
@@ -168,10 +168,10 @@ KNOWN: dict[Any, Intrinsic] = {
     np.uint32: _conversion(U32),
     np.uint64: _conversion(U64),
     bool: _conversion(BOOL),
-    abs: Intrinsic(_abs, _abs_c, "a number"),
+    abs: Intrinsic(_abs, _abs_c, "pass one number"),
     min: _extreme("min"),
     max: _extreme("max"),
-    len: Intrinsic(_len, _len_c, "an array or a tuple"),
+    len: Intrinsic(_len, _len_c, "pass an array or a tuple"),
     round: _math("rint", result=INT),
     math.sqrt: _math("sqrt"),
     math.sin: _math("sin"),
@@ -186,8 +186,8 @@ KNOWN: dict[Any, Intrinsic] = {
     math.isfinite: _test("isfinite"),
     np.isnan: _test("isnan"),
     np.isfinite: _test("isfinite"),
-    np.any: Intrinsic(_of(Array(np.dtype(np.bool_), 1), result=BOOL), _any_c, "an array of bool with one axis"),
-    np.eye: Intrinsic(_of(INT, result=Array(np.dtype(np.float64), 2)), _eye_c, "a whole number"),
+    np.any: Intrinsic(_of(Array(np.dtype(np.bool_), 1), result=BOOL), _any_c, "pass an array of bool with one axis"),
+    np.eye: Intrinsic(_of(INT, result=Array(np.dtype(np.float64), 2)), _eye_c, "pass a whole number"),
 }
 # Functions of phalanx, by the name that `phalanx.kernel.intrinsic` gave them.
 NAMED: dict[str, Intrinsic] = {
@@ -199,9 +199,31 @@ NAMED: dict[str, Intrinsic] = {
     "store_32": _memory("store_32", ROW, INT, INT, result=NONE),
     "store_64": _memory("store_64", ROW, INT, INT, result=NONE),
     "move": _memory("move_bytes", ROW, INT, ROW, INT, INT, result=NONE),
-    "prefetch": Intrinsic(_prefetch, _prefetch_c, "an array, and three whole numbers"),
+    "prefetch": Intrinsic(_prefetch, _prefetch_c, "pass an array, and three whole numbers"),
     "equal": _memory("equal_bytes", ROW, INT, ROW, INT, INT, result=BOOL),
 }
+# Functions that kernels cannot call, and what to write instead.
+INSTEAD: list[tuple[tuple[Any, ...], str]] = [
+    ((math.hypot, np.hypot), "write math.sqrt(x * x + y * y)"),
+    ((math.dist, np.linalg.norm), "write math.sqrt() of the sum of the squares"),
+    ((math.tan, np.tan), "write math.sin(x) / math.cos(x)"),
+    ((np.sin, np.cos), "write math.sin() or math.cos()"),
+    ((math.fabs, np.abs), "write abs()"),
+    ((math.isinf, np.isinf), "write abs(x) == math.inf"),
+    ((math.pow, pow, np.power), "write multiplications"),
+    ((math.radians, np.radians, math.degrees, np.degrees), "multiply by a constant, as math.pi / 180"),
+    ((np.minimum, np.maximum, np.min, np.max), "write min() or max() of two numbers, in a loop"),
+    ((np.clip,), "write min(max(x, low), high)"),
+    ((sum, math.fsum, np.sum, np.mean, np.prod, np.dot), "write a loop over the elements"),
+    (
+        (np.array, np.arange, np.ones, list, tuple),
+        "make an array with np.zeros() or np.full(), and assign its elements",
+    ),
+    ((enumerate, zip, reversed), "loop over range(), and use an index"),
+    ((range,), "use range() only in `for ... in range(...)`"),
+    ((print,), "remove it; with PHALANX_PURE=1 a debugger stops in kernels"),
+]
+MARK_IT = "mark it with @kernel if it is your own; docs/kernels.md lists the functions that kernels may call"
 MAKERS = (np.empty, np.zeros, np.full, np.empty_like, np.zeros_like)
 
 
@@ -221,12 +243,15 @@ def kind(typed: Any, node: ast.Call, function: Any) -> Kind:
     if hasattr(function, "__c_symbol__"):
         for each in given:
             if each not in (INT, NARROW, BOOL, ROW):
-                raise typed.source.refuse(node, f"a {each} for C", "rows of bytes and whole numbers")
+                raise typed.source.refuse(node, f"{named(each)} for C", "pass rows of bytes and whole numbers")
         return INT
     known = found(function)
-    if known is None or node.keywords:
-        name = getattr(function, "__name__", str(function))
-        raise typed.source.refuse(node, f"{name} is no kernel", "a function with @kernel, or one of docs/kernels.md")
+    name = getattr(function, "__name__", str(function))
+    if known is None:
+        instead = next((each for functions, each in INSTEAD if any(function is one for one in functions)), MARK_IT)
+        raise typed.source.refuse(node, f"{name} is no kernel", instead)
+    if node.keywords:
+        raise typed.source.refuse(node, f"keywords of {name}", "pass its arguments by their places")
     result = known.kind(given)
     if result is None:
         raise typed.source.refuse(node, f"a call with {', '.join(map(str, given)) or 'nothing'}", known.usage)
@@ -242,24 +267,24 @@ def shape_of(node: ast.Call) -> list[ast.expr]:
 def _kind_of_made(typed: Any, node: ast.Call, function: Any) -> Kind:
     first = 2 if function is np.full else 1
     if len(node.args) < first or len(node.args) > first + 1 or any(each.arg != "dtype" for each in node.keywords):
-        usage = "a shape, " + ("a value, " if first > 1 else "") + "and a dtype"
+        usage = "give a shape, " + ("a value, " if first > 1 else "") + "and a dtype"
         raise typed.source.refuse(node, f"{len(node.args)} arguments of {function.__name__}", usage)
     of = [*node.args[first:], *(each.value for each in node.keywords)]
     if function in (np.empty_like, np.zeros_like):
         like: Kind = typed.kind(node.args[0])
         if not isinstance(like, Array) or of:
-            raise typed.source.refuse(node, "an array like something else", "an array like an array")
+            raise typed.source.refuse(node, "an array like something else", "pass an array")
         return like
     for each in shape_of(node):
         if typed.kind(each) not in (INT, NARROW, U32):
-            raise typed.source.refuse(each, "no length", "a whole number for each axis")
+            raise typed.source.refuse(each, "no length", "give a whole number for each axis")
     value = typed.kind(node.args[1]) if function is np.full else FLOAT
     if value == NARROW and not of:
-        raise typed.source.refuse(node, "a narrow int without a dtype", "int() of it, or a dtype")
+        raise typed.source.refuse(node, "a narrow int without a dtype", "write int() of it, or give a dtype")
     try:
         made = array_kind(_dtype_of(typed, node, of, value), len(shape_of(node)))
     except TypeError as error:
-        raise typed.source.refuse(node, str(error), "np.int64, np.float64, np.uint8, np.bool_, …") from None
+        raise typed.source.refuse(node, str(error), "use np.int64, np.float64, np.uint8, np.bool_, …") from None
     if function is np.full:
         typed.fills(node, value, made)
     return made
@@ -268,7 +293,7 @@ def _kind_of_made(typed: Any, node: ast.Call, function: Any) -> Kind:
 def _dtype_of(typed: Any, node: ast.Call, of: list[ast.expr], value: Kind) -> np.dtype[Any]:
     given = typed.constant(of[0]) if of else None
     if given is not None and not isinstance(given, (np.dtype, type)):
-        raise typed.source.refuse(node, f"no dtype: {ast.unparse(of[0])}", "np.int64, np.uint8, …")
+        raise typed.source.refuse(node, f"no dtype: {ast.unparse(of[0])}", "use np.int64, np.uint8, …")
     return np.dtype(DTYPES.get(value, np.float64) if given is None else given)
 
 
@@ -285,4 +310,4 @@ def method_kind(typed: Any, node: ast.Call) -> Kind:
                 return F32
             if (of, into) == (F32, np.uint32):
                 return U32
-    raise typed.source.refuse(node, "a call of something unknown", "a kernel, or a function of docs/kernels.md")
+    raise typed.source.refuse(node, "a call of something unknown", "call a kernel, or a function of docs/kernels.md")

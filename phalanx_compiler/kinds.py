@@ -45,7 +45,8 @@ class Array:
     axes: int
 
     def __str__(self) -> str:
-        return f"array of {self.dtype if self.dtype.names is None else 'records'} with {self.axes} axes"
+        elements = self.dtype if self.dtype.names is None else "records"
+        return f"array of {elements} with {self.axes} {'axis' if self.axes == 1 else 'axes'}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +130,7 @@ def element(dtype: np.dtype[Any]) -> tuple[str, Scalar]:
 def array_kind(dtype: np.dtype[Any], axes: int) -> Array:
     """Return the kind of an array. Raises: TypeError: it has none."""
     if not 1 <= axes <= MOST_AXES:
-        raise TypeError(f"an array with {axes} axes where 1 to {MOST_AXES} are possible")
+        raise TypeError(f"an array with {axes} axes, and 1 to {MOST_AXES} are possible")
     if dtype.names is None:
         element(dtype)
     return Array(_aligned(dtype), axes)
@@ -140,6 +141,14 @@ def _aligned(dtype: np.dtype[Any]) -> np.dtype[Any]:
         if offset % field.base.alignment or dtype.itemsize % field.base.alignment:
             raise TypeError(f"a record whose field {name} is not aligned; np.dtype(…, align=True) aligns it")
     return dtype
+
+
+def named(kind: Kind) -> str:
+    """Return a kind as messages name a value of it: "an int", "a tuple[int, float]"."""
+    if kind == NONE:
+        return "None"
+    name = str(kind)
+    return f"{'an' if name[0] in 'aeiou' or name.startswith('np.') else 'a'} {name}"
 
 
 def is_bundle(cls: Any) -> bool:
@@ -175,10 +184,21 @@ def _name(hint: Any) -> str:
     return hint.__name__ if isinstance(hint, type) else str(hint)
 
 
+def _hints_of(declared: Any) -> dict[str, Any]:
+    try:
+        return typing.get_type_hints(declared, include_extras=True)
+    except (
+        NameError,
+        AttributeError,
+        SyntaxError,
+    ) as error:  # an annotation is text, or imported for type checkers only
+        raise TypeError(f"an annotation of {declared.__name__} cannot be read: {error}") from None
+
+
 @cache
 def fields_of(cls: Any) -> list[tuple[str, Kind]]:
     """Return the fields of a NamedTuple with their kinds. Raises: TypeError: a field has none."""
-    hints = typing.get_type_hints(cls, include_extras=True)
+    hints = _hints_of(cls)
     fields = []
     for name in cls._fields:
         try:
@@ -191,12 +211,12 @@ def fields_of(cls: Any) -> list[tuple[str, Kind]]:
 @cache
 def signature_of(function: Callable[..., Any]) -> tuple[dict[str, Kind], Kind]:
     """Return the kinds of a function's parameters, and of what it returns. Raises: TypeError: one has none."""
-    hints = typing.get_type_hints(function, include_extras=True)
+    hints = _hints_of(function)
     code = function.__code__
     kinds = {}
     for name in (*code.co_varnames[: code.co_argcount], "return"):
         if name not in hints:
-            raise TypeError(f"{name} has no annotation")
+            raise TypeError(f"{'the result' if name == 'return' else name} has no annotation")
         try:
             kinds[name] = kind_of(hints[name])
         except TypeError as error:

@@ -13,38 +13,38 @@ from typing import Any
 from .errors import SubsetError, shown
 
 INSTEAD: dict[type[ast.AST], str] = {
-    ast.ListComp: "a loop that fills an array",
-    ast.SetComp: "a loop that fills an array",
-    ast.DictComp: "a loop that fills an array",
-    ast.GeneratorExp: "a loop",
-    ast.List: "an array, or a tuple",
-    ast.Dict: "an array, or a NamedTuple",
-    ast.Set: "an array",
-    ast.Lambda: "a kernel of its own",
-    ast.FunctionDef: "a kernel of its own, at the top of the module",
-    ast.AsyncFunctionDef: "a kernel of its own, at the top of the module",
-    ast.AsyncFor: "for",
-    ast.AsyncWith: "nothing: kernels have no contexts",
-    ast.ClassDef: "a NamedTuple at the top of the module",
-    ast.Try: "a test before the operation",
-    ast.With: "nothing: kernels have no contexts",
+    ast.ListComp: "write a loop that fills an array",
+    ast.SetComp: "write a loop that fills an array",
+    ast.DictComp: "write a loop that fills an array",
+    ast.GeneratorExp: "write a loop",
+    ast.List: "use an array, or a tuple",
+    ast.Dict: "use an array, or a NamedTuple",
+    ast.Set: "use an array, or a tuple",
+    ast.Lambda: "write a kernel of its own",
+    ast.FunctionDef: "write a kernel of its own, at the top of the module",
+    ast.AsyncFunctionDef: "write a kernel of its own, at the top of the module",
+    ast.AsyncFor: "use a plain for",
+    ast.AsyncWith: "remove it: kernels have no contexts",
+    ast.ClassDef: "declare a NamedTuple at the top of the module",
+    ast.Try: "write a test before the operation",
+    ast.With: "remove it: kernels have no contexts",
     ast.Raise: "return a number that says what is wrong",
-    ast.Assert: "a test, and a number that says what is wrong",
-    ast.JoinedStr: "nothing: kernels have no text",
-    ast.NamedExpr: "an assignment on a line of its own",
-    ast.Global: "an argument",
-    ast.Nonlocal: "an argument",
-    ast.Delete: "nothing: memory is released at the end of the call",
-    ast.Import: "an import at the top of the module",
-    ast.ImportFrom: "an import at the top of the module",
-    ast.Await: "nothing: kernels do not wait",
-    ast.Yield: "an array that is filled",
-    ast.YieldFrom: "an array that is filled",
-    ast.TryStar: "a test before the operation",
-    ast.Match: "if and elif",
-    ast.Is: "==",
-    ast.IsNot: "!=",
-    ast.MatMult: "loops over the rows and columns",
+    ast.Assert: "write a test, and return a number that says what is wrong",
+    ast.JoinedStr: "remove it: kernels have no text",
+    ast.NamedExpr: "write the assignment on a line of its own",
+    ast.Global: "pass it as an argument",
+    ast.Nonlocal: "pass it as an argument",
+    ast.Delete: "remove it: memory is released at the end of the call",
+    ast.Import: "write the import at the top of the module",
+    ast.ImportFrom: "write the import at the top of the module",
+    ast.Await: "remove it: kernels do not wait",
+    ast.Yield: "return an array that is filled",
+    ast.YieldFrom: "return an array that is filled",
+    ast.TryStar: "write a test before the operation",
+    ast.Match: "write if and elif",
+    ast.Is: "write ==",
+    ast.IsNot: "write !=",
+    ast.MatMult: "write loops over the rows and columns",
 }
 
 
@@ -61,6 +61,12 @@ class Source:
     def name(self) -> str:
         """Return the kernel's name with its module's, as messages show it."""
         return f"{self.function.__module__}.{self.function.__name__}"
+
+    def refuse_signature(self, error: TypeError) -> SubsetError:
+        """Return the error for a kernel whose signature has no types."""
+        head = f"def {self.tree.name}({ast.unparse(self.tree.args)})"
+        instead = "annotate it with int, float, bool, or a type of phalanx/arrays.py"
+        return SubsetError(self.file, self.tree.lineno, f"{error}: {head}", instead)
 
     def refuse(self, node: ast.AST, what: str, instead: str) -> SubsetError:
         """Return the error for an expression or statement outside the subset."""
@@ -97,7 +103,9 @@ def source_of(function: Callable[..., Any]) -> Source:
         tree = _module(code.co_filename).get(code.co_firstlineno)
     if not isinstance(tree, ast.FunctionDef):
         what = f"{function.__name__} is not written with def"
-        raise SubsetError(shown_path(code.co_filename), code.co_firstlineno, what, "a function at the top of a module")
+        raise SubsetError(
+            shown_path(code.co_filename), code.co_firstlineno, what, "write a function with def at the top of a module"
+        )
     source = Source(shown_path(code.co_filename), tree, function.__globals__, function)
     _check(source)
     return source
@@ -118,13 +126,13 @@ def _operators(node: ast.AST) -> list[type[ast.AST]]:
 def _check(source: Source) -> None:
     arguments = source.tree.args
     if source.function.__code__.co_freevars:
-        raise source.refuse(arguments, "a function inside another one", "a kernel at the top of the module")
+        raise source.refuse(arguments, "a function inside another one", "write the kernel at the top of the module")
     if arguments.vararg or arguments.kwarg or arguments.kwonlyargs or arguments.posonlyargs:
-        raise source.refuse(source.tree.args, "parameters of another form", "parameters with names, and defaults")
+        raise source.refuse(source.tree.args, "parameters of another form", "use parameters with names, and defaults")
     for statement in source.tree.body:
         for node in ast.walk(statement):
             for each in (type(node), *_operators(node)):
                 if each in INSTEAD:
                     raise source.refuse(node, f"{each.__name__} is not in the subset", INSTEAD[each])
             if isinstance(node, (ast.For, ast.While)) and node.orelse:
-                raise source.refuse(node, "else after a loop", "a variable that says how the loop ended")
+                raise source.refuse(node, "else after a loop", "use a variable that says how the loop ended")

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from .calls import Calls
-from .kinds import BOOL, INT, NARROW, NONE, U64, Array, Kind, Record, Scalar, Tuple, element, leaves
+from .kinds import BOOL, INT, NARROW, NONE, U64, Array, Kind, Record, Scalar, Tuple, element, leaves, named
 from .needed import Needed
 from .typed import Typed
 
@@ -233,7 +233,9 @@ class Statements(Calls):
             end.append("    return returned;")
         if hasattr(typed.source.function, "__rejected__"):
             if returned != INT:
-                raise typed.source.refuse(typed.source.tree.args, f"reads_peer, and it returns a {returned}", "-> int")
+                raise typed.source.refuse(
+                    typed.source.tree.args, f"reads_peer, and it returns {named(returned)}", "declare it with -> int"
+                )
             name += "_unguarded"
         head = f"static {unit.c_type(returned)} {name}({parameters})"
         return "\n".join([head, "{", *lines, *body, *end, "}", ""])

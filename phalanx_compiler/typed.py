@@ -14,10 +14,10 @@ from .kinds import (
     Record,
     Tuple,
     element,
-    signature_of,
+    named,
 )
 from .parsing import Source
-from .typed_expressions import TypedExpressions, joined
+from .typed_expressions import TypedExpressions, joined, signature
 
 
 class Typed(TypedExpressions):
@@ -27,11 +27,7 @@ class Typed(TypedExpressions):
     """
 
     def __init__(self, source: Source) -> None:
-        try:
-            parameters, self.returned = signature_of(source.function)
-        except TypeError as error:
-            instead = "an annotation of phalanx/arrays.py, or a number's"
-            raise source.refuse(source.tree.args, str(error), instead) from None
+        parameters, self.returned = signature(source.function)
         super().__init__(source, parameters)
         # A variable that a loop changes may only then be seen to be a float.
         while True:
@@ -67,7 +63,7 @@ class Typed(TypedExpressions):
 
     def _return(self, node: ast.Return) -> None:
         kind = self.kind(node.value) if node.value else NONE
-        self._fits(node, kind, self.returned, "the annotation of what is returned")
+        self._fits(node, kind, self.returned, "match the annotation of the result")
 
     def _assign(self, node: ast.Assign) -> None:
         kind = self.kind(node.value)
@@ -76,7 +72,7 @@ class Typed(TypedExpressions):
 
     def _annassign(self, node: ast.AnnAssign) -> None:
         if node.value is None:
-            raise self.source.refuse(node, "a variable without a value", "an assignment")
+            raise self.source.refuse(node, "a variable without a value", "assign a value")
         self._store(node.target, self.kind(node.value), node)
 
     def _augassign(self, node: ast.AugAssign) -> None:
@@ -105,11 +101,13 @@ class Typed(TypedExpressions):
         """Return the kind of what a loop goes through."""
         if isinstance(iterated, ast.Call) and self.constant(iterated.func) is range:
             if iterated.keywords or not 1 <= len(iterated.args) <= 3:
-                raise self.source.refuse(iterated, f"{len(iterated.args)} arguments of range", "one to three numbers")
+                raise self.source.refuse(
+                    iterated, f"{len(iterated.args)} arguments of range", "give range() one to three numbers"
+                )
             for argument in iterated.args:
                 self._count(argument, argument)
             if len(iterated.args) == 3 and self.constant(iterated.args[2]) == 0:
-                raise self.source.refuse(iterated, "a step of 0", "another step")
+                raise self.source.refuse(iterated, "a step of 0", "use another step")
             return INT
         kind = self.kind(iterated)
         if isinstance(kind, Array):
@@ -120,7 +118,9 @@ class Typed(TypedExpressions):
                 each = joined(each, item)
             if each is not None:
                 return each
-        raise self.source.refuse(iterated, f"a loop over a {kind}", "range(), an array, or a tuple of one kind")
+        raise self.source.refuse(
+            iterated, f"a loop over {named(kind)}", "loop over range(), an array, or a tuple of one kind"
+        )
 
     # --- what is assigned ---
 
@@ -129,7 +129,9 @@ class Typed(TypedExpressions):
             self._store_name(target.id, kind, node)
         elif isinstance(target, ast.Tuple):
             if not isinstance(kind, Tuple) or len(kind.items) != len(target.elts):
-                raise self.source.refuse(node, f"a {kind} for {len(target.elts)} names", "a tuple of that length")
+                raise self.source.refuse(
+                    node, f"{named(kind)} for {len(target.elts)} names", "assign a tuple of that length"
+                )
             for each, item in zip(target.elts, kind.items, strict=True):
                 self._store(each, item, node)
         elif isinstance(target, (ast.Attribute, ast.Subscript)):
@@ -141,18 +143,22 @@ class Typed(TypedExpressions):
         if name == "_" and name not in self.parameters:
             return  # whatever it is: it cannot be read
         if kind == NONE:
-            raise self.source.refuse(node, "a variable that is None", "a number that says so")
+            raise self.source.refuse(node, "a variable that is None", "use a number that says so")
         now = joined(self.variables.get(name), kind)
         if now is None or (name in self.parameters and now != self.parameters[name]):
             was = self.variables[name]
-            raise self.source.refuse(node, f"{name} is a {was} and becomes a {kind}", "another variable")
+            raise self.source.refuse(node, f"{name} is {named(was)} and becomes {named(kind)}", "use another variable")
         self.variables[name] = now
 
     def _store_part(self, target: ast.Attribute | ast.Subscript, kind: Kind, node: ast.AST) -> None:
         whole = self.kind(target.value)
         if not isinstance(whole, Record if isinstance(target, ast.Attribute) else Array):
-            instead = "a new tuple, or an array" if isinstance(whole, Tuple) else "an element, or a record's field"
-            raise self.source.refuse(node, f"an assignment to a part of a {whole}", instead)
+            instead = (
+                "make a new tuple, or use an array"
+                if isinstance(whole, Tuple)
+                else "assign to an element, or a record's field"
+            )
+            raise self.source.refuse(node, f"an assignment to a part of {named(whole)}", instead)
         into = self.kind(target)
         if isinstance(into, Array):
             if isinstance(kind, Array) and kind.dtype == into.dtype and kind.axes == into.axes:
@@ -161,4 +167,4 @@ class Typed(TypedExpressions):
                 into = element(into.dtype)[1]
         elif isinstance(into, Record) and kind == into:
             return
-        self._fits(node, kind, into, "a number of the array's kind, or an array like it", is_stored=True)
+        self._fits(node, kind, into, "store a number of the array's kind, or an array like it", is_stored=True)

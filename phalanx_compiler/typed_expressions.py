@@ -29,9 +29,10 @@ from .kinds import (
     element,
     fields_of,
     is_bundle,
+    named,
     signature_of,
 )
-from .parsing import Source
+from .parsing import Source, source_of
 
 WORD_BITS = 64
 # numpy's numbers: the operators that give the same in C.
@@ -66,6 +67,14 @@ def compared(one: Kind, other: Kind) -> Kind:
     return BOOL if both == {BOOL} else INT
 
 
+def signature(function: Callable[..., Any]) -> tuple[dict[str, Kind], Kind]:
+    """Return the kinds of a kernel's parameters, and of what it returns. Raises: SubsetError: one has none."""
+    try:
+        return signature_of(function)
+    except TypeError as error:
+        raise source_of(function).refuse_signature(error) from None
+
+
 class TypedExpressions(Constants):
     """A kernel's expressions with their kinds.
 
@@ -80,7 +89,7 @@ class TypedExpressions(Constants):
         self.constants: dict[ast.AST, Any] = {}
 
     def _refused(self, node: ast.AST) -> Any:
-        raise self.source.refuse(node, f"{type(node).__name__} is not in the subset", "what docs/kernels.md lists")
+        raise self.source.refuse(node, f"{type(node).__name__} is not in the subset", "use what docs/kernels.md lists")
 
     def kind(self, node: ast.expr) -> Kind:
         """Return the kind of an expression."""
@@ -95,7 +104,7 @@ class TypedExpressions(Constants):
 
     def _variable(self, node: ast.Name) -> Kind:
         if node.id not in self.variables:
-            raise self.source.refuse(node, "a variable that has no value yet", "an assignment before it")
+            raise self.source.refuse(node, "a variable that has no value yet", "write an assignment before it")
         return self.variables[node.id]
 
     def _x_name(self, node: ast.Name) -> Kind:
@@ -111,12 +120,12 @@ class TypedExpressions(Constants):
             if isinstance(node, ast.Starred):
                 kind = self.kind(node.value)
                 if not isinstance(kind, Tuple):
-                    raise self.source.refuse(node, f"* before a {kind}", "* before a tuple")
+                    raise self.source.refuse(node, f"* before {named(kind)}", "write * before a tuple")
                 found += kind.items
             else:
                 found.append(self.kind(node))
                 if found[-1] == NONE:
-                    raise self.source.refuse(node, "no value", "a number, or a call on a line of its own")
+                    raise self.source.refuse(node, "no value", "use a number, or write the call on a line of its own")
         return found
 
     def _x_attribute(self, node: ast.Attribute) -> Kind:
@@ -129,13 +138,17 @@ class TypedExpressions(Constants):
             return kind.items[kind.fields.index(node.attr)]
         if isinstance(kind, Array) and node.attr in ("size", "shape"):
             return INT if node.attr == "size" else Tuple((INT,) * kind.axes)
-        raise self.source.refuse(node, f"a {kind} has no {node.attr}", "a field of a bundle, record or NamedTuple")
+        raise self.source.refuse(
+            node, f"{named(kind)} has no {node.attr}", "use a field of a bundle, record or NamedTuple"
+        )
 
     def _field(self, node: ast.AST, dtype: Any) -> Kind:
         try:
             return array_kind(dtype.subdtype[0], len(dtype.subdtype[1])) if dtype.subdtype else element(dtype)[1]
         except TypeError as error:
-            raise self.source.refuse(node, f"a field: {error}", "numbers and arrays of them") from None
+            raise self.source.refuse(
+                node, f"a field: {error}", "use fields that are numbers or arrays of them"
+            ) from None
 
     def _x_subscript(self, node: ast.Subscript) -> Kind:
         kind = self.kind(node.value)
@@ -144,26 +157,28 @@ class TypedExpressions(Constants):
             if isinstance(at, int) and -len(kind.items) <= at < len(kind.items):
                 return kind.items[at]
             if at is not ABSENT or isinstance(node.slice, (ast.Slice, ast.Tuple)):
-                raise self.source.refuse(node, f"no item of a {kind}", "an index inside the tuple")
+                raise self.source.refuse(node, f"no item of {named(kind)}", "use an index inside the tuple")
             self._count(node, node.slice)
             if len(set(kind.items)) == 1:
                 return kind.items[0]
-            raise self.source.refuse(node, f"a variable index into a {kind}", "a constant, or a tuple of one kind")
+            raise self.source.refuse(
+                node, f"a variable index into {named(kind)}", "use a constant as the index, or a tuple of one kind"
+            )
         if not isinstance(kind, Array):
-            raise self.source.refuse(node, f"an index into a {kind}", "an index into an array")
+            raise self.source.refuse(node, f"an index into {named(kind)}", "use an index into an array")
         return self._x_index(node, kind)
 
     def _x_index(self, node: ast.Subscript, kind: Array) -> Kind:
         given = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
         if len(given) > kind.axes:
-            raise self.source.refuse(node, f"{len(given)} indices into an {kind}", "an index for each axis")
+            raise self.source.refuse(node, f"{len(given)} indices into {named(kind)}", "give an index for each axis")
         slices = [each for each in given if isinstance(each, ast.Slice)]
         for k, each in enumerate(given):
             if isinstance(each, ast.Slice):
                 # What lies behind a slice must be whole, or the result would not be in C order.
                 behind = given[k + 1 :]
                 if each.step is not None or not all(isinstance(x, ast.Slice) and _is_whole(x) for x in behind):
-                    raise self.source.refuse(node, "a slice that leaves gaps", "a loop")
+                    raise self.source.refuse(node, "a slice that leaves gaps", "write a loop")
                 for end in (each.lower, each.upper):
                     if end is not None:
                         self._count(node, end)
@@ -174,7 +189,9 @@ class TypedExpressions(Constants):
     def _count(self, node: ast.AST, index: ast.expr) -> None:
         """Check an index, or what else has to be a whole number of any width."""
         if self.kind(index) not in (INT, NARROW, U32):
-            raise self.source.refuse(node, f"a {self.kinds[index]} as an index", "a whole number; int() converts")
+            raise self.source.refuse(
+                node, f"{named(self.kinds[index])} as an index", "use a whole number; int() converts"
+            )
 
     def _indexed(self, kind: Array, indices: int) -> Kind:
         if indices < kind.axes:
@@ -190,7 +207,9 @@ class TypedExpressions(Constants):
             one = INT  # what is stored is cut to its width, in Python too
         both = {one, other}
         if NARROW in both:
-            raise self.source.refuse(node, f"{type(op).__name__} of a {NARROW}", "int() of the element first")
+            raise self.source.refuse(
+                node, f"{type(op).__name__} of {named(NARROW)}", "write int() of the element first"
+            )
         if both & {U64, U32, F32}:
             return self._operated_as_numpy(node, op, one, other)
         whole = both <= {INT, BOOL}
@@ -199,26 +218,32 @@ class TypedExpressions(Constants):
         if isinstance(op, (ast.LShift, ast.RShift)) and whole:
             count = self.constant(node.right if isinstance(node, ast.BinOp) else node.value)
             if count is not ABSENT and not 0 <= count < WORD_BITS:
-                raise self.source.refuse(node, f"a shift by {count}", "0 to 63")
+                raise self.source.refuse(node, f"a shift by {count}", "shift by 0 to 63")
             return INT
         if both == {BOOL}:
-            raise self.source.refuse(node, f"{type(op).__name__} of two bool", "int() of both")
+            raise self.source.refuse(node, f"{type(op).__name__} of two bool", "write int() of both")
         if isinstance(op, ast.Div) and both <= {INT, BOOL, FLOAT}:
             return FLOAT
         if isinstance(op, (ast.Add, ast.Sub, ast.Mult, ast.FloorDiv, ast.Mod)) and both <= {INT, BOOL, FLOAT}:
             return INT if whole else FLOAT
-        raise self.source.refuse(node, f"{type(op).__name__} of a {one} and a {other}", "numbers; ** of constants only")
+        raise self.source.refuse(
+            node,
+            f"{type(op).__name__} of {named(one)} and {named(other)}",
+            "use numbers, one element at a time; ** takes constants only",
+        )
 
     def _operated_as_numpy(self, node: ast.BinOp | ast.AugAssign, op: ast.operator, one: Kind, other: Kind) -> Kind:
         """Return the kind of an operation on numpy's numbers: with each other, or with a constant."""
         kind, allowed = next((kind, allowed) for kind, allowed in OPERATED.items() if kind in (one, other))
         if not isinstance(op, allowed):
-            raise self.source.refuse(node, f"{type(op).__name__} of a {kind}", "int() or float() of both first")
+            raise self.source.refuse(
+                node, f"{type(op).__name__} of {named(kind)}", "write int() or float() of both first"
+            )
         sides = [node.left, node.right] if isinstance(node, ast.BinOp) else [node.target, node.value]
         for side, of in zip(sides, (one, other), strict=True):
             if of != kind and not self._is_weak(side, of, kind):
                 raise self.source.refuse(
-                    node, f"{one} and {other} together", f"{kind}() of both, or int() or float() of both"
+                    node, f"{one} and {other} together", f"write {kind}() of both, or int() or float() of both"
                 )
         return kind
 
@@ -238,7 +263,7 @@ class TypedExpressions(Constants):
             return kind
         if kind == U64 and isinstance(node.op, ast.Invert):
             return kind
-        raise self.source.refuse(node, f"{type(node.op).__name__} of a {kind}", "a number; int() converts")
+        raise self.source.refuse(node, f"{type(node.op).__name__} of {named(kind)}", "use a number; int() converts")
 
     def _truth(self, node: ast.expr) -> None:
         """Check an expression of which only the truth counts."""
@@ -248,12 +273,12 @@ class TypedExpressions(Constants):
             self.kinds[node] = BOOL
             return
         if not isinstance(self.kind(node), Scalar) or self.kinds[node] == NONE:
-            raise self.source.refuse(node, f"a {self.kinds[node]} as a condition", "a comparison")
+            raise self.source.refuse(node, f"{named(self.kinds[node])} as a condition", "write a comparison")
 
     def _x_boolop(self, node: ast.BoolOp) -> Kind:
         kinds = {self.kind(each) for each in node.values}
         if kinds != {BOOL}:
-            raise self.source.refuse(node, "and, or of values that are no bool", "bool() of each, or an if")
+            raise self.source.refuse(node, "and, or of values that are no bool", "write bool() of each, or an if")
         return BOOL
 
     def _x_compare(self, node: ast.Compare) -> Kind:
@@ -262,7 +287,7 @@ class TypedExpressions(Constants):
             beside = self.kind(right)
             if isinstance(op, (ast.In, ast.NotIn)):
                 if len(node.ops) > 1 or not isinstance(beside, Tuple):
-                    raise self.source.refuse(node, "membership", "membership in a tuple of numbers")
+                    raise self.source.refuse(node, "membership", "test membership in a tuple of numbers")
                 for item in beside.items:
                     self._comparable(node, (left, kind), (None, item))
             else:
@@ -277,56 +302,62 @@ class TypedExpressions(Constants):
         for beside in (U64, F32):
             if beside in both and any(x and self._is_weak(x, kind, beside) for x, kind in (one, other)):
                 return
-        raise self.source.refuse(node, f"a {one[1]} beside a {other[1]}", "numbers of one kind")
+        raise self.source.refuse(node, f"{named(one[1])} beside {named(other[1])}", "compare numbers of one kind")
 
     def _x_ifexp(self, node: ast.IfExp) -> Kind:
         self._truth(node.test)
         kind = joined(self.kind(node.body), self.kind(node.orelse))
         if kind is None or kind == NONE:
-            raise self.source.refuse(node, "no value, or two kinds in one expression", "both of one kind, or an if")
+            raise self.source.refuse(
+                node, "no value, or two kinds in one expression", "make both of one kind, or write an if"
+            )
         return kind
 
     def _x_call(self, node: ast.Call) -> Kind:
         function = self.constant(node.func)
         if any(isinstance(each, ast.Subscript) for each in ast.walk(node.func)) and callable(function):
             # What it writes to would not be known (writes.py).
-            raise self.source.refuse(node, "a call of an item", "the function's name")
+            raise self.source.refuse(node, "a call of an item", "call the function by its name")
         if function is ABSENT or isinstance(getattr(function, "__self__", None), np.ndarray):
             return intrinsics.method_kind(self, node)
         if getattr(function, "__kernel__", False):
             return self._call_of_kernel(node, function)
         if isinstance(function, type) and hasattr(function, "_fields"):
             if is_bundle(function):
-                raise self.source.refuse(node, "a bundle that is made in a kernel", "a bundle as an argument")
+                raise self.source.refuse(node, "a bundle that is made in a kernel", "take the bundle as an argument")
             kinds = self.many([*node.args, *(each.value for each in node.keywords)])
-            wanted = Tuple(tuple(kind for _, kind in fields_of(function)), function)
+            try:
+                wanted = Tuple(tuple(kind for _, kind in fields_of(function)), function)
+            except TypeError as error:
+                instead = "annotate its fields with int, float, bool, or a type of phalanx/arrays.py"
+                raise self.source.refuse(node, str(error), instead) from None
             first = len(kinds) - len(node.keywords)
             if [each.arg for each in node.keywords] != list(wanted.fields[first : len(kinds)]):
-                raise self.source.refuse(node, "arguments in another order", "the order of the fields")
-            self._fits(node, Tuple(tuple(kinds)), Tuple(wanted.items), f"the fields of {function.__name__}")
+                raise self.source.refuse(node, "arguments in another order", "keep the order of the fields")
+            self._fits(node, Tuple(tuple(kinds)), Tuple(wanted.items), f"match the fields of {function.__name__}")
             return wanted
         return intrinsics.kind(self, node, function)
 
     def _call_of_kernel(self, node: ast.Call, function: Callable[..., Any]) -> Kind:
-        parameters, returned = signature_of(function)
+        parameters, returned = signature(function)
         given = self.many(node.args)
         names = list(parameters)
         if len(given) > len(names):
-            raise self.source.refuse(node, f"{len(given)} arguments", f"{len(names)}, as {function.__name__} has")
+            raise self.source.refuse(node, f"{len(given)} arguments", f"give {len(names)}, as {function.__name__} has")
         pairs = list(zip(names, given, strict=False))
         for each in node.keywords:
             if each.arg not in names[len(given) :] or each.arg in [name for name, _ in pairs[len(given) :]]:
                 raise self.source.refuse(
-                    node, f"{each.arg or '**'} by name", f"the names of {function.__name__}, once each"
+                    node, f"{each.arg or '**'} by name", f"use the names of {function.__name__}, once each"
                 )
             pairs.append((each.arg, self.kind(each.value)))
         defaults = dict(zip(names[::-1], (function.__defaults__ or ())[::-1], strict=False))
         for name in set(names) - {name for name, _ in pairs}:
             if name not in defaults:
-                raise self.source.refuse(node, f"no {name}", f"all arguments of {function.__name__}")
+                raise self.source.refuse(node, f"no {name}", f"give all arguments of {function.__name__}")
             pairs.append((name, self.kind_of_constant(node, defaults[name])))
         for name, kind in pairs:
-            self._fits(node, kind, parameters[name], f"{name} of {function.__name__}")
+            self._fits(node, kind, parameters[name], f"match {name} of {function.__name__}")
         return returned
 
     # --- conversions ---
@@ -334,13 +365,15 @@ class TypedExpressions(Constants):
     def fills(self, node: ast.Call, kind: Kind, made: Array) -> None:
         """Check the value that np.full puts into an array."""
         if made.dtype.names is not None:
-            raise self.source.refuse(node, "records that are filled", "np.zeros, and assignments to fields")
-        self._fits(node, kind, element(made.dtype)[1], "a number of the array's kind", is_stored=True)
+            raise self.source.refuse(node, "records that are filled", "use np.zeros, and assign to the fields")
+        self._fits(node, kind, element(made.dtype)[1], "store a number of the array's kind", is_stored=True)
 
     def _fits(self, node: ast.AST, kind: Kind, into: Kind, instead: str, *, is_stored: bool = False) -> None:
         if kind == into or self._converts(kind, into) or (is_stored and self._is_storable(node, kind, into)):
             return
-        raise self.source.refuse(node, f"a {kind} where a {into} belongs", f"{instead}; int() and float() convert")
+        raise self.source.refuse(
+            node, f"{named(kind)} where {named(into)} belongs", f"{instead}; int() and float() convert"
+        )
 
     def _converts(self, kind: Kind, into: Kind) -> bool:
         """Return whether a value stands for another kind's as it is, in Python too."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from . import violations
-from .kinds import FLOAT, INT, NONE, Array, Bundle, Kind, Record, Scalar, Tuple, leaves, signature_of, words
+from .kinds import FLOAT, INT, NONE, Array, Bundle, Kind, Record, Scalar, Tuple, leaves, named, signature_of, words
 from .needed import Needed
 from .parsing import Source, source_of
 from .statements import written
@@ -137,11 +137,11 @@ def _check_call(source: Source, typed: Typed) -> None:
     """Raises: SubsetError: Python could not call the kernel."""
     place = source.tree.args
     if any(isinstance(each, (Record, Bundle)) for each in leaves(typed.returned)):
-        raise source.refuse(place, f"a {typed.returned} is returned", "an index, or numbers")
+        raise source.refuse(place, f"{named(typed.returned)} is returned", "return an index, or numbers")
     most = max(sum(map(words, typed.parameters.values())), words(typed.returned))
     if most > MOST_WORDS or len(typed.parameters) > MOST_PARAMETERS:
         what = f"{most} words of arguments or of what is returned, where {MOST_WORDS} are possible"
-        raise source.refuse(place, what, "arrays instead of numbers, or a bundle")
+        raise source.refuse(place, what, "pass arrays instead of numbers, or a bundle")
 
 
 def _guarded(head: str, parameters: list[str], rejected: int) -> str:

@@ -77,7 +77,9 @@ class _Followed:
                 returns |= self._roots(node.value)
             written = self._written(node)
             if CONSTANT in written:
-                raise self._source.refuse(node, "a constant of the module is changed", "a copy of it, or an argument")
+                raise self._source.refuse(
+                    node, "a constant of the module is changed", "write to a copy of it, or to an argument"
+                )
             writes |= written
         return Effects(frozenset(writes), frozenset(returns))
 
@@ -127,7 +129,7 @@ class _Followed:
 
     def _of(self, node: ast.Call, called: Callable[..., Any]) -> Effects:
         if called in _under_way:
-            raise self._source.refuse(node, f"{called.__name__} calls itself", "a loop")
+            raise self._source.refuse(node, f"{called.__name__} calls itself", "write a loop")
         return effects_of(called)
 
     def _passed(self, node: ast.Call, called: Callable[..., Any], names: frozenset[str]) -> set[str]:

@@ -294,7 +294,7 @@ class TestMistakes:
         assert (code, out) == (1, "")
         error, hint = err.splitlines()
         assert error == f"phalanx: error: mine.py:{line_of('sum([')}: List is not in the subset: [PLACES, EACH]"
-        assert hint == "phalanx: hint: an array, or a tuple"
+        assert hint == "phalanx: hint: use an array, or a tuple"
 
     def test_it_is_refused_without_a_compiler_too(self, mine, no_compiler):
         with pytest.raises(OutsideSubset, match=r"mine\.py"):
@@ -306,7 +306,7 @@ class TestMistakes:
             ("def on_recv", "def on_receive", "mine.py has no function on_recv"),
             ("@kernel\ndef size", "def size", "mine.py has no kernel size"),
             ("def size(_state: Row) -> int", "def size(_state: Row) -> float", "size takes or returns something else"),
-            ("def size(_state: Row) -> int", "def size(_state: Row)", "size: return has no annotation"),
+            ("def size(_state: Row) -> int", "def size(_state: Row)", "size: the result has no annotation"),
             ("    params=params", "    config=int, params=params", "config of CONTROLLER in mine.py is int"),
             ("@kernel\ndef size(_state: Row) -> int:", "size = kernel(lambda _state: 0)\ndef _s():", "size: "),
         ],
