@@ -6,8 +6,11 @@ value and a `struct fault *`; a violation fills that, and the caller raises it a
 
 from __future__ import annotations
 
+import contextlib
+import grp
 import hashlib
 import os
+import pwd
 import shlex
 import shutil
 import stat
@@ -152,15 +155,23 @@ def source_of_own(kernels: Mapping[str, Own], file: str, root: Path) -> tuple[st
 
 
 def cache_folder() -> Path:
-    """Return the folder of compiled controllers, the user's alone; it is made if it is not there.
+    """Return the folder of compiled controllers, and create it and its parents for the user alone.
 
-    Raises: UnsafeCache: it is another user's, or others can write to it. OSError: it cannot be made.
+    Raises: UnsafeCache: others own it or can write to it, or to a folder above it. OSError: it cannot be created.
     """
     base = os.environ.get("XDG_CACHE_HOME", "")
     folder = (Path(base) if Path(base).is_absolute() else Path.home() / ".cache") / "phalanx" / "controllers"
-    folder.parent.parent.mkdir(parents=True, exist_ok=True)
+    for each in (*reversed(folder.parents), folder):
+        with contextlib.suppress(FileExistsError):
+            each.mkdir(mode=0o700)
+    # Whoever can rename a folder on the way can put one of their own in its place.
+    for each in {*folder.parent.parents, *folder.parent.resolve().parents}:
+        about = each.stat()
+        if about.st_uid not in (0, os.geteuid()):
+            raise UnsafeCache(f"{each} belongs to user {about.st_uid}")
+        if _others_can_write(about) and not about.st_mode & stat.S_ISVTX:
+            raise UnsafeCache(f"others can write to {each}")
     for each in (folder.parent, folder):
-        each.mkdir(mode=0o700, exist_ok=True)
         about = each.lstat()
         if not stat.S_ISDIR(about.st_mode):
             raise UnsafeCache(f"{each} is a link")
@@ -169,6 +180,18 @@ def cache_folder() -> Path:
         if about.st_mode & WRITABLE_BY_OTHERS:
             raise UnsafeCache(f"others can write to {each}")
     return folder
+
+
+def _others_can_write(about: os.stat_result) -> bool:
+    """Return whether a folder's mode lets others write; a group that only holds its user is none."""
+    if about.st_mode & stat.S_IWGRP:
+        try:
+            user, group = pwd.getpwuid(os.geteuid()), grp.getgrgid(about.st_gid)
+        except KeyError:
+            return True
+        if group.gr_name != user.pw_name or set(group.gr_mem) - {user.pw_name}:
+            return True
+    return bool(about.st_mode & stat.S_IWOTH)
 
 
 def library_of(text: str, version: str) -> Path:

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -136,6 +137,21 @@ class TestCompiled:
         monkeypatch.setattr(own_kernels, "_files", {})
         assert digest("mine.py") == before
         assert libraries(tmp_path)[0].stat().st_mode & 0o777 == 0o700
+
+    @pytest.mark.parametrize("compiler", ["cc", "none-such"])
+    def test_a_library_that_cannot_be_loaded_is_compiled_again(self, mine, tmp_path, monkeypatch, caplog, compiler):
+        words = mine()
+        pure = in_new_process(words, PHALANX_PURE="1").communicate()[0].strip()
+        assert in_new_process(words).communicate() == (f"{pure}\n", "")
+        (library,) = libraries(tmp_path)
+        library.write_bytes(library.read_bytes()[:100])
+        monkeypatch.setenv("CC", compiler)
+        assert digest(words) == pure
+        assert f"{library}: " in caplog.messages[0]
+        assert "compiled again" in caplog.messages[0]
+        sizes = [each.stat().st_size for each in libraries(tmp_path)]
+        assert len(sizes) == (compiler == "cc")
+        assert all(each > 1000 for each in sizes)
 
     def test_many_processes_that_compile_at_once_all_run(self, mine, tmp_path):
         mine()
@@ -267,6 +283,42 @@ class TestCache:
             assert f"others can write to {each}" in self.refused(mine())
             each.chmod(0o755)
         digest("mine.py")
+
+    def test_a_parent_that_others_can_write_to_is_refused(self, mine, tmp_path, monkeypatch):
+        shared = tmp_path / "shared"
+        shared.mkdir()
+        monkeypatch.setenv("XDG_CACHE_HOME", str(shared / "cache"))
+        shared.chmod(0o777)
+        assert f"others can write to {shared}" in self.refused(mine())
+        monkeypatch.setattr(building.grp, "getgrgid", lambda _: SimpleNamespace(gr_name="students", gr_mem=[]))
+        shared.chmod(0o775)
+        assert f"others can write to {shared}" in self.refused("mine.py")
+        shared.chmod(0o1777)  # nobody may rename what is in there, as in /tmp
+        digest("mine.py")
+
+    def test_a_parent_behind_a_link_is_looked_at(self, mine, tmp_path, monkeypatch):
+        (tmp_path / "shared" / "cache").mkdir(parents=True)
+        (tmp_path / "shared").chmod(0o777)
+        (tmp_path / "link").symlink_to(tmp_path / "shared" / "cache")
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "link"))
+        assert f"others can write to {tmp_path / 'shared'}" in self.refused(mine())
+
+    def test_a_group_of_the_users_own_is_not_another(self, mine, tmp_path, monkeypatch):
+        user = building.pwd.getpwuid(os.geteuid()).pw_name
+        monkeypatch.setattr(building.grp, "getgrgid", lambda _: SimpleNamespace(gr_name=user, gr_mem=[]))
+        (tmp_path / "cache").mkdir()
+        (tmp_path / "cache").chmod(0o775)
+        digest(mine())
+
+    def test_parents_are_created_for_the_user_alone(self, mine, tmp_path, monkeypatch):
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home" / "cache"))
+        before = os.umask(0)
+        try:
+            digest(mine())
+        finally:
+            os.umask(before)
+        for each in ("home", "home/cache", "home/cache/phalanx", "home/cache/phalanx/controllers"):
+            assert (tmp_path / each).stat().st_mode & 0o777 == 0o700
 
     def test_somebody_elses_is_refused(self, mine, monkeypatch):
         monkeypatch.setattr(building.os, "geteuid", lambda: 12345)

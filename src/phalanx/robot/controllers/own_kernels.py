@@ -251,13 +251,13 @@ def _addresses(
 ) -> dict[str, int]:
     """Return the addresses of a controller's kernels: compiled, or of callbacks where there is no compiler."""
     try:
-        library = ctypes.CDLL(str(library_of(text, __version__)))
+        library = _library(text)
     except NoCompiler as error:
         logger.warning("%s runs uncompiled, many times slower: %s; %s", words, error, INSTALL)
         return {name: _callback(name, function) for name, function in plain.items()}
     except UnsafeCache as error:
         words = f"{error}: compiled code there may be somebody else's"
-        raise UsageError(words, "move it away, or set XDG_CACHE_HOME") from error
+        raise UsageError(words, "move it, run chmod go-w, or set XDG_CACHE_HOME to another folder") from error
     except (OSError, RuntimeError) as error:
         words = f"{words} cannot be compiled into the cache: {error}"
         raise Unavailable(words, "set XDG_CACHE_HOME to a folder") from error
@@ -266,6 +266,17 @@ def _addresses(
     for symbol, slot in slots.items():
         library.own_linked()[slot] = ADDRESSES[symbol]
     return {name: ctypes.cast(library[f"own_{name}"], ctypes.c_void_p).value or 0 for name in plain}
+
+
+def _library(text: str) -> ctypes.CDLL:
+    """Return the loaded library of a C text. Raises: NoCompiler, UnsafeCache, OSError."""
+    path = library_of(text, __version__)
+    try:
+        return ctypes.CDLL(str(path))
+    except OSError as error:  # a disk that was full, or a machine that went down
+        logger.warning("%s: compiled again", error)
+        path.unlink(missing_ok=True)
+        return ctypes.CDLL(str(library_of(text, __version__)))
 
 
 def _callback(name: str, function: Callable[..., Any]) -> int:
