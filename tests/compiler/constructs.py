@@ -104,6 +104,11 @@ def arithmetic_of_floats(a: float, b: float) -> tuple[float, float, float]:
     return a + b, a - b, a * b
 
 
+@kernel
+def int_at_most_float(a: int, x: float) -> bool:
+    return a <= x
+
+
 @given(*pairs(EDGES))
 @kernel
 def floor_divided(a: int, b: int) -> tuple[int, int]:

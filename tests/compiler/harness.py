@@ -232,14 +232,19 @@ def bits(value: Any, kind: Kind) -> Any:
     if isinstance(kind, Bundle):
         return tuple(bits(getattr(value, name), of) for name, (_, of) in kind.places.items())
     if isinstance(kind, Record):
-        return tuple(np.asarray(value[name]).tobytes() for name in kind.dtype.names)
+        return tuple(_bytes_of(np.asarray(value[name])) for name in kind.dtype.names)
     array = np.asarray(value)
     if array.dtype.names:  # without what lies between fields, which numpy copies or not
-        return array.shape, tuple(np.asarray(array[name]).tobytes() for name in array.dtype.names)
+        return array.shape, tuple(_bytes_of(np.asarray(array[name])) for name in array.dtype.names)
     assert array.dtype == kind.dtype, (array.dtype, kind.dtype)
+    return array.shape, _bytes_of(array)
+
+
+def _bytes_of(array: np.ndarray) -> bytes:
+    """Return an array's bytes, where all NaN are one: which operand's bits a sum of two has is the compiler's choice."""
     if array.dtype.kind == "f":
         array = np.where(np.isnan(array), np.array(np.nan, array.dtype), array)
-    return array.shape, array.tobytes()
+    return array.tobytes()
 
 
 def outcome(function: Callable[..., Any], arguments: list[Any], plain: Callable[..., Any]) -> Any:

@@ -7,9 +7,9 @@ import random
 import constructs
 import numpy as np
 import pytest
-from harness import agree, compiled, kernels_of, value_of
+from harness import agree, bits, compiled, kernels_of, value_of
 
-from phalanx_compiler.kinds import signature_of
+from phalanx_compiler.kinds import Array, Record, signature_of
 
 KERNELS = {each.__name__: each for each in kernels_of(constructs)}
 RANDOM = 150
@@ -32,6 +32,25 @@ def inputs_of(name: str) -> list[list[object]]:
 def test_a_construct_does_the_same_compiled(made, name):
     inputs = inputs_of(name)
     assert sum(agree(made[name], KERNELS[name], arguments) for arguments in inputs) >= min(3, len(inputs))
+
+
+def test_all_nan_are_one_when_outcomes_are_compared():
+    rows = np.zeros(2, constructs.RECORD)
+    rows["part"][:, 1] = np.nan, -np.nan
+    array, record = Array(constructs.RECORD, 1), Record(constructs.RECORD)
+    assert bits(rows[:1], array) == bits(rows[1:], array)
+    assert bits(rows[0], record) == bits(rows[1], record)
+    rows["part"][1, 2] = -0.0
+    assert bits(rows[:1], array) != bits(rows[1:], array)
+
+
+def test_ints_beyond_53_bits_are_rounded_where_they_meet_floats(made):
+    """docs/kernels.md: here compiled code differs from Python."""
+    large = 2**53 + 1
+    assert not KERNELS["int_at_most_float"](large, 2.0**53)
+    assert made["int_at_most_float"](large, 2.0**53)
+    assert made["int_at_most_float"](large - 1, 2.0**53)
+    assert not made["int_at_most_float"](large + 1, 2.0**53)
 
 
 def test_two_views_of_one_memory_are_seen_as_one(made):
