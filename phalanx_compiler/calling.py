@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from .kinds import Array, Bundle, Kind, Record, Tuple, signature_of
+from .value_types import Array, Bundle, Record, Tuple, ValueType, signature_of
 
 Operation = tuple[str, int, int, int, Any]
 LETTERS = {"int": "i", "float": "d", "np.float32": "f", "np.uint32": "i", "np.uint64": "u", "bool": "b", "None": "n"}
@@ -19,22 +19,22 @@ def operations(function: Callable[..., Any], writes: int) -> tuple[list[Operatio
     """
     parameters, returned = signature_of(function)
     made: list[Operation] = []
-    for n, kind in enumerate(parameters.values()):
-        _add(kind, writes >> n & 1, made)
+    for n, typ in enumerate(parameters.values()):
+        _add(typ, writes >> n & 1, made)
     _add(returned, 0, made)
     return made, len(parameters)
 
 
-def _add(kind: Kind, written: int, made: list[Operation]) -> None:
-    if isinstance(kind, Array):
-        made.append(("a", kind.axes, written, 0, kind.dtype))
-    elif isinstance(kind, Record):
-        made.append(("r", 0, written, 0, kind.dtype))
-    elif isinstance(kind, Bundle):
-        made.append(("p", 0, 0, 0, kind.cls.__packed__))
-    elif isinstance(kind, Tuple):
-        made.append(("(", 0, 0, len(kind.items), kind.cls))
-        for item in kind.items:
+def _add(typ: ValueType, written: int, made: list[Operation]) -> None:
+    if isinstance(typ, Array):
+        made.append(("a", typ.axes, written, 0, typ.dtype))
+    elif isinstance(typ, Record):
+        made.append(("r", 0, written, 0, typ.dtype))
+    elif isinstance(typ, Bundle):
+        made.append(("p", 0, 0, 0, typ.cls.__packed__))
+    elif isinstance(typ, Tuple):
+        made.append(("(", 0, 0, len(typ.items), typ.cls))
+        for item in typ.items:
             _add(item, written, made)
     else:
-        made.append((LETTERS[kind.name], 0, 0, 0, None))
+        made.append((LETTERS[typ.name], 0, 0, 0, None))

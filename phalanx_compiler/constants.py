@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from .kinds import BOOL, F32, FLOAT, INT, NARROW, NONE, U32, U64, Array, Kind, Tuple, array_kind
 from .parsing import Source, uncompiled
+from .value_types import BOOL, F32, FLOAT, INT, NARROW, NONE, U32, U64, Array, Tuple, ValueType, array_type
 
 ABSENT = object()
 FOLDED: dict[type[ast.AST], Callable[..., Any]] = {
@@ -38,7 +38,7 @@ MOST_BITS = 1024
 class Constants:
     """Finds the expressions of a kernel that are known when it is compiled."""
 
-    def __init__(self, source: Source, parameters: dict[str, Kind]) -> None:
+    def __init__(self, source: Source, parameters: dict[str, ValueType]) -> None:
         self.source = source
         self.local = {n.id for n in ast.walk(source.tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
         self.local |= set(parameters)
@@ -92,8 +92,8 @@ class Constants:
             raise self.source.refuse(node, "a complex number", "use numbers, arrays, tuples or bundles")
         return value
 
-    def kind_of_constant(self, node: ast.AST, value: Any) -> Kind:
-        """Return the kind of a constant. Raises: SubsetError: it has none."""
+    def type_of_constant(self, node: ast.AST, value: Any) -> ValueType:
+        """Return the type of a constant. Raises: SubsetError: it has none."""
         if isinstance(value, (bool, np.bool_)):
             return BOOL
         if isinstance(value, (np.uint64, np.uint32)):
@@ -110,7 +110,7 @@ class Constants:
             return F32 if isinstance(value, np.float32) else FLOAT
         if isinstance(value, tuple):
             cls = type(value) if hasattr(value, "_fields") else None
-            return Tuple(tuple(self.kind_of_constant(node, each) for each in value), cls)
+            return Tuple(tuple(self.type_of_constant(node, each) for each in value), cls)
         if isinstance(value, np.ndarray):
             return self._array(node, value)
         if value is None:
@@ -121,6 +121,6 @@ class Constants:
 
     def _array(self, node: ast.AST, value: np.ndarray[Any, Any]) -> Array:
         try:
-            return array_kind(value.dtype, value.ndim)
+            return array_type(value.dtype, value.ndim)
         except TypeError as error:
             raise self.source.refuse(node, f"a constant: {error}", "use an array of numbers in C order") from None

@@ -11,9 +11,23 @@ from collections.abc import Callable
 from functools import partial
 
 from .constants import ABSENT
-from .kinds import BOOL, F32, FLOAT, INT, NARROW, U64, Array, Bundle, Kind, Record, Scalar, Tuple, element
-from .kinds import words as words_of
-from .typed_expressions import compared
+from .value_types import (
+    BOOL,
+    F32,
+    FLOAT,
+    INT,
+    NARROW,
+    U64,
+    Array,
+    Bundle,
+    Record,
+    Scalar,
+    Tuple,
+    ValueType,
+    compared,
+    element,
+)
+from .value_types import words as words_of
 from .values import Values
 
 SIGNS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.BitAnd: "&", ast.BitOr: "|", ast.BitXor: "^"}
@@ -23,15 +37,15 @@ COMPARED = {ast.Eq: "==", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: "
 class Expressions(Values):
     """Writes a kernel's expressions."""
 
-    def many(self, nodes: list[ast.expr]) -> list[tuple[str, Kind]]:
+    def many(self, nodes: list[ast.expr]) -> list[tuple[str, ValueType]]:
         """Write several expressions, left to right; what a later one may change is read before it."""
-        found: list[tuple[str, Kind]] = []
+        found: list[tuple[str, ValueType]] = []
         for node in nodes:
             before = len(self.lines)
-            made = self._starred(node) if isinstance(node, ast.Starred) else [(self.expr(node), self.typed.kinds[node])]
+            made = self._starred(node) if isinstance(node, ast.Starred) else [(self.expr(node), self.typed.types[node])]
             if len(self.lines) > before:
                 late, self.lines = self.lines[before:], self.lines[:before]
-                found = [(self.hold(c, kind) if self._may_change(c) else c, kind) for c, kind in found]
+                found = [(self.hold(c, typ) if self._may_change(c) else c, typ) for c, typ in found]
                 self.lines += late
             found += made
         return found
@@ -40,36 +54,36 @@ class Expressions(Values):
     def _may_change(c: str) -> bool:
         return any(mark in c for mark in "*[(")
 
-    def _starred(self, node: ast.Starred) -> list[tuple[str, Kind]]:
-        kind = self.typed.kinds[node.value]
-        assert isinstance(kind, Tuple)
-        held = self.hold(self.expr(node.value), kind)
-        return [(self.item(held, kind, k), each) for k, each in enumerate(kind.items)]
+    def _starred(self, node: ast.Starred) -> list[tuple[str, ValueType]]:
+        typ = self.typed.types[node.value]
+        assert isinstance(typ, Tuple)
+        held = self.hold(self.expr(node.value), typ)
+        return [(self.item(held, typ, k), each) for k, each in enumerate(typ.items)]
 
     # --- expressions ---
 
     def expr(self, node: ast.expr) -> str:
-        """Write an expression of the kind that typing has found."""
+        """Write an expression of the type that typing has found."""
         if node in self.typed.constants:
             return self.literal(self.typed.constants[node])
         written: str = getattr(self, f"_x_{type(node).__name__.lower()}")(node)
         return written
 
-    def as_kind(self, node: ast.expr, into: Kind) -> str:
+    def as_type(self, node: ast.expr, into: ValueType) -> str:
         """Write an expression, converted."""
-        return self.convert(self.expr(node), self.typed.kinds[node], into)
+        return self.convert(self.expr(node), self.typed.types[node], into)
 
     def _x_name(self, node: ast.Name) -> str:
         return f"v_{node.id}"
 
     def _x_tuple(self, node: ast.Tuple) -> str:
-        kind = self.typed.kinds[node]
-        assert isinstance(kind, Tuple)
-        return self.tuple_of(kind, [c for c, _ in self.many(node.elts)])
+        typ = self.typed.types[node]
+        assert isinstance(typ, Tuple)
+        return self.tuple_of(typ, [c for c, _ in self.many(node.elts)])
 
     def place(self, target: ast.expr) -> str:
         """Write what can be assigned to, with its index computed once: an element, a record's field, or several."""
-        whole = self.typed.kinds[target.value] if isinstance(target, (ast.Attribute, ast.Subscript)) else None
+        whole = self.typed.types[target.value] if isinstance(target, (ast.Attribute, ast.Subscript)) else None
         if isinstance(target, ast.Subscript) and isinstance(whole, Array):
             return self._indexed(target, whole)
         assert isinstance(target, ast.Attribute)
@@ -78,47 +92,47 @@ class Expressions(Values):
 
     def read(self, place: str, target: ast.expr) -> str:
         """Write the value of an element or a field: narrow ones are widened, or C would compute in 32 bits."""
-        kind = self.typed.kinds[target]
-        if kind == BOOL:
+        typ = self.typed.types[target]
+        if typ == BOOL:
             return f"({place} != 0)"
-        return f"((int64_t){place})" if kind in (INT, NARROW) else place
+        return f"((int64_t){place})" if typ in (INT, NARROW) else place
 
     def _x_attribute(self, node: ast.Attribute) -> str:
-        kind = self.typed.kinds[node.value]
-        if isinstance(kind, Bundle):
-            place, of = kind.places[node.attr]
-            return self._loaded(self.hold(self.expr(node.value), kind), place, of)
-        if isinstance(kind, Record):
+        typ = self.typed.types[node.value]
+        if isinstance(typ, Bundle):
+            place, of = typ.places[node.attr]
+            return self._loaded(self.hold(self.expr(node.value), typ), place, of)
+        if isinstance(typ, Record):
             return self.read(self.place(node), node)
-        held = self.hold(self.expr(node.value), kind)
-        if isinstance(kind, Tuple):
-            return self.item(held, kind, kind.fields.index(node.attr))
-        assert isinstance(kind, Array)
-        lengths = [f"{held}.n{k}" for k in range(kind.axes)]
+        held = self.hold(self.expr(node.value), typ)
+        if isinstance(typ, Tuple):
+            return self.item(held, typ, typ.fields.index(node.attr))
+        assert isinstance(typ, Array)
+        lengths = [f"{held}.n{k}" for k in range(typ.axes)]
         if node.attr == "size":
             return f"({' * '.join(lengths)})"
-        return self.tuple_of(Tuple((INT,) * kind.axes), lengths)
+        return self.tuple_of(Tuple((INT,) * typ.axes), lengths)
 
-    def _loaded(self, words: str, place: int, kind: Kind) -> str:
+    def _loaded(self, words: str, place: int, typ: ValueType) -> str:
         """Write a field of a bundle, from its words."""
-        if isinstance(kind, Scalar):
-            word = f"as_double({words}[{place}])" if kind in (FLOAT, F32) else f"{words}[{place}]"
-            return word if kind in (FLOAT, INT) else f"(({kind.c}){word})"
-        if isinstance(kind, Bundle):
+        if isinstance(typ, Scalar):
+            word = f"as_double({words}[{place}])" if typ in (FLOAT, F32) else f"{words}[{place}]"
+            return word if typ in (FLOAT, INT) else f"(({typ.c}){word})"
+        if isinstance(typ, Bundle):
             return f"((const int64_t *){words}[{place}])"
-        if isinstance(kind, Tuple):
+        if isinstance(typ, Tuple):
             items = []
-            for each in kind.items:
+            for each in typ.items:
                 items.append(self._loaded(words, place, each))
                 place += words_of(each)
-            return self.tuple_of(kind, items)
-        assert isinstance(kind, Array)
-        lengths = ", ".join(f"{words}[{place + 1 + k}]" for k in range(kind.axes))
-        return f"(({self.unit.c_type(kind)}){{(char *){words}[{place}], {lengths}}})"
+            return self.tuple_of(typ, items)
+        assert isinstance(typ, Array)
+        lengths = ", ".join(f"{words}[{place + 1 + k}]" for k in range(typ.axes))
+        return f"(({self.unit.c_type(typ)}){{(char *){words}[{place}], {lengths}}})"
 
-    def _member(self, record: str, kind: Record, name: str) -> str:
+    def _member(self, record: str, typ: Record, name: str) -> str:
         """Write a field of a record, which can be assigned to."""
-        dtype, offset = kind.dtype.fields[name][:2]  # type: ignore[index]
+        dtype, offset = typ.dtype.fields[name][:2]  # type: ignore[index]
         if dtype.subdtype:
             of = Array(dtype.subdtype[0], len(dtype.subdtype[1]))
             lengths = ", ".join(map(str, dtype.subdtype[1]))
@@ -126,22 +140,22 @@ class Expressions(Values):
         return f"(*({element(dtype)[0]} *)({record} + {offset}))"
 
     def _x_subscript(self, node: ast.Subscript) -> str:
-        kind = self.typed.kinds[node.value]
-        if isinstance(kind, Tuple):
+        typ = self.typed.types[node.value]
+        if isinstance(typ, Tuple):
             at = self.typed.constant(node.slice)
             (held, _), *rest = self.many([node.value] if at is not ABSENT else [node.value, node.slice])
-            held = self.hold(held, kind)
+            held = self.hold(held, typ)
             if at is not ABSENT:
-                return self.item(held, kind, at % len(kind.items))
-            return f"{held}.f[within({rest[0][0]}, {len(kind.items)}, {self.site(node)})]"
+                return self.item(held, typ, at % len(typ.items))
+            return f"{held}.f[within({rest[0][0]}, {len(typ.items)}, {self.site(node)})]"
         return self.read(self.place(node), node)
 
-    def _indexed(self, node: ast.Subscript, kind: Array) -> str:
+    def _indexed(self, node: ast.Subscript, typ: Array) -> str:
         given = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
         ends = [end for each in given if isinstance(each, ast.Slice) for end in (each.lower, each.upper) if end]
         plain = [each for each in given if not isinstance(each, ast.Slice)]
         (array, _), *written = self.many([node.value, *plain, *ends])
-        array, at, cut = self.hold(array, kind), iter(written[: len(plain)]), iter(written[len(plain) :])
+        array, at, cut = self.hold(array, typ), iter(written[: len(plain)]), iter(written[len(plain) :])
         places: list[str | tuple[str, str]] = []
         for axis, each in enumerate(given):
             length, value = f"{array}.n{axis}", self.typed.constant(each)
@@ -153,17 +167,17 @@ class Expressions(Values):
             low = self.hold(f"cut({next(cut)[0]}, {length})", INT) if each.lower else "0"
             high = self.hold(f"cut({next(cut)[0]}, {length})", INT) if each.upper else length
             places.append((low, high if low == "0" else f"cut_length({low}, {high})"))
-        return self.index(array, kind, places, node)
+        return self.index(array, typ, places, node)
 
-    def index(self, array: str, kind: Array, places: list[str | tuple[str, str]], node: ast.AST) -> str:
+    def index(self, array: str, typ: Array, places: list[str | tuple[str, str]], node: ast.AST) -> str:
         """Write an element, a record, or a smaller array.
 
         Args:
             places: for each of the first axes its index, or where a slice begins and its length.
         """
-        place, at, size = "", self.site(node), kind.dtype.itemsize
+        place, at, size = "", self.site(node), typ.dtype.itemsize
         lengths: list[str] = []
-        for axis in range(kind.axes):
+        for axis in range(typ.axes):
             length = f"{array}.n{axis}"
             each = places[axis] if axis < len(places) else ("0", length)
             if isinstance(each, tuple):
@@ -174,20 +188,20 @@ class Expressions(Values):
             place = where if place in ("", "0") else f"({place}) * {length}" + (f" + {where}" if where != "0" else "")
         where = f"{array}.p" + ("" if place == "0" else f" + ({place}) * {size}" if size > 1 else f" + {place}")
         if lengths:
-            return f"(({self.unit.c_type(Array(kind.dtype, len(lengths)))}){{{where}, {', '.join(lengths)}}})"
-        if kind.dtype.names is not None:
+            return f"(({self.unit.c_type(Array(typ.dtype, len(lengths)))}){{{where}, {', '.join(lengths)}}})"
+        if typ.dtype.names is not None:
             return f"({where})"
-        return f"(*({element(kind.dtype)[0]} *)({where}))"
+        return f"(*({element(typ.dtype)[0]} *)({where}))"
 
     def _x_binop(self, node: ast.BinOp) -> str:
         (a, ka), (b, kb) = self.many([node.left, node.right])
-        return self.operated(node, node.op, (a, ka), (b, kb), self.typed.kinds[node])
+        return self.operated(node, node.op, (a, ka), (b, kb), self.typed.types[node])
 
     def operated(
-        self, node: ast.AST, op: ast.operator, one: tuple[str, Kind], other: tuple[str, Kind], kind: Kind
+        self, node: ast.AST, op: ast.operator, one: tuple[str, ValueType], other: tuple[str, ValueType], typ: ValueType
     ) -> str:
         """Write an operation on two numbers."""
-        a, b = self.convert(*one, kind), self.convert(*other, kind)
+        a, b = self.convert(*one, typ), self.convert(*other, typ)
         if type(op) in SIGNS:
             return f"({a} {SIGNS[type(op)]} {b})"
         if isinstance(op, ast.Div):
@@ -196,11 +210,11 @@ class Expressions(Values):
             count = f"within((int64_t){b}, 64, {self.site(node)})"
             if isinstance(op, ast.RShift):
                 return f"({a} >> {count})"
-            return f"({a} << {count})" if kind == U64 else f"((int64_t)((uint64_t){a} << {count}))"
+            return f"({a} << {count})" if typ == U64 else f"((int64_t)((uint64_t){a} << {count}))"
         name = "floordiv" if isinstance(op, ast.FloorDiv) else "floormod"
-        if kind in (FLOAT, F32):
+        if typ in (FLOAT, F32):
             return f"{name}_d({a}, {b})"
-        if kind == U64:
+        if typ == U64:
             return f"({a} {'/' if name == 'floordiv' else '%'} (uint64_t)divisor((int64_t){b}, {self.site(node)}))"
         return (
             f"{name}({a}, {b if b.startswith('INT64_C') and b != 'INT64_C(0)' else f'divisor({b}, {self.site(node)})'})"
@@ -209,7 +223,7 @@ class Expressions(Values):
     def _x_unaryop(self, node: ast.UnaryOp) -> str:
         if isinstance(node.op, ast.Not):
             return f"(!{self.truth(node.operand)})"
-        c = self.as_kind(node.operand, self.typed.kinds[node])
+        c = self.as_type(node.operand, self.typed.types[node])
         return f"({ {ast.USub: '-', ast.Invert: '~', ast.UAdd: '+'}[type(node.op)] }{c})"
 
     def truth(self, node: ast.expr) -> str:
@@ -218,7 +232,7 @@ class Expressions(Values):
             return self._x_boolop(node)
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
             return f"(!{self.truth(node.operand)})"
-        return self.convert(self.expr(node), self.typed.kinds[node], BOOL)
+        return self.convert(self.expr(node), self.typed.types[node], BOOL)
 
     def _x_boolop(self, node: ast.BoolOp) -> str:
         """Write `and` and `or`; statements that an operand needs run only if it is reached."""
@@ -250,12 +264,12 @@ class Expressions(Values):
         return c, late
 
     def _x_ifexp(self, node: ast.IfExp) -> str:
-        kind, test = self.typed.kinds[node], self.truth(node.test)
-        one, first = self.aside(lambda: self.as_kind(node.body, kind))
-        other, second = self.aside(lambda: self.as_kind(node.orelse, kind))
-        if not first and not second and not isinstance(kind, Array):
+        typ, test = self.typed.types[node], self.truth(node.test)
+        one, first = self.aside(lambda: self.as_type(node.body, typ))
+        other, second = self.aside(lambda: self.as_type(node.orelse, typ))
+        if not first and not second and not isinstance(typ, Array):
             return f"({test} ? {one} : {other})"
-        held = self.temporary(kind)
+        held = self.temporary(typ)
         self.say(f"if ({test}) {{")
         self.lines += [*first, "    " * self.depth + f"    {held} = {one};"]
         self.say("} else {")
@@ -271,18 +285,18 @@ class Expressions(Values):
             other = self.hold(*other), other[1]
         return self._chained(node, 1, self._compared(node.ops[0], one, other), other)
 
-    def _compared(self, op: ast.cmpop, one: tuple[str, Kind], other: tuple[str, Kind]) -> str:
+    def _compared(self, op: ast.cmpop, one: tuple[str, ValueType], other: tuple[str, ValueType]) -> str:
         into = compared(one[1], other[1])
         return f"({self.convert(*one, into)} {COMPARED[type(op)]} {self.convert(*other, into)})"
 
-    def _chained(self, node: ast.Compare, k: int, text: str, one: tuple[str, Kind]) -> str:
+    def _chained(self, node: ast.Compare, k: int, text: str, one: tuple[str, ValueType]) -> str:
         """Write the comparisons from number k on, which are only reached while those before are true."""
         if k == len(node.ops):
             return text
 
         def write() -> str:
             right = node.comparators[k]
-            other = self.expr(right), self.typed.kinds[right]
+            other = self.expr(right), self.typed.types[right]
             if k + 1 < len(node.ops):
                 other = self.hold(*other), other[1]
             return self._chained(node, k + 1, self._compared(node.ops[k], one, other), other)
@@ -290,13 +304,13 @@ class Expressions(Values):
         return self._further(text, write, is_and=True)
 
     def _membership(self, node: ast.Compare) -> str:
-        right = self.typed.kinds[node.comparators[0]]
+        right = self.typed.types[node.comparators[0]]
         assert isinstance(right, Tuple)
-        (one, kind), (among, _) = self.many([node.left, node.comparators[0]])
-        one, among = self.hold(one, kind), self.hold(among, right)
+        (one, typ), (among, _) = self.many([node.left, node.comparators[0]])
+        one, among = self.hold(one, typ), self.hold(among, right)
         parts = []
         for k, of in enumerate(right.items):
-            into = compared(kind, of)
-            parts.append(f"({self.convert(one, kind, into)} == {self.convert(self.item(among, right, k), of, into)})")
+            into = compared(typ, of)
+            parts.append(f"({self.convert(one, typ, into)} == {self.convert(self.item(among, right, k), of, into)})")
         found = f"({' || '.join(parts) or 'false'})"
         return found if isinstance(node.ops[0], ast.In) else f"(!{found})"

@@ -1,4 +1,4 @@
-"""Functions that the compiler knows: of which kinds they are, and what they are in C."""
+"""Functions that the compiler knows: of which types they are, and what they are in C."""
 
 from __future__ import annotations
 
@@ -10,28 +10,43 @@ from typing import Any
 
 import numpy as np
 
-from .kinds import BOOL, F32, FLOAT, INT, NARROW, NONE, U32, U64, Array, Kind, Scalar, Tuple, array_kind, named
+from .value_types import (
+    BOOL,
+    F32,
+    FLOAT,
+    INT,
+    NARROW,
+    NONE,
+    U32,
+    U64,
+    Array,
+    Scalar,
+    Tuple,
+    ValueType,
+    array_type,
+    named,
+)
 
 NUMBERS = (INT, BOOL, U32, FLOAT, F32)
 ROW = Array(np.dtype(np.uint8), 1)
-Kinds = list[Kind]
+Types = list[ValueType]
 # What np.full makes of a value, without a dtype.
-DTYPES: dict[Kind, type[Any]] = {INT: np.int64, BOOL: np.bool_, F32: np.float32, U32: np.uint32, U64: np.uint64}
+DTYPES: dict[ValueType, type[Any]] = {INT: np.int64, BOOL: np.bool_, F32: np.float32, U32: np.uint32, U64: np.uint64}
 
 
 @dataclass(frozen=True, slots=True)
 class Intrinsic:
-    """A function that the compiler knows: its kind by its arguments' kinds (None: refused), and its C."""
+    """A function that the compiler knows: its type by its arguments' types (None: refused), and its C."""
 
-    kind: Callable[[Kinds], Kind | None]
-    c: Callable[..., str]  # (emitter, node, [(C, kind)]) -> C
+    rule: Callable[[Types], ValueType | None]
+    c: Callable[..., str]  # (emitter, node, [(C, type)]) -> C
     usage: str
 
 
-def _of(*wanted: Kind, result: Kind) -> Callable[[Kinds], Kind | None]:
-    """Return a rule for arguments of just these kinds, where a float also takes whole numbers."""
+def _of(*wanted: ValueType, result: ValueType) -> Callable[[Types], ValueType | None]:
+    """Return a rule for arguments of just these types, where a float also takes whole numbers."""
 
-    def rule(given: Kinds) -> Kind | None:
+    def rule(given: Types) -> ValueType | None:
         fits = len(given) == len(wanted) and all(
             a == b or (b == FLOAT and a in NUMBERS) or (b == INT and a in (BOOL, U32))
             for a, b in zip(given, wanted, strict=True)
@@ -41,8 +56,8 @@ def _of(*wanted: Kind, result: Kind) -> Callable[[Kinds], Kind | None]:
     return rule
 
 
-def _math(name: str, count: int = 1, result: Kind = FLOAT) -> Intrinsic:
-    def c(emitter: Any, node: ast.AST, given: list[tuple[str, Kind]]) -> str:
+def _math(name: str, count: int = 1, result: ValueType = FLOAT) -> Intrinsic:
+    def c(emitter: Any, node: ast.AST, given: list[tuple[str, ValueType]]) -> str:
         if result == INT and given[0][1] in (INT, BOOL):
             return str(emitter.convert(*given[0], INT))
         call = f"{name}({', '.join(emitter.convert(*each, FLOAT) for each in given)})"
@@ -54,7 +69,7 @@ def _math(name: str, count: int = 1, result: Kind = FLOAT) -> Intrinsic:
 def _of_float(name: str) -> Intrinsic:
     """Return a function of numpy that would give a float32, or a whole number, of such a one."""
 
-    def c(emitter: Any, _: ast.AST, given: list[tuple[str, Kind]]) -> str:
+    def c(emitter: Any, _: ast.AST, given: list[tuple[str, ValueType]]) -> str:
         return f"{name}({emitter.convert(*given[0], FLOAT)})"
 
     return Intrinsic(lambda given: FLOAT if given == [FLOAT] else None, c, "pass a float; float() converts")
@@ -69,10 +84,10 @@ def _test(name: str) -> Intrinsic:
 
 
 def _conversion(into: Scalar) -> Intrinsic:
-    def kind(given: Kinds) -> Kind | None:
+    def rule(given: Types) -> ValueType | None:
         return into if len(given) == 1 and isinstance(given[0], Scalar) and given[0] != NONE else None
 
-    def c(emitter: Any, node: ast.AST, given: list[tuple[str, Kind]]) -> str:
+    def c(emitter: Any, node: ast.AST, given: list[tuple[str, ValueType]]) -> str:
         value, of = given[0]
         if into == BOOL:
             return str(emitter.convert(value, of, BOOL))
@@ -81,48 +96,48 @@ def _conversion(into: Scalar) -> Intrinsic:
             return value if into == INT else f"(({into.c})({value}))"
         return str(emitter.convert(value, of, into))
 
-    return Intrinsic(kind, c, "pass one number")
+    return Intrinsic(rule, c, "pass one number")
 
 
 def _extreme(name: str) -> Intrinsic:
-    def kind(given: Kinds) -> Kind | None:
+    def rule(given: Types) -> ValueType | None:
         both = set(given)
         if len(given) < 2 or (both not in ({U64}, {F32}) and not both <= {INT, BOOL, FLOAT}):
             return None
         return given[0] if both in ({U64}, {F32}) else FLOAT if FLOAT in both else INT
 
-    def c(emitter: Any, _: ast.AST, given: list[tuple[str, Kind]]) -> str:
-        into = kind([each for _, each in given])
+    def c(emitter: Any, _: ast.AST, given: list[tuple[str, ValueType]]) -> str:
+        into = rule([each for _, each in given])
         suffix = "i" if into == INT else "u" if into == U64 else "d"
         text: str = emitter.convert(*given[0], into)
         for each in [emitter.convert(*each, into) for each in given[1:]]:
             text = f"{name}_{suffix}({text}, {each})"
         return f"((float){text})" if into == F32 else text
 
-    return Intrinsic(kind, c, "pass two or more numbers")
+    return Intrinsic(rule, c, "pass two or more numbers")
 
 
-def _abs(given: Kinds) -> Kind | None:
+def _abs(given: Types) -> ValueType | None:
     if len(given) == 1 and given[0] in NUMBERS:
         return given[0] if given[0] in (FLOAT, F32) else INT
     return None
 
 
-def _abs_c(_: Any, __: ast.AST, given: list[tuple[str, Kind]]) -> str:
-    value, kind = given[0]
-    return f"fabs({value})" if kind == FLOAT else f"fabsf({value})" if kind == F32 else f"abs_i({value})"
+def _abs_c(_: Any, __: ast.AST, given: list[tuple[str, ValueType]]) -> str:
+    value, typ = given[0]
+    return f"fabs({value})" if typ == FLOAT else f"fabsf({value})" if typ == F32 else f"abs_i({value})"
 
 
-def _len(given: Kinds) -> Kind | None:
+def _len(given: Types) -> ValueType | None:
     return INT if len(given) == 1 and isinstance(given[0], (Array, Tuple)) else None
 
 
-def _len_c(emitter: Any, _: ast.AST, given: list[tuple[str, Kind]]) -> str:
-    value, kind = given[0]
-    return str(len(kind.items)) if isinstance(kind, Tuple) else f"{emitter.hold(value, kind)}.n0"
+def _len_c(emitter: Any, _: ast.AST, given: list[tuple[str, ValueType]]) -> str:
+    value, typ = given[0]
+    return str(len(typ.items)) if isinstance(typ, Tuple) else f"{emitter.hold(value, typ)}.n0"
 
 
-def _any_c(emitter: Any, _: ast.AST, given: list[tuple[str, Kind]]) -> str:
+def _any_c(emitter: Any, _: ast.AST, given: list[tuple[str, ValueType]]) -> str:
     value = emitter.hold(*given[0])
     found = emitter.temporary(BOOL)
     emitter.say(f"{found} = false;")
@@ -130,30 +145,30 @@ def _any_c(emitter: Any, _: ast.AST, given: list[tuple[str, Kind]]) -> str:
     return str(found)
 
 
-def _eye_c(emitter: Any, node: ast.AST, given: list[tuple[str, Kind]]) -> str:
+def _eye_c(emitter: Any, node: ast.AST, given: list[tuple[str, ValueType]]) -> str:
     side = emitter.hold(*given[0])
     made: str = emitter.made(Array(np.dtype(np.float64), 2), [side, side], node, zeroed=True)
     emitter.say(f"for (int64_t z = 0; z < {side}; z++) ((double *){made}.p)[z * {side} + z] = 1.0;")
     return made
 
 
-def _memory(name: str, *wanted: Kind, result: Kind) -> Intrinsic:
-    def c(emitter: Any, node: ast.AST, given: list[tuple[str, Kind]]) -> str:
-        values = [emitter.convert(value, kind, to) for (value, kind), to in zip(given, wanted, strict=True)]
+def _memory(name: str, *wanted: ValueType, result: ValueType) -> Intrinsic:
+    def c(emitter: Any, node: ast.AST, given: list[tuple[str, ValueType]]) -> str:
+        values = [emitter.convert(value, typ, to) for (value, typ), to in zip(given, wanted, strict=True)]
         return f"{name}({', '.join(values)}, {emitter.site(node)})"
 
     return Intrinsic(_of(*wanted, result=result), c, "pass a row of bytes, and whole numbers")
 
 
-def _prefetch(given: Kinds) -> Kind | None:
+def _prefetch(given: Types) -> ValueType | None:
     return NONE if len(given) == 4 and isinstance(given[0], Array) and set(given[1:]) <= {INT, U32} else None
 
 
-def _prefetch_c(emitter: Any, _: ast.AST, given: list[tuple[str, Kind]]) -> str:
-    (value, kind), *places = given
-    assert isinstance(kind, Array)
-    row = emitter.hold(value, kind)
-    size = " * ".join([str(kind.dtype.itemsize), *(f"{row}.n{axis}" for axis in range(1, kind.axes))])
+def _prefetch_c(emitter: Any, _: ast.AST, given: list[tuple[str, ValueType]]) -> str:
+    (value, typ), *places = given
+    assert isinstance(typ, Array)
+    row = emitter.hold(value, typ)
+    size = " * ".join([str(typ.dtype.itemsize), *(f"{row}.n{axis}" for axis in range(1, typ.axes))])
     i, begin, length = (emitter.convert(*each, INT) for each in places)
     return f"prefetch({row}.p, ({i}) * {size} + ({begin}), {length})"
 
@@ -235,10 +250,10 @@ def found(function: Any) -> Intrinsic | None:
     return KNOWN.get(function) if isinstance(function, type) or callable(function) else None
 
 
-def kind(typed: Any, node: ast.Call, function: Any) -> Kind:
-    """Return the kind of a call of a known function. Raises: SubsetError: it is not known, or called otherwise."""
+def result_type(typed: Any, node: ast.Call, function: Any) -> ValueType:
+    """Return the type of a call of a known function. Raises: SubsetError: it is not known, or called otherwise."""
     if any(function is each for each in MAKERS):
-        return _kind_of_made(typed, node, function)
+        return _type_of_made(typed, node, function)
     given = typed.many(node.args)
     if hasattr(function, "__c_symbol__"):
         for each in given:
@@ -252,7 +267,7 @@ def kind(typed: Any, node: ast.Call, function: Any) -> Kind:
         raise typed.source.refuse(node, f"{name} is no kernel", instead)
     if node.keywords:
         raise typed.source.refuse(node, f"keywords of {name}", "pass its arguments by their places")
-    result = known.kind(given)
+    result = known.rule(given)
     if result is None:
         raise typed.source.refuse(node, f"a call with {', '.join(map(str, given)) or 'nothing'}", known.usage)
     return result
@@ -264,25 +279,25 @@ def shape_of(node: ast.Call) -> list[ast.expr]:
     return list(shape.elts) if isinstance(shape, ast.Tuple) else [shape]
 
 
-def _kind_of_made(typed: Any, node: ast.Call, function: Any) -> Kind:
+def _type_of_made(typed: Any, node: ast.Call, function: Any) -> ValueType:
     first = 2 if function is np.full else 1
     if len(node.args) < first or len(node.args) > first + 1 or any(each.arg != "dtype" for each in node.keywords):
         usage = "give a shape, " + ("a value, " if first > 1 else "") + "and a dtype"
         raise typed.source.refuse(node, f"{len(node.args)} arguments of {function.__name__}", usage)
     of = [*node.args[first:], *(each.value for each in node.keywords)]
     if function in (np.empty_like, np.zeros_like):
-        like: Kind = typed.kind(node.args[0])
+        like: ValueType = typed.type_of(node.args[0])
         if not isinstance(like, Array) or of:
             raise typed.source.refuse(node, "an array like something else", "pass an array")
         return like
     for each in shape_of(node):
-        if typed.kind(each) not in (INT, NARROW, U32):
+        if typed.type_of(each) not in (INT, NARROW, U32):
             raise typed.source.refuse(each, "no length", "give a whole number for each axis")
-    value = typed.kind(node.args[1]) if function is np.full else FLOAT
+    value = typed.type_of(node.args[1]) if function is np.full else FLOAT
     if value == NARROW and not of:
         raise typed.source.refuse(node, "a narrow int without a dtype", "write int() of it, or give a dtype")
     try:
-        made = array_kind(_dtype_of(typed, node, of, value), len(shape_of(node)))
+        made = array_type(_dtype_of(typed, node, of, value), len(shape_of(node)))
     except TypeError as error:
         raise typed.source.refuse(node, str(error), "use np.int64, np.float64, np.uint8, np.bool_, …") from None
     if function is np.full:
@@ -290,18 +305,18 @@ def _kind_of_made(typed: Any, node: ast.Call, function: Any) -> Kind:
     return made
 
 
-def _dtype_of(typed: Any, node: ast.Call, of: list[ast.expr], value: Kind) -> np.dtype[Any]:
+def _dtype_of(typed: Any, node: ast.Call, of: list[ast.expr], value: ValueType) -> np.dtype[Any]:
     given = typed.constant(of[0]) if of else None
     if given is not None and not isinstance(given, (np.dtype, type)):
         raise typed.source.refuse(node, f"no dtype: {ast.unparse(of[0])}", "use np.int64, np.uint8, …")
     return np.dtype(DTYPES.get(value, np.float64) if given is None else given)
 
 
-def method_kind(typed: Any, node: ast.Call) -> Kind:
-    """Return the kind of a method's call: `copy` of an array, `view` of a 32-bit number."""
+def method_type(typed: Any, node: ast.Call) -> ValueType:
+    """Return the type of a method's call: `copy` of an array, `view` of a 32-bit number."""
     method = node.func
     if isinstance(method, ast.Attribute):
-        of = typed.kind(method.value)
+        of = typed.type_of(method.value)
         if method.attr == "copy" and isinstance(of, Array) and not node.args and not node.keywords:
             return of
         if method.attr == "view" and len(node.args) == 1 and not node.keywords:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .kinds import Array, Bundle, Kind, Record, Scalar, Tuple, signature_of
+from .value_types import Array, Bundle, Record, Scalar, Tuple, ValueType, signature_of
 
 
 class Needed:
@@ -48,22 +48,22 @@ class Needed:
         lengths = ", ".join(map(str, value.shape))
         return f"(({self.c_type(Array(value.dtype, value.ndim))}){{(char *){name}, {lengths}}})"
 
-    def c_type(self, kind: Kind) -> str:
-        """Return the C type of a kind."""
-        if isinstance(kind, Scalar):
-            return kind.c
-        if isinstance(kind, Array):
-            return f"arr{kind.axes}"
-        if isinstance(kind, Record):
+    def c_type(self, typ: ValueType) -> str:
+        """Return the C type of a value."""
+        if isinstance(typ, Scalar):
+            return typ.c
+        if isinstance(typ, Array):
+            return f"arr{typ.axes}"
+        if isinstance(typ, Record):
             return "char *"
-        if isinstance(kind, Bundle):
+        if isinstance(typ, Bundle):
             return "const int64_t *"
-        items = tuple(self.c_type(each) for each in kind.items)
+        items = tuple(self.c_type(each) for each in typ.items)
         return self.tuples.setdefault(items, f"tup{len(self.tuples)}")
 
-    def is_alike(self, kind: Tuple) -> bool:
+    def is_alike(self, typ: Tuple) -> bool:
         """Return whether all items have one C type: the struct then is an array of them."""
-        return len({self.c_type(each) for each in kind.items}) == 1
+        return len({self.c_type(each) for each in typ.items}) == 1
 
     def linked_call(self, function: Callable[..., Any]) -> str:
         """Return the C function that calls a kernel of another library, by the address at its first argument.
@@ -72,7 +72,7 @@ class Needed:
         """
         name, (parameters, returned) = f"linked_{function.__name__}", signature_of(function)
         if function not in self.linked:
-            c_types = [self.c_type(kind) for kind in parameters.values()]
+            c_types = [self.c_type(typ) for typ in parameters.values()]
             taken = ", ".join(f"{c_type} a{k}" for k, c_type in enumerate(c_types))
             given = "".join(f"a{k}, " for k in range(1, len(c_types)))
             pointer = f"{self.c_type(returned)} (*)({', '.join([*c_types[1:], 'struct fault *'])})"

@@ -24,9 +24,9 @@ from pathlib import Path
 from typing import Any
 
 from .flags import FLAGS
-from .kinds import signature_of
 from .parsing import forget_files, shown_path
 from .unit import Unit
+from .value_types import signature_of
 
 OPTIONS = (*FLAGS, "-fno-fast-math", "-fPIC", "-shared", "-w", "-x", "c", "-")
 COMPILERS = ("cc", "gcc", "clang")
@@ -101,9 +101,9 @@ __attribute__((visibility("default"))) void **own_linked(void) { return linked; 
 
     def _exported(self, name: str, own: Own) -> str:
         parameters, returned = signature_of(own.function)
-        kinds = list(parameters.values())
-        head = ", ".join([*(f"{self.c_type(kind)} a{k}" for k, kind in enumerate(kinds)), "struct fault *fault"])
-        call = f"{self.function(own.function)}({', '.join(f'a{k}' for k in range(len(kinds)))})"
+        types = list(parameters.values())
+        head = ", ".join([*(f"{self.c_type(typ)} a{k}" for k, typ in enumerate(types)), "struct fault *fault"])
+        call = f"{self.function(own.function)}({', '.join(f'a{k}' for k in range(len(types)))})"
         lines = [
             f'__attribute__((visibility("default"))) {self.c_type(returned)} own_{name}({head})',
             "{",

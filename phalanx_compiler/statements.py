@@ -7,9 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 from .calls import Calls
-from .kinds import BOOL, INT, NARROW, NONE, U64, Array, Kind, Record, Scalar, Tuple, element, leaves, named
 from .needed import Needed
 from .typed import Typed
+from .value_types import BOOL, INT, NARROW, NONE, U64, Array, Record, Scalar, Tuple, ValueType, element, leaves, named
 
 
 class Statements(Calls):
@@ -51,13 +51,13 @@ class Statements(Calls):
             self.say("goto end;")
             return
         assert node.value is not None
-        self.say(f"returned = {self.as_kind(node.value, returned)};")
+        self.say(f"returned = {self.as_type(node.value, returned)};")
         self.say("goto end;")
 
     # --- assignments ---
 
     def _assign(self, node: ast.Assign) -> None:
-        kind = self.typed.kinds[node.value]
+        typ = self.typed.types[node.value]
         target = node.targets[0]
         if len(node.targets) == 1 and isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
             values = [(self._kept(c, of), of) for c, of in self.many(node.value.elts)]
@@ -66,21 +66,21 @@ class Statements(Calls):
             return
         c = self.expr(node.value)
         if len(node.targets) > 1:
-            c = self.hold(c, kind)
+            c = self.hold(c, typ)
         for target in node.targets:
-            self._store(target, c, kind)
+            self._store(target, c, typ)
 
-    def _kept(self, c: str, kind: Kind) -> str:
+    def _kept(self, c: str, typ: ValueType) -> str:
         """Write a value that assignments to variables do not change any more."""
         if c.startswith(("INT64_C", "(-INT64_C", "(0x", "(-0x")) or (c.startswith("t") and c.isidentifier()):
             return c
-        held = self.temporary(kind)
+        held = self.temporary(typ)
         self.say(f"{held} = {c};")
         return held
 
     def _annassign(self, node: ast.AnnAssign) -> None:
         assert node.value is not None
-        self._store(node.target, self.expr(node.value), self.typed.kinds[node.value])
+        self._store(node.target, self.expr(node.value), self.typed.types[node.value])
 
     def _augassign(self, node: ast.AugAssign) -> None:
         if isinstance(node.target, ast.Name):
@@ -88,59 +88,59 @@ class Statements(Calls):
             place = one[0]
         else:
             place = self._lvalue(node.target)
-            one = self.read(place, node.target), self.typed.kinds[node.target]
+            one = self.read(place, node.target), self.typed.types[node.target]
         value, late = self.aside(lambda: self.expr(node.value), deeper=False)
         if late and not isinstance(node.target, ast.Name):  # Python reads the old value first
             one = self.hold(*one), one[1]
         self.lines += late
-        other = value, self.typed.kinds[node.value]
+        other = value, self.typed.types[node.value]
         into = self.typed.operated(node, node.op, one[1], other[1])
         self.say(f"{place} = {self.convert(self.operated(node, node.op, one, other, into), into, one[1])};")
 
     def _lvalue(self, target: ast.expr) -> str:
         """Write what is assigned to, with its address computed once."""
         assert isinstance(target, (ast.Attribute, ast.Subscript))
-        whole = self.typed.kinds[target.value]
+        whole = self.typed.types[target.value]
         assert isinstance(whole, (Array, Record))
         dtype = whole.dtype[target.attr] if isinstance(target, ast.Attribute) else whole.dtype
         pointer = self.temporary(INT)
         self.say(f"{pointer} = (intptr_t)&{self.place(target)};")
         return f"(*({element(dtype)[0]} *){pointer})"
 
-    def _store(self, target: ast.expr, c: str, kind: Kind) -> None:
+    def _store(self, target: ast.expr, c: str, typ: ValueType) -> None:
         if isinstance(target, ast.Name) and target.id not in self.typed.variables:  # it is `_`
             if c and not c.isidentifier():
                 self.say(f"(void)({c});")
             return
         if isinstance(target, ast.Name):
-            self.say(f"v_{target.id} = {self.convert(c, kind, self.typed.variables[target.id])};")
+            self.say(f"v_{target.id} = {self.convert(c, typ, self.typed.variables[target.id])};")
             return
         if isinstance(target, ast.Tuple):
-            assert isinstance(kind, Tuple)
-            held = self.hold(c, kind)
+            assert isinstance(typ, Tuple)
+            held = self.hold(c, typ)
             for k, each in enumerate(target.elts):
-                self._store(each, self.item(held, kind, k), kind.items[k])
+                self._store(each, self.item(held, typ, k), typ.items[k])
             return
-        into = self.typed.kinds[target]
+        into = self.typed.types[target]
         if not isinstance(into, Scalar):
-            self._store_many(target, c, kind, into)
+            self._store_many(target, c, typ, into)
             return
-        held = c if not self._may_change(c) or isinstance(kind, Scalar) else self.hold(c, kind)
+        held = c if not self._may_change(c) or isinstance(typ, Scalar) else self.hold(c, typ)
         before = len(self.lines)
         place = self.place(target)
         if len(self.lines) > before and self._may_change(held):
             late, self.lines = self.lines[before:], self.lines[:before]
-            held = self.hold(held, kind)
+            held = self.hold(held, typ)
             self.lines += late
-        self.say(f"{place} = {self.convert(held, kind, into)};")
+        self.say(f"{place} = {self.convert(held, typ, into)};")
 
-    def _store_many(self, target: ast.expr, c: str, kind: Kind, into: Kind) -> None:
+    def _store_many(self, target: ast.expr, c: str, typ: ValueType, into: ValueType) -> None:
         """Write the assignment to a record, a row, or a slice."""
-        value = self.hold(c, kind)
+        value = self.hold(c, typ)
         place = self.hold(self.place(target), into)
         if isinstance(into, Record):
             self.say(f"memmove({place}, {value}, {into.dtype.itemsize});")
-        elif isinstance(kind, Array):
+        elif isinstance(typ, Array):
             assert isinstance(into, Array)
             for k in range(into.axes):
                 self.say(f"alike({place}.n{k}, {value}.n{k}, {self.site(target)});")
@@ -148,7 +148,7 @@ class Statements(Calls):
             self.say(f"memmove({place}.p, {value}.p, (size_t)({size} * {into.dtype.itemsize}));")
         else:
             assert isinstance(into, Array)
-            self.fill(place, into, value, kind)
+            self.fill(place, into, value, typ)
 
     # --- control ---
 
@@ -171,27 +171,27 @@ class Statements(Calls):
         if isinstance(iterated, ast.Call) and self.typed.constant(iterated.func) is range:
             self._for_range(node, iterated)
             return
-        kind = self.typed.kinds[iterated]
+        typ = self.typed.types[iterated]
         each = self.typed.each(iterated)
-        held = self._kept(self.expr(iterated), kind)
+        held = self._kept(self.expr(iterated), typ)
         k = self.temporary(INT)
-        if isinstance(kind, Array):
+        if isinstance(typ, Array):
             self.say(f"for ({k} = 0; {k} < {held}.n0; {k}++) {{")
-            value = self.index(held, kind, [k], node)
+            value = self.index(held, typ, [k], node)
             value = f"({value} != 0)" if each == BOOL else f"((int64_t){value})" if each in (INT, NARROW) else value
         else:
-            assert isinstance(kind, Tuple)
-            if len(set(kind.items)) > 1:
-                into = Tuple((each,) * len(kind.items))
-                held = self.hold(self.convert(held, kind, into), into)
-            self.say(f"for ({k} = 0; {k} < {len(kind.items)}; {k}++) {{")
+            assert isinstance(typ, Tuple)
+            if len(set(typ.items)) > 1:
+                into = Tuple((each,) * len(typ.items))
+                held = self.hold(self.convert(held, typ, into), into)
+            self.say(f"for ({k} = 0; {k} < {len(typ.items)}; {k}++) {{")
             value = f"{held}.f[{k}]"
         self._within(lambda: self._store(node.target, value, each))
         self._within(lambda: self._block(node.body))
         self.say("}")
 
     def _for_range(self, node: ast.For, iterated: ast.Call) -> None:
-        given = [self._kept(self.convert(c, kind, INT), INT) for c, kind in self.many(iterated.args)]
+        given = [self._kept(self.convert(c, typ, INT), INT) for c, typ in self.many(iterated.args)]
         low, high = ("0", given[0]) if len(given) == 1 else given[:2]
         k = self.temporary(INT)
         known = self.typed.constant(iterated.args[2]) if len(given) == 3 else 1
@@ -211,9 +211,9 @@ class Statements(Calls):
         typed, unit = self.typed, self.unit
         returned = typed.returned
         name = unit.function(typed.source.function)
-        parameters = ", ".join(f"{unit.c_type(kind)} v_{each}" for each, kind in typed.parameters.items()) or "void"
-        own = {f"v_{each}": kind for each, kind in typed.variables.items() if each not in typed.parameters}
-        lines = [f"    {unit.c_type(kind)} {each};" for each, kind in (own | self.temporaries).items()]
+        parameters = ", ".join(f"{unit.c_type(typ)} v_{each}" for each, typ in typed.parameters.items()) or "void"
+        own = {f"v_{each}": typ for each, typ in typed.variables.items() if each not in typed.parameters}
+        lines = [f"    {unit.c_type(typ)} {each};" for each, typ in (own | self.temporaries).items()]
         frees = self.makes and not any(isinstance(each, (Array, Record)) for each in leaves(returned))
         if returned != NONE:
             lines.append(f"    {unit.c_type(returned)} returned;")

@@ -1,4 +1,4 @@
-"""Give a kernel's variables kinds: of parameters by their annotations, of others by what is assigned to them."""
+"""Give a kernel's variables types: of parameters by their annotations, of others by what is assigned to them."""
 
 from __future__ import annotations
 
@@ -6,22 +6,23 @@ import ast
 
 from .assigned import Assigned
 from .constants import ABSENT
-from .kinds import (
+from .parsing import Source
+from .typed_expressions import TypedExpressions, signature
+from .value_types import (
     INT,
     NONE,
     Array,
-    Kind,
     Record,
     Tuple,
+    ValueType,
     element,
+    joined,
     named,
 )
-from .parsing import Source
-from .typed_expressions import TypedExpressions, joined, signature
 
 
 class Typed(TypedExpressions):
-    """A kernel whose statements and expressions have kinds.
+    """A kernel whose statements and expressions have types.
 
     Raises: SubsetError: one has none.
     """
@@ -40,8 +41,8 @@ class Typed(TypedExpressions):
     def _runs(self, node: ast.For) -> bool:
         """Return whether a loop runs at least once, whatever the arguments are."""
         if not isinstance(node.iter, ast.Call) or self.constant(node.iter.func) is not range:
-            kind = self.kinds[node.iter]
-            return isinstance(kind, Tuple) and bool(kind.items)
+            typ = self.types[node.iter]
+            return isinstance(typ, Tuple) and bool(typ.items)
         ends = [self.constant(each) for each in node.iter.args]
         return ABSENT not in ends and len(range(*ends)) > 0
 
@@ -53,7 +54,7 @@ class Typed(TypedExpressions):
 
     def _expr(self, node: ast.Expr) -> None:
         if not isinstance(node.value, ast.Constant):  # a docstring
-            self.kind(node.value)
+            self.type_of(node.value)
 
     def _pass(self, node: ast.Pass) -> None: ...
 
@@ -62,27 +63,27 @@ class Typed(TypedExpressions):
     def _continue(self, node: ast.Continue) -> None: ...
 
     def _return(self, node: ast.Return) -> None:
-        kind = self.kind(node.value) if node.value else NONE
-        self._fits(node, kind, self.returned, "match the annotation of the result")
+        typ = self.type_of(node.value) if node.value else NONE
+        self._fits(node, typ, self.returned, "match the annotation of the result")
 
     def _assign(self, node: ast.Assign) -> None:
-        kind = self.kind(node.value)
+        typ = self.type_of(node.value)
         for target in node.targets:
-            self._store(target, kind, node)
+            self._store(target, typ, node)
 
     def _annassign(self, node: ast.AnnAssign) -> None:
         if node.value is None:
             raise self.source.refuse(node, "a variable without a value", "assign a value")
-        self._store(node.target, self.kind(node.value), node)
+        self._store(node.target, self.type_of(node.value), node)
 
     def _augassign(self, node: ast.AugAssign) -> None:
-        kind = self.operated(node, node.op, self._loaded(node.target), self.kind(node.value))
-        self._store(node.target, kind, node)
+        typ = self.operated(node, node.op, self._loaded(node.target), self.type_of(node.value))
+        self._store(node.target, typ, node)
 
-    def _loaded(self, target: ast.expr) -> Kind:
+    def _loaded(self, target: ast.expr) -> ValueType:
         if isinstance(target, ast.Name):
             return self._variable(target)
-        return self.kind(target)
+        return self.type_of(target)
 
     def _if(self, node: ast.If) -> None:
         self._truth(node.test)
@@ -97,8 +98,8 @@ class Typed(TypedExpressions):
         self._store(node.target, self.each(node.iter), node)
         self._block(node.body)
 
-    def each(self, iterated: ast.expr) -> Kind:
-        """Return the kind of what a loop goes through."""
+    def each(self, iterated: ast.expr) -> ValueType:
+        """Return the type of what a loop goes through."""
         if isinstance(iterated, ast.Call) and self.constant(iterated.func) is range:
             if iterated.keywords or not 1 <= len(iterated.args) <= 3:
                 raise self.source.refuse(
@@ -109,49 +110,49 @@ class Typed(TypedExpressions):
             if len(iterated.args) == 3 and self.constant(iterated.args[2]) == 0:
                 raise self.source.refuse(iterated, "a step of 0", "use another step")
             return INT
-        kind = self.kind(iterated)
-        if isinstance(kind, Array):
-            return self._indexed(kind, 1)
-        if isinstance(kind, Tuple) and kind.items:
-            each: Kind | None = kind.items[0]
-            for item in kind.items:
+        typ = self.type_of(iterated)
+        if isinstance(typ, Array):
+            return self._indexed(typ, 1)
+        if isinstance(typ, Tuple) and typ.items:
+            each: ValueType | None = typ.items[0]
+            for item in typ.items:
                 each = joined(each, item)
             if each is not None:
                 return each
         raise self.source.refuse(
-            iterated, f"a loop over {named(kind)}", "loop over range(), an array, or a tuple of one kind"
+            iterated, f"a loop over {named(typ)}", "loop over range(), an array, or a tuple of one type"
         )
 
     # --- what is assigned ---
 
-    def _store(self, target: ast.expr, kind: Kind, node: ast.AST) -> None:
+    def _store(self, target: ast.expr, typ: ValueType, node: ast.AST) -> None:
         if isinstance(target, ast.Name):
-            self._store_name(target.id, kind, node)
+            self._store_name(target.id, typ, node)
         elif isinstance(target, ast.Tuple):
-            if not isinstance(kind, Tuple) or len(kind.items) != len(target.elts):
+            if not isinstance(typ, Tuple) or len(typ.items) != len(target.elts):
                 raise self.source.refuse(
-                    node, f"{named(kind)} for {len(target.elts)} names", "assign a tuple of that length"
+                    node, f"{named(typ)} for {len(target.elts)} names", "assign a tuple of that length"
                 )
-            for each, item in zip(target.elts, kind.items, strict=True):
+            for each, item in zip(target.elts, typ.items, strict=True):
                 self._store(each, item, node)
         elif isinstance(target, (ast.Attribute, ast.Subscript)):
-            self._store_part(target, kind, node)
+            self._store_part(target, typ, node)
         else:
             self._refused(target)
 
-    def _store_name(self, name: str, kind: Kind, node: ast.AST) -> None:
+    def _store_name(self, name: str, typ: ValueType, node: ast.AST) -> None:
         if name == "_" and name not in self.parameters:
             return  # whatever it is: it cannot be read
-        if kind == NONE:
+        if typ == NONE:
             raise self.source.refuse(node, "a variable that is None", "use a number that says so")
-        now = joined(self.variables.get(name), kind)
+        now = joined(self.variables.get(name), typ)
         if now is None or (name in self.parameters and now != self.parameters[name]):
             was = self.variables[name]
-            raise self.source.refuse(node, f"{name} is {named(was)} and becomes {named(kind)}", "use another variable")
+            raise self.source.refuse(node, f"{name} is {named(was)} and becomes {named(typ)}", "use another variable")
         self.variables[name] = now
 
-    def _store_part(self, target: ast.Attribute | ast.Subscript, kind: Kind, node: ast.AST) -> None:
-        whole = self.kind(target.value)
+    def _store_part(self, target: ast.Attribute | ast.Subscript, typ: ValueType, node: ast.AST) -> None:
+        whole = self.type_of(target.value)
         if not isinstance(whole, Record if isinstance(target, ast.Attribute) else Array):
             instead = (
                 "make a new tuple, or use an array"
@@ -159,12 +160,12 @@ class Typed(TypedExpressions):
                 else "assign to an element, or a record's field"
             )
             raise self.source.refuse(node, f"an assignment to a part of {named(whole)}", instead)
-        into = self.kind(target)
+        into = self.type_of(target)
         if isinstance(into, Array):
-            if isinstance(kind, Array) and kind.dtype == into.dtype and kind.axes == into.axes:
+            if isinstance(typ, Array) and typ.dtype == into.dtype and typ.axes == into.axes:
                 return
             if isinstance(target, ast.Subscript) and into.dtype.names is None:
                 into = element(into.dtype)[1]
-        elif isinstance(into, Record) and kind == into:
+        elif isinstance(into, Record) and typ == into:
             return
-        self._fits(node, kind, into, "store a number of the array's kind, or an array like it", is_stored=True)
+        self._fits(node, typ, into, "store a number of the array's type, or an array like it", is_stored=True)

@@ -10,11 +10,25 @@ from typing import Any
 import numpy as np
 
 from . import violations
-from .kinds import FLOAT, INT, NONE, Array, Bundle, Kind, Record, Scalar, Tuple, leaves, named, signature_of, words
 from .needed import Needed
 from .parsing import Source, source_of
 from .statements import written
 from .typed import Typed
+from .value_types import (
+    FLOAT,
+    INT,
+    NONE,
+    Array,
+    Bundle,
+    Record,
+    Scalar,
+    Tuple,
+    ValueType,
+    leaves,
+    named,
+    signature_of,
+    words,
+)
 from .writes import writes_of
 
 # As many as a call from Python has room for (call.c), and bits for what is written.
@@ -84,8 +98,8 @@ class Unit(Needed):
         """Return a kernel's function for calls from Python, which takes and gives words."""
         parameters, returned = signature_of(function)
         at, arguments = 0, []
-        for kind in parameters.values():
-            text, at = self._from_words(kind, at)
+        for typ in parameters.values():
+            text, at = self._from_words(typ, at)
             arguments.append(text)
         name = self.names[function]
         lines = [f"static void entry_{name}(const word *a, word *r)", "{"]
@@ -98,38 +112,38 @@ class Unit(Needed):
             lines.insert(2, "    (void)a;")
         return "\n".join([*lines, "}"])
 
-    def _from_words(self, kind: Kind, at: int) -> tuple[str, int]:
-        if isinstance(kind, Tuple):
+    def _from_words(self, typ: ValueType, at: int) -> tuple[str, int]:
+        if isinstance(typ, Tuple):
             items = []
-            for each in kind.items:
+            for each in typ.items:
                 text, at = self._from_words(each, at)
                 items.append(text)
             inner = ", ".join(items)
-            is_alike = self.is_alike(kind)
-            return f"(({self.c_type(kind)}){{{f'{{{inner}}}' if is_alike else inner}}})", at
-        if isinstance(kind, Array):
-            lengths = ", ".join(f"a[{at + 1 + k}].i" for k in range(kind.axes))
-            return f"((arr{kind.axes}){{(char *)a[{at}].p, {lengths}}})", at + 1 + kind.axes
-        if isinstance(kind, Scalar):
-            text = f"a[{at}].d" if kind == FLOAT else f"(float)a[{at}].d" if kind.c == "float" else f"a[{at}].i"
-            return (f"(({kind.c}){text})" if kind not in (FLOAT, INT) else text), at + 1
-        return f"(({self.c_type(kind)})a[{at}].p)", at + 1
+            is_alike = self.is_alike(typ)
+            return f"(({self.c_type(typ)}){{{f'{{{inner}}}' if is_alike else inner}}})", at
+        if isinstance(typ, Array):
+            lengths = ", ".join(f"a[{at + 1 + k}].i" for k in range(typ.axes))
+            return f"((arr{typ.axes}){{(char *)a[{at}].p, {lengths}}})", at + 1 + typ.axes
+        if isinstance(typ, Scalar):
+            text = f"a[{at}].d" if typ == FLOAT else f"(float)a[{at}].d" if typ.c == "float" else f"a[{at}].i"
+            return (f"(({typ.c}){text})" if typ not in (FLOAT, INT) else text), at + 1
+        return f"(({self.c_type(typ)})a[{at}].p)", at + 1
 
-    def _to_words(self, kind: Kind, c: str, at: list[int]) -> list[str]:
-        if isinstance(kind, Tuple):
-            is_alike = self.is_alike(kind)
+    def _to_words(self, typ: ValueType, c: str, at: list[int]) -> list[str]:
+        if isinstance(typ, Tuple):
+            is_alike = self.is_alike(typ)
             return [
                 line
-                for k, each in enumerate(kind.items)
+                for k, each in enumerate(typ.items)
                 for line in self._to_words(each, f"{c}.f[{k}]" if is_alike else f"{c}.f{k}", at)
             ]
         k = at[0]
-        if isinstance(kind, Array):
-            at[0] += 1 + kind.axes
-            return [f"    r[{k}].p = {c}.p;", *(f"    r[{k + 1 + n}].i = {c}.n{n};" for n in range(kind.axes))]
+        if isinstance(typ, Array):
+            at[0] += 1 + typ.axes
+            return [f"    r[{k}].p = {c}.p;", *(f"    r[{k + 1 + n}].i = {c}.n{n};" for n in range(typ.axes))]
         at[0] += 1
-        assert isinstance(kind, Scalar), "records and bundles are not returned to Python"
-        field = "d" if kind.c in ("double", "float") else "u" if kind.c == "uint64_t" else "i"
+        assert isinstance(typ, Scalar), "records and bundles are not returned to Python"
+        field = "d" if typ.c in ("double", "float") else "u" if typ.c == "uint64_t" else "i"
         return [f"    r[{k}].{field} = {c};"]
 
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from .kinds import BOOL, F32, INT, NARROW, U32, Kind, Scalar, Tuple
 from .needed import Needed
 from .typed import Typed
+from .value_types import BOOL, F32, INT, NARROW, U32, Scalar, Tuple, ValueType
 
 WHOLE = (INT, NARROW, BOOL, U32)
 
@@ -22,7 +22,7 @@ class Values:
         self.typed, self.unit, self.source = typed, unit, typed.source
         self.lines: list[str] = []
         self.depth = 1
-        self.temporaries: dict[str, Kind] = {}
+        self.temporaries: dict[str, ValueType] = {}
         self.makes = False  # whether it uses scratch memory
 
     # --- lines, temporaries ---
@@ -35,55 +35,55 @@ class Values:
         """Return the number of a place in the source, for checks."""
         return self.unit.site(self.source.file, getattr(node, "lineno", self.source.tree.lineno))
 
-    def temporary(self, kind: Kind) -> str:
+    def temporary(self, typ: ValueType) -> str:
         """Return the name of a new temporary."""
         name = f"t{len(self.temporaries)}"
-        self.temporaries[name] = kind
+        self.temporaries[name] = typ
         return name
 
-    def hold(self, c: str, kind: Kind) -> str:
+    def hold(self, c: str, typ: ValueType) -> str:
         """Return a name for a value that is used several times, or must be read now."""
         if c.isidentifier() or c.isdigit():
             return c
-        name = self.temporary(kind)
+        name = self.temporary(typ)
         self.say(f"{name} = {c};")
         return name
 
-    # --- kinds ---
+    # --- types ---
 
-    def convert(self, c: str, kind: Kind, into: Kind) -> str:
-        """Write a value of one kind as another."""
-        if kind == into:
+    def convert(self, c: str, typ: ValueType, into: ValueType) -> str:
+        """Write a value of one type as another."""
+        if typ == into:
             return c
-        if isinstance(kind, Scalar) and isinstance(into, Scalar):
+        if isinstance(typ, Scalar) and isinstance(into, Scalar):
             if into == BOOL:
                 return f"(({c}) != 0)"
-            if into == F32 and kind in WHOLE:  # as numpy: a whole number is a float64 first
+            if into == F32 and typ in WHOLE:  # as numpy: a whole number is a float64 first
                 return f"((float)(double)({c}))"
             return f"(({into.c})({c}))"
-        assert isinstance(kind, Tuple)
+        assert isinstance(typ, Tuple)
         assert isinstance(into, Tuple)
-        if self.unit.c_type(kind) == self.unit.c_type(into):
+        if self.unit.c_type(typ) == self.unit.c_type(into):
             return c
-        held = self.hold(c, kind)
+        held = self.hold(c, typ)
         items = [
-            self.convert(self.item(held, kind, k), a, b)
-            for k, (a, b) in enumerate(zip(kind.items, into.items, strict=True))
+            self.convert(self.item(held, typ, k), a, b)
+            for k, (a, b) in enumerate(zip(typ.items, into.items, strict=True))
         ]
         return self.tuple_of(into, items)
 
-    def tuple_of(self, kind: Tuple, items: list[str]) -> str:
+    def tuple_of(self, typ: Tuple, items: list[str]) -> str:
         """Write a tuple of values."""
         text = ", ".join(items)
         return (
-            f"(({self.unit.c_type(kind)}){{{{{text}}}}})"
-            if self.unit.is_alike(kind)
-            else f"(({self.unit.c_type(kind)}){{{text}}})"
+            f"(({self.unit.c_type(typ)}){{{{{text}}}}})"
+            if self.unit.is_alike(typ)
+            else f"(({self.unit.c_type(typ)}){{{text}}})"
         )
 
-    def item(self, c: str, kind: Tuple, k: int) -> str:
+    def item(self, c: str, typ: Tuple, k: int) -> str:
         """Write an item of a tuple."""
-        return f"{c}.f[{k}]" if self.unit.is_alike(kind) else f"{c}.f{k}"
+        return f"{c}.f[{k}]" if self.unit.is_alike(typ) else f"{c}.f{k}"
 
     def literal(self, value: Any) -> str:
         """Write a constant."""
@@ -109,6 +109,6 @@ class Values:
         if isinstance(value, np.ndarray):
             return self.unit.static(value)
         assert isinstance(value, tuple)
-        kind = self.typed.kind_of_constant(self.source.tree, value)
-        assert isinstance(kind, Tuple)
-        return self.tuple_of(kind, [self.literal(each) for each in value])
+        typ = self.typed.type_of_constant(self.source.tree, value)
+        assert isinstance(typ, Tuple)
+        return self.tuple_of(typ, [self.literal(each) for each in value])

@@ -30,7 +30,7 @@ from phalanx.mission.pose.spread import Sight, doubt_of
 from phalanx.pool import make_pool
 from phalanx.sim.audited.events import Queue, make_queue, pack, pop, push
 from phalanx.wire import fields
-from phalanx_compiler.kinds import fields_of
+from phalanx_compiler.value_types import fields_of
 
 SRC = Path(kernel_module.__file__).parent
 
@@ -220,7 +220,7 @@ def test_fields_are_arrays_of_numbers_and_records_and_numbers_and_tuples_and_bun
     assert inner._kept.tolist()[:3] == [inner.seen.ctypes.data, 3, 2]
     assert inner._kept.view(np.float64)[[3, 5]].tolist() == [0.5, 4.0]
     assert inner._kept[4] == 3
-    assert [str(kind) for _, kind in fields_of(Outer)] == ["Inner", "array of uint8 with 3 axes", "int"]
+    assert [str(typ) for _, typ in fields_of(Outer)] == ["Inner", "array of uint8 with 3 axes", "int"]
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ LAYERS = [
 ]
 RANK = {package: i for i, row in enumerate(LAYERS) for package in row.split()}
 LAYERS_OF_COMPILER = [
-    "errors flags sources violations kinds",
+    "errors flags sources violations value_types",
     "parsing calling",
     "writes constants assigned needed",
     "intrinsics",

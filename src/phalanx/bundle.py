@@ -16,7 +16,7 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from phalanx_compiler.kinds import BOOL, FLOAT, INT, Array, Bundle, Kind, Tuple, fields_of
+from phalanx_compiler.value_types import BOOL, FLOAT, INT, Array, Bundle, Tuple, ValueType, fields_of, named
 
 from .kernel import PURE
 
@@ -59,28 +59,28 @@ def _words_of(value: Any) -> list[int]:
     return [struct.unpack("q", struct.pack("d", value))[0] if isinstance(value, float) else int(value)]
 
 
-def _is_number(value: Any, kind: Kind) -> bool:
-    """Return whether a value is a number of this kind, and one that a word of a bundle holds."""
-    return kind in (INT, FLOAT, BOOL) and isinstance(value, float) == (kind == FLOAT)
+def _is_number(value: Any, typ: ValueType) -> bool:
+    """Return whether a value is a number of this type, and one that a word of a bundle holds."""
+    return typ in (INT, FLOAT, BOOL) and isinstance(value, float) == (typ == FLOAT)
 
 
 def _check(bundle: Any) -> None:
     """Raises: TypeError: a field is not what its annotation says."""
     cls: Any = type(bundle)
-    for name, kind in fields_of(cls):
+    for name, typ in fields_of(cls):
         value = getattr(bundle, name)
-        if isinstance(kind, Array):
-            fits = isinstance(value, np.ndarray) and value.dtype == kind.dtype and value.ndim == kind.axes
+        if isinstance(typ, Array):
+            fits = isinstance(value, np.ndarray) and value.dtype == typ.dtype and value.ndim == typ.axes
             fits = fits and value.flags.c_contiguous and value.flags.aligned
-        elif isinstance(kind, Bundle):
-            fits = isinstance(value, kind.cls.__packed__)
-        elif isinstance(kind, Tuple):
-            fits = isinstance(value, tuple) and len(value) == len(kind.items)
-            fits = fits and all(map(_is_number, value, kind.items))
+        elif isinstance(typ, Bundle):
+            fits = isinstance(value, typ.cls.__packed__)
+        elif isinstance(typ, Tuple):
+            fits = isinstance(value, tuple) and len(value) == len(typ.items)
+            fits = fits and all(map(_is_number, value, typ.items))
         else:
-            fits = _is_number(value, kind)
+            fits = _is_number(value, typ)
         if not fits:
-            raise TypeError(f"{type(bundle).__name__}.{name}: a {kind} in C order belongs there")
+            raise TypeError(f"{type(bundle).__name__}.{name}: {named(typ)} in C order belongs there")
 
 
 def bundled(fields: type[_T]) -> Callable[[_T], _T]:

@@ -24,7 +24,7 @@ from phalanx.errors import KernelDefect
 from phalanx_compiler import unit
 from phalanx_compiler.flags import FLAGS
 from phalanx_compiler.generate import HERE
-from phalanx_compiler.kinds import (
+from phalanx_compiler.value_types import (
     BOOL,
     F32,
     FLOAT,
@@ -34,9 +34,9 @@ from phalanx_compiler.kinds import (
     U64,
     Array,
     Bundle,
-    Kind,
     Record,
     Tuple,
+    ValueType,
     signature_of,
 )
 
@@ -152,32 +152,32 @@ FLOATS = [
 ]
 
 
-def value_of(kind: Kind, draw: random.Random, name: str = "") -> Any:
-    """Return a random value of a kind; i, j and k are indices into the arrays made here, n is a length."""
-    if kind == INT:
+def value_of(typ: ValueType, draw: random.Random, name: str = "") -> Any:
+    """Return a random value of a type; i, j and k are indices into the arrays made here, n is a length."""
+    if typ == INT:
         if name in ("i", "j", "k"):
             return draw.randrange(3)
         return draw.randrange(7) if name == "n" else draw.choice([*INTS, draw.randrange(-100, 100)])
-    if kind == FLOAT:
+    if typ == FLOAT:
         return draw.choice([*FLOATS, draw.uniform(-10, 10), draw.uniform(-10, 10)])
-    if kind == F32:
+    if typ == F32:
         return np.float32(draw.choice([0.0, -0.0, 1.0, 0.1, 1 / 3, draw.uniform(-10, 10)]))
-    if kind == U32:
+    if typ == U32:
         return np.uint32(draw.randrange(1 << 32))
-    if kind == U64:
+    if typ == U64:
         return np.uint64(draw.choice([0, 1, 2, 1 << 63, draw.randrange(1 << 64)]))
-    if kind == BOOL:
+    if typ == BOOL:
         return draw.random() < 0.5
-    if isinstance(kind, Array):
-        shape = {1: (6,), 2: (3, 4), 3: (3, 3, 4)}[kind.axes]
-        return _array_of(kind.dtype, shape, draw)
-    if isinstance(kind, Record):
-        return _array_of(kind.dtype, (1,), draw)[0]
-    if isinstance(kind, Tuple):
-        items = [value_of(each, draw) for each in kind.items]
-        return kind.cls(*items) if kind.cls else tuple(items)
-    assert isinstance(kind, Bundle)
-    return kind.cls.__packed__(kind.cls(*(value_of(each, draw) for _, each in kind.places.values())))
+    if isinstance(typ, Array):
+        shape = {1: (6,), 2: (3, 4), 3: (3, 3, 4)}[typ.axes]
+        return _array_of(typ.dtype, shape, draw)
+    if isinstance(typ, Record):
+        return _array_of(typ.dtype, (1,), draw)[0]
+    if isinstance(typ, Tuple):
+        items = [value_of(each, draw) for each in typ.items]
+        return typ.cls(*items) if typ.cls else tuple(items)
+    assert isinstance(typ, Bundle)
+    return typ.cls.__packed__(typ.cls(*(value_of(each, draw) for _, each in typ.places.values())))
 
 
 def _array_of(dtype: np.dtype[Any], shape: tuple[int, ...], draw: random.Random) -> Any:
@@ -216,27 +216,27 @@ def duplicate(value: Any) -> Any:
     return value.copy() if isinstance(value, np.ndarray) else copy.copy(value)
 
 
-def bits(value: Any, kind: Kind) -> Any:
+def bits(value: Any, typ: ValueType) -> Any:
     """Return what is compared: of a float its bits, where all NaN are one; of an array its bytes."""
-    if kind == NONE:
+    if typ == NONE:
         return None
-    if kind in (FLOAT, F32):
+    if typ in (FLOAT, F32):
         number = float(value)
         return "nan" if number != number else struct.pack("d", number)
-    if kind == BOOL:
+    if typ == BOOL:
         return bool(value)
-    if kind in (INT, U32, U64):
+    if typ in (INT, U32, U64):
         return int(value) & ((1 << 64) - 1)
-    if isinstance(kind, Tuple):
-        return tuple(bits(each, of) for each, of in zip(value, kind.items, strict=True))
-    if isinstance(kind, Bundle):
-        return tuple(bits(getattr(value, name), of) for name, (_, of) in kind.places.items())
-    if isinstance(kind, Record):
-        return tuple(_bytes_of(np.asarray(value[name])) for name in kind.dtype.names)
+    if isinstance(typ, Tuple):
+        return tuple(bits(each, of) for each, of in zip(value, typ.items, strict=True))
+    if isinstance(typ, Bundle):
+        return tuple(bits(getattr(value, name), of) for name, (_, of) in typ.places.items())
+    if isinstance(typ, Record):
+        return tuple(_bytes_of(np.asarray(value[name])) for name in typ.dtype.names)
     array = np.asarray(value)
     if array.dtype.names:  # without what lies between fields, which numpy copies or not
         return array.shape, tuple(_bytes_of(np.asarray(array[name])) for name in array.dtype.names)
-    assert array.dtype == kind.dtype, (array.dtype, kind.dtype)
+    assert array.dtype == typ.dtype, (array.dtype, typ.dtype)
     return array.shape, _bytes_of(array)
 
 
@@ -257,7 +257,7 @@ def outcome(function: Callable[..., Any], arguments: list[Any], plain: Callable[
             value = function(*given)
     except RAISED as error:
         return type(error)
-    after = [bits(each, kind) for each, kind in zip(given, parameters.values(), strict=False)]
+    after = [bits(each, typ) for each, typ in zip(given, parameters.values(), strict=False)]
     return bits(value, returned), after
 
 

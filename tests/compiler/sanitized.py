@@ -14,7 +14,7 @@ from pathlib import Path
 from harness import kernels_of, loaded, outcome, value_of
 
 from phalanx.errors import KernelDefect
-from phalanx_compiler.kinds import signature_of
+from phalanx_compiler.value_types import signature_of
 
 LARGE = [-1, 5, 6, 10**6, -(2**63), 2**63 - 1, 1 << 40]
 
@@ -31,7 +31,7 @@ def main() -> None:
         parameters, _ = signature_of(function)
         rows, only = getattr(module, "GIVEN", {}).get(function.__name__, ([], False))
         for n in range(int(sys.argv[3])):
-            drawn = [value_of(kind, draw, name) for name, kind in parameters.items()]
+            drawn = [value_of(typ, draw, name) for name, typ in parameters.items()]
             if n % 2 and not only and sys.argv[1] == "violations":
                 drawn = [draw.choice(LARGE) if type(each) is int else each for each in drawn]
             rows.append(drawn)

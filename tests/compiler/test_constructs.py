@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from harness import agree, bits, compiled, kernels_of, value_of
 
-from phalanx_compiler.kinds import Array, Record, signature_of
+from phalanx_compiler.value_types import Array, Record, signature_of
 
 KERNELS = {each.__name__: each for each in kernels_of(constructs)}
 RANDOM = 150
@@ -24,7 +24,7 @@ def inputs_of(name: str) -> list[list[object]]:
     draw = random.Random(name)
     parameters, _ = signature_of(KERNELS[name])
     rows, only = constructs.GIVEN.get(name, ([], False))
-    drawn = [[value_of(kind, draw, each) for each, kind in parameters.items()] for _ in range(0 if only else RANDOM)]
+    drawn = [[value_of(typ, draw, each) for each, typ in parameters.items()] for _ in range(0 if only else RANDOM)]
     return [*map(list, rows), *drawn]
 
 

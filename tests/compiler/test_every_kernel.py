@@ -2,7 +2,7 @@
 
 Inputs come from small runs: a flock with a liar, the guard with a hostile planner, wheels that are driven, missions with
 scans, orders and people, and a mission that is guessed. All run as Python and are recorded (recording.py). A kernel
-that none of them reaches gets values of the same kinds that others were given, and random numbers.
+that none of them reaches gets values of the same types that others were given, and random numbers.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from harness import agree, value_of
 
 from phalanx import _kernels
 from phalanx.kernel import PURE
-from phalanx_compiler.kinds import BOOL, FLOAT, INT, Array, Bundle, Record, Tuple, signature_of
+from phalanx_compiler.value_types import BOOL, FLOAT, INT, Array, Bundle, Record, Tuple, signature_of
 
 HERE = Path(__file__).parent
 pytestmark = pytest.mark.skipif(PURE, reason="no kernel is compiled")
@@ -57,39 +57,39 @@ def kernels():
     return {each.entry[0]: each for each in values if isinstance(each, _kernels.Kernel)}
 
 
-def packed(value, kind):
+def packed(value, typ):
     """Return a recorded argument as compiled kernels take it."""
-    if isinstance(kind, Bundle):
-        fields = [packed(getattr(value, name), of) for name, (_, of) in kind.places.items()]
-        return kind.cls.__packed__(kind.cls(*fields))
-    if isinstance(kind, Tuple):
-        items = [packed(each, of) for each, of in zip(value, kind.items, strict=True)]
-        return kind.cls(*items) if kind.cls else tuple(items)
-    return np.ascontiguousarray(value) if isinstance(kind, Array) and not value.flags.c_contiguous else value
+    if isinstance(typ, Bundle):
+        fields = [packed(getattr(value, name), of) for name, (_, of) in typ.places.items()]
+        return typ.cls.__packed__(typ.cls(*fields))
+    if isinstance(typ, Tuple):
+        items = [packed(each, of) for each, of in zip(value, typ.items, strict=True)]
+        return typ.cls(*items) if typ.cls else tuple(items)
+    return np.ascontiguousarray(value) if isinstance(typ, Array) and not value.flags.c_contiguous else value
 
 
 def taken(record, function):
     parameters, _ = signature_of(function)
     arguments = pickle.loads(zlib.decompress(record))
-    return [packed(each, kind) for each, kind in zip(arguments, parameters.values(), strict=True)]
+    return [packed(each, typ) for each, typ in zip(arguments, parameters.values(), strict=True)]
 
 
-def changed(value, kind, draw):
+def changed(value, typ, draw):
     """Return a copy of an argument with some other bytes in its row, or another number near it."""
-    if isinstance(kind, Array) and kind.dtype == np.uint8 and value.size:
+    if isinstance(typ, Array) and typ.dtype == np.uint8 and value.size:
         value = value.copy()
         for _ in range(draw.randrange(1, 5)):
             value.reshape(-1)[draw.randrange(value.size)] = draw.choice([0, 1, 255, draw.randrange(256)])
-    elif isinstance(kind, Array) and kind.dtype == np.float64 and value.size:
+    elif isinstance(typ, Array) and typ.dtype == np.float64 and value.size:
         value = value.copy()
         with np.errstate(all="ignore"):
             value.reshape(-1)[draw.randrange(value.size)] *= draw.choice([0.0, -1.0, 1.01, 3.0])
-    elif kind == FLOAT and draw.random() < 0.5:
+    elif typ == FLOAT and draw.random() < 0.5:
         return float(value) * draw.choice([0.0, -1.0, 1.01, 0.5])
-    elif kind == BOOL and draw.random() < 0.3:
+    elif typ == BOOL and draw.random() < 0.3:
         return not value
-    elif isinstance(kind, Tuple) and not kind.cls:
-        return tuple(changed(each, of, draw) for each, of in zip(value, kind.items, strict=True))
+    elif isinstance(typ, Tuple) and not typ.cls:
+        return tuple(changed(each, of, draw) for each, of in zip(value, typ.items, strict=True))
     return value
 
 
@@ -104,7 +104,7 @@ def test_a_kernel_does_the_same_both_ways(name, kernels, records):
         assert try_drawn(name, kernels, records) >= 1, "no input leads to a result: record a run that calls it"
         return
     draw = random.Random(name)
-    kinds = list(signature_of(plain)[0].values())
+    types = list(signature_of(plain)[0].values())
     gave = 0
     for record in records[name]:
         arguments = taken(record, plain)
@@ -112,7 +112,7 @@ def test_a_kernel_does_the_same_both_ways(name, kernels, records):
         # Changed bytes may lead anywhere in Python or raise in both, but the process goes on.
         # The trusted nodes' C trusts its own memory.
         for _ in range(0 if name.startswith(TRUSTED) else CHANGED):
-            others = [changed(each, kind, draw) for each, kind in zip(arguments, kinds, strict=True)]
+            others = [changed(each, typ, draw) for each, typ in zip(arguments, types, strict=True)]
             agree(made, plain, others, is_made_up=True)
     assert gave == len(records[name])
 
@@ -123,29 +123,29 @@ def try_drawn(name, kernels, records):
     parameters, _ = signature_of(made.py_func)
     gave = 0
     for _ in range(DRAWN):
-        arguments = [drawn(kind, each, kernels, records, draw) for each, kind in parameters.items()]
+        arguments = [drawn(typ, each, kernels, records, draw) for each, typ in parameters.items()]
         gave += agree(made, made.py_func, arguments, is_made_up=True)
     return gave
 
 
-def drawn(kind, name, kernels, records, draw):
-    """Return a value that some kernel was given for a parameter of this kind, if it is no number."""
-    if kind == INT:
+def drawn(typ, name, kernels, records, draw):
+    """Return a value that some kernel was given for a parameter of this type, if it is no number."""
+    if typ == INT:
         return draw.choice([0, 1, 2, 3, 5, 20])
-    if kind == FLOAT:
+    if typ == FLOAT:
         return draw.choice([0.0, 1.0, -0.5, draw.uniform(-3, 3), draw.uniform(0, 40)])
-    if isinstance(kind, Tuple):
-        items = [drawn(each, "", kernels, records, draw) for each in kind.items]
-        return kind.cls(*items) if kind.cls else tuple(items)
-    if isinstance(kind, (Array, Bundle, Record)):
-        others = [each for each in sorted(records) if kind in signature_of(kernels[each].py_func)[0].values()]
+    if isinstance(typ, Tuple):
+        items = [drawn(each, "", kernels, records, draw) for each in typ.items]
+        return typ.cls(*items) if typ.cls else tuple(items)
+    if isinstance(typ, (Array, Bundle, Record)):
+        others = [each for each in sorted(records) if typ in signature_of(kernels[each].py_func)[0].values()]
         alike = [each for each in others if name in signature_of(kernels[each].py_func)[0]] or others
         if alike:
             other = draw.choice(alike)
             parameters, _ = signature_of(kernels[other].py_func)
             arguments = taken(draw.choice(records[other]), kernels[other].py_func)
-            return draw.choice([each for each, of in zip(arguments, parameters.values(), strict=True) if of == kind])
-    return value_of(kind, draw, name)
+            return draw.choice([each for each, of in zip(arguments, parameters.values(), strict=True) if of == typ])
+    return value_of(typ, draw, name)
 
 
 def test_all_kernels_are_tried_and_most_of_them_on_recorded_inputs(kernels, records):

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from programs import functions
 
-from phalanx_compiler.kinds import signature_of
+from phalanx_compiler.value_types import signature_of
 
 PROGRAMS, INPUTS = 60, 12
 
@@ -25,7 +25,7 @@ def compare(seed, folder):
         parameters, _ = signature_of(function)
         gave = 0
         for _ in range(INPUTS):
-            arguments = [value_of(kind, draw) for kind in parameters.values()]
+            arguments = [value_of(typ, draw) for typ in parameters.values()]
             try:
                 gave += agree(made[function.__name__], function, arguments)
             except Exception as error:

@@ -14,7 +14,7 @@ import violations
 from harness import agree, compiled, kernels_of, value_of
 
 from phalanx.errors import KernelDefect
-from phalanx_compiler.kinds import signature_of
+from phalanx_compiler.value_types import signature_of
 
 KERNELS = {each.__name__: each for each in kernels_of(violations)}
 WORDS = {
@@ -46,7 +46,7 @@ def arguments_of(name, far, whole):
     draw = random.Random(name)
     parameters, _ = signature_of(KERNELS[name])
     set_to = {"i": far, "zero": 0, "x": whole}
-    return [set_to[each] if each in set_to else value_of(kind, draw) for each, kind in parameters.items()]
+    return [set_to[each] if each in set_to else value_of(typ, draw) for each, typ in parameters.items()]
 
 
 @pytest.mark.parametrize(("name", "offset", "mark"), MARKED, ids=[each[0] for each in MARKED])

@@ -28,9 +28,9 @@ from phalanx.wire.fields import Row, get_u16
 from phalanx.wire.record import Record
 from phalanx.wire.table import ENTRY_ACMD, ENTRY_SEND, FRAME_MAX, KIND_AUDIT
 from phalanx_compiler.errors import SubsetError
-from phalanx_compiler.kinds import BOOL, FLOAT, INT, Array, Kind, signature_of
 from phalanx_compiler.own import NoCompiler, Own, UnsafeCache, library_of, line_of, source_of_own
 from phalanx_compiler.parsing import shown_path, uncompiled
+from phalanx_compiler.value_types import BOOL, FLOAT, INT, Array, ValueType, signature_of
 from phalanx_compiler.violations import MESSAGES, RAISED
 
 from . import dispatch
@@ -180,10 +180,10 @@ def _check_kernel(words: str, name: str, declared: Callable[..., Any], found: An
         raise UsageError(f"{words} has no {what} {name}", f"@kernel above {head}")
     wanted, wanted_returned = signature_of(declared)
     try:
-        kinds, returned = signature_of(function)
+        types, returned = signature_of(function)
     except TypeError as error:
         raise UsageError(f"{words}:{line_of(function)}: {name}: {error}", head) from error
-    if [*kinds.values(), returned] != [*list(wanted.values())[1:], wanted_returned]:
+    if [*types.values(), returned] != [*list(wanted.values())[1:], wanted_returned]:
         raise UsageError(f"{words}:{line_of(function)}: {name} takes or returns something else", head)
 
 
@@ -243,7 +243,7 @@ class _Fault(ctypes.Structure):
     )
 
 
-C_TYPES: dict[Kind, Any] = {INT: ctypes.c_int64, FLOAT: ctypes.c_double, BOOL: ctypes.c_bool}
+C_TYPES: dict[ValueType, Any] = {INT: ctypes.c_int64, FLOAT: ctypes.c_double, BOOL: ctypes.c_bool}
 
 
 def _addresses(
@@ -282,27 +282,27 @@ def _library(text: str) -> ctypes.CDLL:
 def _callback(name: str, function: Callable[..., Any]) -> int:
     """Return the address of a C function that calls one in Python."""
     parameters, returned = signature_of(dispatch.DECLARED[name])
-    kinds = list(parameters.values())[1:]
+    types = list(parameters.values())[1:]
 
     def called(*arguments: Any) -> Any:
         try:
-            return function(*(_in_python(kind, each) for kind, each in zip(kinds, arguments, strict=False)))
+            return function(*(_in_python(typ, each) for typ, each in zip(types, arguments, strict=False)))
         except BaseException as error:  # noqa: BLE001 - compiled code unwinds, and raises it again
             fault = arguments[-1][0]
             fault.file, fault.line, fault.what, fault.index = b"a user's file", 0, RAISED, keep_raised(error)
             return 0
 
-    types = [_Row if isinstance(kind, Array) else C_TYPES[kind] for kind in kinds]
-    made = ctypes.CFUNCTYPE(C_TYPES[returned], *types, ctypes.POINTER(_Fault))(called)
+    c_types = [_Row if isinstance(typ, Array) else C_TYPES[typ] for typ in types]
+    made = ctypes.CFUNCTYPE(C_TYPES[returned], *c_types, ctypes.POINTER(_Fault))(called)
     _kept.append(made)
     return ctypes.cast(made, ctypes.c_void_p).value or 0
 
 
-def _in_python(kind: Kind, value: Any) -> Any:
+def _in_python(typ: ValueType, value: Any) -> Any:
     """Return an argument of compiled code as kernels take it in Python."""
-    if not isinstance(kind, Array):
+    if not isinstance(typ, Array):
         return value
     if value.n0 == 0:
-        return np.zeros(0, kind.dtype)
-    raw = (ctypes.c_char * (value.n0 * kind.dtype.itemsize)).from_address(value.p)
-    return np.frombuffer(raw, kind.dtype)
+        return np.zeros(0, typ.dtype)
+    raw = (ctypes.c_char * (value.n0 * typ.dtype.itemsize)).from_address(value.p)
+    return np.frombuffer(raw, typ.dtype)

@@ -1,7 +1,7 @@
-"""Kinds: the types of the subset, and how annotations name them.
+"""Types of values in the subset, and how annotations name them.
 
-A kind is a scalar, an array (dtype and number of axes), a record (dtype), a tuple (kinds of its items), or a bundle
-(a NamedTuple class whose fields have kinds).
+A type is a scalar, an array (dtype and number of axes), a record (dtype), a tuple (types of its items), or a bundle
+(a NamedTuple class whose fields have types).
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Record:
 class Tuple:
     """A tuple of fixed length, or a NamedTuple."""
 
-    items: tuple[Kind, ...]
+    items: tuple[ValueType, ...]
     cls: type[Any] | None = None
 
     def __str__(self) -> str:
@@ -85,12 +85,12 @@ class Bundle:
         return str(self.cls.__name__)
 
     @property
-    def places(self) -> dict[str, tuple[int, Kind]]:
-        """Return each field's first 8-byte word, and its kind."""
+    def places(self) -> dict[str, tuple[int, ValueType]]:
+        """Return each field's first 8-byte word, and its type."""
         return _places(self.cls)
 
 
-Kind = Scalar | Array | Record | Tuple | Bundle
+ValueType = Scalar | Array | Record | Tuple | Bundle
 SCALARS: dict[Any, Scalar] = {
     int: INT,
     float: FLOAT,
@@ -103,7 +103,7 @@ SCALARS: dict[Any, Scalar] = {
     np.uint64: U64,
     np.int64: INT,
 }
-# Element types of arrays: C type and the kind that an element has once it is read.
+# Element types of arrays: C type and the type that an element has once it is read.
 ELEMENTS: dict[str, tuple[str, Scalar]] = {
     "u1": ("uint8_t", NARROW),
     "i1": ("int8_t", NARROW),
@@ -121,14 +121,14 @@ MOST_AXES = 4
 
 
 def element(dtype: np.dtype[Any]) -> tuple[str, Scalar]:
-    """Return the C type and the kind of an array's elements, or of a record's field. Raises: TypeError: it has none."""
+    """Return the C type and the type of an array's elements, or of a record's field. Raises: TypeError: it has none."""
     if dtype.str[1:] not in ELEMENTS or not dtype.isnative:
         raise TypeError(f"{dtype} is not an element type of kernels")
     return ELEMENTS[dtype.str[1:]]
 
 
-def array_kind(dtype: np.dtype[Any], axes: int) -> Array:
-    """Return the kind of an array. Raises: TypeError: it has none."""
+def array_type(dtype: np.dtype[Any], axes: int) -> Array:
+    """Return the type of an array. Raises: TypeError: it has none."""
     if not 1 <= axes <= MOST_AXES:
         raise TypeError(f"an array with {axes} axes, and 1 to {MOST_AXES} are possible")
     if dtype.names is None:
@@ -143,11 +143,11 @@ def _aligned(dtype: np.dtype[Any]) -> np.dtype[Any]:
     return dtype
 
 
-def named(kind: Kind) -> str:
-    """Return a kind as messages name a value of it: "an int", "a tuple[int, float]"."""
-    if kind == NONE:
+def named(typ: ValueType) -> str:
+    """Return a type as messages name a value of it: "an int", "a tuple[int, float]"."""
+    if typ == NONE:
         return "None"
-    name = str(kind)
+    name = str(typ)
     return f"{'an' if name[0] in 'aeiou' or name.startswith('np.') else 'a'} {name}"
 
 
@@ -156,28 +156,28 @@ def is_bundle(cls: Any) -> bool:
     return getattr(cls, "__bundled__", False) is True
 
 
-def kind_of(hint: Any) -> Kind:
-    """Return the kind that an annotation names. Raises: TypeError: it names none."""
+def type_of_annotation(hint: Any) -> ValueType:
+    """Return the type that an annotation names. Raises: TypeError: it names none."""
     if hint in SCALARS:
         return SCALARS[hint]
     if isinstance(hint, type) and issubclass(hint, tuple) and hasattr(hint, "_fields"):
-        return Bundle(hint) if is_bundle(hint) else Tuple(tuple(kind for _, kind in fields_of(hint)), hint)
+        return Bundle(hint) if is_bundle(hint) else Tuple(tuple(typ for _, typ in fields_of(hint)), hint)
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin is tuple and Ellipsis not in arguments:
-        return Tuple(tuple(map(kind_of, arguments)))
+        return Tuple(tuple(map(type_of_annotation, arguments)))
     if origin is typing.Annotated:
         return _array_of(arguments)
-    raise TypeError(f"{_name(hint)} is not a kind")
+    raise TypeError(f"{_name(hint)} is not a type of kernels")
 
 
-def _array_of(arguments: tuple[Any, ...]) -> Kind:
+def _array_of(arguments: tuple[Any, ...]) -> ValueType:
     base, *notes = arguments
     for note in notes:
         if isinstance(note, int):
-            return array_kind(np.dtype(typing.get_args(typing.get_args(base)[1])[0]), note)
+            return array_type(np.dtype(typing.get_args(typing.get_args(base)[1])[0]), note)
         if hasattr(note, "dtype") and hasattr(note, "axes"):
-            return array_kind(note.dtype, note.axes) if note.axes else Record(_aligned(note.dtype))
-    return kind_of(base)
+            return array_type(note.dtype, note.axes) if note.axes else Record(_aligned(note.dtype))
+    return type_of_annotation(base)
 
 
 def _name(hint: Any) -> str:
@@ -196,53 +196,77 @@ def _hints_of(declared: Any) -> dict[str, Any]:
 
 
 @cache
-def fields_of(cls: Any) -> list[tuple[str, Kind]]:
-    """Return the fields of a NamedTuple with their kinds. Raises: TypeError: a field has none."""
+def fields_of(cls: Any) -> list[tuple[str, ValueType]]:
+    """Return the fields of a NamedTuple with their types. Raises: TypeError: a field has none."""
     hints = _hints_of(cls)
     fields = []
     for name in cls._fields:
         try:
-            fields.append((name, kind_of(hints[name])))
+            fields.append((name, type_of_annotation(hints[name])))
         except TypeError as error:
             raise TypeError(f"{cls.__module__}.{cls.__name__}.{name}: {error}") from None
     return fields
 
 
 @cache
-def signature_of(function: Callable[..., Any]) -> tuple[dict[str, Kind], Kind]:
-    """Return the kinds of a function's parameters, and of what it returns. Raises: TypeError: one has none."""
+def signature_of(function: Callable[..., Any]) -> tuple[dict[str, ValueType], ValueType]:
+    """Return the types of a function's parameters, and of what it returns. Raises: TypeError: one has none."""
     hints = _hints_of(function)
     code = function.__code__
-    kinds = {}
+    types = {}
     for name in (*code.co_varnames[: code.co_argcount], "return"):
         if name not in hints:
             raise TypeError(f"{'the result' if name == 'return' else name} has no annotation")
         try:
-            kinds[name] = kind_of(hints[name])
+            types[name] = type_of_annotation(hints[name])
         except TypeError as error:
             raise TypeError(f"{name}: {error}") from None
-    returned = kinds.pop("return")
-    return kinds, returned
+    returned = types.pop("return")
+    return types, returned
 
 
-def leaves(kind: Kind) -> list[Kind]:
-    """Return the kinds that a value is made of."""
-    return [leaf for item in kind.items for leaf in leaves(item)] if isinstance(kind, Tuple) else [kind]
+def joined(one: ValueType | None, other: ValueType | None) -> ValueType | None:
+    """Return the type that holds values of both, None if there is none; None joins with everything."""
+    if one == other or other is None:
+        return one
+    if one is None:
+        return other
+    if {one, other} <= {INT, BOOL, FLOAT}:
+        return FLOAT if FLOAT in (one, other) else INT
+    if isinstance(one, Tuple) and isinstance(other, Tuple) and len(one.items) == len(other.items):
+        items = [joined(a, b) for a, b in zip(one.items, other.items, strict=True)]
+        if one.cls is other.cls:
+            return Tuple(tuple(items), one.cls) if None not in items else None  # type: ignore[arg-type]
+    return None
 
 
-def words(kind: Kind) -> int:
+def compared(one: ValueType, other: ValueType) -> ValueType:
+    """Return the type in which two numbers are compared."""
+    both = {one, other}
+    for typ in (U64, F32, FLOAT):
+        if typ in both:
+            return typ
+    return BOOL if both == {BOOL} else INT
+
+
+def leaves(typ: ValueType) -> list[ValueType]:
+    """Return the types that a value is made of."""
+    return [leaf for item in typ.items for leaf in leaves(item)] if isinstance(typ, Tuple) else [typ]
+
+
+def words(typ: ValueType) -> int:
     """Return how many 8-byte words a value takes in a bundle, or in a call from Python."""
-    if isinstance(kind, Array):
-        return 1 + kind.axes
-    if isinstance(kind, Tuple):
-        return sum(map(words, kind.items))
+    if isinstance(typ, Array):
+        return 1 + typ.axes
+    if isinstance(typ, Tuple):
+        return sum(map(words, typ.items))
     return 1
 
 
 @cache
-def _places(cls: Any) -> dict[str, tuple[int, Kind]]:
+def _places(cls: Any) -> dict[str, tuple[int, ValueType]]:
     places, at = {}, 0
-    for name, kind in fields_of(cls):
-        places[name] = at, kind
-        at += words(kind)
+    for name, typ in fields_of(cls):
+        places[name] = at, typ
+        at += words(typ)
     return places
