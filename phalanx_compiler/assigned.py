@@ -11,7 +11,7 @@ Names = frozenset[str]
 
 
 class Assigned:
-    """Follows the ways through a kernel, with the names that have a value on all of them; None: no way leads here."""
+    """Follows the control flow of a kernel, with the names that have a value on each path; None: no path leads here."""
 
     def __init__(self, source: Source, local: set[str], always: Callable[[ast.For], bool]) -> None:
         self._source, self._local, self._always = source, local, always

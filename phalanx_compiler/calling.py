@@ -1,4 +1,4 @@
-"""How calls from Python hand over arguments: one operation for each value, flattened (call.c)."""
+"""Operations that convert the arguments of calls from Python: one for each value, flattened (call.c)."""
 
 from __future__ import annotations
 

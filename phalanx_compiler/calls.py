@@ -37,7 +37,7 @@ class Calls(Expressions):
         text = known.c(self, node, given)
         if self.typed.types[node] == NONE:
             if text:
-                self.say(f"{text};")
+                self.emit(f"{text};")
             return ""
         return text
 
@@ -58,20 +58,20 @@ class Calls(Expressions):
                 typ = self.typed.type_of_constant(node, defaults[name])
                 arguments.append(self.convert(self.literal(defaults[name]), typ, into))
         if hasattr(function, "__linked__"):
-            held = self.temporary(returned)
-            self.say(f"{held} = {self.unit.linked_call(function)}({', '.join([*arguments, str(self.site(node))])});")
-            return held
+            temp = self.temporary(returned)
+            self.emit(f"{temp} = {self.unit.linked_call(function)}({', '.join([*arguments, str(self.site(node))])});")
+            return temp
         if self.unit.marks_call(self.source.function, function):
-            self.say(f"caller = {self.site(node)};")
+            self.emit(f"caller = {self.site(node)};")
         call = f"{self.unit.function(function)}({', '.join(arguments)})"
         if returned == NONE:
-            self.say(f"{call};")
+            self.emit(f"{call};")
             return ""
         # What it returns may lie in scratch memory, which is then released with this kernel's.
         self.makes = self.makes or any(isinstance(each, (Array, Record)) for each in leaves(returned))
-        held = self.temporary(returned)
-        self.say(f"{held} = {call};")
-        return held
+        temp = self.temporary(returned)
+        self.emit(f"{temp} = {call};")
+        return temp
 
     def _in_c(self, function: Any, given: list[tuple[str, ValueType]]) -> str:
         arguments = [
@@ -79,53 +79,53 @@ class Calls(Expressions):
         ]
         c_types = ", ".join("void *" if isinstance(typ, Array) else "uint32_t" for _, typ in given)
         slot = self.unit.slot(function.__c_symbol__)
-        held = self.temporary(INT)
+        temp = self.temporary(INT)
         pointer = f"(int32_t (*)({c_types}))linked[{slot}]"
-        self.say(f"{held} = ({pointer})({', '.join(arguments)});")
-        return held
+        self.emit(f"{temp} = ({pointer})({', '.join(arguments)});")
+        return temp
 
     # --- arrays that are made ---
 
     def made(self, typ: Array, lengths: list[str], node: ast.AST, *, zeroed: bool) -> str:
         """Write the making of an array in scratch memory."""
         self.makes = True
-        held, size, at = self.temporary(typ), self.temporary(INT), self.site(node)
+        temp, size, at = self.temporary(typ), self.temporary(INT), self.site(node)
         padded = [*lengths, *["1"] * (4 - len(lengths))]
-        self.say(f"{size} = scratch_size({', '.join(padded)}, {typ.dtype.itemsize}, {at});")
-        self.say(f"{held} = ({self.unit.c_type(typ)}){{scratch({size}, {at}), {', '.join(lengths)}}};")
+        self.emit(f"{size} = scratch_size({', '.join(padded)}, {typ.dtype.itemsize}, {at});")
+        self.emit(f"{temp} = ({self.unit.c_type(typ)}){{scratch({size}, {at}), {', '.join(lengths)}}};")
         if zeroed:
-            self.say(f"memset({held}.p, 0, (size_t){size});")
-        return held
+            self.emit(f"memset({temp}.p, 0, (size_t){size});")
+        return temp
 
     def _made(self, node: ast.Call, function: Any) -> str:
         typ = self.typed.types[node]
         assert isinstance(typ, Array)
         if function in (np.empty_like, np.zeros_like):
-            like = self.hold(self.expr(node.args[0]), typ)
+            like = self.in_temporary(self.expr(node.args[0]), typ)
             lengths = [f"{like}.n{k}" for k in range(typ.axes)]
             return self.made(typ, lengths, node, zeroed=function is np.zeros_like)
         shape = intrinsics.shape_of(node)
         values = self.many([*shape, *([node.args[1]] if function is np.full else [])])
-        lengths = [self.hold(c, of) for c, of in values[: len(shape)]]
-        held = self.made(typ, lengths, node, zeroed=function is np.zeros)
+        lengths = [self.in_temporary(c, of) for c, of in values[: len(shape)]]
+        temp = self.made(typ, lengths, node, zeroed=function is np.zeros)
         if function is np.full:
-            self.fill(held, typ, *values[-1])
-        return held
+            self.fill(temp, typ, *values[-1])
+        return temp
 
     def fill(self, array: str, typ: Array, c: str, of: ValueType) -> None:
         """Write one value into all elements of an array."""
         into, element_type = element(typ.dtype)
-        value = self.hold(self.convert(c, of, element_type), element_type)
+        value = self.in_temporary(self.convert(c, of, element_type), element_type)
         size = " * ".join(f"{array}.n{k}" for k in range(typ.axes))
-        self.say(f"for (int64_t z = 0, y = {size}; z < y; z++) (({into} *){array}.p)[z] = ({into}){value};")
+        self.emit(f"for (int64_t z = 0, y = {size}; z < y; z++) (({into} *){array}.p)[z] = ({into}){value};")
 
     def _method(self, node: ast.Call, method: ast.Attribute) -> str:
         typ = self.typed.types[method.value]
-        value = self.hold(self.expr(method.value), typ)
+        value = self.in_temporary(self.expr(method.value), typ)
         if method.attr == "view":
             return f"f32_of({value})" if typ == U32 else f"u32_of({value})"
         assert isinstance(typ, Array)
         lengths = [f"{value}.n{k}" for k in range(typ.axes)]
-        held = self.made(typ, lengths, node, zeroed=False)
-        self.say(f"memcpy({held}.p, {value}.p, (size_t)({' * '.join(lengths)} * {typ.dtype.itemsize}));")
-        return held
+        temp = self.made(typ, lengths, node, zeroed=False)
+        self.emit(f"memcpy({temp}.p, {value}.p, (size_t)({' * '.join(lengths)} * {typ.dtype.itemsize}));")
+        return temp

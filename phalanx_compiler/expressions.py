@@ -45,7 +45,7 @@ class Expressions(Values):
             made = self._starred(node) if isinstance(node, ast.Starred) else [(self.expr(node), self.typed.types[node])]
             if len(self.lines) > before:
                 late, self.lines = self.lines[before:], self.lines[:before]
-                found = [(self.hold(c, typ) if self._may_change(c) else c, typ) for c, typ in found]
+                found = [(self.in_temporary(c, typ) if self._may_change(c) else c, typ) for c, typ in found]
                 self.lines += late
             found += made
         return found
@@ -57,8 +57,8 @@ class Expressions(Values):
     def _starred(self, node: ast.Starred) -> list[tuple[str, ValueType]]:
         typ = self.typed.types[node.value]
         assert isinstance(typ, Tuple)
-        held = self.hold(self.expr(node.value), typ)
-        return [(self.item(held, typ, k), each) for k, each in enumerate(typ.items)]
+        temp = self.in_temporary(self.expr(node.value), typ)
+        return [(self.item(temp, typ, k), each) for k, each in enumerate(typ.items)]
 
     # --- expressions ---
 
@@ -101,14 +101,14 @@ class Expressions(Values):
         typ = self.typed.types[node.value]
         if isinstance(typ, Bundle):
             place, of = typ.places[node.attr]
-            return self._loaded(self.hold(self.expr(node.value), typ), place, of)
+            return self._loaded(self.in_temporary(self.expr(node.value), typ), place, of)
         if isinstance(typ, Record):
             return self.read(self.place(node), node)
-        held = self.hold(self.expr(node.value), typ)
+        temp = self.in_temporary(self.expr(node.value), typ)
         if isinstance(typ, Tuple):
-            return self.item(held, typ, typ.fields.index(node.attr))
+            return self.item(temp, typ, typ.fields.index(node.attr))
         assert isinstance(typ, Array)
-        lengths = [f"{held}.n{k}" for k in range(typ.axes)]
+        lengths = [f"{temp}.n{k}" for k in range(typ.axes)]
         if node.attr == "size":
             return f"({' * '.join(lengths)})"
         return self.tuple_of(Tuple((INT,) * typ.axes), lengths)
@@ -143,11 +143,11 @@ class Expressions(Values):
         typ = self.typed.types[node.value]
         if isinstance(typ, Tuple):
             at = self.typed.constant(node.slice)
-            (held, _), *rest = self.many([node.value] if at is not ABSENT else [node.value, node.slice])
-            held = self.hold(held, typ)
+            (temp, _), *rest = self.many([node.value] if at is not ABSENT else [node.value, node.slice])
+            temp = self.in_temporary(temp, typ)
             if at is not ABSENT:
-                return self.item(held, typ, at % len(typ.items))
-            return f"{held}.f[within({rest[0][0]}, {len(typ.items)}, {self.site(node)})]"
+                return self.item(temp, typ, at % len(typ.items))
+            return f"{temp}.f[within({rest[0][0]}, {len(typ.items)}, {self.site(node)})]"
         return self.read(self.place(node), node)
 
     def _indexed(self, node: ast.Subscript, typ: Array) -> str:
@@ -155,7 +155,7 @@ class Expressions(Values):
         ends = [end for each in given if isinstance(each, ast.Slice) for end in (each.lower, each.upper) if end]
         plain = [each for each in given if not isinstance(each, ast.Slice)]
         (array, _), *written = self.many([node.value, *plain, *ends])
-        array, at, cut = self.hold(array, typ), iter(written[: len(plain)]), iter(written[len(plain) :])
+        array, at, cut = self.in_temporary(array, typ), iter(written[: len(plain)]), iter(written[len(plain) :])
         places: list[str | tuple[str, str]] = []
         for axis, each in enumerate(given):
             length, value = f"{array}.n{axis}", self.typed.constant(each)
@@ -164,8 +164,8 @@ class Expressions(Values):
                 from_end = isinstance(value, int) and value < 0
                 places.append(f"{length} - {-value}" if from_end else c)
                 continue
-            low = self.hold(f"cut({next(cut)[0]}, {length})", INT) if each.lower else "0"
-            high = self.hold(f"cut({next(cut)[0]}, {length})", INT) if each.upper else length
+            low = self.in_temporary(f"cut({next(cut)[0]}, {length})", INT) if each.lower else "0"
+            high = self.in_temporary(f"cut({next(cut)[0]}, {length})", INT) if each.upper else length
             places.append((low, high if low == "0" else f"cut_length({low}, {high})"))
         return self.index(array, typ, places, node)
 
@@ -243,18 +243,18 @@ class Expressions(Values):
 
     def _further(self, text: str, write: Callable[[], str], *, is_and: bool) -> str:
         """Write what is only reached if the truth so far does not decide."""
-        later, late = self.aside(write)
+        later, late = self.deferred(write)
         if not late:
             return f"({text} {'&&' if is_and else '||'} {later})"
-        held = self.temporary(BOOL)
-        self.say(f"{held} = {text};")
-        self.say(f"if ({held if is_and else f'!{held}'}) {{")
+        temp = self.temporary(BOOL)
+        self.emit(f"{temp} = {text};")
+        self.emit(f"if ({temp if is_and else f'!{temp}'}) {{")
         self.lines += late
-        self.say(f"    {held} = {later};")
-        self.say("}")
-        return held
+        self.emit(f"    {temp} = {later};")
+        self.emit("}")
+        return temp
 
-    def aside(self, write: Callable[[], str], *, deeper: bool = True) -> tuple[str, list[str]]:
+    def deferred(self, write: Callable[[], str], *, deeper: bool = True) -> tuple[str, list[str]]:
         """Return what is written, and the statements that it needs before it, which are not written yet."""
         before = len(self.lines)
         self.depth += deeper
@@ -265,24 +265,24 @@ class Expressions(Values):
 
     def _x_ifexp(self, node: ast.IfExp) -> str:
         typ, test = self.typed.types[node], self.truth(node.test)
-        one, first = self.aside(lambda: self.as_type(node.body, typ))
-        other, second = self.aside(lambda: self.as_type(node.orelse, typ))
+        one, first = self.deferred(lambda: self.as_type(node.body, typ))
+        other, second = self.deferred(lambda: self.as_type(node.orelse, typ))
         if not first and not second and not isinstance(typ, Array):
             return f"({test} ? {one} : {other})"
-        held = self.temporary(typ)
-        self.say(f"if ({test}) {{")
-        self.lines += [*first, "    " * self.depth + f"    {held} = {one};"]
-        self.say("} else {")
-        self.lines += [*second, "    " * self.depth + f"    {held} = {other};"]
-        self.say("}")
-        return held
+        temp = self.temporary(typ)
+        self.emit(f"if ({test}) {{")
+        self.lines += [*first, "    " * self.depth + f"    {temp} = {one};"]
+        self.emit("} else {")
+        self.lines += [*second, "    " * self.depth + f"    {temp} = {other};"]
+        self.emit("}")
+        return temp
 
     def _x_compare(self, node: ast.Compare) -> str:
         if isinstance(node.ops[0], (ast.In, ast.NotIn)):
             return self._membership(node)
         one, other = self.many([node.left, node.comparators[0]])
         if len(node.ops) > 1:
-            other = self.hold(*other), other[1]
+            other = self.in_temporary(*other), other[1]
         return self._chained(node, 1, self._compared(node.ops[0], one, other), other)
 
     def _compared(self, op: ast.cmpop, one: tuple[str, ValueType], other: tuple[str, ValueType]) -> str:
@@ -298,7 +298,7 @@ class Expressions(Values):
             right = node.comparators[k]
             other = self.expr(right), self.typed.types[right]
             if k + 1 < len(node.ops):
-                other = self.hold(*other), other[1]
+                other = self.in_temporary(*other), other[1]
             return self._chained(node, k + 1, self._compared(node.ops[k], one, other), other)
 
         return self._further(text, write, is_and=True)
@@ -307,7 +307,7 @@ class Expressions(Values):
         right = self.typed.types[node.comparators[0]]
         assert isinstance(right, Tuple)
         (one, typ), (among, _) = self.many([node.left, node.comparators[0]])
-        one, among = self.hold(one, typ), self.hold(among, right)
+        one, among = self.in_temporary(one, typ), self.in_temporary(among, right)
         parts = []
         for k, of in enumerate(right.items):
             into = compared(typ, of)

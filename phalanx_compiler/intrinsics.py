@@ -1,4 +1,4 @@
-"""Functions that the compiler knows: of which types they are, and what they are in C."""
+"""Functions that the compiler knows: their types, and their C."""
 
 from __future__ import annotations
 
@@ -134,21 +134,21 @@ def _len(given: Types) -> ValueType | None:
 
 def _len_c(emitter: Any, _: ast.AST, given: list[tuple[str, ValueType]]) -> str:
     value, typ = given[0]
-    return str(len(typ.items)) if isinstance(typ, Tuple) else f"{emitter.hold(value, typ)}.n0"
+    return str(len(typ.items)) if isinstance(typ, Tuple) else f"{emitter.in_temporary(value, typ)}.n0"
 
 
 def _any_c(emitter: Any, _: ast.AST, given: list[tuple[str, ValueType]]) -> str:
-    value = emitter.hold(*given[0])
+    value = emitter.in_temporary(*given[0])
     found = emitter.temporary(BOOL)
-    emitter.say(f"{found} = false;")
-    emitter.say(f"for (int64_t z = 0; z < {value}.n0; z++) {found} |= ((uint8_t *){value}.p)[z] != 0;")
+    emitter.emit(f"{found} = false;")
+    emitter.emit(f"for (int64_t z = 0; z < {value}.n0; z++) {found} |= ((uint8_t *){value}.p)[z] != 0;")
     return str(found)
 
 
 def _eye_c(emitter: Any, node: ast.AST, given: list[tuple[str, ValueType]]) -> str:
-    side = emitter.hold(*given[0])
+    side = emitter.in_temporary(*given[0])
     made: str = emitter.made(Array(np.dtype(np.float64), 2), [side, side], node, zeroed=True)
-    emitter.say(f"for (int64_t z = 0; z < {side}; z++) ((double *){made}.p)[z * {side} + z] = 1.0;")
+    emitter.emit(f"for (int64_t z = 0; z < {side}; z++) ((double *){made}.p)[z * {side} + z] = 1.0;")
     return made
 
 
@@ -167,7 +167,7 @@ def _prefetch(given: Types) -> ValueType | None:
 def _prefetch_c(emitter: Any, _: ast.AST, given: list[tuple[str, ValueType]]) -> str:
     (value, typ), *places = given
     assert isinstance(typ, Array)
-    row = emitter.hold(value, typ)
+    row = emitter.in_temporary(value, typ)
     size = " * ".join([str(typ.dtype.itemsize), *(f"{row}.n{axis}" for axis in range(1, typ.axes))])
     i, begin, length = (emitter.convert(*each, INT) for each in places)
     return f"prefetch({row}.p, ({i}) * {size} + ({begin}), {length})"

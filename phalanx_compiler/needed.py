@@ -1,4 +1,4 @@
-"""What the kernels of one translation unit need: C names and types, constants, places in the source, C functions."""
+"""C names and types, constants, places in the source and C functions that the kernels of one translation unit use."""
 
 from __future__ import annotations
 

@@ -204,8 +204,8 @@ def library_of(text: str, version: str) -> Path:
     Raises: NoCompiler, UnsafeCache, OSError.
     """
     folder = cache_folder()
-    said = "\0".join([version, sysconfig.get_platform(), *OPTIONS, text])
-    key = hashlib.sha256(said.encode()).hexdigest()[:32]
+    inputs = "\0".join([version, sysconfig.get_platform(), *OPTIONS, text])
+    key = hashlib.sha256(inputs.encode()).hexdigest()[:32]
     try:
         compiler = find_compiler()
         made_by = hashlib.sha256("\0".join([*compiler, _version_of(compiler)]).encode()).hexdigest()[:16]

@@ -1,4 +1,4 @@
-"""What a binary is compiled from: the kernels that were declared, and hashes of source files."""
+"""Kernels that were declared, and hashes of source files: what a binary is compiled from."""
 
 from __future__ import annotations
 

@@ -33,26 +33,26 @@ class Statements(Calls):
         if not isinstance(node.value, ast.Constant):
             c = self.expr(node.value)
             if c and not c.isidentifier():
-                self.say(f"(void)({c});")
+                self.emit(f"(void)({c});")
 
     def _pass(self, node: ast.Pass) -> None: ...
 
     def _break(self, _: ast.Break) -> None:
-        self.say("break;")
+        self.emit("break;")
 
     def _continue(self, _: ast.Continue) -> None:
-        self.say("continue;")
+        self.emit("continue;")
 
     def _return(self, node: ast.Return) -> None:
         returned = self.typed.returned
         if returned == NONE:
             if node.value is not None and node.value not in self.typed.constants:
                 self.expr(node.value)
-            self.say("goto end;")
+            self.emit("goto end;")
             return
         assert node.value is not None
-        self.say(f"returned = {self.as_type(node.value, returned)};")
-        self.say("goto end;")
+        self.emit(f"returned = {self.as_type(node.value, returned)};")
+        self.emit("goto end;")
 
     # --- assignments ---
 
@@ -60,23 +60,23 @@ class Statements(Calls):
         typ = self.typed.types[node.value]
         target = node.targets[0]
         if len(node.targets) == 1 and isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
-            values = [(self._kept(c, of), of) for c, of in self.many(node.value.elts)]
+            values = [(self._copied(c, of), of) for c, of in self.many(node.value.elts)]
             for each, (c, of) in zip(target.elts, values, strict=True):
                 self._store(each, c, of)
             return
         c = self.expr(node.value)
         if len(node.targets) > 1:
-            c = self.hold(c, typ)
+            c = self.in_temporary(c, typ)
         for target in node.targets:
             self._store(target, c, typ)
 
-    def _kept(self, c: str, typ: ValueType) -> str:
+    def _copied(self, c: str, typ: ValueType) -> str:
         """Write a value that assignments to variables do not change any more."""
         if c.startswith(("INT64_C", "(-INT64_C", "(0x", "(-0x")) or (c.startswith("t") and c.isidentifier()):
             return c
-        held = self.temporary(typ)
-        self.say(f"{held} = {c};")
-        return held
+        temp = self.temporary(typ)
+        self.emit(f"{temp} = {c};")
+        return temp
 
     def _annassign(self, node: ast.AnnAssign) -> None:
         assert node.value is not None
@@ -89,13 +89,13 @@ class Statements(Calls):
         else:
             place = self._lvalue(node.target)
             one = self.read(place, node.target), self.typed.types[node.target]
-        value, late = self.aside(lambda: self.expr(node.value), deeper=False)
+        value, late = self.deferred(lambda: self.expr(node.value), deeper=False)
         if late and not isinstance(node.target, ast.Name):  # Python reads the old value first
-            one = self.hold(*one), one[1]
+            one = self.in_temporary(*one), one[1]
         self.lines += late
         other = value, self.typed.types[node.value]
         into = self.typed.operated(node, node.op, one[1], other[1])
-        self.say(f"{place} = {self.convert(self.operated(node, node.op, one, other, into), into, one[1])};")
+        self.emit(f"{place} = {self.convert(self.operated(node, node.op, one, other, into), into, one[1])};")
 
     def _lvalue(self, target: ast.expr) -> str:
         """Write what is assigned to, with its address computed once."""
@@ -104,48 +104,48 @@ class Statements(Calls):
         assert isinstance(whole, (Array, Record))
         dtype = whole.dtype[target.attr] if isinstance(target, ast.Attribute) else whole.dtype
         pointer = self.temporary(INT)
-        self.say(f"{pointer} = (intptr_t)&{self.place(target)};")
+        self.emit(f"{pointer} = (intptr_t)&{self.place(target)};")
         return f"(*({element(dtype)[0]} *){pointer})"
 
     def _store(self, target: ast.expr, c: str, typ: ValueType) -> None:
         if isinstance(target, ast.Name) and target.id not in self.typed.variables:  # it is `_`
             if c and not c.isidentifier():
-                self.say(f"(void)({c});")
+                self.emit(f"(void)({c});")
             return
         if isinstance(target, ast.Name):
-            self.say(f"v_{target.id} = {self.convert(c, typ, self.typed.variables[target.id])};")
+            self.emit(f"v_{target.id} = {self.convert(c, typ, self.typed.variables[target.id])};")
             return
         if isinstance(target, ast.Tuple):
             assert isinstance(typ, Tuple)
-            held = self.hold(c, typ)
+            temp = self.in_temporary(c, typ)
             for k, each in enumerate(target.elts):
-                self._store(each, self.item(held, typ, k), typ.items[k])
+                self._store(each, self.item(temp, typ, k), typ.items[k])
             return
         into = self.typed.types[target]
         if not isinstance(into, Scalar):
             self._store_many(target, c, typ, into)
             return
-        held = c if not self._may_change(c) or isinstance(typ, Scalar) else self.hold(c, typ)
+        temp = c if not self._may_change(c) or isinstance(typ, Scalar) else self.in_temporary(c, typ)
         before = len(self.lines)
         place = self.place(target)
-        if len(self.lines) > before and self._may_change(held):
+        if len(self.lines) > before and self._may_change(temp):
             late, self.lines = self.lines[before:], self.lines[:before]
-            held = self.hold(held, typ)
+            temp = self.in_temporary(temp, typ)
             self.lines += late
-        self.say(f"{place} = {self.convert(held, typ, into)};")
+        self.emit(f"{place} = {self.convert(temp, typ, into)};")
 
     def _store_many(self, target: ast.expr, c: str, typ: ValueType, into: ValueType) -> None:
         """Write the assignment to a record, a row, or a slice."""
-        value = self.hold(c, typ)
-        place = self.hold(self.place(target), into)
+        value = self.in_temporary(c, typ)
+        place = self.in_temporary(self.place(target), into)
         if isinstance(into, Record):
-            self.say(f"memmove({place}, {value}, {into.dtype.itemsize});")
+            self.emit(f"memmove({place}, {value}, {into.dtype.itemsize});")
         elif isinstance(typ, Array):
             assert isinstance(into, Array)
             for k in range(into.axes):
-                self.say(f"alike({place}.n{k}, {value}.n{k}, {self.site(target)});")
+                self.emit(f"alike({place}.n{k}, {value}.n{k}, {self.site(target)});")
             size = " * ".join(f"{place}.n{k}" for k in range(into.axes))
-            self.say(f"memmove({place}.p, {value}.p, (size_t)({size} * {into.dtype.itemsize}));")
+            self.emit(f"memmove({place}.p, {value}.p, (size_t)({size} * {into.dtype.itemsize}));")
         else:
             assert isinstance(into, Array)
             self.fill(place, into, value, typ)
@@ -153,18 +153,18 @@ class Statements(Calls):
     # --- control ---
 
     def _if(self, node: ast.If) -> None:
-        self.say(f"if ({self.truth(node.test)}) {{")
+        self.emit(f"if ({self.truth(node.test)}) {{")
         self._within(lambda: self._block(node.body))
         if node.orelse:
-            self.say("} else {")
+            self.emit("} else {")
             self._within(lambda: self._block(node.orelse))
-        self.say("}")
+        self.emit("}")
 
     def _while(self, node: ast.While) -> None:
-        self.say("for (;;) {")
-        self._within(lambda: self.say(f"if (!{self.truth(node.test)}) break;"))
+        self.emit("for (;;) {")
+        self._within(lambda: self.emit(f"if (!{self.truth(node.test)}) break;"))
         self._within(lambda: self._block(node.body))
-        self.say("}")
+        self.emit("}")
 
     def _for(self, node: ast.For) -> None:
         iterated = node.iter
@@ -173,37 +173,37 @@ class Statements(Calls):
             return
         typ = self.typed.types[iterated]
         each = self.typed.each(iterated)
-        held = self._kept(self.expr(iterated), typ)
+        temp = self._copied(self.expr(iterated), typ)
         k = self.temporary(INT)
         if isinstance(typ, Array):
-            self.say(f"for ({k} = 0; {k} < {held}.n0; {k}++) {{")
-            value = self.index(held, typ, [k], node)
+            self.emit(f"for ({k} = 0; {k} < {temp}.n0; {k}++) {{")
+            value = self.index(temp, typ, [k], node)
             value = f"({value} != 0)" if each == BOOL else f"((int64_t){value})" if each in (INT, NARROW) else value
         else:
             assert isinstance(typ, Tuple)
             if len(set(typ.items)) > 1:
                 into = Tuple((each,) * len(typ.items))
-                held = self.hold(self.convert(held, typ, into), into)
-            self.say(f"for ({k} = 0; {k} < {len(typ.items)}; {k}++) {{")
-            value = f"{held}.f[{k}]"
+                temp = self.in_temporary(self.convert(temp, typ, into), into)
+            self.emit(f"for ({k} = 0; {k} < {len(typ.items)}; {k}++) {{")
+            value = f"{temp}.f[{k}]"
         self._within(lambda: self._store(node.target, value, each))
         self._within(lambda: self._block(node.body))
-        self.say("}")
+        self.emit("}")
 
     def _for_range(self, node: ast.For, iterated: ast.Call) -> None:
-        given = [self._kept(self.convert(c, typ, INT), INT) for c, typ in self.many(iterated.args)]
+        given = [self._copied(self.convert(c, typ, INT), INT) for c, typ in self.many(iterated.args)]
         low, high = ("0", given[0]) if len(given) == 1 else given[:2]
         k = self.temporary(INT)
         known = self.typed.constant(iterated.args[2]) if len(given) == 3 else 1
         if known in (1, -1):
-            self.say(f"for ({k} = {low}; {k} {'<' if known == 1 else '>'} {high}; {k} += {known}) {{")
+            self.emit(f"for ({k} = {low}; {k} {'<' if known == 1 else '>'} {high}; {k} += {known}) {{")
         else:  # counted, as the last step may lead beyond 64 bits
             left, step = self.temporary(U64), given[2]
             count = f"steps({low}, {high}, divisor({step}, {self.site(node)}))"
-            self.say(f"for ({k} = {low}, {left} = {count}; {left} > 0; {left}--, {k} += {step}) {{")
+            self.emit(f"for ({k} = {low}, {left} = {count}; {left} > 0; {left}--, {k} += {step}) {{")
         self._within(lambda: self._store(node.target, k, INT))
         self._within(lambda: self._block(node.body))
-        self.say("}")
+        self.emit("}")
 
     # --- the function ---
 

@@ -1,4 +1,4 @@
-"""Give each expression of a kernel a type: names mean what annotations and assignments say, constants what they are."""
+"""Give each expression of a kernel a type, from annotations, assignments and constants."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ class Tuple:
 
     @property
     def fields(self) -> tuple[str, ...]:
-        """Names of the items of a NamedTuple."""
+        """Return the names of the items of a NamedTuple."""
         return self.cls._fields if self.cls else ()
 
 

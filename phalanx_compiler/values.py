@@ -27,7 +27,7 @@ class Values:
 
     # --- lines, temporaries ---
 
-    def say(self, line: str) -> None:
+    def emit(self, line: str) -> None:
         """Write a statement."""
         self.lines.append("    " * self.depth + line)
 
@@ -41,12 +41,12 @@ class Values:
         self.temporaries[name] = typ
         return name
 
-    def hold(self, c: str, typ: ValueType) -> str:
+    def in_temporary(self, c: str, typ: ValueType) -> str:
         """Return a name for a value that is used several times, or must be read now."""
         if c.isidentifier() or c.isdigit():
             return c
         name = self.temporary(typ)
-        self.say(f"{name} = {c};")
+        self.emit(f"{name} = {c};")
         return name
 
     # --- types ---
@@ -65,9 +65,9 @@ class Values:
         assert isinstance(into, Tuple)
         if self.unit.c_type(typ) == self.unit.c_type(into):
             return c
-        held = self.hold(c, typ)
+        temp = self.in_temporary(c, typ)
         items = [
-            self.convert(self.item(held, typ, k), a, b)
+            self.convert(self.item(temp, typ, k), a, b)
             for k, (a, b) in enumerate(zip(typ.items, into.items, strict=True))
         ]
         return self.tuple_of(into, items)
