@@ -15,12 +15,12 @@
 enum { MOST_WORDS = 96, MOST_OPS = 96 };
 
 struct op {
-    char kind;     /* a letter of the signature */
+    char letter;   /* of the signature (calling.py) */
     uint8_t axes;  /* of an array */
     uint8_t written;
     int32_t count; /* items of a tuple */
     PyObject *of;  /* an array's or record's dtype, a bundle's class, a tuple's class or None */
-    PyObject *same; /* another dtype that was found to be equivalent */
+    PyObject *equivalent; /* another dtype that was found to be so */
 };
 
 typedef struct {
@@ -34,25 +34,25 @@ typedef struct {
 static PyObject *prepare, *raise_violation, *report; /* functions of phalanx.kernel */
 static PyObject *address_name;
 
-static int refuse(const char *what, PyObject *value)
+static int raise_type_error(const char *what, PyObject *value)
 {
     PyErr_Format(PyExc_TypeError, "%s, not %R", what, value);
     return -1;
 }
 
-static int take_array(struct op *op, PyObject *value, word *words, int *at)
+static int convert_array(struct op *op, PyObject *value, word *words, int *at)
 {
-    if (!PyArray_Check(value)) return refuse("an array is expected", value);
+    if (!PyArray_Check(value)) return raise_type_error("an array is expected", value);
     PyArrayObject *array = (PyArrayObject *)value;
     PyObject *dtype = (PyObject *)PyArray_DESCR(array);
-    if (dtype != op->of && dtype != op->same) {
+    if (dtype != op->of && dtype != op->equivalent) {
         if (!PyArray_EquivTypes((PyArray_Descr *)dtype, (PyArray_Descr *)op->of)) {
             PyErr_Format(PyExc_TypeError, "an array of %R is expected, not of %R", op->of, dtype);
             return -1;
         }
         Py_INCREF(dtype);
-        Py_XDECREF(op->same);
-        op->same = dtype;
+        Py_XDECREF(op->equivalent);
+        op->equivalent = dtype;
     }
     if (PyArray_NDIM(array) != op->axes) {
         PyErr_Format(PyExc_TypeError, "an array with %d axes is expected, not %d", op->axes, PyArray_NDIM(array));
@@ -71,45 +71,45 @@ static int take_array(struct op *op, PyObject *value, word *words, int *at)
     return 0;
 }
 
-static int take(Kernel *self, int *k, PyObject *value, word *words, int *at)
+static int convert(Kernel *self, int *k, PyObject *value, word *words, int *at)
 {
     struct op *op = &self->op[(*k)++];
-    switch (op->kind) {
+    switch (op->letter) {
     case 'i': case 'u': case 'b': {
         /* Only numbers whose conversion runs no Python code: that could take away the memory of an earlier array. */
-        if (op->kind == 'b') {
-            if (!PyBool_Check(value) && !PyLong_Check(value) && !PyArray_IsScalar(value, Bool)) return refuse("a bool is expected", value);
+        if (op->letter == 'b') {
+            if (!PyBool_Check(value) && !PyLong_Check(value) && !PyArray_IsScalar(value, Bool)) return raise_type_error("a bool is expected", value);
             words[(*at)++].i = PyObject_IsTrue(value);
             return 0;
         }
-        if (!PyLong_Check(value) && !PyArray_IsScalar(value, Integer)) return refuse("a whole number is expected", value);
+        if (!PyLong_Check(value) && !PyArray_IsScalar(value, Integer)) return raise_type_error("a whole number is expected", value);
         if (PyLong_Check(value)) {
-            words[*at].u = op->kind == 'u' ? PyLong_AsUnsignedLongLong(value) : (uint64_t)PyLong_AsLongLong(value);
+            words[*at].u = op->letter == 'u' ? PyLong_AsUnsignedLongLong(value) : (uint64_t)PyLong_AsLongLong(value);
         } else {
             PyObject *number = PyNumber_Index(value);
             if (number == NULL) return -1;
-            words[*at].u = op->kind == 'u' ? PyLong_AsUnsignedLongLong(number) : (uint64_t)PyLong_AsLongLong(number);
+            words[*at].u = op->letter == 'u' ? PyLong_AsUnsignedLongLong(number) : (uint64_t)PyLong_AsLongLong(number);
             Py_DECREF(number);
         }
         return words[(*at)++].u == (uint64_t)-1 && PyErr_Occurred() ? -1 : 0;
     }
     case 'd': case 'f': {
         if (!PyFloat_Check(value) && !PyLong_Check(value) && !PyArray_IsScalar(value, Number) && !PyArray_IsScalar(value, Bool))
-            return refuse("a number is expected", value);
+            return raise_type_error("a number is expected", value);
         words[*at].d = PyFloat_AsDouble(value);
         return words[(*at)++].d == -1.0 && PyErr_Occurred() ? -1 : 0;
     }
     case 'a':
-        return take_array(op, value, words, at);
+        return convert_array(op, value, words, at);
     case 'r': {
-        if (!PyArray_IsScalar(value, Void)) return refuse("a record is expected", value);
+        if (!PyArray_IsScalar(value, Void)) return raise_type_error("a record is expected", value);
         PyVoidScalarObject *record = (PyVoidScalarObject *)value;
         if (op->written && record->base != NULL && PyArray_Check(record->base) && !PyArray_ISWRITEABLE((PyArrayObject *)record->base)) {
             PyErr_SetString(PyExc_ValueError, "a record is read-only, and the kernel writes to it");
             return -1;
         }
         if (!PyArray_EquivTypes((PyArray_Descr *)record->descr, (PyArray_Descr *)op->of))
-            return refuse("a record of another dtype is expected", value);
+            return raise_type_error("a record of another dtype is expected", value);
         words[(*at)++].p = record->obval;
         return 0;
     }
@@ -130,7 +130,7 @@ static int take(Kernel *self, int *k, PyObject *value, word *words, int *at)
             return -1;
         }
         for (int n = 0; n < op->count; n++)
-            if (take(self, k, PyTuple_GetItem(value, n), words, at) < 0) return -1;
+            if (convert(self, k, PyTuple_GetItem(value, n), words, at) < 0) return -1;
         return 0;
     }
 }
@@ -144,10 +144,10 @@ static PyObject *number_of(int type, void *value)
     return made;
 }
 
-static PyObject *give(Kernel *self, int *k, const word *words, int *at)
+static PyObject *convert_result(Kernel *self, int *k, const word *words, int *at)
 {
     struct op *op = &self->op[(*k)++];
-    switch (op->kind) {
+    switch (op->letter) {
     case 'n': return Py_NewRef(Py_None);
     case 'i': return PyLong_FromLongLong(words[(*at)++].i);
     case 'u': return number_of(NPY_UINT64, (void *)(uintptr_t)&words[(*at)++].u);
@@ -170,7 +170,7 @@ static PyObject *give(Kernel *self, int *k, const word *words, int *at)
         PyObject *items = PyTuple_New(op->count);
         if (items == NULL) return NULL;
         for (int n = 0; n < op->count; n++) {
-            PyObject *item = give(self, k, words, at);
+            PyObject *item = convert_result(self, k, words, at);
             if (item == NULL || PyTuple_SetItem(items, n, item) < 0) { Py_DECREF(items); return NULL; }
         }
         if (op->of == Py_None) return items;
@@ -194,7 +194,7 @@ static PyObject *argument(Kernel *self, PyObject *args, PyObject *named, Py_ssiz
     return NULL;
 }
 
-/* Have the violations that guarded kernels survived logged. */
+/* Log the violations that guarded kernels survived. */
 static int report_defects(void)
 {
     while (__atomic_test_and_set(&defects.lock, __ATOMIC_ACQUIRE)) continue;
@@ -229,7 +229,7 @@ static PyObject *call(PyObject *object, PyObject *args, PyObject *named)
     int k = 0, at = 0;
     for (Py_ssize_t n = 0; n < self->parameters; n++) {
         PyObject *value = argument(self, args, named, given, n, &by_name);
-        if (value == NULL || take(self, &k, value, words, &at) < 0) return NULL;
+        if (value == NULL || convert(self, &k, value, words, &at) < 0) return NULL;
     }
     if (UNLIKELY(named != NULL && by_name != PyDict_Size(named))) {
         PyErr_Format(PyExc_TypeError, "%s: of %R, a name is unknown or its argument given twice", self->entry->name, named);
@@ -248,7 +248,7 @@ static PyObject *call(PyObject *object, PyObject *args, PyObject *named)
         Py_XDECREF(done);
     } else {
         at = 0;
-        made = give(self, &k, result, &at);
+        made = convert_result(self, &k, result, &at);
     }
     leave(&frame);
     if (UNLIKELY(__atomic_load_n(&defects.count, __ATOMIC_RELAXED) != 0)) {
@@ -268,7 +268,7 @@ static PyObject *call(PyObject *object, PyObject *args, PyObject *named)
 static int traverse(PyObject *object, visitproc visit, void *arg)
 {
     Kernel *self = (Kernel *)object;
-    for (int n = 0; n < self->ops; n++) { Py_VISIT(self->op[n].of); Py_VISIT(self->op[n].same); }
+    for (int n = 0; n < self->ops; n++) { Py_VISIT(self->op[n].of); Py_VISIT(self->op[n].equivalent); }
     Py_VISIT(self->names);
     Py_VISIT(self->defaults);
     Py_VISIT(self->dict);
@@ -282,11 +282,11 @@ static int clear(PyObject *object)
     return 0;
 }
 
-static void forget(PyObject *object)
+static void release_kernel(PyObject *object)
 {
     Kernel *self = (Kernel *)object;
     PyObject_GC_UnTrack(object);
-    for (int n = 0; n < self->ops; n++) { Py_XDECREF(self->op[n].of); Py_XDECREF(self->op[n].same); }
+    for (int n = 0; n < self->ops; n++) { Py_XDECREF(self->op[n].of); Py_XDECREF(self->op[n].equivalent); }
     PyMem_Free(self->op);
     Py_XDECREF(self->names);
     Py_XDECREF(self->defaults);
@@ -297,7 +297,7 @@ static void forget(PyObject *object)
 }
 
 /* ops: [(letter, axes, written, count, dtype or class or None)] of all parameters, then of what is returned. */
-static PyObject *set_ops(PyObject *object, PyObject *args)
+static PyObject *prepare_kernel(PyObject *object, PyObject *args)
 {
     Kernel *self = (Kernel *)object;
     PyObject *list, *names, *defaults;
@@ -308,12 +308,12 @@ static PyObject *set_ops(PyObject *object, PyObject *args)
     struct op *made = PyMem_Calloc((size_t)count + 1, sizeof *made);
     if (made == NULL) return PyErr_NoMemory();
     for (Py_ssize_t n = 0; n < count; n++) {
-        int kind, axes, written;
-        if (!PyArg_ParseTuple(PyList_GetItem(list, n), "CiiiO", &kind, &axes, &written, &made[n].count, &made[n].of)) {
+        int letter, axes, written;
+        if (!PyArg_ParseTuple(PyList_GetItem(list, n), "CiiiO", &letter, &axes, &written, &made[n].count, &made[n].of)) {
             PyMem_Free(made);
             return NULL;
         }
-        made[n].kind = (char)kind; made[n].axes = (uint8_t)axes; made[n].written = (uint8_t)written;
+        made[n].letter = (char)letter; made[n].axes = (uint8_t)axes; made[n].written = (uint8_t)written;
         Py_INCREF(made[n].of);
     }
     self->names = Py_NewRef(names);
@@ -330,11 +330,11 @@ static PyObject *entry_of(PyObject *object, void *Py_UNUSED(closure))
     return Py_BuildValue("sK", entry->name, (unsigned long long)entry->writes);
 }
 
-static PyMethodDef methods_of_kernel[] = {{"prepare", set_ops, METH_VARARGS, "Set how arguments are taken."}, {NULL, NULL, 0, NULL}};
+static PyMethodDef methods_of_kernel[] = {{"prepare", prepare_kernel, METH_VARARGS, "Set how arguments are converted."}, {NULL, NULL, 0, NULL}};
 static PyGetSetDef getters[] = {{"entry", entry_of, NULL, "Its name, and a bit for each parameter that it writes to.", NULL}, {NULL, NULL, NULL, NULL, NULL}};
 static PyMemberDef members[] = {{"__dictoffset__", T_PYSSIZET, offsetof(Kernel, dict), 1, NULL}, {NULL, 0, 0, 0, NULL}};
 static PyType_Slot slots[] = {
-    {Py_tp_call, call}, {Py_tp_dealloc, forget}, {Py_tp_traverse, traverse}, {Py_tp_clear, clear}, {Py_tp_methods, methods_of_kernel},
+    {Py_tp_call, call}, {Py_tp_dealloc, release_kernel}, {Py_tp_traverse, traverse}, {Py_tp_clear, clear}, {Py_tp_methods, methods_of_kernel},
     {Py_tp_getset, getters}, {Py_tp_members, members}, {Py_tp_doc, (void *)"A compiled kernel."}, {0, NULL},
 };
 static PyType_Spec spec = {"phalanx._kernels.Kernel", sizeof(Kernel), 0, Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC, slots};

@@ -241,8 +241,6 @@ static inline bool equal_bytes(arr1 a, int64_t a_at, arr1 b, int64_t b_at, int64
     room(b, b_at, length, at);
     return memcmp(a.p + a_at, b.p + b_at, (size_t)length) == 0;
 }
-/* As Python cuts: ends beyond the array are its ends, negative ones count from behind. */
-
 /* Lines of a cache that are read soon; nothing is read now, so no place is wrong. */
 static inline void prefetch(const char *rows, int64_t begin, int64_t length)
 {
@@ -250,6 +248,6 @@ static inline void prefetch(const char *rows, int64_t begin, int64_t length)
         __builtin_prefetch((const void *)((uintptr_t)rows + (uintptr_t)(begin + at)), 0, 3);
     __asm__ volatile(""); /* gcc deletes calls of functions that do nothing else */
 }
-
+/* As Python cuts: ends beyond the array are its ends, negative ones count from behind. */
 static inline int64_t cut(int64_t i, int64_t n) { if (i < 0) i += n; return i < 0 ? 0 : i > n ? n : i; }
 static inline int64_t cut_length(int64_t low, int64_t high) { return high > low ? high - low : 0; }
