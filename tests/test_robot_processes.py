@@ -16,6 +16,7 @@ from dataclasses import replace
 import pytest
 
 import boards
+from phalanx.bti.nodes import limits_of
 from phalanx.cli.main import run_command
 from phalanx.config import BtiConfig, RadioConfig
 from phalanx.daemon.evidence import read_kept
@@ -26,7 +27,6 @@ from phalanx.daemon.trusted import give_keys, open_nodes, start
 from phalanx.io.keyring import Keys, create, opened
 from phalanx.io.mission_key import issued, read_board, read_mission_key
 from phalanx.robot.attacks import IN_FLOCKS
-from phalanx.sim.audited.setup import limits_of
 from phalanx.wire import guarded
 from phalanx.wire.table import ACCELERATION, BOARD, ENTRY_ACMD
 

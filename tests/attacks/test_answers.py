@@ -12,6 +12,7 @@ from trials import F_MAX, attacked, run, scenario
 
 from phalanx.bti import request, rounds, trusted
 from phalanx.bti.fleet import BOUND, PENDING, START, make_fleet
+from phalanx.bti.nodes import limits_of
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig, RadioConfig
@@ -20,7 +21,7 @@ from phalanx.robot import node
 from phalanx.robot.attacks.liar import MOTION
 from phalanx.robot.controllers.dispatch import NUMBERS
 from phalanx.robot.controllers.flock_law import flock_params
-from phalanx.sim.audited.setup import limits_of, power_up
+from phalanx.sim.audited.setup import power_up
 from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire.fields import put_u32

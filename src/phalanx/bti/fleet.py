@@ -219,3 +219,16 @@ def make_fleet(
         taken=np.full((n, config.audits_taken), LONG_AGO, np.int64),
     )
     return pack(fleet)
+
+
+def vouchers(fleet: Fleet, i: int, now_ms: int) -> list[tuple[int, float]]:
+    """Return the auditors whose tokens robot i holds, each with the seconds its token is still valid.
+
+    Source: RoboRebound §3.5.
+    """
+    robot, t_val = fleet.robot[i], int(fleet.settings[0].t_val)
+    newest: dict[int, int] = {}
+    for which, count in enumerate((robot.tokens_start, robot.tokens_pending)):
+        for token in fleet.token[i, which, : int(count)]:
+            newest[int(token.tor)] = max(int(token.t), newest.get(int(token.tor), 0))
+    return [(tor, (t + t_val - now_ms) / 1000) for tor, t in newest.items() if t + t_val > now_ms]

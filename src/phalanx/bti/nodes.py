@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import astuple, dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -13,8 +14,10 @@ from numpy.typing import NDArray
 
 from phalanx.config import BtiConfig
 from phalanx.config.bti import CHECKPOINT_BYTES, NEIGHBOUR_BYTES, REQUEST_OVERHEAD_BYTES
+from phalanx.config.radio import RadioConfig
 from phalanx.errors import PeerError, UsageError
 from phalanx.pages import lines
+from phalanx.wire.airtime import broadcast_us, rates_of, unicast_us
 from phalanx.wire.fields import row
 from phalanx.wire.table import AUDIT_FRAGMENT, AUDIT_TOKEN, HASH_BYTES, KEY_BYTES, MAC_BYTES, MKEY, STATE
 
@@ -86,6 +89,13 @@ class Limits:
             airtime_ns_per_byte_broadcast=ns_per_byte_broadcast,
             airtime_ns_per_byte_unicast=ns_per_byte_unicast,
         )
+
+
+def limits_of(config: BtiConfig, radio: RadioConfig) -> Limits:
+    """Return the trusted nodes' limits on this radio. Source: docs/spec/rebound.md (audit flood)."""
+    rates = rates_of(radio)
+    per_kilobyte_us = unicast_us(rates, 2000) - unicast_us(rates, 1000)
+    return Limits.of(config, int(broadcast_us(rates, 1)), math.ceil(8000 / radio.broadcast_mbps), int(per_kilobyte_us))
 
 
 class MissionKey(NamedTuple):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from phalanx.bti.nodes import limits_of
 from phalanx.io.udp_radio import Allowance
-from phalanx.sim.audited.setup import limits_of
 from phalanx.sim.scenarios.scenario import WHEELS, Scenario
 
 LEAST_PER_S = 50.0  # a gateway speaks by its own pace, not by an a-node's buckets

@@ -18,7 +18,6 @@ from phalanx.config.parameter import check_limits, within
 from phalanx.config.radio import RadioConfig
 from phalanx.io.ports import LOOPBACK
 from phalanx.sim.audited.world import World
-from phalanx.sim.radio.airtime import broadcast_us, rates_of, unicast_us
 from phalanx.sim.radio.channel import (
     AIRTIME_US,
     APP_BROADCAST,
@@ -30,6 +29,7 @@ from phalanx.sim.radio.channel import (
     SENT,
 )
 from phalanx.sim.radio.reach import in_range
+from phalanx.wire.airtime import broadcast_us, rates_of, unicast_us
 from phalanx.wire.driven import EVERYBODY, ORDER
 from phalanx.wire.fields import get_u16, row
 from phalanx.wire.table import FRAME_MAX

@@ -10,13 +10,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from phalanx.bti.nodes import Refused
+from phalanx.bti.nodes import Refused, limits_of
 from phalanx.errors import Unavailable, UsageError
 from phalanx.io.keyring import opened
 from phalanx.io.udp_radio import Radio, UdpRadio
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.planner import MakePlanner
-from phalanx.sim.audited.setup import limits_of
 from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.file import find_scenario, written_scenario

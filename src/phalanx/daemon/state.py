@@ -9,10 +9,10 @@ import time
 from pathlib import Path
 from typing import Any
 
+from phalanx.bti.fleet import vouchers
 from phalanx.config.written import read_at_most
 from phalanx.errors import PhalanxError, UsageError
 from phalanx.io.private_file import write_whole
-from phalanx.sim.audited.watch import vouchers
 
 from .life import Ended, Life, memory_kb
 

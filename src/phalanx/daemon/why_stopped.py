@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from phalanx.bti.fleet import Fleet
+from phalanx.bti.fleet import Fleet, vouchers
 from phalanx.bti.rounds import HEARD_ROUNDS_X2
-from phalanx.sim.audited.watch import vouchers
 
 
 def why_stopped(fleet: Fleet, now_ms: int, late_ms: float) -> str:

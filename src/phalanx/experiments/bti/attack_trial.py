@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from phalanx.bti.nodes import limits_of
 from phalanx.errors import UsageError
 from phalanx.experiments.trial import Trial, said_of
 from phalanx.robot.attacks.attack import Attack
 from phalanx.robot.attacks.harm import ASTRAY
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.controllers.python_controller import Controller
-from phalanx.sim.audited.setup import limits_of
 from phalanx.sim.radio.channel import AUDIT_BROADCAST, AUDIT_UNICAST, BYTES, SENT
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.bti.fleet import BOUND, PAPER, PLAIN, make_fleet
-from phalanx.bti.nodes import Limits, MissionKey, Nodes, TrustedNodes, seal_mission_key
+from phalanx.bti.nodes import Limits, MissionKey, Nodes, TrustedNodes, limits_of, seal_mission_key
 from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig
 from phalanx.config.bti import FRAGMENT_HEAD_BYTES, REQUEST_OVERHEAD_BYTES
@@ -22,9 +22,9 @@ from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.runtime import first_round_ms
-from phalanx.sim.radio.airtime import broadcast_us, rates_of, unicast_us
 from phalanx.sim.radio.channel import NOBODY, make_air
 from phalanx.sim.radio.reach import SKIN, SMALL_SWARM, make_reach, rebuild
+from phalanx.wire.airtime import rates_of, unicast_us
 from phalanx.wire.fields import Row
 from phalanx.wire.table import KEY_BYTES
 
@@ -64,13 +64,6 @@ class Setup:
     before_key: Mapping[int, Callable[[int, int, Row, int], None]] = field(default_factory=dict)
     make_nodes: Callable[[int, int, Limits], TrustedNodes] = Nodes  # of so many robots, in this profile
     boards: Sequence[Board] = field(default=(), repr=False)  # of each robot, if its keys are somebody's
-
-
-def limits_of(config: BtiConfig, radio: RadioConfig) -> Limits:
-    """The trusted nodes' limits on this radio. Source: docs/spec/rebound.md (audit flood)."""
-    rates = rates_of(radio)
-    per_kilobyte_us = unicast_us(rates, 2000) - unicast_us(rates, 1000)
-    return Limits.of(config, int(broadcast_us(rates, 1)), math.ceil(8000 / radio.broadcast_mbps), int(per_kilobyte_us))
 
 
 def audits_share(config: BtiConfig, radio: RadioConfig, robots: float, *, filled: bool = False) -> float:

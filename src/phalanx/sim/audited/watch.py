@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from phalanx.bti.fleet import Fleet
+from phalanx.bti.fleet import vouchers
 from phalanx.bti.refusal import Refusal
 
 from .world import VERDICTS, World, clock_ms
@@ -18,16 +18,6 @@ def shields(world: World, i: int) -> list[tuple[int, float]]:
     if world.safe[i]:
         return []
     return sorted(vouchers(world.fleet, i, clock_ms(world, i)), key=lambda each: -each[1])
-
-
-def vouchers(fleet: Fleet, i: int, now_ms: int) -> list[tuple[int, float]]:
-    """Whose token row i of a fleet has, and for how many seconds more. Source: RoboRebound §3.5."""
-    robot, t_val = fleet.robot[i], int(fleet.settings[0].t_val)
-    newest: dict[int, int] = {}
-    for which, count in enumerate((robot.tokens_start, robot.tokens_pending)):
-        for token in fleet.token[i, which, : int(count)]:
-            newest[int(token.tor)] = max(int(token.t), newest.get(int(token.tor), 0))
-    return [(tor, (t + t_val - now_ms) / 1000) for tor, t in newest.items() if t + t_val > now_ms]
 
 
 class VerdictReader:

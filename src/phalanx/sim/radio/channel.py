@@ -21,9 +21,9 @@ from phalanx.errors import UsageError
 from phalanx.kernel import kernel
 from phalanx.pool import Pool, give_back, lend, make_pool
 from phalanx.sim.audited.events import Queue, push
+from phalanx.wire.airtime import Rates, ack_us, broadcast_us, rates_of, unicast_us
 from phalanx.wire.fields import Row, copy, whole
 
-from .airtime import Rates, ack_us, broadcast_us, rates_of, unicast_us
 from .nic import (
     AIFS_US,
     NEVER,
