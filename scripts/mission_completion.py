@@ -30,6 +30,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from phalanx.cli.mission.files import read_plain
+from phalanx.config.builtin import built_in
 from phalanx.errors import UsageError
 from phalanx.mission import BuildOptions, Mission, Profile, build
 from phalanx.mission.authoring.survey import begun_at, roomiest, survey
@@ -37,7 +38,6 @@ from phalanx.mission.file import sealed
 from phalanx.mission.worth.time_limit import time_for_s
 from phalanx.sim.building.floorplan import FloorPlan, load_floorplan
 from phalanx.sim.building.odometry import OdometryNoise
-from phalanx.sim.builtin import built_in
 from phalanx.sim.missions.orders import Orders, orders_of
 from phalanx.sim.missions.run import run_mission, summary
 

@@ -14,9 +14,9 @@ from mcap.reader import make_reader
 
 from conftest import PHALANX, ROOT
 from phalanx.cli.sim import show
+from phalanx.config.builtin import built_in
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.robot.attacks.library import ATTACKS
-from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.attack_spec import parse_attack
 from phalanx.sim.scenarios.file import find_scenario, scenario_schema
 from phalanx.sim.scenarios.play import play

@@ -17,6 +17,7 @@ LAYERS = [
     "crypto",
     "link mission bti",
     "robot",
+    "recording",
     "sim io",
     "experiments gateway demo daemon",
     "cli",
@@ -42,9 +43,9 @@ RANK_IN_COMPILER = {module: i for i, row in enumerate(LAYERS_OF_COMPILER) for mo
 IMPORTS_KERNELS = {"generate.py", "fresh.py"}
 # The one door upwards: people look for link.Server, which needs sockets (docs/adr/0003).
 DOORS = {("link/__init__.py", "io")}
-# No clock, socket, random source or await below the floor of sim and io: time and nonces are arguments.
+# No clock, socket, random source or await below the files of recordings: time and nonces are arguments.
 IMPURE = {"asyncio", "socket", "time", "random", "secrets", "os", "subprocess", "threading", "aiomqtt", "aiohttp"}
-PURE_BELOW = RANK["sim"]
+PURE_BELOW = RANK["recording"]
 # It reads whether kernels are to run uncompiled, and looks at nothing that a kernel could see.
 HOUSEKEEPING = {"kernel.py"}
 LONGEST = 400

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 
 from conftest import eventually
 from phalanx.cli.mission.files import read_plain
+from phalanx.config.builtin import built_in
 from phalanx.errors import UsageError
 from phalanx.gateway import OperatorPages
 from phalanx.gateway.missions.desk import MissionDesk, _read, parse_profile
 from phalanx.gateway.serve_pages import TEXT_MAX_BYTES
 from phalanx.mission import Profile
-from phalanx.sim.builtin import built_in
 from test_gateway_mission import THROUGH, Silent, plain_of
 
 TOKEN = "t0ken" * 6

@@ -14,7 +14,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from phalanx.bti.refusal import Refusal
 from phalanx.config.flock import Box, Disc, FlockConfig
 from phalanx.errors import Unavailable, UsageError
-from phalanx.sim.recorded import read_recording
+from phalanx.recording.recorded import read_recording
 from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.play import STEP_S, play
 from phalanx.sim.scenarios.recording import HONEST, LIAR, NS, STOPPED

@@ -21,10 +21,10 @@ from phalanx.daemon.evidence import Kept, read_kept, record_log
 from phalanx.daemon.kept_log import KeptLog
 from phalanx.daemon.proofs import Proven, proven
 from phalanx.errors import UsageError
+from phalanx.recording.recorded import MOST_CHUNK_BYTES
 from phalanx.robot.retrace import entries_of
 from phalanx.sim import Scenario
 from phalanx.sim.audited import setup
-from phalanx.sim.recorded import MOST_CHUNK_BYTES
 from phalanx.sim.scenarios.file import written_scenario
 from phalanx.sim.scenarios.run import Run
 from phalanx.wire.table import ENTRY, ENTRY_ACMD, ENTRY_INPUT, ENTRY_RECV, PROOF

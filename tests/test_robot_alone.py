@@ -49,9 +49,9 @@ from phalanx.io import serial_line, udp_radio
 from phalanx.io.mission_key import issued, read_board, read_mission_key
 from phalanx.io.serial_line import open_line
 from phalanx.io.udp_radio import LEAST_WAITING, Allowance, UdpRadio, parsed
+from phalanx.recording.recorder import Recorder
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.python_controller import OwnMistake
-from phalanx.sim.recorder import Recorder
 from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.file import parse_scenario, written_scenario
 from phalanx.sim.scenarios.scenario import Scenario

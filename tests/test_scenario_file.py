@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 import phalanx
 from phalanx.config import BtiConfig
+from phalanx.config.builtin import built_in
 from phalanx.config.flock import Box, Disc, FlockConfig
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
 from phalanx.robot.attacks import IN_FLOCKS
-from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.file import (
     MOST_BYTES,

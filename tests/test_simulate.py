@@ -20,9 +20,9 @@ from mcap.reader import make_reader
 from conftest import ROOT
 from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
+from phalanx.config.builtin import built_in
 from phalanx.errors import Unavailable, UsageError
 from phalanx.sim import AttackSpec, Result, Scenario, simulate
-from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.cautions import cautions, neighbours_at_start
 from phalanx.sim.scenarios.file import find_scenario
 from phalanx.sim.scenarios.play import play

@@ -18,10 +18,10 @@ from phalanx.cli import view as view_command
 from phalanx.errors import Unavailable, UsageError
 from phalanx.gateway.serve_view import ViewPages
 from phalanx.io.site import beside
-from phalanx.sim import recorded
+from phalanx.recording import recorded
+from phalanx.recording.recorded import Said
+from phalanx.recording.recorder import NS, TOPICS, frame
 from phalanx.sim.audited.watch import VerdictReader
-from phalanx.sim.recorded import Said
-from phalanx.sim.recorder import NS, TOPICS, frame
 from phalanx.sim.scenarios import scenes
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.scenes import Live, Scenes, lines_of

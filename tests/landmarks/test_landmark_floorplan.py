@@ -12,12 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from landmark_world import away
 
+from phalanx.config.builtin import built_in
 from phalanx.config.lidar import LidarConfig
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks import extract, floorplan_of_yaml, landmarks_of
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.sim.building.floorplan import MAPS, load_floorplan
-from phalanx.sim.builtin import built_in
 
 OFFICE = yaml.safe_load((MAPS / "office_40x40.yaml").read_text())
 

@@ -20,13 +20,13 @@ from phalanx.cli.mission.files import (
     read_plain,
     read_trusted,
 )
+from phalanx.config.builtin import built_in
 from phalanx.errors import PeerError, Unavailable, UsageError
 from phalanx.mission import Landmark, Profile, parse_mission
 from phalanx.mission.file.records import FOREVER_S
 from phalanx.mission.landmarks.sites import landmarks_of
 from phalanx.mission.worth import audit
 from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.sim.builtin import built_in
 
 SMALL = """
 mission: small

@@ -15,11 +15,11 @@ from typing import Any
 from phalanx.bti.log import ADVICE, CHECKPOINT, EVIDENCE, FLUSH_A, FLUSH_S
 from phalanx.config.written import read_at_most
 from phalanx.errors import PhalanxError, UsageError
+from phalanx.recording.recorded import CUT_SHORT, is_recording, read_recording
+from phalanx.recording.recorder import NS, Recorder
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.python_controller import Controller, compiled
 from phalanx.robot.retrace import Entry, Finding, Retracer, entries_of
-from phalanx.sim.recorded import CUT_SHORT, is_recording, read_recording
-from phalanx.sim.recorder import NS, Recorder
 from phalanx.sim.scenarios.file import parse_scenario, written_scenario
 from phalanx.sim.scenarios.run import on_stage, params_of
 from phalanx.sim.scenarios.scenario import Scenario

@@ -11,12 +11,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from phalanx.bti.nodes import Refused, limits_of
+from phalanx.config.builtin import built_in
 from phalanx.errors import Unavailable, UsageError
 from phalanx.io.keyring import opened
 from phalanx.io.udp_radio import Radio, UdpRadio
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.planner import MakePlanner
-from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.file import find_scenario, written_scenario
 from phalanx.sim.scenarios.own import find_controller, find_planner

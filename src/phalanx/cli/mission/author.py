@@ -14,6 +14,7 @@ from typing import Any
 import click
 
 from phalanx.cli.terminal import Progress, counted, end_status_line, print_json, status_line, talk
+from phalanx.config.builtin import built_in
 from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.errors import PeerError, UsageError
 from phalanx.mission import BuildOptions, Built, EncodedMission, Mission, Profile, admit, build, check_signature, sign
@@ -26,7 +27,6 @@ from phalanx.mission.worth.audit import audit
 from phalanx.mission.worth.feasible import look_ahead
 from phalanx.mission.worth.outlook import Outlook
 from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.sim.builtin import built_in
 
 from .draw import check_drawable, draw_mission, lived
 from .files import (

@@ -13,6 +13,7 @@ from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 from cryptography.hazmat.primitives.serialization import load_pem_private_key, load_pem_public_key
 
+from phalanx.config.builtin import built_in
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.written import read_at_most
 from phalanx.errors import Unavailable, UsageError, did_you_mean
@@ -32,7 +33,6 @@ from phalanx.mission.file.records import FILE_LIMIT, FOREVER_S, OPEN_START
 from phalanx.mission.landmarks.floorplan import FloorPlan, of_doors
 from phalanx.mission.refused import MalformedMission
 from phalanx.sim.building.floorplan import drawn_like, load_floorplan
-from phalanx.sim.builtin import built_in
 from phalanx.sim.missions.orders import File
 
 Parsed = TypeVar("Parsed")

@@ -12,13 +12,13 @@ from functools import cached_property
 from pathlib import Path
 
 from phalanx.config import BtiConfig
+from phalanx.config.builtin import built_in
 from phalanx.config.defence import DEFENCES, Defence
 from phalanx.errors import UsageError, did_you_mean
 from phalanx.experiments.sweep.dealing import key_of
 from phalanx.experiments.sweep.plan import Cell, content_of
 from phalanx.robot.attacks.attack import Attack, Scene
 from phalanx.robot.attacks.library import ATTACKS
-from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.file import find_scenario
 from phalanx.sim.scenarios.own import find_attack, is_file
 from phalanx.sim.scenarios.scenario import PROTOCOLS, Scenario, in_scenarios

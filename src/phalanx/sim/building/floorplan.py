@@ -11,12 +11,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from phalanx.config.builtin import DATA, built_in
 from phalanx.config.written import read_at_most
 from phalanx.errors import UsageError, did_you_mean
 from phalanx.mission.landmarks.floorplan import FILE_MAX_BYTES, FloorPlan, floorplan_of_yaml, read_yaml
 from phalanx.mission.landmarks.gridmap import CELLS_MAX, floorplan_of_map, map_words
 from phalanx.mission.landmarks.sources import sources_of
-from phalanx.sim.builtin import DATA, built_in
 
 from .drawn import PREFIX, drawn
 

@@ -24,7 +24,7 @@ from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from phalanx.mission.landmarks import FloorPlan
-from phalanx.sim.recorder import NS, WORLD, Recorder, cylinder, frame, pose_at, time_of
+from phalanx.recording.recorder import NS, WORLD, Recorder, cylinder, frame, pose_at, time_of
 
 from .report import Report, drift_words
 

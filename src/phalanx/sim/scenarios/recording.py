@@ -26,7 +26,7 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 
 from phalanx.bti.refusal import Refusal
 from phalanx.config.flock import Disc
-from phalanx.sim.recorder import NS, WORLD, Recorder, cylinder, frame, pose_at, time_of
+from phalanx.recording.recorder import NS, WORLD, Recorder, cylinder, frame, pose_at, time_of
 
 from .run import Run
 from .scenario import Scenario

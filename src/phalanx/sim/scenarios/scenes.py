@@ -17,8 +17,8 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 
 from phalanx.errors import PhalanxError, UsageError
-from phalanx.sim.recorded import CUT_SHORT, Said, read_recording
-from phalanx.sim.recorder import NS
+from phalanx.recording.recorded import CUT_SHORT, Said, read_recording
+from phalanx.recording.recorder import NS
 
 from .recording import Recording
 from .scenario import Scenario

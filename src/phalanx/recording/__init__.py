@@ -1,0 +1,1 @@
+"""MCAP files: write them, and read whatever such a file holds within limits."""
