@@ -29,9 +29,9 @@ from phalanx.experiments.table import Head, TableFile
 from phalanx.experiments.version import version
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.robot.attacks.liar import Liar
-from phalanx.sim.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 
 ROBOTS = 25
 # Rounds come every 4 s: attacks begin anywhere from the first second of grace to the fifth of them.

@@ -34,8 +34,8 @@ from phalanx.bti import trusted
 from phalanx.config import BtiConfig
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.bundled import flock
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire.fields import copy, put_u16
 
 HERE = Path(__file__).parent

@@ -37,10 +37,10 @@ from phalanx.experiments.table import Head, TableFile
 from phalanx.experiments.version import version
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.robot.attacks.liar import Liar
-from phalanx.sim.scenarios.attack_spec import AttackSpec
-from phalanx.sim.scenarios.file import find_scenario
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.file import find_scenario
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 
 LAYOUTS = {"grid": "bti-fig9", "hub": "star-25", "line": "line-25", "ring": "ring-25", "islands": "islands-24"}
 NEAR_M = (150.0, 150.0)  # the grid's goal: at the paper's, lies about the way there have no time to matter

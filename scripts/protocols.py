@@ -18,10 +18,10 @@ from phalanx.config.defence import DEFENCES
 from phalanx.config.flock import Box
 from phalanx.experiments.plot import BLUE, GREY, VERMILION
 from phalanx.robot.attacks import IN_PROTOCOLS
-from phalanx.sim.scenarios.attack_spec import AttackSpec
-from phalanx.sim.scenarios.file import find_scenario
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.file import find_scenario
+from phalanx.scenarios.scenario import PROTOCOLS
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import PROTOCOLS
 
 IMAGES = Path(__file__).parents[1] / "docs" / "img"
 OTHERS = ("spoof", "false-state", "omit-sends", "hijack")

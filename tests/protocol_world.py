@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from phalanx.robot.controllers.protocol import Task, find_protocol
 from phalanx.robot.controllers.python_controller import Act, Controller
-from phalanx.sim.scenarios.file import find_scenario
+from phalanx.scenarios.file import find_scenario
 from phalanx.wire.table import ACCELERATION, KIND_SENSOR, SENSOR
 
 CONTROL_S = 0.25

@@ -15,9 +15,9 @@ from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
 from phalanx.config.flock import FlockConfig
 from phalanx.pool import NO_ROW
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.radio.reach import in_range
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 
 
 def running(seconds: float, **said) -> Run:

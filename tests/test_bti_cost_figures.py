@@ -12,8 +12,8 @@ from phalanx.experiments.bti.flock import HONEST, LIAR, FlockRun, FlockRuns
 from phalanx.experiments.library import FIGURES
 from phalanx.experiments.plot import draw
 from phalanx.experiments.table import Head, Table, TableFile
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 
 SMALL = Scenario(robots=6, grid_step_m=4.0, d_m=4.0, duration_s=16.0)
 

@@ -37,8 +37,8 @@ from phalanx.experiments.statement import band, last_line
 from phalanx.experiments.table import Head, TableFile, measure, read_table
 from phalanx.experiments.trial import said_of
 from phalanx.robot.attacks import ATTACKS
-from phalanx.sim.scenarios.attack_spec import AttackSpec
-from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.scenario import Scenario
 
 ORIGIN = {"scenario": "all of it", "every_s": 5.0, "version": "0 (cafe)"}
 GOAL_M = (500.0, 500.0)

@@ -17,9 +17,9 @@ from phalanx import kernel as kernel_module
 from phalanx.config.flock import FlockConfig
 from phalanx.errors import UsageError
 from phalanx.robot.controllers import dispatch
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.audited.body import POINT_MASS, WHEELS, driven_by
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire.table import WHEELS_COMMAND
 
 SRC = Path(kernel_module.__file__).parent
@@ -90,7 +90,7 @@ RUN = """
 import json
 from phalanx.config import BtiConfig
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.scenarios.scenario import Scenario
 
 run = Run(Scenario(controller="drift", robots=4, duration_s=7.0, bti=BtiConfig(f_max=1)))
 began = run.world.pos.copy()

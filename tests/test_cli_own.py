@@ -8,10 +8,10 @@ import subprocess
 import pytest
 
 from conftest import PHALANX, ROOT
+from phalanx.scenarios.attack_spec import parse_attack
+from phalanx.scenarios.file import find_scenario
+from phalanx.scenarios.own import find_attacks, mistakes_in
 from phalanx.sim import Scenario, simulate
-from phalanx.sim.scenarios.attack_spec import parse_attack
-from phalanx.sim.scenarios.file import find_scenario
-from phalanx.sim.scenarios.own import find_attacks, mistakes_in
 
 OWN = f"{ROOT / 'examples' / 'own_controller.py'}:GoThere"
 QUICK = ("--duration", "2", "--robots", "6")

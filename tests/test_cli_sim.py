@@ -17,10 +17,10 @@ from phalanx.cli.sim import show
 from phalanx.config.builtin import built_in
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.robot.attacks.library import ATTACKS
-from phalanx.sim.scenarios.attack_spec import parse_attack
-from phalanx.sim.scenarios.file import find_scenario, scenario_schema
+from phalanx.scenarios.attack_spec import parse_attack
+from phalanx.scenarios.file import find_scenario, scenario_schema
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.play import play
-from phalanx.sim.scenarios.scenario import Scenario
 
 QUICK = ("--duration", "3", "--robots", "6")
 KEYS = set(

@@ -12,7 +12,7 @@ import pytest
 
 from phalanx.config.builtin import built_in
 from phalanx.robot.attacks import ATTACKS, IN_SWARMS
-from phalanx.sim.scenarios.scenario import PROTOCOLS
+from phalanx.scenarios.scenario import PROTOCOLS
 
 SCENARIOS, MISSIONS, MAPS = (list(built_in(kind)) for kind in ("scenarios", "missions", "maps"))
 

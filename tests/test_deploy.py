@@ -17,8 +17,8 @@ from phalanx.daemon.driver import make_driver
 from phalanx.daemon.settings import read_robot
 from phalanx.gateway.up import DEFAULT_PORT
 from phalanx.robot.controllers import dispatch
-from phalanx.sim.scenarios.file import read_scenario
-from phalanx.sim.scenarios.scenario import for_robots
+from phalanx.scenarios.file import read_scenario
+from phalanx.scenarios.scenario import for_robots
 from phalanx.wire import table
 
 DEPLOY = ROOT / "deploy"

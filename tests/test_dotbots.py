@@ -29,8 +29,8 @@ from phalanx.io.dotbots.orders import Orders
 from phalanx.io.dotbots.told import MOST_ROBOTS, TRAIL_POINTS, Fleet, area_of
 from phalanx.robot import Led, Point
 from phalanx.robot.swarm import Routed
-from phalanx.sim.scenarios.file import parse_scenario
-from phalanx.sim.scenarios.run import driving
+from phalanx.scenarios.behaviour import driving
+from phalanx.scenarios.file import parse_scenario
 from ports import free_port
 
 NOW = 1_000_000.0

@@ -30,7 +30,7 @@ from phalanx.io.keyring import pem
 from phalanx.robot.adviser import AHEAD_MS, FARTHEST, Adviser
 from phalanx.robot.planner import Planner
 from phalanx.robot.signer import AdviceSigner
-from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.scenarios.scenario import Scenario
 from phalanx.wire import guarded
 from phalanx.wire.table import ACCELERATION, ENTRY_ACMD, SENSOR, STATE
 

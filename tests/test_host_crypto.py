@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from oracle.lightmac import lightmac
 from phalanx.bti import trusted
 from phalanx.config import BtiConfig
-from phalanx.sim.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 
 VECTORS = Path(__file__).parent.parent / "vectors"
 HASHES, ENCRYPTS = 1, 2

@@ -7,11 +7,11 @@ import pytest
 from phalanx.config import BtiConfig
 from phalanx.robot import node
 from phalanx.robot.runtime import first_round_ms
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.audited import loop, setup
 from phalanx.sim.audited.events import push
 from phalanx.sim.audited.world import clock_ms
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 
 F_MAX = 1
 

@@ -17,6 +17,7 @@ LAYERS = [
     "crypto",
     "link mission bti",
     "robot",
+    "scenarios",
     "recording",
     "sim io",
     "experiments gateway demo daemon",

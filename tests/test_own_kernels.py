@@ -19,8 +19,8 @@ from phalanx.experiments.sweep.plan import read_sweep
 from phalanx.experiments.sweep.store import Store
 from phalanx.robot.controllers import dispatch, own_kernels
 from phalanx.robot.controllers.declaration import OWN
+from phalanx.scenarios.own import find_controller
 from phalanx.sim import Scenario, simulate
-from phalanx.sim.scenarios.own import find_controller
 from phalanx.sim.scenarios.run import Run
 from phalanx_compiler import own as building
 

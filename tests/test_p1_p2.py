@@ -10,9 +10,9 @@ from phalanx.config import BtiConfig
 from phalanx.experiments.bti.attack_trial import stop_bound_s
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.robot.attacks.liar import Liar
-from phalanx.sim.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 
 SEEDS = [range(2), pytest.param(range(2, 25), marks=pytest.mark.long)]
 ROBOTS = 25

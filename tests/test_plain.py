@@ -10,9 +10,9 @@ import pytest
 from phalanx.bti import fleet
 from phalanx.cli.main import run_command
 from phalanx.config import BtiConfig
-from phalanx.sim.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 
 pytestmark = pytest.mark.long
 

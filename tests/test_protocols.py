@@ -20,11 +20,11 @@ from phalanx.robot.controllers.places import PLACES, PlaceController
 from phalanx.robot.controllers.protocol import find_protocol
 from phalanx.robot.controllers.protocols.warehouse import Floor
 from phalanx.robot.controllers.sightings import SightController
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.file import find_scenario
+from phalanx.scenarios.scenario import PROTOCOLS, Scenario
 from phalanx.sim.determinism.check import check_controller
-from phalanx.sim.scenarios.attack_spec import AttackSpec
-from phalanx.sim.scenarios.file import find_scenario
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import PROTOCOLS, Scenario
 from phalanx.wire import protocols, table
 from phalanx.wire.record import MalformedRecord
 from protocol_world import ProtocolWorld, task_of

@@ -17,7 +17,7 @@ from phalanx.bti.trusted import REASONS
 from phalanx.config import BtiConfig
 from phalanx.errors import Unavailable
 from phalanx.io.serial_node import SerialNodes
-from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.scenarios.scenario import Scenario
 from phalanx.wire import lines, table
 from phalanx.wire.framing import framed
 from test_serial_flock import FLOCK, played, same

@@ -17,8 +17,8 @@ from phalanx.errors import Defective, KernelDefect, PeerError
 from phalanx.kernel import PURE, reading_peer
 from phalanx.pool import NO_ROW
 from phalanx.robot import node
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire.fields import put_u16
 
 VICTIM, PEER = 0, 2  # a robot's index, and the id of its peer

@@ -15,10 +15,10 @@ from phalanx.bti.refusal import Refusal
 from phalanx.config.flock import Box, Disc, FlockConfig
 from phalanx.errors import Unavailable, UsageError
 from phalanx.recording.recorded import read_recording
-from phalanx.sim.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.play import STEP_S, play
 from phalanx.sim.scenarios.recording import HONEST, LIAR, NS, STOPPED
-from phalanx.sim.scenarios.scenario import Scenario
 
 SCENARIO = Scenario(
     name="small",

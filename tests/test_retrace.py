@@ -23,9 +23,9 @@ from phalanx.daemon.proofs import Proven, proven
 from phalanx.errors import UsageError
 from phalanx.recording.recorded import MOST_CHUNK_BYTES
 from phalanx.robot.retrace import entries_of
+from phalanx.scenarios.file import written_scenario
 from phalanx.sim import Scenario
 from phalanx.sim.audited import setup
-from phalanx.sim.scenarios.file import written_scenario
 from phalanx.sim.scenarios.run import Run
 from phalanx.wire.table import ENTRY, ENTRY_ACMD, ENTRY_INPUT, ENTRY_RECV, PROOF
 

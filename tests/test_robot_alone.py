@@ -52,9 +52,9 @@ from phalanx.io.udp_radio import LEAST_WAITING, Allowance, UdpRadio, parsed
 from phalanx.recording.recorder import Recorder
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.python_controller import OwnMistake
-from phalanx.sim.scenarios.attack_spec import AttackSpec
-from phalanx.sim.scenarios.file import parse_scenario, written_scenario
-from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.file import parse_scenario, written_scenario
+from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.driven import GATEWAY, OPERATOR, TELL_STOP
 from phalanx.wire.table import BOARD, ENTRY, ENTRY_RECV, FRAME_MAX, SENSOR
 

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from phalanx.config import BtiConfig
 from phalanx.config.flock import Box, Disc, FlockConfig
 from phalanx.errors import UsageError
-from phalanx.sim.scenarios.attack_spec import AttackSpec, parse_attack
-from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.scenarios.attack_spec import AttackSpec, parse_attack
+from phalanx.scenarios.scenario import Scenario
 
 SPOOF = AttackSpec(name="spoof")
 

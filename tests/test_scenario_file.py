@@ -18,8 +18,8 @@ from phalanx.config.flock import Box, Disc, FlockConfig
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
 from phalanx.robot.attacks import IN_FLOCKS
-from phalanx.sim.scenarios.attack_spec import AttackSpec
-from phalanx.sim.scenarios.file import (
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.file import (
     MOST_BYTES,
     SCHEMA_NAME,
     find_scenario,
@@ -27,8 +27,8 @@ from phalanx.sim.scenarios.file import (
     read_scenario,
     scenario_schema,
 )
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.play import play
-from phalanx.sim.scenarios.scenario import Scenario
 
 DATA = Path(phalanx.__file__).parent / "data"
 SPOOF = AttackSpec(name="spoof")

@@ -21,8 +21,8 @@ from phalanx.experiments.scorecard.plan import AT_S, COMMON, MISSIONS, Card, kno
 from phalanx.experiments.scorecard.wheels import drive, try_on_wheels
 from phalanx.experiments.trial import said_of
 from phalanx.robot.attacks import ATTACKS, IN_FLOCKS
-from phalanx.sim.scenarios.own import find_attack
-from phalanx.sim.scenarios.scenario import in_scenarios
+from phalanx.scenarios.own import find_attack
+from phalanx.scenarios.scenario import in_scenarios
 
 PAGE = Path(__file__).parents[1] / "docs" / "attacks.md"
 SHORT_S = 24.0

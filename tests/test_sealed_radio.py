@@ -24,7 +24,7 @@ from phalanx.daemon.trusted import OwnClock
 from phalanx.errors import UsageError
 from phalanx.robot.planner import ToGoal
 from phalanx.robot.runtime import NEVER_MS
-from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.scenarios.scenario import Scenario
 from phalanx.wire import lines
 from phalanx.wire.table import ENTRY_HEADER_BYTES, FRAME_MAX, SEAL, STATE
 from test_firmware_oracle import LIMITS

@@ -18,9 +18,9 @@ from phalanx.config import BtiConfig
 from phalanx.config.flock import Box, Disc, FlockConfig
 from phalanx.errors import UsageError
 from phalanx.robot import Controller, Senses
+from phalanx.scenarios.own import find_class
 from phalanx.sim import AttackSpec, Scenario, simulate
 from phalanx.sim.audited.around import Around
-from phalanx.sim.scenarios.own import find_class
 
 DISC, BOX = Disc(x_m=5.0, y_m=0.0, radius_m=1.0), Box(left_m=-1.0, bottom_m=3.0, right_m=1.0, top_m=4.0)
 CAREFUL = """

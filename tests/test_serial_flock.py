@@ -11,9 +11,9 @@ from phalanx.bti.nodes import Nodes
 from phalanx.config import BtiConfig
 from phalanx.errors import Unavailable, UsageError
 from phalanx.io.serial_node import SerialNodes
-from phalanx.sim.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 # One lies from its sixth second on: it is audited, refused and stopped by its own a-node.

@@ -19,8 +19,8 @@ from phalanx.daemon.signed_mission import digest_of, sign_mission
 from phalanx.errors import UsageError
 from phalanx.io.keyring import create, opened
 from phalanx.io.mission_key import issued
-from phalanx.sim.scenarios.attack_spec import AttackSpec
-from phalanx.sim.scenarios.file import parse_scenario, written_scenario
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.file import parse_scenario, written_scenario
 
 TEXT = "robots: 4\ngrid_step_m: 10\nbti: {f_max: 1}\n"
 MISSION = parse_scenario(TEXT.encode(), "mission.yaml")

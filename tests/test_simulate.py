@@ -22,9 +22,9 @@ from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
 from phalanx.config.builtin import built_in
 from phalanx.errors import Unavailable, UsageError
+from phalanx.scenarios.file import find_scenario
 from phalanx.sim import AttackSpec, Result, Scenario, simulate
 from phalanx.sim.scenarios.cautions import cautions, neighbours_at_start
-from phalanx.sim.scenarios.file import find_scenario
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
 

@@ -24,8 +24,8 @@ from phalanx.experiments.sweep.dealing import deal_cases
 from phalanx.experiments.sweep.plan import read_sweep
 from phalanx.experiments.sweep.store import OUTCOME, Store, points
 from phalanx.experiments.table import read_table
+from phalanx.scenarios.file import find_scenario
 from phalanx.sim import simulate
-from phalanx.sim.scenarios.file import find_scenario
 
 SMALL = """scenario: flock-12
 seeds: 3

@@ -11,12 +11,12 @@ def loaded_when_used(package: str, found_in: Mapping[str, str]) -> Callable[[str
     """A package's `__getattr__`.
 
     Args:
-        found_in: of each name that is loaded so, the module within the package that has it.
+        found_in: of each name that is loaded so, its module within the package; behind a dot, beside the package.
     """
 
     def get(name: str) -> Any:
         if name in found_in:
-            return getattr(import_module(f"{package}.{found_in[name]}"), name)
+            return getattr(import_module(f".{found_in[name]}", package), name)
         raise AttributeError(f"module {package!r} has no attribute {name!r}")
 
     return get

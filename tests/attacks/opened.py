@@ -12,9 +12,9 @@ import pytest
 from phalanx.bti import request
 from phalanx.robot import node
 from phalanx.robot.cnode import CNode
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.audited.world import PYTHON
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 
 
 @dataclass(frozen=True)

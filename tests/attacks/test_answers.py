@@ -21,9 +21,9 @@ from phalanx.robot import node
 from phalanx.robot.attacks.liar import MOTION
 from phalanx.robot.controllers.dispatch import NUMBERS
 from phalanx.robot.controllers.flock_law import flock_params
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.audited.setup import power_up
-from phalanx.sim.scenarios.attack_spec import AttackSpec
-from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire.fields import put_u32
 from phalanx.wire.table import KIND_STATE
 

@@ -12,7 +12,7 @@ from phalanx.errors import UsageError
 from phalanx.experiments.bti.attack_trial import Airtime, FlockTrial, Stop, airtime_since, sent, try_attack
 from phalanx.experiments.trial import said_of
 from phalanx.robot.attacks import IN_FLOCKS
-from phalanx.sim.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.run import Run
 
 TOLD = {"duration_s": 60.0}

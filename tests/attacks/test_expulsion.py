@@ -7,9 +7,9 @@ import pytest
 from phalanx.config import BtiConfig
 from phalanx.config.flock import NO_CROWD
 from phalanx.robot.controllers.flock_law import PUSH
-from phalanx.sim.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 
 SEEDS = range(3)
 

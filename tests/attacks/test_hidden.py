@@ -9,9 +9,9 @@ from test_answers import BOOT_MS, F_MAX, GRANT_MS, VICTIM, Asking
 from phalanx.bti import request, rounds
 from phalanx.config import BtiConfig
 from phalanx.robot import node
-from phalanx.sim.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 
 T_AUDIT_MS = 4000
 # The longest pauses before a fragment is said again.

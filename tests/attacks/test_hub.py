@@ -10,10 +10,10 @@ import pytest
 from phalanx.bti import fleet, request, rounds
 from phalanx.bti.nodes import Limits
 from phalanx.config import BtiConfig
-from phalanx.sim.scenarios.attack_spec import AttackSpec
-from phalanx.sim.scenarios.file import find_scenario
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.file import find_scenario
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire.table import AUDIT_FRAGMENT
 
 LIAR = AttackSpec(name="refuse-to-audit", robot=1, at_s=5.0)

@@ -15,10 +15,10 @@ from phalanx.config import BtiConfig
 from phalanx.robot import node
 from phalanx.robot.attacks.mask import Mask
 from phalanx.robot.cnode import Action
-from phalanx.sim.scenarios.file import find_scenario
-from phalanx.sim.scenarios.own import find_attacks
+from phalanx.scenarios.file import find_scenario
+from phalanx.scenarios.own import find_attacks
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire.fields import row
 
 DEAF = Hole(node, "hear_audit", "sub == request.SEEK", "False")

@@ -15,8 +15,8 @@ from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.attacks.missions.between import Between
 from phalanx.robot.attacks.missions.cheat import MissionCheat
 from phalanx.robot.attacks.missions.guesses import Guess
-from phalanx.sim.scenarios.attack_spec import AttackSpec
-from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.scenario import Scenario
 
 PAGE = Path(__file__).parents[2] / "docs" / "attacks.md"
 KINDS = {"flock": Liar, "errand": Between, "file": Guess, "team": MissionCheat, "protocol": Liar}

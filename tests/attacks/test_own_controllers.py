@@ -18,7 +18,7 @@ from phalanx.robot.attacks.harm import ASTRAY
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.flock_law import flock_params
 from phalanx.robot.controllers.python_controller import Act, Controller, Send, compiled
-from phalanx.sim.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.run import Run
 from phalanx.wire.table import ACCELERATION
 

@@ -10,7 +10,7 @@ from trials import scenario
 from phalanx.bti.refusal import Refusal
 from phalanx.errors import UsageError
 from phalanx.robot.controllers.python_controller import Act, Controller, Send
-from phalanx.sim.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.run import Run
 from phalanx.wire.record import MalformedRecord
 from phalanx.wire.table import ACCELERATION, STATE

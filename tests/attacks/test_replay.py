@@ -9,9 +9,9 @@ from trials import run, scenario
 
 from phalanx.bti import request
 from phalanx.bti.refusal import Refusal
-from phalanx.sim.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 
 FLIGHT_S = 150.0
 

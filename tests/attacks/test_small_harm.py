@@ -9,7 +9,7 @@ from trials import AT_S, END_S, F_MAX, Trial, honest, scenario
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.robot.attacks.harm import ASTRAY
 from phalanx.robot.attacks.hijack import Dawdle
-from phalanx.sim.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.run import Run
 
 LONG_S = 90.0

@@ -13,8 +13,8 @@ from phalanx.config.defence import DEFENCES
 from phalanx.experiments.bti.attack_trial import stop_bound_s
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.robot.attacks.liar import Plan, lying
+from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.sim.audited.world import PYTHON, clock_ms
-from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.run import Run
 
 PAGE = Path(__file__).parents[2] / "docs" / "attacks.md"

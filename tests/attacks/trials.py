@@ -12,9 +12,9 @@ from phalanx.experiments.bti.attack_trial import Airtime, airtime_since, sent, s
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.robot.attacks.harm import STARVED
 from phalanx.robot.attacks.liar import Liar
-from phalanx.sim.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 
 AT_S, END_S = 12.0, 36.0
 F_MAX = 3

@@ -45,6 +45,10 @@ from phalanx.mission import BuildOptions, Profile, build
 from phalanx.robot import Led, Point
 from phalanx.robot.attacks.library import ATTACKS
 from phalanx.robot.attacks.missions.between import Between
+from phalanx.scenarios.attack_spec import AttackSpec, parse_attack
+from phalanx.scenarios.file import find_scenario
+from phalanx.scenarios.own import find_controller, find_planner
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.audited import loop
 from phalanx.sim.audited.events import next_us
 from phalanx.sim.building.floorplan import load_floorplan
@@ -54,11 +58,7 @@ from phalanx.sim.missions.report import Logbook
 from phalanx.sim.missions.setup import MissionRun
 from phalanx.sim.missions.world import MissionWorld, walkers_of
 from phalanx.sim.radio.channel import TX_END
-from phalanx.sim.scenarios.attack_spec import AttackSpec, parse_attack
-from phalanx.sim.scenarios.file import find_scenario
-from phalanx.sim.scenarios.own import find_controller, find_planner
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.sim.swarms.dotbots import Dotbots
 from phalanx.sim.swarms.protected import ProtectedSwarm
 

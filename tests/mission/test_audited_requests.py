@@ -14,8 +14,8 @@ from phalanx.bti.refusal import Refusal
 from phalanx.mission import Profile
 from phalanx.robot import node
 from phalanx.robot.controllers.mission.evidence import pack_evidence, unpack_evidence
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 from shown_requests import requests_of
 
 INPUT = 1

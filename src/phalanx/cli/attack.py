@@ -14,11 +14,11 @@ from phalanx.experiments.trial import Trial
 from phalanx.robot.attacks.attack import Attack
 from phalanx.robot.attacks.library import ATTACKS
 from phalanx.robot.attacks.missions.harm import Guessed, Walked
-from phalanx.sim.scenarios.attack_spec import AttackSpec
-from phalanx.sim.scenarios.file import find_scenario
-from phalanx.sim.scenarios.own import find_attack, find_controller, is_file, mistakes_in
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.file import find_scenario
+from phalanx.scenarios.own import find_attack, find_controller, is_file, mistakes_in
+from phalanx.scenarios.scenario import PROTOCOLS, Scenario
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import PROTOCOLS, Scenario
 
 from .mission.crack import span
 from .sim import TYPED, changed, progress, told, warn

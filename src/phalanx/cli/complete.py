@@ -11,7 +11,7 @@ from click.shell_completion import CompletionItem
 
 from phalanx.config.builtin import built_in
 from phalanx.robot.attacks import ATTACKS, IN_SWARMS
-from phalanx.sim.scenarios.scenario import CONTROLLERS, in_scenarios
+from phalanx.scenarios.scenario import CONTROLLERS, in_scenarios
 
 Offer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 

@@ -14,8 +14,8 @@ from phalanx.errors import UsageError
 from phalanx.io.keyring import Keys, Robot, create, opened, pem, read_sealed
 from phalanx.io.mission_key import issued
 from phalanx.io.private_file import write_private
-from phalanx.sim.scenarios.file import find_scenario
-from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.scenarios.file import find_scenario
+from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.table import BOARD
 
 from .login import first_line

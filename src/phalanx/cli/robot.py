@@ -29,12 +29,12 @@ from phalanx.errors import UsageError
 from phalanx.io.mission_key import read_mission_number
 from phalanx.robot.adviser import Adviser
 from phalanx.robot.signer import AdviceSigner
-from phalanx.sim.scenarios.file import find_scenario
-from phalanx.sim.scenarios.own import find_attacks, find_controller, find_planner, mistakes_in
+from phalanx.scenarios.file import find_scenario
+from phalanx.scenarios.own import find_attacks, find_controller, find_planner, mistakes_in
+from phalanx.scenarios.scenario import GUARD
 from phalanx.sim.scenarios.play import ctrl_c_between_steps
 from phalanx.sim.scenarios.recording import Recording
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import GUARD
 
 from . import sim
 from .keys import passphrase_of, today

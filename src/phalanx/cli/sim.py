@@ -13,12 +13,12 @@ import click
 from phalanx.errors import UsageError
 from phalanx.robot.controllers.python_controller import Controller
 from phalanx.robot.planner import MakePlanner
+from phalanx.scenarios.file import find_scenario
+from phalanx.scenarios.own import find_attacks, find_controller, find_planner, is_file, mistakes_in
+from phalanx.scenarios.scenario import PROTOCOLS, Scenario
 from phalanx.sim.scenarios.cautions import cautions
-from phalanx.sim.scenarios.file import find_scenario
-from phalanx.sim.scenarios.own import find_attacks, find_controller, find_planner, is_file, mistakes_in
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import PROTOCOLS, Scenario
 
 from .terminal import Progress, counted, end_status_line, print_json, print_rows, said_aside
 

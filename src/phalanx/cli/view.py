@@ -16,7 +16,7 @@ from phalanx.gateway import pages_are_built
 from phalanx.gateway.serve_view import ViewPages
 from phalanx.io.site import beside
 from phalanx.recording.recorded import is_recording
-from phalanx.sim.scenarios.own import mistakes_in
+from phalanx.scenarios.own import mistakes_in
 from phalanx.sim.scenarios.play import STEP_S, play
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenes import MOST_TOLD, Live, lines_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from phalanx.bti.nodes import limits_of
 from phalanx.io.udp_radio import Allowance
-from phalanx.sim.scenarios.scenario import WHEELS, Scenario
+from phalanx.scenarios.scenario import WHEELS, Scenario
 
 LEAST_PER_S = 50.0  # a gateway speaks by its own pace, not by an a-node's buckets
 

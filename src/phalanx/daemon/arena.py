@@ -25,10 +25,10 @@ from phalanx.errors import PhalanxError, Unavailable, UsageError
 from phalanx.io.children import die_with_parent
 from phalanx.io.keyring import Keys
 from phalanx.robot.planner import ToGoal
+from phalanx.scenarios.behaviour import MakeController, adviser
+from phalanx.scenarios.own import find_planner, mistakes_in
+from phalanx.scenarios.scenario import WHEELS, Scenario, for_robots
 from phalanx.sim.audited.setup import POWER_UP_MS
-from phalanx.sim.scenarios.own import find_planner, mistakes_in
-from phalanx.sim.scenarios.run import MakeController, adviser
-from phalanx.sim.scenarios.scenario import WHEELS, Scenario, for_robots
 
 from .driver import GO, PACKET_BYTES, READY
 from .ether import Ether, Weather

@@ -18,7 +18,7 @@ from phalanx.errors import PeerError, Unavailable, UsageError
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.python_controller import OwnMistake
 from phalanx.robot.planner import Planner
-from phalanx.sim.scenarios.own import find_class
+from phalanx.scenarios.own import find_class
 from phalanx.wire.table import FRAME_MAX
 
 from .settings import RobotSettings

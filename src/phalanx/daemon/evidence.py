@@ -20,9 +20,9 @@ from phalanx.recording.recorder import NS, Recorder
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.python_controller import Controller, compiled
 from phalanx.robot.retrace import Entry, Finding, Retracer, entries_of
-from phalanx.sim.scenarios.file import parse_scenario, written_scenario
-from phalanx.sim.scenarios.run import on_stage, params_of
-from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.scenarios.behaviour import on_stage, params_of
+from phalanx.scenarios.file import parse_scenario, written_scenario
+from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.table import ENTRY_ACMD, ENTRY_INPUT, ENTRY_RECV, ENTRY_SEND, PROOF
 
 from .signed_mission import SignedMission

@@ -16,7 +16,7 @@ from phalanx.bti import trusted
 from phalanx.errors import UsageError
 from phalanx.io.serial_line import check_owner
 from phalanx.io.udp_radio import parsed
-from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.scenarios.scenario import Scenario
 from phalanx.wire import guarded
 from phalanx.wire.fields import row
 from phalanx.wire.table import KIND_STATE, SENSOR, STATE

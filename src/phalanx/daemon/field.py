@@ -14,9 +14,9 @@ import numpy as np
 from phalanx.bti.refusal import Refusal
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.controllers.senses import Senses
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.audited import body, loop
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire.fields import row
 
 STOP = b"\0"  # what motors are told by trusted nodes; commands begin with another byte

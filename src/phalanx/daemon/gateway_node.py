@@ -16,7 +16,7 @@ from phalanx.bti.trusted import E_AIRTIME, REASONS
 from phalanx.errors import PeerError, Unavailable, UsageError
 from phalanx.io.mission_key import read_mission_key
 from phalanx.io.private_file import write_private
-from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.scenarios.scenario import Scenario
 from phalanx.wire import lines
 from phalanx.wire.fields import get_u32, row
 from phalanx.wire.table import AUDIT_FRAGMENT, ENTRY_HEADER_BYTES, HASH_BYTES, REQUEST, SEAL

@@ -27,9 +27,9 @@ from phalanx.robot.attacks.liar import Liar, lying
 from phalanx.robot.cnode import Actuate, CNode, Transmit
 from phalanx.robot.planner import MakePlanner, Planner, ToGoal, advice_of, overheard
 from phalanx.robot.runtime import Done, Runtime, is_fragment
-from phalanx.sim.scenarios.attack_spec import AttackSpec
-from phalanx.sim.scenarios.run import MakeController, adviser, number_of, params_of, plan_of
-from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.behaviour import MakeController, adviser, number_of, params_of, plan_of
+from phalanx.scenarios.scenario import Scenario
 
 from .driver import Hardware
 from .far_planner import FarPlanner, check_adviser

@@ -16,8 +16,8 @@ from phalanx.io.keyring import Keys, pem
 from phalanx.io.mission_key import issued
 from phalanx.io.ports import LOOPBACK
 from phalanx.io.private_file import write_private
-from phalanx.sim.scenarios.file import written_scenario
-from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.scenarios.file import written_scenario
+from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.table import BOARD
 
 from .driver import sense_path, wheels_path

@@ -17,11 +17,11 @@ from phalanx.io.keyring import opened
 from phalanx.io.udp_radio import Radio, UdpRadio
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.planner import MakePlanner
-from phalanx.sim.scenarios.attack_spec import AttackSpec
-from phalanx.sim.scenarios.file import find_scenario, written_scenario
-from phalanx.sim.scenarios.own import find_controller, find_planner
-from phalanx.sim.scenarios.run import MakeController, driving, on_stage, with_room
-from phalanx.sim.scenarios.scenario import WHEELS, Scenario, for_robots
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.behaviour import MakeController, driving, on_stage, with_room
+from phalanx.scenarios.file import find_scenario, written_scenario
+from phalanx.scenarios.own import find_controller, find_planner
+from phalanx.scenarios.scenario import WHEELS, Scenario, for_robots
 
 from .allowance import may_say
 from .driver import Base, make_driver

@@ -14,7 +14,7 @@ from phalanx.config.written import read_at_most
 from phalanx.errors import UsageError
 from phalanx.io.mission_key import read_mission_key
 from phalanx.robot.signer import Signer
-from phalanx.sim.scenarios.scenario import WHEELS, Scenario
+from phalanx.scenarios.scenario import WHEELS, Scenario
 
 from .run import mission_in
 from .sealed_air import with_room_for_seals

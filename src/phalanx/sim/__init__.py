@@ -8,21 +8,22 @@ from typing import TYPE_CHECKING
 from phalanx.loading import loaded_when_used
 
 if TYPE_CHECKING:
-    from .scenarios.attack_spec import AttackSpec
-    from .scenarios.file import find_scenario
+    from phalanx.scenarios.attack_spec import AttackSpec
+    from phalanx.scenarios.file import find_scenario
+    from phalanx.scenarios.scenario import Scenario
+
     from .scenarios.result import Result
-    from .scenarios.scenario import Scenario
     from .scenarios.simulate import simulate
     from .swarms.dotbots import Dotbots
 
 __all__ = ["AttackSpec", "Dotbots", "Result", "Scenario", "find_scenario", "simulate"]
 
 _FOUND_IN = {
-    "AttackSpec": "scenarios.attack_spec",
+    "AttackSpec": ".scenarios.attack_spec",
     "Dotbots": "swarms.dotbots",
     "Result": "scenarios.result",
-    "Scenario": "scenarios.scenario",
-    "find_scenario": "scenarios.file",
+    "Scenario": ".scenarios.scenario",
+    "find_scenario": ".scenarios.file",
     "simulate": "scenarios.simulate",
 }
 

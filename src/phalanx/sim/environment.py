@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from phalanx.errors import Unavailable, UsageError
 from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send
+from phalanx.scenarios.file import find_scenario
+from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.record import MalformedRecord
 from phalanx.wire.table import ACCELERATION, SENSOR, STATE
 
-from .scenarios.file import find_scenario
 from .scenarios.play import STEP_S
 from .scenarios.run import Run
-from .scenarios.scenario import Scenario
 
 try:
     from gymnasium.spaces import Box

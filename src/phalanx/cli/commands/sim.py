@@ -15,7 +15,7 @@ from phalanx.cli.options import (
     swarm_options,
     together,
 )
-from phalanx.sim.scenarios.scenario import CONTROLLERS
+from phalanx.scenarios.scenario import CONTROLLERS
 
 from .runs import runs
 

@@ -22,7 +22,7 @@ from rclpy.qos import qos_profile_system_default
 from phalanx.errors import PeerError, Unavailable, UsageError
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.planner import Planner
-from phalanx.sim.scenarios.scenario import GUARD, Scenario
+from phalanx.scenarios.scenario import GUARD, Scenario
 
 from .ahead import Pair, Place, point_of, twist_of, velocity_of, yaw_of
 from .diagnostics import WORD, told_of

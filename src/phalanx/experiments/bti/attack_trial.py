@@ -15,10 +15,10 @@ from phalanx.robot.attacks.attack import Attack
 from phalanx.robot.attacks.harm import ASTRAY
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.controllers.python_controller import Controller
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.radio.channel import AUDIT_BROADCAST, AUDIT_UNICAST, BYTES, SENT
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 
 MS = 1000.0
 US = 1e6

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from phalanx.experiments.statement import Statement, band
 from phalanx.experiments.table import Rows, Table
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

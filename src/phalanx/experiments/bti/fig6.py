@@ -11,7 +11,7 @@ from phalanx.config import BtiConfig
 from phalanx.experiments.plot import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, legend_above
 from phalanx.experiments.statement import Statement, quantiles
 from phalanx.experiments.table import Rows, Table, seed_of
-from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.scenarios.scenario import Scenario
 
 from .costs import (
     COLUMNS,

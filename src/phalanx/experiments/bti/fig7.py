@@ -15,7 +15,7 @@ from phalanx.config import BtiConfig
 from phalanx.experiments.plot import BLUE, GREEN, ORANGE, VERMILION, legend_above
 from phalanx.experiments.statement import Statement
 from phalanx.experiments.table import Rows, Table, seed_of
-from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.scenarios.scenario import Scenario
 
 from .costs import (
     COLUMNS,

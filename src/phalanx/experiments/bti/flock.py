@@ -19,10 +19,10 @@ from phalanx.errors import UsageError
 from phalanx.experiments.plot import BLUE, GREEN, GREY, VERMILION, banded, draw_obstacles, legend_above
 from phalanx.experiments.statement import Statement
 from phalanx.experiments.table import Rows, Table
-from phalanx.sim.scenarios.file import find_scenario
+from phalanx.scenarios.file import find_scenario
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.play import ctrl_c_between_steps
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

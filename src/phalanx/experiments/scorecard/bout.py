@@ -13,11 +13,11 @@ from phalanx.experiments.bti.attack_trial import FlockTrial, try_attack
 from phalanx.experiments.missions.team import TeamTrial, try_in_team
 from phalanx.experiments.missions.trial import MissionTrial, try_mission_attack
 from phalanx.robot.attacks.attack import Attack
-from phalanx.sim.scenarios.attack_spec import AttackSpec
-from phalanx.sim.scenarios.own import find_attack, find_controller, mistakes_in
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.own import find_attack, find_controller, mistakes_in
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
 
 from .plan import AT_S, HONEST_KEPT, WATCHED_S, WHEELS, Bout
 from .wheels import try_on_wheels

@@ -19,9 +19,9 @@ from phalanx.experiments.sweep.dealing import key_of
 from phalanx.experiments.sweep.plan import Cell, content_of
 from phalanx.robot.attacks.attack import Attack, Scene
 from phalanx.robot.attacks.library import ATTACKS
-from phalanx.sim.scenarios.file import find_scenario
-from phalanx.sim.scenarios.own import find_attack, is_file
-from phalanx.sim.scenarios.scenario import PROTOCOLS, Scenario, in_scenarios
+from phalanx.scenarios.file import find_scenario
+from phalanx.scenarios.own import find_attack, is_file
+from phalanx.scenarios.scenario import PROTOCOLS, Scenario, in_scenarios
 
 # When liars begin, and for how long they are watched: T_val and more than a round of audits beside it. Protocols are in
 # plain Python, ten times as dear as a flock, and what is lost to others shows in so much of their own scenarios.

@@ -15,9 +15,9 @@ from phalanx.errors import UsageError
 from phalanx.experiments.bti.attack_trial import Stop
 from phalanx.robot import Point
 from phalanx.robot.attacks.liar import Liar
+from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.sim.audited.world import clock_ms
 from phalanx.sim.radio.channel import AUDIT_BROADCAST, BYTES
-from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.swarms.protected import DEMO, EDGE_MM, ProtectedSwarm
 
 from .plan import HONEST_KEPT

@@ -15,10 +15,10 @@ import yaml
 
 from phalanx.config.written import compose, line_of, read_at_most, words_of
 from phalanx.errors import UsageError, did_you_mean
-from phalanx.sim.scenarios import own
-from phalanx.sim.scenarios.file import DERIVED, find_scenario
-from phalanx.sim.scenarios.own import find_attack, is_file, no_controller
-from phalanx.sim.scenarios.scenario import Scenario, in_scenarios
+from phalanx.scenarios import own
+from phalanx.scenarios.file import DERIVED, find_scenario
+from phalanx.scenarios.own import find_attack, is_file, no_controller
+from phalanx.scenarios.scenario import Scenario, in_scenarios
 
 from .dealing import key_of
 

@@ -15,10 +15,10 @@ from phalanx.robot.controllers.protocol import find_protocol
 from phalanx.robot.controllers.python_controller import Controller, Output, compiled
 from phalanx.robot.planner import Planner, ToGoal, advice_of
 from phalanx.robot.signer import Signer
-from phalanx.sim.scenarios.file import find_scenario
-from phalanx.sim.scenarios.own import find_own, is_file, no_controller
+from phalanx.scenarios.file import find_scenario
+from phalanx.scenarios.own import find_own, is_file, no_controller
+from phalanx.scenarios.scenario import PROTOCOLS, Scenario
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import PROTOCOLS, Scenario
 from phalanx.wire import driven, table
 from phalanx.wire.fields import put_u16, put_u64
 

@@ -16,7 +16,7 @@ from typing import Any
 
 from phalanx.errors import Unavailable
 from phalanx.robot.controllers.dispatch import BUNDLED
-from phalanx.sim.scenarios.own import mistakes_in
+from phalanx.scenarios.own import mistakes_in
 from phalanx.wire.record import Record
 
 from .calls import ROBOT, Call, calls_of, maker

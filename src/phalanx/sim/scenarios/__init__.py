@@ -1,1 +1,1 @@
-"""What is run: scenario files, seeded runs of them, recordings."""
+"""Seeded runs of scenarios: advanced, recorded, shown as lines for a page, summed up as arrays."""

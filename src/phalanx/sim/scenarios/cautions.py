@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.audited.setup import audits_share
-
-from .scenario import Scenario
 
 # Of the channel. Where all hear each other it works up to 0.6, but 324 robots at 20 m (0.46) lost some after 40 s.
 MOST_AUDITS = 0.45

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 
 from phalanx.robot.controllers.python_controller import Controller
 from phalanx.robot.planner import MakePlanner
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.signals import handled_by
 
 from .run import Run
-from .scenario import Scenario
 
 if TYPE_CHECKING:
     from .recording import Recording

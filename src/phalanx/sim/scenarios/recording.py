@@ -27,9 +27,9 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from phalanx.bti.refusal import Refusal
 from phalanx.config.flock import Disc
 from phalanx.recording.recorder import NS, WORLD, Recorder, cylinder, frame, pose_at, time_of
+from phalanx.scenarios.scenario import Scenario
 
 from .run import Run
-from .scenario import Scenario
 
 # Okabe and Ito's: told apart by every kind of eye. Honest, compromised, stopped, the goal, an obstacle.
 HONEST, LIAR, STOPPED, GOAL, WALL = (

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from phalanx.bti.refusal import Refusal
 from phalanx.errors import Unavailable, UsageError
-
-from .scenario import Scenario
+from phalanx.scenarios.scenario import Scenario
 
 Table = Literal["robots", "verdicts", "runs"]
 VERDICT = np.dtype([("seed", "i8"), ("time_s", "f8"), ("auditor", "i4"), ("auditee", "i4"), ("refusal", "i4")])

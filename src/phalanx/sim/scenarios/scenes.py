@@ -19,9 +19,9 @@ from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from phalanx.errors import PhalanxError, UsageError
 from phalanx.recording.recorded import CUT_SHORT, Said, read_recording
 from phalanx.recording.recorder import NS
+from phalanx.scenarios.scenario import Scenario
 
 from .recording import Recording
-from .scenario import Scenario
 
 log = logging.getLogger(__name__)
 HINT = "phalanx sim run SCENARIO --record FILE.mcap makes one"

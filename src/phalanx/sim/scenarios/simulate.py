@@ -21,16 +21,16 @@ from phalanx.robot.attacks.attack import Attack
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.controllers.python_controller import Controller
 from phalanx.robot.planner import MakePlanner
+from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.file import find_scenario
+from phalanx.scenarios.own import find_attacks, find_controller, find_planner
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.audited.watch import VerdictReader
 
-from .attack_spec import AttackSpec
 from .cautions import cautions
-from .file import find_scenario
-from .own import find_attacks, find_controller, find_planner
 from .play import STEP_S, play
 from .result import VERDICT, Result
 from .run import Run
-from .scenario import Scenario
 
 # Between two looks at what other processes have done, seconds.
 LOOK_S = 0.1

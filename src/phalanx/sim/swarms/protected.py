@@ -28,6 +28,8 @@ from phalanx.robot.controllers.peer_bodies import STANDS_MM
 from phalanx.robot.shield import AttackChoice, Audit, Shield
 from phalanx.robot.signer import Signer
 from phalanx.robot.station import Station
+from phalanx.scenarios.behaviour import FOREVER_MS
+from phalanx.scenarios.scenario import ORDERS_AS_NEIGHBOURS
 from phalanx.sim.audited import loop, pybot
 from phalanx.sim.audited.body import driven_by
 from phalanx.sim.audited.events import refused
@@ -35,8 +37,6 @@ from phalanx.sim.audited.setup import PROFILES, Board, Setup, make_world, start
 from phalanx.sim.audited.watch import VerdictReader, shields
 from phalanx.sim.audited.world import PYTHON, World, clock_ms
 from phalanx.sim.radio.channel import BROADCAST
-from phalanx.sim.scenarios.run import FOREVER_MS
-from phalanx.sim.scenarios.scenario import ORDERS_AS_NEIGHBOURS
 from phalanx.wire.driven import EVERYBODY, GATEWAY, OPERATOR, SIGNER_KEY_BYTES
 from phalanx.wire.fields import get_u64
 

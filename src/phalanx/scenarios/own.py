@@ -26,7 +26,7 @@ from phalanx.robot.controllers.python_controller import Controller, OwnMistake
 from phalanx.robot.planner import MakePlanner, Planner
 
 from .attack_spec import AttackSpec, parse_attack
-from .run import params_of
+from .behaviour import params_of
 from .scenario import CONTROLLERS, Scenario, in_scenarios
 
 TRACEBACK_HINT = "phalanx --log-level debug shows the whole traceback"

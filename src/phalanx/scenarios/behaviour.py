@@ -1,0 +1,116 @@
+"""What the robots of a scenario run: the controller and its parameters, a planner, an adversary's plan."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.config import BtiConfig
+from phalanx.config.flock import NO_CROWD, FlockConfig
+from phalanx.config.guard import GuardConfig
+from phalanx.config.wheels import WheelsConfig
+from phalanx.errors import UsageError
+from phalanx.robot.attacks.liar import Plan
+from phalanx.robot.controllers import dispatch
+from phalanx.robot.controllers.declaration import OWN, Declaration
+from phalanx.robot.controllers.protocol import Stage, find_protocol
+from phalanx.robot.controllers.python_controller import Controller
+from phalanx.robot.planner import MakePlanner, ToGoal
+from phalanx.wire.table import SENSOR
+
+from .attack_spec import AttackSpec
+from .scenario import Scenario
+
+MakeController = Callable[[int], Controller]
+# Robots that never lie again.
+FOREVER_MS = (1 << 32) - 1
+
+
+def driving(scenario: Scenario) -> Declaration:
+    """Whose body the robots have, and what its kernels are given: a protocol's is the flock's."""
+    return dispatch.BUNDLED.get(scenario.controller, dispatch.BUNDLED["flock"])
+
+
+def params_of(scenario: Scenario, mission: int = 1) -> NDArray[np.float64]:
+    """What the scenario's controller is given: the mission, the same for all robots; `mission` is its key's number."""
+    bundled = driving(scenario)
+    if bundled.config is WheelsConfig:
+        return bundled.params(
+            WheelsConfig(
+                state_every=scenario.bti.steps_per_state,
+                mission=mission,
+                looks=scenario.order_looks,
+                gateway_key=bytes.fromhex(scenario.gateway_key),
+                operator_key=bytes.fromhex(scenario.operator_key),
+            )
+        )
+    if bundled.config is GuardConfig:
+        return bundled.params(replace(scenario.guard, mission=mission))
+    return bundled.params(_bounded_flock(scenario))
+
+
+def _bounded_flock(scenario: Scenario) -> FlockConfig:
+    """The flock's parameters: claims give no more speed in a long T_val than in 10 s; as printed, any."""
+    flock = scenario.flock
+    longer = max(1.0, scenario.bti.t_val_ms / BtiConfig().t_val_ms)
+    return replace(flock, crowd=flock.crowd / longer if scenario.defence == "bound" else NO_CROWD)
+
+
+def number_of(scenario: Scenario, controller: MakeController | None) -> int:
+    """What a fleet knows its controller by: a researcher's own has no number."""
+    return 0 if controller else dispatch.NUMBERS[scenario.controller]
+
+
+def with_room(scenario: Scenario, controller: MakeController | None) -> Scenario:
+    """The same, in which a researcher's own controller has room for what it remembers, and for what it reads."""
+    senses = getattr(controller, "senses", None)
+    is_own = controller is None and scenario.controller in OWN
+    capacity = dispatch.capacity(number_of(scenario, None), params_of(scenario)) if is_own else 0
+    sizes = {
+        "state_bytes": max(getattr(controller, "state_bytes", 0), capacity),
+        "reading_bytes": max(getattr(controller, "reading_bytes", 0), SENSOR.size + senses.size if senses else 0),
+    }
+    longest = {name: max(getattr(scenario.bti, name), size) for name, size in sizes.items()}
+    return replace(scenario, bti=replace(scenario.bti, **longest))
+
+
+def on_stage(
+    scenario: Scenario, controller: MakeController | None
+) -> tuple[Scenario, MakeController | None, Stage | None]:
+    """The same with room for what a protocol's robots sense and remember, its robots, and what its world holds."""
+    protocol = find_protocol(scenario.controller)
+    if not protocol:
+        return scenario, controller, None
+    task, make = scenario.task, protocol.maker(scenario.task)
+    sizes = {"state_bytes": len(make(1).encode()), "reading_bytes": SENSOR.size + protocol.stage.seen_bytes}
+    scenario = replace(scenario, bti=replace(scenario.bti, **sizes))
+    return scenario, controller or make, protocol.stage(task)
+
+
+def adviser(
+    scenario: Scenario, controller: MakeController | None, planner: MakePlanner | None = None
+) -> MakePlanner | None:
+    """Who advises each robot: `planner` or `ToGoal`; None where nobody can.
+
+    Raises: UsageError: a planner for robots that nobody can advise.
+    """
+    advised = driving(scenario).advised is not None and controller is None
+    if planner and not advised:
+        raise UsageError("a planner, but nobody that it could advise", "a mission with controller: guard")
+    return planner or ToGoal if advised else None
+
+
+def plan_of(scenario: Scenario, spec: AttackSpec, boot_ms: int, chance: np.random.Generator) -> Plan:
+    """What the adversary knows of a scenario in which `spec` is drawn, and whose robot's clock began at `boot_ms`."""
+    return Plan(
+        ids=tuple(range(1, scenario.robots + 1)),
+        goal_m=scenario.goal_m,
+        accomplices=tuple(int(each.robot or 0) for each in scenario.drawn_attacks() if each.robot != spec.robot),
+        start_ms=boot_ms + round(spec.at_s * 1000),
+        stop_ms=FOREVER_MS if spec.until_s is None else boot_ms + round(spec.until_s * 1000),
+        chance=chance,
+        options=spec.options,
+    )
