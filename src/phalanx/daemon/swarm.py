@@ -22,10 +22,10 @@ from phalanx.errors import PeerError, Unavailable, Unknown
 from phalanx.io.private_file import write_private
 from phalanx.io.udp_radio import Address, UdpRadio, parsed
 from phalanx.robot import Led, Point, Robot
+from phalanx.robot.ordered import Ordered
+from phalanx.robot.roster import HISTORY_STEP_MM, member
 from phalanx.robot.shield import AttackChoice, Audit, Shield
 from phalanx.robot.station import Station
-from phalanx.sim.swarms.ordered import Ordered
-from phalanx.sim.swarms.roster import HISTORY_STEP_MM, member
 from phalanx.wire.driven import EVERYBODY, GATEWAY, OPERATOR
 from phalanx.wire.table import (
     AUDIT_FRAGMENT,

@@ -23,7 +23,7 @@ from sensor_msgs.msg import BatteryState
 
 from phalanx.errors import Held, Unavailable, Unknown, UsageError
 from phalanx.robot import Point, Robot
-from phalanx.sim.swarms.roster import HISTORY_STEP_MM, Roster, member
+from phalanx.robot.roster import HISTORY_STEP_MM, Roster, member
 
 from .ahead import Pair, Place, twist_of, yaw_of
 from .diagnostics import ODOM_IN_MAP, place_in

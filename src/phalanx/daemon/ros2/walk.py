@@ -25,9 +25,9 @@ from phalanx.errors import Unavailable, UsageError
 from phalanx.mission import EncodedMission, Phase, StartKey, Walker
 from phalanx.mission.file.canonical import parse_action
 from phalanx.robot.controllers.mission.controller import Assignment, Missions
+from phalanx.robot.controllers.mission.observed import ObservedController
 from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.robot.controllers.python_controller import Act
-from phalanx.sim.missions.report import ObservedController
 from phalanx.wire.table import ACTION, DRIVE, KIND_DRIVE
 
 from .ahead import Place, yaw_of

@@ -17,11 +17,12 @@ from phalanx.mission.observable import MM_PER_M
 from phalanx.mission.walk.found import Claim
 from phalanx.mission.walk.outcome import Kind, Reason
 from phalanx.mission.walk.table import Event
-from phalanx.robot.controllers.mission.controller import MissionController, Missions
+from phalanx.robot.controllers.mission.controller import Missions
+from phalanx.robot.controllers.mission.observed import ObservedController
 from phalanx.sim.building.odometry import Pose
 
 from .body import MissionBody
-from .truth import Spread, Truth, wrong_by
+from .truth import Truth, wrong_by
 
 _TOLD = {Reason.DRIFT, Reason.CONTRADICTED, Reason.ALTERED}
 
@@ -63,30 +64,17 @@ class Report:
     heading_error_rad: list[float] = field(default_factory=list)  # of each step, with fixes
 
 
-class ObservedController(MissionController):
-    """The robot's own controller, watched, with a stopwatch on which nothing depends.
+class TimedController(ObservedController):
+    """The robot's own controller, observed, with a stopwatch on which nothing depends.
 
     Attributes:
-        outcome: of its last step, None before the first.
-        seen: what it experienced in that step.
         search_ms, extraction_ms: of each step in which something was tried or seen.
     """
 
     def __init__(self, rob_id: int, missions: Missions, walker: Walker) -> None:
         super().__init__(rob_id, missions, walker)
-        self.outcome: Outcome | None = None
-        self.seen: Experience | None = None
         self.search_ms: list[float] = []
         self.extraction_ms: list[float] = []
-
-    @property
-    def over(self) -> bool:
-        """Whether it has stopped for good."""
-        return self.memory.walk.phase in (Phase.DONE, Phase.HELD)
-
-    def spread(self) -> Spread:
-        """How uncertain it takes its pose to be."""
-        return self.memory.belief.doubt
 
     def landmarks(self, scan: bytes, pose: Pose) -> Sequence[Landmark]:
         """As the robot's."""
@@ -109,15 +97,13 @@ class ObservedController(MissionController):
         walk, outcome = super().walk(seen, claim)
         if outcome.trials:
             self.search_ms.append(1e3 * (time.perf_counter() - began))
-        self.outcome = replace(outcome, trials=outcome.trials + self.tries) if self.tries else outcome
-        self.seen = seen
         return walk, outcome
 
 
 class Logbook:
     """Keeps a robot's report; with its number the seed decides all that is drawn for it."""
 
-    def __init__(self, number: int, body: MissionBody, controller: ObservedController, *, keep_trace: bool) -> None:
+    def __init__(self, number: int, body: MissionBody, controller: TimedController, *, keep_trace: bool) -> None:
         self.number, self.body, self.controller = number, body, controller
         self.report = Report(number, search_ms=controller.search_ms, extraction_ms=controller.extraction_ms)
         self._keep_trace = keep_trace

@@ -32,7 +32,7 @@ from phalanx.sim.building.walkers import Walkers
 from phalanx.sim.radio.channel import BROADCAST
 
 from .body import Building, MissionBody
-from .report import Logbook, ObservedController, Report
+from .report import Logbook, Report, TimedController
 from .setup import MissionRun, doing
 
 Proofs = tuple[tuple[int, bytes], ...]  # node, and what shows that somebody decoded it
@@ -65,7 +65,7 @@ class MissionRobot(Logbook):
     """
 
     def __init__(self, number: int, body: MissionBody, cnode: CNode, *, keep_trace: bool) -> None:
-        assert isinstance(cnode.controller, ObservedController), "the world has made it"
+        assert isinstance(cnode.controller, TimedController), "the world has made it"
         super().__init__(number, body, cnode.controller, keep_trace=keep_trace)
         self.cnode = cnode
         self.rests = False
@@ -161,7 +161,7 @@ class MissionWorld:
         body = MissionBody(
             i + 1, self.building, self.missions.sensors, run.part_of(number).start, run.noise, (run.seed, number), every
         )
-        make = self.missions.controllers_of(i + 1, walker, ObservedController)
+        make = self.missions.controllers_of(i + 1, walker, TimedController)
         cnode = run.liars.get(number, CNode)(self.world.fleet, i, self.world.work, make)
         return MissionRobot(number, body, cnode, keep_trace=run.keep_trace)
 

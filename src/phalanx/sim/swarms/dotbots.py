@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from phalanx.errors import UsageError
 from phalanx.robot import Point, Robot
 from phalanx.robot.follow import wheels_towards
+from phalanx.robot.roster import DEFAULT_THRESHOLD_MM, HISTORY, HISTORY_STEP_MM, Member, Roster, member
 from phalanx.sim.drive import AXLE_M, BODY_M, TOP_SPEED_MPS, turned
-
-from .roster import DEFAULT_THRESHOLD_MM, HISTORY, HISTORY_STEP_MM, Member, Roster, member
 
 AREA_MM = (2000, 2000)
 BODY_MM, AXLE_MM, TOP_SPEED_MMPS = (1000 * size for size in (BODY_M, AXLE_M, TOP_SPEED_MPS))

@@ -25,14 +25,13 @@ from phalanx.mission.landmarks import FloorPlan
 from phalanx.robot import Point, Robot
 from phalanx.robot.attacks import ON_MISSIONS
 from phalanx.robot.on_mission import Decoded, Lit, News, Progress, Walk
+from phalanx.robot.roster import Roster, member
 from phalanx.robot.shield import AttackChoice, Audit, Shield
 from phalanx.sim.building.odometry import Pose
 from phalanx.sim.missions.live import WAITING, Lie, Moment, Standing, live
 from phalanx.sim.missions.orders import Orders, check_sensed, furnished, orders_of, start_of
 from phalanx.sim.missions.setup import MissionRun
 from phalanx.sim.signals import handled_by
-
-from .roster import Roster, member
 
 log = logging.getLogger(__name__)
 

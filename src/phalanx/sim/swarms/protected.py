@@ -25,6 +25,8 @@ from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers import dispatch, orders
 from phalanx.robot.controllers.bundled import wheels
 from phalanx.robot.controllers.peer_bodies import STANDS_MM
+from phalanx.robot.ordered import Ordered
+from phalanx.robot.roster import HISTORY_STEP_MM, Member, member
 from phalanx.robot.shield import AttackChoice, Audit, Shield
 from phalanx.robot.signer import Signer
 from phalanx.robot.station import Station
@@ -41,8 +43,6 @@ from phalanx.wire.driven import EVERYBODY, GATEWAY, OPERATOR, SIGNER_KEY_BYTES
 from phalanx.wire.fields import get_u64
 
 from .dotbots import AREA_MM, BATTERY_EMPTY_MV, BATTERY_FULL_MV, DRIVE_MVPS, IDLE_MVPS
-from .ordered import Ordered
-from .roster import HISTORY_STEP_MM, Member, member
 from .work import Work
 
 # More in one radio range than this saturate the channel: audits would come too late, and honest robots be stopped.

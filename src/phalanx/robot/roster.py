@@ -1,4 +1,4 @@
-"""Who is in a simulated swarm, as people know them: addresses, names, colours, routes, trails."""
+"""The robots of a swarm as people know them: addresses, names, colours, routes, trails."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from phalanx.errors import Unknown
-from phalanx.robot import Led, Point, Robot
+
+from .swarm import Led, Point, Robot
 
 HISTORY = 1000
 HISTORY_STEP_MM = 20.0

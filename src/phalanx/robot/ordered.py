@@ -1,4 +1,4 @@
-"""Robots that are told what to do by signed orders, over a radio: whoever has them shares these methods of a swarm."""
+"""Robots that obey signed orders over a radio: the methods that simulated and real swarms of them share."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from collections.abc import Iterable, Sequence
 from functools import partial
 
 from phalanx.errors import UsageError
-from phalanx.robot import Led, Point
-from phalanx.robot.controllers import orders
-from phalanx.robot.station import COLOUR, MOTION, Station
 
+from .controllers import orders
 from .roster import Member, Roster
+from .station import COLOUR, MOTION, Station
+from .swarm import Led, Point
 
 
 class Ordered(Roster):
