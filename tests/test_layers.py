@@ -21,6 +21,7 @@ LAYERS = [
     "recording",
     "sim io",
     "experiments gateway demo daemon",
+    "lab",
     "cli",
 ]
 RANK = {package: i for i, row in enumerate(LAYERS) for package in row.split()}

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from phalanx.daemon.arena import free_ports
 from phalanx.daemon.state import told
 from phalanx.io.keyring import Keys
 from phalanx.io.mission_key import issued
+from phalanx.lab.arena.places import free_ports
 from phalanx.wire.table import BOARD
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]

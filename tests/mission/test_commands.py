@@ -18,8 +18,8 @@ from phalanx.cli.mission.files import (
     parse_robots,
     parse_window,
     read_plain,
-    read_trusted,
 )
+from phalanx.cli.signing_keys import read_trusted
 from phalanx.config.builtin import built_in
 from phalanx.errors import PeerError, Unavailable, UsageError
 from phalanx.mission import Landmark, Profile, parse_mission

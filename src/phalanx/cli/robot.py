@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import ipaddress
 import json
-import tempfile
 import time
-from dataclasses import asdict, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,32 +12,22 @@ from typing import Any
 import click
 
 from phalanx.daemon.advise import advise as advise_at
-from phalanx.daemon.arena import Minds, play_in_arena
-from phalanx.daemon.ether import Weather
-from phalanx.daemon.evidence import read_kept, record_log
-from phalanx.daemon.on_air import Air, parse_on_air
-from phalanx.daemon.proofs import Proven, mission_key_of, proven
 from phalanx.daemon.run import provision as give_master_key
 from phalanx.daemon.run import run_robot
 from phalanx.daemon.settings import read_robot, robot_schema
-from phalanx.daemon.signers import signed_in
 from phalanx.daemon.state import is_running, told
 from phalanx.errors import UsageError
 from phalanx.io.mission_key import read_mission_number
 from phalanx.robot.adviser import Adviser
 from phalanx.robot.signer import AdviceSigner
 from phalanx.scenarios.file import find_scenario
-from phalanx.scenarios.own import find_attacks, find_controller, find_planner, mistakes_in
+from phalanx.scenarios.own import find_planner, mistakes_in
 from phalanx.scenarios.scenario import GUARD
-from phalanx.sim.scenarios.play import ctrl_c_between_steps
-from phalanx.sim.scenarios.recording import Recording
-from phalanx.sim.scenarios.run import Run
 
-from . import sim
 from .keys import passphrase_of, today
-from .mission.files import read_signing_key, read_trusted
 from .run import run as run_until_stopped
-from .terminal import end_status_line, plain, print_json, print_rows, talk
+from .signing_keys import read_signing_key
+from .terminal import plain, print_json, print_rows, talk
 
 
 def run(robot: Path) -> int:
@@ -111,87 +98,6 @@ def provision(robot: Path, keys: Path, passphrase_file: Path | None) -> None:
     talk(f"the trusted nodes of robot {settings.said.robot} have their master key, for ever: {robot} needs no board")
 
 
-def arena(
-    scenario: str,
-    attacks: tuple[str, ...],
-    on_air: tuple[str, ...],
-    sealed: bool,
-    loss: float | None,
-    controller: str | None,
-    planner: str | None,
-    keep: Path | None,
-    record: Path | None,
-    as_json: bool,
-    **said: Any,
-) -> int:
-    """Robots as processes, summed up on stdout."""
-    weather = Weather(**{each.name: said.pop(each.name) for each in fields(Weather)})
-    liars = find_attacks(attacks) if attacks else None
-    chosen = sim.changed(find_scenario(scenario), said, attacks=liars)
-    chosen, own = find_controller(controller, chosen, in_python=True)
-    if loss is not None:
-        chosen = replace(chosen, radio=replace(chosen.radio, loss=loss))
-    air = Air(sealed, tuple(parse_on_air(each, chosen.robots) for each in on_air))
-    sim.warn(chosen)
-    with contextlib.ExitStack() as stack:
-        folder = _folder(keep, stack)
-        tell, check = sim.progress(chosen.duration_s), stack.enter_context(ctrl_c_between_steps())
-
-        def on_step(run: Run) -> None:
-            tell(run)
-            check()
-
-        recording = stack.enter_context(Recording(record, chosen)) if record else None
-        minds = Minds(own, _beside(controller) if own else "", _beside(planner) if planner else "", attacks)
-        try:
-            with mistakes_in(controller, planner, *attacks):
-                field = play_in_arena(chosen, folder, weather, on_step, recording, air, minds)
-        except KeyboardInterrupt:
-            end_status_line()
-            click.echo("stopped", err=True)
-            return 1
-    end_status_line()
-    summary = field.summary()
-    if as_json:
-        print_json(summary)
-    else:
-        sim.show(chosen, summary)
-        shares = [each["core_share"] for each in summary["processes"] if "core_share" in each]
-        late = [each["longest_ms"]["late"] for each in summary["processes"] if "longest_ms" in each]
-        for each in summary["on_air"]:
-            at_s = each["safe_mode_s"]
-            stopped = "never in Safe Mode" if at_s is None else f"in Safe Mode at {at_s:.1f} s"
-            print_rows({f"{each['attack']}, robot {each['robot']}": stopped})
-        if shares:
-            words = f"{100 * max(shares):.1f} % of a core at most, its readings up to {max(late):.0f} ms late, "
-            words += _memory(max((each for each in summary["processes"] if "memory_kb" in each), key=_grown_kb))
-            print_rows({"a daemon takes": words})
-    for robot, at_s in sorted(field.failed_s.items()):
-        words = f"robot {robot} ended by a mistake, told above, within {at_s:.0f} s: nobody stopped it"
-        click.echo(f"phalanx: error: {words}", err=True)
-    return int(bool(field.failed_s))
-
-
-def _beside(words: str | None) -> str:
-    """FILE.py:CLASS, or unix:PATH, as it is called from any folder."""
-    kind, colon, rest = str(words).partition(":")
-    if kind in ("unix", "udp"):
-        return f"unix:{Path(rest).resolve()}" if kind == "unix" else str(words)
-    return f"{Path(kind).resolve()}{colon}{rest}"
-
-
-def _folder(keep: Path | None, stack: contextlib.ExitStack) -> Path:
-    if keep is None:
-        return Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="phalanx-")))
-    try:
-        keep.mkdir(mode=0o700)
-    except FileExistsError as error:
-        raise UsageError(f"{keep} is there already", "another name: keys are never overwritten") from error
-    except OSError as error:
-        raise UsageError(f"cannot make {keep}: {error.strerror}", "a folder that is yours") from error
-    return keep
-
-
 def status(robot: Path, as_json: bool) -> int:
     """What a robot told last."""
     state = told(read_robot(robot).state_file)
@@ -227,16 +133,18 @@ def _rows(state: dict[str, Any], running: bool) -> dict[str, str]:
         "took at most": ", ".join(f"{what} {took:.1f} ms" for what, took in longest.items()),
         "latest": str(state["why_late"]) or "no reading by more than half of what is allowed",
         "of a core": f"{100 * state['core_share']:.1f} %",
-        "in memory": _memory(state),
+        "in memory": memory_words(state),
     }
 
 
-def _grown_kb(told: dict[str, Any]) -> int:
+def grown_kb(told: dict[str, Any]) -> int:
+    """Return by how much a process has grown since its mission began, from its state."""
     return int(told["memory_kb"]) - int(told["memory_began_kb"])
 
 
-def _memory(told: dict[str, Any]) -> str:
-    return f"{told['memory_kb'] / 1000:.1f} MB of memory, {_grown_kb(told) / 1000:.1f} MB more than at its beginning"
+def memory_words(told: dict[str, Any]) -> str:
+    """Return how much memory a process has, for people, from its state."""
+    return f"{told['memory_kb'] / 1000:.1f} MB of memory, {grown_kb(told) / 1000:.1f} MB more than at its beginning"
 
 
 def _is(state: dict[str, Any], running: bool) -> str:
@@ -255,79 +163,3 @@ def _ended(told: dict[str, Any]) -> str:
 def print_schema() -> None:
     """The schema of robots' files."""
     click.echo(json.dumps(robot_schema(), indent=2, ensure_ascii=False))
-
-
-def log(robot: Path, out: Path) -> int:
-    """All that a robot logged in its mission, as a recording."""
-    count = record_log(read_robot(robot).log_file, out)
-    talk(f"{out}: {count} entries")
-    return 0
-
-
-def verify(
-    file: Path,
-    controller: str | None,
-    keys: Path | None,
-    issued: Path | None,
-    passphrase_file: Path | None,
-    trust: tuple[str, ...],
-    as_json: bool,
-) -> int:
-    """Whether a log is an honest robot's, and where not; with keys, whether it is what its trusted nodes saw."""
-    if (keys is None) != (issued is None):
-        raise UsageError("one of --keys and --key", "both, or neither")
-    trusted = [read_trusted(each).hex() for each in trust]
-    kept = read_kept(file)
-    signer = kept.mission_signer
-    of_mission, is_as_signed = _mission_of(signer, kept.signed is not None, trusted)
-    scenario, own = find_controller(controller, kept.scenario, in_python=True)
-    kept = replace(kept, scenario=scenario)
-    borne: Proven | None = None
-    if keys and issued:
-        borne = proven(kept, mission_key_of(kept, keys, passphrase_of(keys, passphrase_file), issued))
-    with mistakes_in(controller):
-        found, entries = kept.first_lie(own), len(kept.entries())
-    signed = signed_in(kept)
-    at_s = None if found is None else (found.t_ms - kept.t_key_ms) / 1000
-    reason = "" if found is None else found.refusal.name.lower().replace("_", " ")
-    if as_json:
-        print_json(
-            {
-                "robot": kept.robot,
-                "mission": kept.mission,
-                "entries": entries,
-                "honest": found is None,
-                "entry": None if found is None else found.entry,
-                "at_s": at_s,
-                "reason": reason or None,
-                "mission_signer": signer or None,
-                "proven_entries": None if borne is None else borne.entries,
-                "disproved_at": None if borne is None else borne.false_at,
-                "signed": [asdict(each) for each in signed],
-            }
-        )
-    else:
-        words = "honest" if found is None else f"FAULT at entry {found.entry}, {at_s:.3f} s: {reason}"
-        click.echo(f"robot {kept.robot}   mission {kept.mission}   {entries} entries   {words}{_borne(borne)}")
-        click.echo(of_mission)
-        for each in signed:
-            key = f" ({each.key})" if each.key else ""
-            click.echo(f"told {each.count} times from {each.first_s:.1f} to {each.last_s:.1f} s by {each.signer}{key}")
-    return int(found is not None or (borne is not None and not borne.holds) or not is_as_signed)
-
-
-def _mission_of(by: str, is_signed: bool, trusted: list[str]) -> tuple[str, bool]:
-    """Whose word it is that the log's mission is the robot's, and whether that is as it should be."""
-    if is_signed and not by:
-        return "its mission is NOT THE ONE THAT WAS SIGNED", False
-    if trusted and by not in trusted:
-        return (f"its mission was signed by {by}, WHO IS NOT TRUSTED" if by else "NOBODY SIGNED ITS MISSION"), False
-    return (f"its mission was signed by {by}" if by else "its mission is its own word: nobody signed it"), True
-
-
-def _borne(borne: Proven | None) -> str:
-    if borne is None:
-        return ""
-    if borne.false_at is not None:
-        return f"   NOT WHAT ITS TRUSTED NODES SAW by entry {borne.false_at}; proven: the first {borne.entries}"
-    return f"   proven by its trusted nodes: the first {borne.entries}" if borne.holds else "   NOTHING IS PROVEN"

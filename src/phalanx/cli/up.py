@@ -32,10 +32,11 @@ from phalanx.sim.swarms.protected import SwarmKeys
 from .commands.up import ROBOTS, ROBOTS_ON_MISSION
 from .keys import passphrase_of
 from .login import kept_token, login_for, visitors_login_in
-from .mission.files import Wanted, read_signing_key
+from .mission.files import Wanted
 from .options import link_config
 from .qr import qr_text
 from .run import run
+from .signing_keys import read_signing_key
 from .stop_word import heed_stop_words
 from .terminal import EventLines, end_status_line, plain, status_line, talk
 

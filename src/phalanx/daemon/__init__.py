@@ -1,1 +1,1 @@
-"""One robot as a process of its own, and a world for such processes."""
+"""One robot as a process of its own, and a gateway's radio among such robots."""

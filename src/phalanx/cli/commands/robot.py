@@ -108,7 +108,7 @@ def provision() -> None:
 )
 @record_option
 @json_option
-@runs("robot", "arena")
+@runs("arena", "arena")
 def arena() -> None:
     """Let robots of SCENARIO live as processes in a simulated field, in real time, and sum it up as sim run does."""
 
@@ -126,7 +126,7 @@ def status() -> None:
 @option(
     "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, metavar="FILE.mcap", help="The recording."
 )
-@runs("robot", "log")
+@runs("evidence", "log")
 def log() -> None:
     """Write down all that the robot logged in its last mission, which verify goes through."""
 
@@ -139,7 +139,7 @@ def log() -> None:
 @passphrase_option
 @option("--trust", multiple=True, metavar="KEY", help="Who must have signed its mission: 64 hex digits, or a PEM file.")
 @json_option
-@runs("robot", "verify")
+@runs("evidence", "verify")
 def verify() -> None:
     """Go through the log in FILE again, a recording or a daemon's own, and say where it stops being honest.
 

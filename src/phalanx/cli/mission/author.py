@@ -13,6 +13,7 @@ from typing import Any
 
 import click
 
+from phalanx.cli.signing_keys import read_signing_key, read_trusted
 from phalanx.cli.terminal import Progress, counted, end_status_line, print_json, status_line, talk
 from phalanx.config.builtin import built_in
 from phalanx.config.lidar import ExtractionConfig, LidarConfig
@@ -37,8 +38,6 @@ from .files import (
     parse_window,
     read_encoded,
     read_plain,
-    read_signing_key,
-    read_trusted,
     write_file,
 )
 from .run import parse_start

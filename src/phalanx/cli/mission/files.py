@@ -1,4 +1,4 @@
-"""The files of missions: plain ones, encoded ones, start keys, signing keys; and what options say in words."""
+"""The files of missions: plain ones, encoded ones, start keys; and what options say in words."""
 
 from __future__ import annotations
 
@@ -9,10 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TypeVar
 
-from cryptography.exceptions import UnsupportedAlgorithm
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
-from cryptography.hazmat.primitives.serialization import load_pem_private_key, load_pem_public_key
-
+from phalanx.cli.signing_keys import read_trusted
 from phalanx.config.builtin import built_in
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.written import read_at_most
@@ -39,7 +36,6 @@ Parsed = TypeVar("Parsed")
 TEXT_LIMIT = 32 << 20
 MAGIC = b"PHXM"
 ENDING = ".phxm"
-KEY_HINT = "openssl genpkey -algorithm ed25519 -out operator.pem makes one"
 
 
 def read_plain(source: str) -> Mission:
@@ -86,31 +82,6 @@ def _built(path: Path, hint: str, what: str, parse: Callable[[bytes], Parsed]) -
         return parse(data)
     except MalformedMission as error:
         raise MalformedMission(f"{path} is not {what}: {error}") from error
-
-
-def read_signing_key(path: Path) -> Ed25519PrivateKey:
-    """An operator's key. Raises: UsageError."""
-    try:
-        key = load_pem_private_key(read_at_most(path, 1 << 16, KEY_HINT), None)
-    except (ValueError, TypeError, UnsupportedAlgorithm) as error:
-        raise UsageError(f"{path} holds no private key without a password", KEY_HINT) from error
-    if not isinstance(key, Ed25519PrivateKey):
-        raise UsageError(f"{path} is not an Ed25519 key", KEY_HINT)
-    return key
-
-
-def read_trusted(said: str) -> bytes:
-    """A public key: 64 hex digits, or the PEM file of it. Raises: UsageError."""
-    if re.fullmatch(r"[0-9a-fA-F]{64}", said):
-        return bytes.fromhex(said)
-    hint = "64 hex digits, or the file that openssl pkey -in operator.pem -pubout writes"
-    try:
-        key = load_pem_public_key(read_at_most(Path(said), 1 << 16, hint))
-    except (ValueError, UnsupportedAlgorithm) as error:
-        raise UsageError(f"{said} holds no public key", hint) from error
-    if not isinstance(key, Ed25519PublicKey):
-        raise UsageError(f"{said} is not an Ed25519 key", hint)
-    return key.public_bytes_raw()
 
 
 def parse_window(said: str) -> tuple[int, int]:

@@ -10,12 +10,13 @@ from typing import Any
 import click
 
 from phalanx.cli.run import run as run_until_stopped
+from phalanx.cli.signing_keys import read_trusted
 from phalanx.cli.terminal import print_json
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.errors import UsageError
 from phalanx.mission import admit, check_signature
 
-from .files import doors_of, read_encoded, read_trusted, start_key_of
+from .files import doors_of, read_encoded, start_key_of
 from .run import parse_start
 
 

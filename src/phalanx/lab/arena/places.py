@@ -11,6 +11,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
+from phalanx.daemon.driver import sense_path, wheels_path
+from phalanx.daemon.on_air import Air
+from phalanx.daemon.settings import RobotSettings, read_robot
+from phalanx.daemon.signed_mission import sign_mission
 from phalanx.errors import Unavailable
 from phalanx.io.keyring import Keys, pem
 from phalanx.io.mission_key import issued
@@ -19,11 +23,6 @@ from phalanx.io.private_file import write_private
 from phalanx.scenarios.file import written_scenario
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.table import BOARD
-
-from .driver import sense_path, wheels_path
-from .on_air import Air
-from .settings import RobotSettings, read_robot
-from .signed_mission import sign_mission
 
 STATION = {"gateway": "orders", "operator": "stops"}  # what each signs
 

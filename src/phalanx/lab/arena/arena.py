@@ -21,6 +21,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
+from phalanx.daemon.driver import GO, PACKET_BYTES, READY
+from phalanx.daemon.far_planner import check_adviser, is_far
+from phalanx.daemon.on_air import PLAIN_AIR, Air
+from phalanx.daemon.run import run_robot
+from phalanx.daemon.sealed_air import with_room_for_seals
+from phalanx.daemon.settings import RobotSettings
+from phalanx.daemon.state import told
+from phalanx.daemon.trusted import program
 from phalanx.errors import PhalanxError, Unavailable, UsageError
 from phalanx.io.children import die_with_parent
 from phalanx.io.keyring import Keys
@@ -30,17 +38,9 @@ from phalanx.scenarios.own import find_planner, mistakes_in
 from phalanx.scenarios.scenario import WHEELS, Scenario, for_robots
 from phalanx.sim.audited.setup import POWER_UP_MS
 
-from .driver import GO, PACKET_BYTES, READY
 from .ether import Ether, Weather
-from .far_planner import check_adviser, is_far
 from .field import Field
-from .on_air import PLAIN_AIR, Air
 from .places import STATION, free_ports, lay_out
-from .run import run_robot
-from .sealed_air import with_room_for_seals
-from .settings import RobotSettings
-from .state import told
-from .trusted import program
 
 if TYPE_CHECKING:
     from phalanx.sim.scenarios.recording import Recording

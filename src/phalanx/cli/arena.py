@@ -1,0 +1,106 @@
+"""What `phalanx robot arena` does."""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from phalanx.daemon.on_air import Air, parse_on_air
+from phalanx.errors import UsageError
+from phalanx.lab.arena.arena import Minds, play_in_arena
+from phalanx.lab.arena.ether import Weather
+from phalanx.scenarios.file import find_scenario
+from phalanx.scenarios.own import find_attacks, find_controller, mistakes_in
+from phalanx.sim.scenarios.play import ctrl_c_between_steps
+from phalanx.sim.scenarios.recording import Recording
+from phalanx.sim.scenarios.run import Run
+
+from . import sim
+from .robot import grown_kb, memory_words
+from .terminal import end_status_line, print_json, print_rows
+
+
+def arena(
+    scenario: str,
+    attacks: tuple[str, ...],
+    on_air: tuple[str, ...],
+    sealed: bool,
+    loss: float | None,
+    controller: str | None,
+    planner: str | None,
+    keep: Path | None,
+    record: Path | None,
+    as_json: bool,
+    **said: Any,
+) -> int:
+    """Robots as processes, summed up on stdout."""
+    weather = Weather(**{each.name: said.pop(each.name) for each in fields(Weather)})
+    liars = find_attacks(attacks) if attacks else None
+    chosen = sim.changed(find_scenario(scenario), said, attacks=liars)
+    chosen, own = find_controller(controller, chosen, in_python=True)
+    if loss is not None:
+        chosen = replace(chosen, radio=replace(chosen.radio, loss=loss))
+    air = Air(sealed, tuple(parse_on_air(each, chosen.robots) for each in on_air))
+    sim.warn(chosen)
+    with contextlib.ExitStack() as stack:
+        folder = _folder(keep, stack)
+        tell, check = sim.progress(chosen.duration_s), stack.enter_context(ctrl_c_between_steps())
+
+        def on_step(run: Run) -> None:
+            tell(run)
+            check()
+
+        recording = stack.enter_context(Recording(record, chosen)) if record else None
+        minds = Minds(own, _beside(controller) if own else "", _beside(planner) if planner else "", attacks)
+        try:
+            with mistakes_in(controller, planner, *attacks):
+                field = play_in_arena(chosen, folder, weather, on_step, recording, air, minds)
+        except KeyboardInterrupt:
+            end_status_line()
+            click.echo("stopped", err=True)
+            return 1
+    end_status_line()
+    summary = field.summary()
+    if as_json:
+        print_json(summary)
+    else:
+        sim.show(chosen, summary)
+        shares = [each["core_share"] for each in summary["processes"] if "core_share" in each]
+        late = [each["longest_ms"]["late"] for each in summary["processes"] if "longest_ms" in each]
+        for each in summary["on_air"]:
+            at_s = each["safe_mode_s"]
+            stopped = "never in Safe Mode" if at_s is None else f"in Safe Mode at {at_s:.1f} s"
+            print_rows({f"{each['attack']}, robot {each['robot']}": stopped})
+        if shares:
+            words = f"{100 * max(shares):.1f} % of a core at most, its readings up to {max(late):.0f} ms late, "
+            words += memory_words(max((each for each in summary["processes"] if "memory_kb" in each), key=grown_kb))
+            print_rows({"a daemon takes": words})
+    for robot, at_s in sorted(field.failed_s.items()):
+        words = f"robot {robot} ended by a mistake, told above, within {at_s:.0f} s: nobody stopped it"
+        click.echo(f"phalanx: error: {words}", err=True)
+    return int(bool(field.failed_s))
+
+
+def _beside(words: str | None) -> str:
+    """FILE.py:CLASS, or unix:PATH, as it is called from any folder."""
+    kind, colon, rest = str(words).partition(":")
+    if kind in ("unix", "udp"):
+        return f"unix:{Path(rest).resolve()}" if kind == "unix" else str(words)
+    return f"{Path(kind).resolve()}{colon}{rest}"
+
+
+def _folder(keep: Path | None, stack: contextlib.ExitStack) -> Path:
+    if keep is None:
+        return Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="phalanx-")))
+    try:
+        keep.mkdir(mode=0o700)
+    except FileExistsError as error:
+        raise UsageError(f"{keep} is there already", "another name: keys are never overwritten") from error
+    except OSError as error:
+        raise UsageError(f"cannot make {keep}: {error.strerror}", "a folder that is yours") from error
+    return keep

@@ -1,0 +1,1 @@
+"""What researchers do around the system."""
