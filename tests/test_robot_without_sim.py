@@ -1,0 +1,155 @@
+"""A real robot's process, and what replays its evidence, run where the simulator cannot be imported."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import boards
+from phalanx.io.keyring import Keys
+from phalanx.io.mission_key import issued
+from phalanx.wire.table import BOARD
+
+pytestmark = [pytest.mark.waits]
+# `phalanx` in a Python that notes and refuses each import of what simulates.
+WITHOUT = """
+import sys
+from pathlib import Path
+
+class Refuses:
+    def find_spec(self, name, path=None, target=None):
+        if name.startswith(("phalanx.sim", "phalanx.lab")):
+            with Path("refused").open("a") as file:
+                file.write(f"{name}\\n")
+            raise ImportError(name)
+
+sys.meta_path.insert(0, Refuses())
+from phalanx.cli import main
+main()
+"""
+MISSION = """robots: 4
+grid_step_m: 16
+d_m: 10
+goal_m: [100, 60]
+bti: {f_max: 1, t_audit_ms: 1000, t_val_ms: 2500, t_control_ms: 600, steps_per_state: 1, delta_ms: 290, skew_ms: 200}
+"""
+ENTRIES_BYTES = 200  # some readings and commands
+OWN = """
+from phalanx.daemon.driver import Driver
+from phalanx.robot import Act, Controller, Planner
+from phalanx.wire.table import ACCELERATION
+
+class Still(Driver):
+    def sense(self):
+        return {"x_m": 1.0, "y_m": 2.0, "vx_mps": 0.0, "vy_mps": 0.0}
+
+class North(Planner):
+    def advise(self, t_s, position_m, velocity_mps):
+        return 0.0, 1.0
+
+class Ahead(Controller):
+    def on_recv(self, t_ms, frame):
+        pass
+
+    def on_input(self, step, t_ms, reading):
+        return [Act(ACCELERATION.encode(id=self.rob_id, t=t_ms, ax_mps2=1.0, ay_mps2=0.0))]
+
+    def encode(self):
+        return b""
+
+    def decode(self, encoding):
+        pass
+"""
+
+
+def started(folder: Path, *words: str) -> subprocess.Popen[str]:
+    command = (sys.executable, "-c", WITHOUT, "--log-level", "error", *words)
+    return subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def ended(process: subprocess.Popen[str]) -> str:
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    return out
+
+
+def wait_for(process: subprocess.Popen[str], is_there: Callable[[], bool]) -> None:
+    until_s = time.monotonic() + 60
+    while not is_there():
+        assert process.poll() is None, process.communicate()[1]
+        assert time.monotonic() < until_s
+        time.sleep(0.05)
+
+
+def logged_bytes(log: Path) -> int:
+    return len(log.read_bytes().partition(b"\n")[2]) if log.exists() else 0
+
+
+@pytest.mark.parametrize(
+    ("mission", "robot", "to_verify"),
+    [
+        ("", {}, ()),
+        ("controller: guard", {"planner": "own.py:North"}, ()),
+        ("", {"controller": "own.py:Ahead"}, ("--controller", "own.py:Ahead")),
+        ("controller: tracking", {}, ()),
+    ],
+    ids=["flock", "guard", "own controller", "protocol"],
+)
+def test_no_module_of_the_simulator_is_imported(tmp_path, mission, robot, to_verify):
+    boards.built("node")  # before a robot waits for it to answer
+    keys = Keys.new("test")
+    (tmp_path / "board.bin").write_bytes(BOARD.encode(id=2, master=keys.provision(2, "2026-01-01")))
+    (tmp_path / "key.json").write_bytes(issued(*keys.issue(), {}))
+    (tmp_path / "mission.yaml").write_text(MISSION + mission)
+    (tmp_path / "own.py").write_text(OWN)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    said = {
+        "robot": 2,
+        "mission": "mission.yaml",
+        "key": "key.json",
+        "board": "board.bin",
+        "driver": "python:own.py:Still",
+        "radio": {"here": f"127.0.0.1:{port}", "peers": ["127.0.0.1:9"]},
+    }
+    (tmp_path / "robot.yaml").write_text(json.dumps(said | robot))
+    living = started(tmp_path, "robot", "run", "robot.yaml")
+    try:
+        wait_for(living, lambda: logged_bytes(tmp_path / "robot-2.log") >= ENTRIES_BYTES)
+        living.send_signal(signal.SIGTERM)
+        ended(living)
+    finally:
+        living.kill()
+    assert "robot" in ended(started(tmp_path, "robot", "status", "robot.yaml"))
+    ended(started(tmp_path, "robot", "log", "robot.yaml", "--out", "log.mcap"))
+    assert "honest" in ended(started(tmp_path, "robot", "verify", "log.mcap", *to_verify))
+    assert not (tmp_path / "refused").exists(), (tmp_path / "refused").read_text()
+
+
+def test_nor_does_a_planner_as_a_process(tmp_path):
+    (tmp_path / "mission.yaml").write_text(f"{MISSION}controller: guard\n")
+    (tmp_path / "own.py").write_text(OWN)
+    advising = started(tmp_path, "robot", "advise", "mission.yaml", "own.py:North", "unix:advice")
+    try:
+        wait_for(advising, (tmp_path / "advice").exists)
+        advising.send_signal(signal.SIGTERM)
+        ended(advising)
+    finally:
+        advising.kill()
+    assert not (tmp_path / "refused").exists()
+
+
+def test_the_arena_is_what_needs_it(tmp_path):
+    arena = started(tmp_path, "robot", "arena", "--robots", "4", "--duration", "1")
+    arena.communicate(timeout=120)
+    assert arena.returncode != 0
+    assert "phalanx.lab" in (tmp_path / "refused").read_text()
