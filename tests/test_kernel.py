@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import json
 import os
 import pickle
 import shutil
@@ -20,6 +21,7 @@ import pytest
 import phalanx_compiler
 from phalanx import kernel as kernel_module
 from phalanx.arrays import Records, U8x3
+from phalanx.binary import HINT
 from phalanx.bti import trusted
 from phalanx.bti.fleet import records
 from phalanx.bti.work import make_work
@@ -343,17 +345,17 @@ COMMAND = """
 import sys
 sys.meta_path[:] = [each for each in sys.meta_path if "Editable" not in str(each)]
 from phalanx.cli.main import run_command
-sys.exit(run_command(["sim", "run", "flock-12", "--duration", "1"]))
+sys.exit(run_command(sys.argv[1:]))
 """
 
 
 def refused_at_start(root):
     """Return the error of a command that needs kernels, one line of stderr beside its hint."""
-    done = run(root, "-c", COMMAND)
+    done = run(root, "-c", COMMAND, "sim", "run", "flock-12", "--duration", "1")
     assert done.returncode == 1
     assert done.stdout == ""
     error, hint = done.stderr.splitlines()
-    assert hint == f"phalanx: hint: {kernel_module.HINT}"
+    assert hint == f"phalanx: hint: {HINT}"
     return error
 
 
@@ -391,6 +393,61 @@ def test_without_a_binary_the_error_is_a_line_too(copied):
         assert run(copied, "-c", PUSHED, PHALANX_PURE="1").stdout == "function 5 7 8 9\n"
     finally:
         away.rename(binary)
+
+
+def found_by_doctor(root, *words, **env):
+    """Return what the doctor finds, by its name."""
+    done = run(root, "-c", COMMAND, "doctor", "--json", *words, **env)
+    assert done.stderr == ""
+    findings = {each["what"]: each for each in json.loads(done.stdout)["findings"]}
+    assert done.returncode == (0 if all(each["ok"] for each in findings.values()) else 1)
+    return findings
+
+
+def test_the_doctor_names_kernels_and_trusted_nodes_in_every_state(copied, tmp_path):
+    def kernels(*words, **env):
+        found = found_by_doctor(copied, *words, **env)
+        return found["kernels"]["ok"], found["kernels"]["found"], found["kernels"]["fix"]
+
+    assert kernels() == (True, "compiled, up to date", "")
+    assert kernels(PHALANX_PURE="1") == (True, "uncompiled and slow, as PHALANX_PURE is set", "unset PHALANX_PURE")
+    source = copied / "phalanx" / "wire" / "fields.py"
+    before = source.read_bytes()
+    source.write_bytes(before + b"# changed\n")
+    try:
+        stale = (False, "the kernels were compiled before phalanx/wire/fields.py changed", HINT)
+        assert kernels() == stale
+        assert kernels("--broker", "mqtt://127.0.0.1:1") == stale
+    finally:
+        source.write_bytes(before)
+    (binary,) = (copied / "phalanx").glob("_kernels*.so")
+    away = binary.rename(tmp_path / "away")
+    try:
+        assert kernels() == (False, "the kernels are not compiled", HINT)
+        binary.write_bytes(b"no library")
+        assert kernels()[1].startswith("the compiled kernels cannot be loaded: ")
+    finally:
+        away.replace(binary)
+    (nodes,) = (copied / "phalanx").glob("_firmware_paper*.so")
+    away = nodes.rename(tmp_path / "away")
+    try:
+        found = found_by_doctor(copied)
+        assert (found["kernels"]["ok"], found["trusted nodes"]["ok"]) == (True, False)
+        assert found["trusted nodes"]["found"] == "not compiled: _firmware_paper"
+    finally:
+        away.rename(nodes)
+
+
+def test_the_doctor_names_the_c_compiler_for_ones_own_controllers(copied, tmp_path):
+    compiler = tmp_path / "my-cc"
+    compiler.write_text("#!/bin/sh\n")
+    compiler.chmod(0o755)
+    found = found_by_doctor(copied, CC=str(compiler))["C compiler"]
+    assert (found["ok"], found["found"]) == (True, str(compiler))
+    for env, why in (({"CC": "nowhere"}, "CC=nowhere: command not found"), ({"PATH": ""}, "there is no C compiler")):
+        found = found_by_doctor(copied, **env)["C compiler"]
+        assert found["found"] == f"{why}: controllers of your own run uncompiled"
+        assert found["fix"]
 
 
 def test_a_kernel_that_the_binary_lacks_is_refused(copied):

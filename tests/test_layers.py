@@ -11,6 +11,7 @@ ROOT = Path(__file__).parent.parent
 SRC, COMPILER = ROOT / "src" / "phalanx", ROOT / "phalanx_compiler"
 LAYERS = [
     "errors _kernels",
+    "binary",
     "kernel loading pages arrays",
     "config bundle memory",
     "wire pool _firmware_bound _firmware_paper",
@@ -50,8 +51,8 @@ DOORS = {("link/__init__.py", "io")}
 # No clock, socket, random source or await below the files of recordings: time and nonces are arguments.
 IMPURE = {"asyncio", "socket", "time", "random", "secrets", "os", "subprocess", "threading", "aiomqtt", "aiohttp"}
 PURE_BELOW = RANK["recording"]
-# It reads whether kernels are to run uncompiled, and looks at nothing that a kernel could see.
-HOUSEKEEPING = {"kernel.py"}
+# They read whether kernels are to run uncompiled, and look at nothing that a kernel could see.
+HOUSEKEEPING = {"binary.py", "kernel.py"}
 LONGEST = 400
 # What auditors replay of a mission knows no function whose last bit depends on a machine, or on a Python.
 REPLAYED = ("mission/walk", "mission/pose", "robot/controllers/mission")

@@ -16,9 +16,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import importlib
 import inspect
-import json
 import logging
 import os
 from collections.abc import Callable, Iterator
@@ -26,20 +24,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-import phalanx_compiler
 from phalanx_compiler.calling import operations
-from phalanx_compiler.sources import DECLARED, hash_of
+from phalanx_compiler.sources import DECLARED
 from phalanx_compiler.violations import IN_OWN, RAISED, message
 
+from . import binary
 from .errors import Defective, KernelDefect, OwnDefect, Unavailable
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 logger = logging.getLogger(__name__)
-_ROOT = Path(__file__).parent
 # Whether kernels run as Python.
-PURE = os.environ.get("PHALANX_PURE", "0") not in ("", "0")
+PURE = binary.is_pure()
 _BUILDING = os.environ.get("PHALANX_PURE") == "build"
-HINT = "run make setup, or pip install ., to compile them; PHALANX_PURE=1 runs them as Python, slowly"
 # Hints of violations: in the package's kernels, and in a user's file.
 PACKAGE_DEFECT = "a defect of Phalanx: please report it"
 FILE_DEFECT = "a defect of this file: its kernels may not do that"
@@ -49,21 +45,7 @@ ADDRESSES: dict[str, int] = {}
 _compiled: Any = None
 _table: dict[str, dict[str, Any]] = {"sources": {}, "slots": {}}
 if not PURE:
-    try:
-        _compiled = importlib.import_module("phalanx._kernels")
-    except ImportError as error:
-        raise Unavailable("the kernels are not compiled", HINT) from error
-    _table = json.loads(_compiled.table)
-
-
-def _check_age() -> None:
-    """Raise Unavailable if a source has changed since the kernels were compiled."""
-    roots = {"phalanx": _ROOT, "phalanx_compiler": Path(phalanx_compiler.__file__).parent}
-    for name, known in _table["sources"].items():
-        root, _, rest = name.partition("/")
-        file = roots[root] / rest
-        if not file.is_file() or hash_of(file) != known:
-            raise Unavailable(f"the kernels were compiled before {name} changed", HINT)
+    _compiled, _table = binary.load_binary()
 
 
 def _prepare(compiled: Any) -> None:
@@ -112,7 +94,6 @@ def keep_raised(error: BaseException) -> int:
 
 
 if _compiled:
-    _check_age()
     _compiled.set_up(_prepare, _raise_violation, _report)
 
 
@@ -171,8 +152,8 @@ def kernel(function: _F) -> _F:
         return function
     number = _compiled.names.get(f"{function.__module__}.{function.__name__}")
     if number is None:
-        if Path(function.__code__.co_filename).is_relative_to(_ROOT):
-            raise Unavailable(f"the compiled kernels have no {function.__module__}.{function.__name__}", HINT)
+        if Path(function.__code__.co_filename).is_relative_to(binary.ROOT):
+            raise Unavailable(f"the compiled kernels have no {function.__module__}.{function.__name__}", binary.HINT)
         return function
     made: Any = _compiled.kernel(number)
     made.py_func = made.__wrapped__ = function

@@ -1,9 +1,13 @@
-"""`phalanx doctor`: what is here, what is missing, what to do about it."""
+"""`phalanx doctor`: print what is installed, what is missing, and what to do about it.
+
+It has to start in every state of the installation. So nothing is imported here that needs kernels, and brokers and
+pages are looked at (doctor_around.py) only after the kernels.
+"""
 
 from __future__ import annotations
 
-import asyncio
 import importlib.util
+import os
 import shutil
 import sys
 import time
@@ -12,18 +16,11 @@ from pathlib import Path
 
 import click
 
-from phalanx.config import LinkConfig
-from phalanx.errors import PhalanxError, UsageError
+from phalanx.binary import INSTALL_COMPILER, is_pure, load_binary
+from phalanx.errors import Unavailable, UsageError
 from phalanx.experiments.figure import MATPLOTLIB_HINT
-from phalanx.gateway import pages_are_built
-from phalanx.gateway.up import DEFAULT_PORT
-from phalanx.io import Server, parse_broker_url
-from phalanx.io.broker import AMQTT_LACKS, BROKER_HINT, for_browsers, has_amqtt
-from phalanx.io.mosquitto import find_mosquitto
-from phalanx.io.phones import PhonesDoor
-from phalanx.io.ports import LOOPBACK, is_free, lan_address
+from phalanx_compiler.own import NoCompiler, find_compiler
 
-from .login import read_login, visitors_login_in
 from .terminal import print_json
 
 RELEASED_S = 1_767_225_600  # 2026-01-01: a clock before this is wrong
@@ -48,18 +45,15 @@ def doctor(
     visitors_login: Path | None,
     as_json: bool,
 ) -> int:
-    """Prints a line for each finding; 1 if something has to be mended."""
+    """Print a line for each finding; return 1 if something has to be mended."""
     if not broker and (broker_ws or broker_login or visitors_login):
         raise UsageError("no broker to try", "--broker URL")
-    login = read_login(broker_login) if broker else None
-    url = parse_broker_url(broker, login) if broker else None
-    visitors = visitors_login_in(visitors_login, login)
-    findings = [_python(), _broker(), _pages(), _figures(), *_ports(), _address(), _clock()]
-    if url:
-        config = LinkConfig(root=root)
-        websocket = for_browsers(broker_ws)
-        server = Server(url, config=config, broker_for_visitors=websocket, login_for_visitors=visitors)
-        findings += asyncio.run(_reach(server, str(url)))
+    kernels = _kernels()
+    if not kernels.ok:
+        os.environ["PHALANX_PURE"] = "1"  # or the modules imported next would end here
+    around = importlib.import_module("phalanx.cli.doctor_around")
+    findings = [_python(), kernels, _trusted_nodes(), _c_compiler(), _figures(), _clock()]
+    findings += around.findings(broker, broker_ws, root, broker_login, visitors_login)
     if as_json:
         print_json({"findings": [asdict(finding) for finding in findings]})
     else:
@@ -76,47 +70,36 @@ def _python() -> Finding:
     return Finding("python", ok, ".".join(map(str, sys.version_info[:3])), "" if ok else "3.11 or newer")
 
 
-def _broker() -> Finding:
-    path = find_mosquitto()
-    if path:
-        return Finding("embedded broker", True, f"mosquitto at {path}")
-    if has_amqtt():
-        return Finding("embedded broker", True, f"amqtt, {AMQTT_LACKS}", "apt-get install mosquitto")
-    return Finding("embedded broker", False, "none: phalanx up needs --broker URL", BROKER_HINT)
+def _kernels() -> Finding:
+    if is_pure():
+        return Finding("kernels", True, "uncompiled and slow, as PHALANX_PURE is set", "unset PHALANX_PURE")
+    try:
+        load_binary()
+    except Unavailable as error:
+        return Finding("kernels", False, str(error), error.hint)
+    return Finding("kernels", True, "compiled, up to date")
 
 
-def _pages() -> Finding:
-    built = pages_are_built()
-    return Finding(
-        "pages", built, "built" if built else "not built", "" if built else "make setup (needs node 20.19 and npm)"
-    )
+def _trusted_nodes() -> Finding:
+    missing = [
+        name for name in ("_firmware_bound", "_firmware_paper") if not importlib.util.find_spec(f"phalanx.{name}")
+    ]
+    if missing:
+        return Finding("trusted nodes", False, f"not compiled: {' and '.join(missing)}", "make setup, or pip install .")
+    return Finding("trusted nodes", True, "compiled")
+
+
+def _c_compiler() -> Finding:
+    try:
+        return Finding("C compiler", True, " ".join(find_compiler()))
+    except NoCompiler as error:
+        return Finding("C compiler", True, f"{error}: controllers of your own run uncompiled", INSTALL_COMPILER)
 
 
 def _figures() -> Finding:
     there = importlib.util.find_spec("matplotlib") is not None
     found = "matplotlib" if there else "no matplotlib: phalanx reproduce measures and draws nothing, mission draw fails"
     return Finding("figures", True, found, "" if there else MATPLOTLIB_HINT)
-
-
-def _ports() -> list[Finding]:
-    uses = {DEFAULT_PORT: "visitors' page", 1883: "broker", 9001: "broker, websocket"}
-    return [
-        Finding(
-            f"port {port}",
-            True,
-            f"free ({use})" if is_free(port) else f"in use ({use}): another one will be taken",
-        )
-        for port, use in uses.items()
-    ]
-
-
-def _address() -> Finding:
-    address = lan_address()
-    if address == LOOPBACK:
-        return Finding(
-            "address", True, "no network: only this machine can visit", "connect it, then phalanx up --host 0.0.0.0"
-        )
-    return Finding("address", True, f"{address}: phones reach it with phalanx up --host 0.0.0.0")
 
 
 def _clock() -> Finding:
@@ -129,27 +112,3 @@ def _clock() -> Finding:
     if keeper:
         return Finding("clock", True, f"{now}, kept by {keeper}")
     return Finding("clock", True, f"{now}, not known to be synchronized: messages more than 30 s off are refused")
-
-
-async def _reach(server: Server, url: str) -> list[Finding]:
-    """The broker for the gateway, and for phones; what they say is answered, if the gateway is in."""
-    door = PhonesDoor(server)
-    try:
-        async with server:
-            await server.wait_connected(3)
-            here = Finding("broker", True, f"{url} answers, MQTT {'5' if server.qr().mqtt == 5 else '3.1.1'}")
-            return [here, await _phones(server, door)]
-    except TimeoutError:
-        here = Finding(
-            "broker", False, f"{url}: {server.trouble or 'no answer'}", "check host, port, firewall, TLS or not"
-        )
-    except PhalanxError as error:
-        here = Finding("broker", False, str(error), getattr(error, "hint", ""))
-    return [here, await _phones(server, door)]
-
-
-async def _phones(server: Server, door: PhonesDoor) -> Finding:
-    trouble, hint = await door.trouble()
-    through = "what they say and are told gets through" if server.connected else "what gets through was not tried"
-    well = f"{server.broker_for_visitors} lets them in; {through}"
-    return Finding("broker, for phones", not trouble, trouble or well, hint)

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from phalanx import __version__
+from phalanx.binary import INSTALL_COMPILER
 from phalanx.config.flock import FlockConfig
 from phalanx.errors import KernelDefect, OutsideSubset, OwnDefect, Unavailable, UsageError
 from phalanx.kernel import ADDRESSES, FILE_DEFECT, PURE, keep_raised, kernel
@@ -41,7 +42,6 @@ from .python_controller import Controller, compiled
 
 ROOT = Path(__file__).resolve().parents[2]
 MOST_STATE_BYTES = 65_535
-INSTALL = "install gcc or clang, or name one in CC"
 logger = logging.getLogger(__name__)
 # Numbers of what was loaded, by a hash of its C: a file that did not change keeps its number.
 _loaded: dict[str, int] = {}
@@ -253,7 +253,7 @@ def _addresses(
     try:
         library = _library(text)
     except NoCompiler as error:
-        logger.warning("%s runs uncompiled, many times slower: %s; %s", words, error, INSTALL)
+        logger.warning("%s runs uncompiled, many times slower: %s; %s", words, error, INSTALL_COMPILER)
         return {name: _callback(name, function) for name, function in plain.items()}
     except UnsafeCache as error:
         words = f"{error}: compiled code there may be somebody else's"

@@ -1,0 +1,53 @@
+"""Load the binary of the compiled kernels; one that is older than the kernels' sources is refused.
+
+Nothing here needs a kernel, so `phalanx doctor` can name what is wrong with them.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import phalanx_compiler
+from phalanx_compiler.sources import hash_of
+
+from .errors import Unavailable
+
+INSTALL_COMPILER = "install gcc or clang, or name one in CC"
+NAME = "phalanx._kernels"
+ROOT = Path(__file__).parent
+HINT = "run make setup, or pip install ., to compile them; PHALANX_PURE=1 runs them as Python, slowly"
+
+
+def is_pure() -> bool:
+    """Return whether all kernels are to run as Python."""
+    return os.environ.get("PHALANX_PURE", "0") not in ("", "0")
+
+
+def load_binary() -> tuple[Any, dict[str, dict[str, Any]]]:
+    """Return the module of the compiled kernels, and its table: hashes of sources, and slots of other functions.
+
+    Raises: Unavailable: there is none, it cannot be loaded, or a source has changed since the kernels were compiled.
+    """
+    try:
+        module = importlib.import_module(NAME)
+    except ModuleNotFoundError as error:
+        raise Unavailable("the kernels are not compiled", HINT) from error
+    except ImportError as error:
+        raise Unavailable(f"the compiled kernels cannot be loaded: {error}", HINT) from error
+    table: dict[str, dict[str, Any]] = json.loads(module.table)
+    _check_age(table["sources"])
+    return module, table
+
+
+def _check_age(hashes: dict[str, str]) -> None:
+    """Raise Unavailable if a source has changed since the kernels were compiled."""
+    roots = {"phalanx": ROOT, "phalanx_compiler": Path(phalanx_compiler.__file__).parent}
+    for name, known in hashes.items():
+        root, _, rest = name.partition("/")
+        file = roots[root] / rest
+        if not file.is_file() or hash_of(file) != known:
+            raise Unavailable(f"the kernels were compiled before {name} changed", HINT)
