@@ -322,7 +322,9 @@ class TestDoctor:
         assert done.returncode == 0, done.stdout
         assert all(line.startswith(("ok ", "fix")) for line in done.stdout.splitlines())
         findings = json.loads(run("doctor", "--json").stdout)["findings"]
-        assert {"python", "kernels", "C compiler", "embedded broker", "pages", "clock"} <= {finding["what"] for finding in findings}
+        assert {"python", "kernels", "C compiler", "embedded broker", "pages", "clock"} <= {
+            finding["what"] for finding in findings
+        }
 
     def test_a_broker_that_is_there_and_one_that_is_not(self, tmp_path):
         tcp, ws = free_port(), free_port()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from inspect import signature
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from phalanx.bti import trusted
 from phalanx.bti.nodes import Limits, Refused, seal_mission_key
 from phalanx.config import BtiConfig
 from phalanx.errors import PeerError, Unavailable
+from phalanx.wire import table
 
 ROOT = Path(__file__).parent.parent
 MASTER, MISSION = bytes(range(20)), bytes(range(50, 70))
@@ -91,6 +93,58 @@ def test_buffers_that_are_too_small_never_reach_the_c():
     assert trusted.sha1(small[20], 21, small[20]) == trusted.E_ARG
     assert trusted.chain_extend(small[19], small[20], 20) == trusted.E_ARG
     assert trusted.lightmac(small[19], small[20], 20, small[8]) == trusted.E_ARG
+
+
+def functions():
+    """Return the kernels that call C, by name, with their uncompiled functions."""
+    found = {name: getattr(kernel, "py_func", kernel) for name, kernel in vars(trusted).items()}
+    return {name: f for name, f in found.items() if getattr(f, "__kernel_body__", None)}
+
+
+def arguments_of(function, profile, shorter=""):
+    """Return arguments that the C takes; the row `shorter` lacks a byte."""
+    nodes = keyed(profile)
+    sizes = {"data": 27, "entry": 27 + table.ENTRY_HEADER_BYTES, "nonce": 8, "auth": 30, "treq": 32, "signer": 32}
+    sizes |= dict.fromkeys(("top", "hckpt", "digest", "key"), 20) | dict.fromkeys(("mac", "treq_mac"), 8)
+    made = {name: np.zeros(size, np.uint8) for name, size in sizes.items()}
+    which = function.__name__.partition("_")[0]
+    if which in ("snode", "anode"):
+        made["node"] = getattr(nodes, which)[0, : getattr(nodes._lib, f"phx_{which}_size")()]
+    if shorter:
+        made[shorter] = made[shorter][:-1]
+    return [made.get(name, {"profile": profile, "length": 27}.get(name, 2)) for name in signature(function).parameters]
+
+
+ROWS = [
+    (name, row)
+    for name, function in functions().items()
+    for row in signature(function).parameters
+    if function.__annotations__[row] == "Row"
+]
+
+
+@pytest.mark.parametrize("profile", [trusted.BOUND, trusted.PAPER])
+@pytest.mark.parametrize(("name", "row"), ROWS)
+def test_a_row_that_lacks_a_byte_never_reaches_the_c(profile, name, row, monkeypatch):
+    plain, asked = functions()[name], []
+    for called in ("in_0", "in_1"):
+        if called in plain.__globals__:
+            monkeypatch.setitem(plain.__globals__, called, lambda *given: asked.append(given) or 0)
+    plain(*arguments_of(plain, profile))
+    only_elsewhere = (name in ("anode_make_auth", "snode_check_auth_a")) and profile == trusted.BOUND
+    assert len(asked) == (0 if only_elsewhere else 1)
+    asked.clear()
+    for function in {plain, getattr(trusted, name)}:
+        assert function(*arguments_of(plain, profile, shorter=row)) == trusted.E_ARG
+    assert asked == []
+
+
+def test_a_node_of_another_sort_never_reaches_the_c():
+    nodes, out = keyed(trusted.BOUND), np.zeros(32, np.uint8)
+    for rows in (np.zeros(0, np.uint8), np.zeros(5, np.uint8), nodes.snode[0]):
+        before = rows.copy()
+        assert trusted.anode_token_request(trusted.BOUND, rows, 5000, 2, out) == trusted.E_ARG
+        assert (rows == before).all()
 
 
 @pytest.mark.parametrize("profile", [trusted.BOUND, trusted.PAPER])

@@ -2,7 +2,8 @@
 
 `profile` is 0 (bound) or 1 (paper): two builds of firmware/. A node is a row of bytes that only the C reads, or, in
 `bound`, the number of one that is not here (elsewhere.py); rows and buffers are contiguous uint8. Functions return what
-the C returns, >= 0 or one of the E_ codes, and look at sizes before the C sees an address: too small a buffer is E_ARG.
+the C returns, >= 0 or one of the E_ codes. The length of every row is checked before the C gets its address: a row that
+is too short is E_ARG.
 How kernels find the C is in docs/adr/0010.
 Source: RoboRebound Alg. 2-4; docs/spec/rebound-nodes.md.
 """
@@ -38,9 +39,14 @@ E_ARG: int = bound_lib.PHX_E_ARG
 E_AIRTIME: int = bound_lib.PHX_E_AIRTIME
 E_BAD_MAC: int = bound_lib.PHX_E_BAD_MAC
 REASONS = {getattr(bound_lib, e): e.removeprefix("PHX_E_").lower() for e in dir(bound_lib) if e.startswith("PHX_E_")}
+# Bytes of a node in each profile, by the first word of a function's name; on every machine the same, as a node's fields
+# have fixed widths.
+NODE_BYTES = {
+    profile: {"snode": lib.phx_snode_size(), "anode": lib.phx_anode_size()} for profile, (_, lib) in FIRMWARE.items()
+}
 # What must hold of a parameter of such a name. More than FRAME_MAX the C refuses itself, before it touches an entry.
 CHECKS = {
-    "length": "0 <= length <= data.size",
+    "data": "0 <= length <= data.size",
     "entry": f"min(length, {table.FRAME_MAX}) + {table.ENTRY_HEADER_BYTES} <= entry.size",
     **{name: f"{name}.size >= {table.HASH_BYTES}" for name in ("top", "hckpt", "digest")},
     **{name: f"{name}.size >= {table.MAC_BYTES}" for name in ("mac", "treq_mac")},
@@ -107,16 +113,25 @@ def _in_c(declared: _F) -> _F:
     parameters = inspect.signature(declared).parameters
     told = ", ".join(each for each in parameters if each != "profile")
     rows = {each.name for each in parameters.values() if each.annotation == "Row"}
-    assert rows <= CHECKS.keys() | {"node", "data"}, "no row goes to C unchecked"  # `length` is that of `data`
+    assert rows <= CHECKS.keys() | {"node"}, "no row goes to C unchecked"
     checks = " and ".join(CHECKS[each] for each in parameters if each in CHECKS)
     body = [f"if not ({checks}):", "    return E_ARG"] if checks else []
     if "node" in parameters and f"in_{BOUND}" in scope:
         scope["elsewhere"] = _elsewhere(name)
         body += [f"if node.size == {ELSEWHERE_BYTES}:", f"    return elsewhere({told})"]
+    calls = {profile: _call(profile, name, told, "node" in parameters, scope) for profile in FIRMWARE}
     if "profile" in parameters:
-        body += [f"if profile == {PAPER}:", f"    return in_{PAPER}({told})"]
-    body.append(f"return in_{BOUND}({told})" if f"in_{BOUND}" in scope else "return E_ARG")
+        body += [f"if profile == {PAPER}:", f"    return {calls[PAPER]}"]
+    body.append(f"return {calls[BOUND]}")
     return written(declared, body, {"E_ARG": E_ARG, **scope})
+
+
+def _call(profile: int, name: str, told: str, has_node: bool, scope: dict[str, Any]) -> str:
+    """Return the expression that calls the C of a profile, if it has such a function and the node is long enough."""
+    if f"in_{profile}" not in scope:
+        return "E_ARG"
+    is_long = f" if node.size >= {NODE_BYTES[profile][name.partition('_')[0]]} else E_ARG" if has_node else ""
+    return f"in_{profile}({told}){is_long}"
 
 
 @_in_c
