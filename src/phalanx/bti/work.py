@@ -1,4 +1,4 @@
-"""What an auditor works with: scratch memory, and how far its audit is. The audit itself is in `audit`."""
+"""Declare the scratch memory of an auditor, and the state of its audit; `audit` has the audit itself."""
 
 from __future__ import annotations
 

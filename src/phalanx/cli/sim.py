@@ -47,7 +47,7 @@ def changed(scenario: Scenario, said: dict[str, Any], **more: Any) -> Scenario:
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """What is to run: a scenario, a researcher's own controller and planner or None, and the files of these."""
+    """A scenario to run, a researcher's own controller and planner or None, and their files."""
 
     scenario: Scenario
     controller: Callable[[int], Controller] | None
@@ -56,14 +56,14 @@ class Chosen:
 
     @property
     def is_own(self) -> bool:
-        """Whether the controller is of a researcher's file."""
+        """Return whether the controller is of a researcher's file."""
         return self.controller is not None or is_file(self.scenario.controller)
 
 
 def choose(
     scenario: str, defence: Any, attacks: tuple[str, ...], controller: str | None, planner: str | None, **said: Any
 ) -> Chosen:
-    """What `chosen_options` said. Raises: UsageError, Unavailable: as for what each names."""
+    """Return what the options of `chosen_options` name. Raises: UsageError, Unavailable: one names nothing usable."""
     with said_aside():
         liars = find_attacks(attacks) if attacks else None
         found, own = find_controller(controller, changed(find_scenario(scenario), said, defence=defence, attacks=liars))

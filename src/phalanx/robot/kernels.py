@@ -1,4 +1,4 @@
-"""What a compiled controller of your own is written with, in one place (docs/own-controller.md)."""
+"""Collect the names that a compiled controller of your own is written with (docs/own-controller.md)."""
 
 from phalanx.kernel import kernel
 from phalanx.wire import table

@@ -1,4 +1,4 @@
-"""What a controller of kernels declares: a bundled one in its file in bundled/, a user's in a file of one's own.
+"""Declare a controller of kernels: a bundled one in its file in bundled/, a user's in a file of one's own.
 
 Beside its `CONTROLLER` such a file has six kernels, and `on_advice` if planners advise it, each named and called as in
 dispatch.py, less the number. It keeps the rules of python_controller.py; its state is its own encoding, and
@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # whoever asks for names need not wait for numpy
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Declaration:
-    """What a controller's robots have to be, as records of the byte table, and what its mission says.
+    """A controller's sensor, actuators, broadcasts and state, as records of the byte table, and its mission's config.
 
     With `reads` and `commands` it says which body it drives (sim/audited/body.py).
     """

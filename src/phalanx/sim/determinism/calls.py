@@ -1,4 +1,4 @@
-"""What a controller is asked: a robot's life in the simulated world, and then what liars and broken sensors say."""
+"""List calls of a controller: a robot's life in the simulated world, then odd input of liars and broken sensors."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Call:
 
 
 def maker(words: str) -> Make:
-    """What makes the bundled controller of that name, or that of "FILE.py:CLASS" or "FILE.py".
+    """Return a maker of the bundled controller of that name, or of that of "FILE.py:CLASS" or "FILE.py".
 
     Raises: as `find_class`. UsageError: no such name.
     """
@@ -74,7 +74,7 @@ def maker(words: str) -> Make:
 
 
 def calls_of(make: Make, words: str, seed: int) -> list[Call]:
-    """What robot 5 of nine lives through in 15 s, and then what is odd.
+    """Return the calls that robot 5 of nine gets in 15 s, and then odd ones.
 
     Raises: whatever the controller raises in a world without liars.
     """
@@ -85,7 +85,7 @@ def calls_of(make: Make, words: str, seed: int) -> list[Call]:
 
 
 def _is_advised(make: Make, words: str) -> bool:
-    """Whether it does anything with what a planner says."""
+    """Return whether the controller uses advice of planners."""
     if words in BUNDLED:
         return BUNDLED[words].advised is not None
     return type(make(ROBOT)).on_advice is not Controller.on_advice
@@ -222,7 +222,7 @@ def _odd_frames(usual: list[bytes], chance: np.random.Generator) -> Iterator[tup
 
 
 def _odd_advice(usual: bytes) -> Iterator[tuple[bytes, str]]:
-    """What planners say that nobody can replay."""
+    """Yield advice that is odd, each with a note on how."""
     yield usual, "again"
     yield from ((usual[:n], f"cut to {n} bytes") for n in (0, 1, len(usual) // 2, len(usual) - 1))
     yield usual + b"\0", "a byte too long"
