@@ -21,14 +21,14 @@ _under_way: list[Callable[..., Any]] = []
 
 @dataclass(frozen=True, slots=True)
 class Effects:
-    """The parameters that a kernel writes to, and those that what it returns may be part of."""
+    """The parameters that a kernel writes to, with the first line that does, and those that it may return a part of."""
 
-    writes: frozenset[str]
+    writes: dict[str, int]
     returns: frozenset[str]
 
 
-def writes_of(function: Callable[..., Any]) -> frozenset[str]:
-    """Return the names of the parameters that a kernel, or one that it calls, writes to."""
+def writes_of(function: Callable[..., Any]) -> dict[str, int]:
+    """Return the parameters that a kernel, or one that it calls, writes to, and the kernel's first line that does."""
     return effects_of(function).writes
 
 
@@ -39,7 +39,7 @@ def effects_of(function: Callable[..., Any]) -> Effects:
     Raises: SubsetError: it writes to a constant, or calls itself.
     """
     if hasattr(function, "__linked__"):
-        return Effects(frozenset(function.__linked__.writes), frozenset())
+        return Effects(dict.fromkeys(function.__linked__.writes, 0), frozenset())
     _under_way.append(function)
     try:
         return _Followed(source_of(function)).effects()
@@ -71,17 +71,19 @@ class _Followed:
                     self._bind(node.target, self._roots(node.value))
                 elif isinstance(node, ast.For):
                     self._bind(node.target, self._roots(node.iter))
-        writes, returns = set[str](), set[str]()
+        returns = self._of_all([n.value for n in self._nodes if isinstance(n, ast.Return) and n.value is not None])
+        return Effects(self._writes(), frozenset(returns))
+
+    def _writes(self) -> dict[str, int]:
+        lines = dict[str, int]()
         for node in self._nodes:
-            if isinstance(node, ast.Return) and node.value is not None:
-                returns |= self._roots(node.value)
-            written = self._written(node)
-            if CONSTANT in written:
-                raise self._source.refuse(
-                    node, "a constant of the module is changed", "write to a copy of it, or to an argument"
-                )
-            writes |= written
-        return Effects(frozenset(writes), frozenset(returns))
+            for name in self._written(node):
+                if name == CONSTANT:
+                    what = "a constant of the module is changed"
+                    raise self._source.refuse(node, what, "write to a copy of it, or to an argument")
+                line = getattr(node, "lineno", 0)
+                lines[name] = min(line, lines.get(name, line))
+        return lines
 
     def _bind(self, target: ast.expr, roots: set[str]) -> None:
         if isinstance(target, ast.Name):
@@ -124,7 +126,7 @@ class _Followed:
         if getattr(called, "__intrinsic__", "") in WRITERS:
             return self._roots(node.args[0])
         if getattr(called, "__kernel__", False):
-            return self._passed(node, called, self._of(node, called).writes)
+            return self._passed(node, called, frozenset(self._of(node, called).writes))
         return set()
 
     def _of(self, node: ast.Call, called: Callable[..., Any]) -> Effects:
