@@ -369,6 +369,52 @@ class TestMistakes:
         assert complaint in str(refused.value)
         assert refused.value.hint
 
+    @pytest.mark.parametrize(
+        ("was", "becomes", "what"),
+        [
+            (
+                "    is_fine = are_fine(reading",
+                "    params[0] = 1.0\n    is_fine = are_fine(reading",
+                "on_input writes to params",
+            ),
+            (
+                "    is_fine = are_fine(reading",
+                "    put_f32(reading, SAID, 1.0)\n    is_fine = are_fine(reading",
+                "on_input writes to reading",
+            ),
+            (
+                "    x, y = get_f32(reading, SAID)",
+                "    reading[1:3] = 0\n    x, y = get_f32(reading, SAID)",
+                "on_input writes to reading",
+            ),
+            (
+                "        rob = get_u16(frame, ID)",
+                "        rest = frame[2:]\n        rest[0] += 1\n        rob = get_u16(frame, ID)",
+                "on_recv writes to frame",
+            ),
+            ("size(_state: Row) -> int:\n", "size(_state: Row) -> int:\n    _state[0] = 1\n", "size writes to _state"),
+            (
+                "    for at in range(0, length, EACH):\n",
+                "    state[0] = 0\n    for at in range(0, length, EACH):\n",
+                "is_encoding writes to state",
+            ),
+        ],
+    )
+    @pytest.mark.parametrize("compiler", ["cc", "none-such"])
+    def test_a_write_to_what_is_only_read_is_refused_with_its_line(
+        self, phalanx, mine, monkeypatch, compiler, was, becomes, what
+    ):
+        monkeypatch.setenv("CC", compiler)
+        words = mine((was, becomes))
+        (written,) = [line for line in becomes.splitlines() if line not in was and "= frame[" not in line]
+        line = line_of("acceleration(params, t" if "reading[" in written else written.strip())
+        code, out, err = phalanx("sim", "run", "flock-12", *QUICK, "--controller", words)
+        assert (code, out) == (1, "")
+        assert err.splitlines() == [
+            f"phalanx: error: mine.py:{line}: {what}",
+            "phalanx: hint: read it, or write to a copy",
+        ]
+
     def test_a_violation_names_the_file_and_the_line(self, phalanx, mine):
         words = mine(("    ax, ay = 0.0, 0.0\n    if", "    ax, ay = 0.0, 1.0 * (step // (step - step))\n    if"))
         code, out, err = phalanx("sim", "run", "flock-12", *QUICK, "--controller", words)

@@ -30,7 +30,8 @@ NUMBERS = {name: number for number, name in enumerate(_NAMES, 1)}
 STATE_KINDS = tuple(int(each.says.tag or 0) for each in BUNDLED.values())
 FIRST_OWN = len(_NAMES) + 1
 MOST_OWN = 256  # users' controllers in a process; each version of a file counts
-WRITTEN = ("state", "out")  # parameters that kernels write to
+# Parameters that kernels write to; all others they only read.
+WRITTEN = {"begin": ("state",), "on_advice": ("state",), "on_recv": ("state",), "on_input": ("state", "out")}
 # The kernels, without the number, as users' files declare them; and for each own controller, its address and function.
 DECLARED: dict[str, Callable[..., Any]] = {}
 _addresses: dict[str, Any] = {}
@@ -84,8 +85,9 @@ def _linked(declared: Callable[..., Any]) -> Callable[..., Any]:
     DECLARED[name] = declared
     symbol = f"own_{name}"
     link(symbol, table.ctypes.data)
-    writes = tuple(each for each in WRITTEN if each in inspect.signature(declared).parameters)
-    return linked(declared, Linked(symbol, MOST_OWN, writes), lambda place, *rest: functions[place](*rest))
+    return linked(
+        declared, Linked(symbol, MOST_OWN, WRITTEN.get(name, ())), lambda place, *rest: functions[place](*rest)
+    )
 
 
 @_of_the_chosen

@@ -33,6 +33,7 @@ from phalanx_compiler.own import NoCompiler, Own, UnsafeCache, library_of, line_
 from phalanx_compiler.parsing import shown_path, uncompiled
 from phalanx_compiler.value_types import BOOL, FLOAT, INT, Array, ValueType, signature_of
 from phalanx_compiler.violations import MESSAGES, RAISED
+from phalanx_compiler.writes import writes_of
 
 from . import dispatch
 from .declaration import Declaration
@@ -119,6 +120,8 @@ def load_kernels(words: str, module: ModuleType) -> None:
     kernels = _kernels_of(words, module, declaration)
     try:
         text, slots = source_of_own(kernels, file, ROOT)
+        for name, own in kernels.items():
+            _check_writes(name, own.function)
     except SubsetError as error:
         raise OutsideSubset(f"{error.file}:{error.line}: {error.what}", error.instead) from error
     key = hashlib.sha256(text.encode()).hexdigest()
@@ -185,6 +188,16 @@ def _check_kernel(words: str, name: str, declared: Callable[..., Any], found: An
         raise UsageError(f"{words}:{line_of(function)}: {name}: {error}", head) from error
     if [*types.values(), returned] != [*list(wanted.values())[1:], wanted_returned]:
         raise UsageError(f"{words}:{line_of(function)}: {name} takes or returns something else", head)
+
+
+def _check_writes(name: str, function: Callable[..., Any]) -> None:
+    """Raises: SubsetError: a kernel writes to a parameter that it may only read."""
+    declared = list(inspect.signature(dispatch.DECLARED[name]).parameters)[1:]
+    lines = writes_of(function)
+    for parameter, meant in zip(inspect.signature(function).parameters, declared, strict=True):
+        if parameter in lines and meant not in dispatch.WRITTEN.get(name, ()):
+            file = shown_path(function.__code__.co_filename)
+            raise SubsetError(file, lines[parameter], f"{name} writes to {parameter}", "read it, or write to a copy")
 
 
 # --- uncompiled ---
