@@ -127,7 +127,7 @@ class _Followed:
             return self._roots(node.args[0])
         if getattr(called, "__kernel__", False):
             return self._passed(node, called, frozenset(self._of(node, called).writes))
-        return set()
+        return self._of_all([node.args[n] for n in getattr(called, "__c_writes__", ())])
 
     def _of(self, node: ast.Call, called: Callable[..., Any]) -> Effects:
         if called in _under_way:

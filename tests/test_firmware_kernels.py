@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from inspect import signature
@@ -137,6 +138,23 @@ def test_a_row_that_lacks_a_byte_never_reaches_the_c(profile, name, row, monkeyp
     for function in {plain, getattr(trusted, name)}:
         assert function(*arguments_of(plain, profile, shorter=row)) == trusted.E_ARG
     assert asked == []
+
+
+@pytest.mark.parametrize(("name", "row"), ROWS)
+def test_a_read_only_row_is_refused_where_the_c_writes_to_it_and_only_there(name, row):
+    """The prototypes in C have `const` where it does not."""
+    headers = " ".join(path.read_text() for path in (ROOT / "firmware").rglob("*.h"))
+    prototype = re.findall(rf"^int phx_{name}\(([^)]*)\);", headers, re.MULTILINE)[0]
+    place = [each for each in signature(functions()[name]).parameters if each != "profile"].index(row)
+    is_written = "const" not in prototype.split(",")[place]
+    for function in (functions()[name], getattr(trusted, name)):
+        arguments = arguments_of(functions()[name], trusted.PAPER)
+        arguments[list(signature(functions()[name]).parameters).index(row)].flags.writeable = False
+        if is_written:
+            with pytest.raises(ValueError, match="an array is read-only, and the"):
+                function(*arguments)
+        else:
+            assert isinstance(function(*arguments), int)
 
 
 def test_a_node_of_another_sort_never_reaches_the_c():

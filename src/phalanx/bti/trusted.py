@@ -58,6 +58,17 @@ CHECKS = {
 }
 
 
+# The row that a function writes to, beside its node.
+WRITTEN = {
+    **dict.fromkeys(("snode_poll", "anode_recv", "anode_send", "anode_actuate"), "entry"),
+    **dict.fromkeys(("snode_make_auth", "anode_make_auth"), "auth"),
+    "anode_token_request": "treq",
+    **dict.fromkeys(("anode_issue_token", "lightmac"), "mac"),
+    "sha1": "digest",
+    "chain_extend": "top",
+}
+
+
 def counted() -> tuple[int, int]:
     """How many blocks this process has hashed and how many encrypted since it began, without what `host_use` 0 did."""
     told = [ffi.new("uint64_t[2]") for ffi, _ in FIRMWARE.values()]
@@ -69,32 +80,36 @@ def counted() -> tuple[int, int]:
 class _CFunction:
     """A C function that kernels call, with rows and numbers; compiled, by its address, which is linked here."""
 
-    def __init__(self, ffi: Any, symbol: str, function: Any) -> None:
-        self.__c_symbol__ = symbol
+    def __init__(self, ffi: Any, symbol: str, function: Any, writes: tuple[int, ...]) -> None:
+        self.__c_symbol__, self.__c_writes__ = symbol, writes
         self._ffi, self._function = ffi, function
         link(symbol, int(ffi.cast("uintptr_t", function)))
 
     def __call__(self, *arguments: Any) -> int:
         """Return what the C returns, for kernels that run uncompiled."""
-        cast, view = self._ffi.cast, self._ffi.from_buffer
-        return int(
-            self._function(*(cast("void *", view(x)) if isinstance(x, np.ndarray) else int(x) for x in arguments))
-        )
+        return int(self._function(*(self._in_c(n, each) for n, each in enumerate(arguments))))
+
+    def _in_c(self, n: int, value: Any) -> Any:
+        if not isinstance(value, np.ndarray):
+            return int(value)
+        if n in self.__c_writes__ and not value.flags.writeable:
+            raise ValueError("an array is read-only, and the C writes to it")
+        return self._ffi.cast("void *", self._ffi.from_buffer(value))
 
 
-def _c_function(profile: int, name: str) -> _CFunction:
+def _c_function(profile: int, name: str, writes: tuple[int, ...]) -> _CFunction:
     ffi, lib = FIRMWARE[profile]
-    return _CFunction(ffi, f"phx_{('bound', 'paper')[profile]}_{name}", ffi.addressof(lib, f"phx_{name}"))
+    return _CFunction(ffi, f"phx_{('bound', 'paper')[profile]}_{name}", ffi.addressof(lib, f"phx_{name}"), writes)
 
 
-def _elsewhere(name: str) -> _CFunction:
+def _elsewhere(name: str, writes: tuple[int, ...]) -> _CFunction:
     """Return the same function of a node that is not here: C that calls Python."""
 
     def ask(*arguments: Any) -> int:
         return ELSEWHERE[name](*arguments) if name in ELSEWHERE else E_ARG
 
     kind = bound_ffi.typeof(bound_ffi.addressof(bound_lib, f"phx_{name}"))
-    return _CFunction(bound_ffi, f"phx_elsewhere_{name}", bound_ffi.callback(kind, ask, error=E_ARG))
+    return _CFunction(bound_ffi, f"phx_elsewhere_{name}", bound_ffi.callback(kind, ask, error=E_ARG), writes)
 
 
 def _in_c(declared: _F) -> _F:
@@ -103,21 +118,23 @@ def _in_c(declared: _F) -> _F:
     Without a profile it is the same in both. What only `paper` has is E_ARG in `bound`.
     """
     name = declared.__name__
+    parameters = inspect.signature(declared).parameters
+    given = [each for each in parameters if each != "profile"]
+    writes = tuple(n for n, each in enumerate(given) if each in ("node", WRITTEN.get(name)))
     scope: dict[str, Any] = {
-        f"in_{profile}": _c_function(profile, name)
+        f"in_{profile}": _c_function(profile, name, writes)
         for profile, (_, lib) in FIRMWARE.items()
         if hasattr(lib, f"phx_{name}")
     }
     if not scope:
         raise Unavailable(f"the compiled trusted nodes have no phx_{name}", "make setup, or pip install, compiles them")
-    parameters = inspect.signature(declared).parameters
-    told = ", ".join(each for each in parameters if each != "profile")
+    told = ", ".join(given)
     rows = {each.name for each in parameters.values() if each.annotation == "Row"}
     assert rows <= CHECKS.keys() | {"node"}, "no row goes to C unchecked"
     checks = " and ".join(CHECKS[each] for each in parameters if each in CHECKS)
     body = [f"if not ({checks}):", "    return E_ARG"] if checks else []
     if "node" in parameters and f"in_{BOUND}" in scope:
-        scope["elsewhere"] = _elsewhere(name)
+        scope["elsewhere"] = _elsewhere(name, writes)
         body += [f"if node.size == {ELSEWHERE_BYTES}:", f"    return elsewhere({told})"]
     calls = {profile: _call(profile, name, told, "node" in parameters, scope) for profile in FIRMWARE}
     if "profile" in parameters:
