@@ -122,7 +122,16 @@ static int convert(Kernel *self, int *k, PyObject *value, word *words, int *at)
         if (address == NULL) return -1;
         words[*at].u = PyLong_AsUnsignedLongLong(address);
         Py_DECREF(address);
-        return words[(*at)++].u == (uint64_t)-1 && PyErr_Occurred() ? -1 : 0;
+        if (words[*at].u == (uint64_t)-1 && PyErr_Occurred()) return -1;
+        /* Before a bundle's words is one that is not 0 if an array in it is read-only (phalanx/bundle.py). */
+        if (op->written && UNLIKELY(((const word *)words[*at].p)[-1].i != 0)) {
+            PyObject *which = PyObject_GetAttrString(value, "_read_only");
+            if (which != NULL) PyErr_Format(PyExc_ValueError, "%S is read-only, and the kernel writes to its bundle", which);
+            Py_XDECREF(which);
+            return -1;
+        }
+        ++*at;
+        return 0;
     }
     default:
         if (!PyTuple_Check(value) || PyTuple_Size(value) != op->count) {

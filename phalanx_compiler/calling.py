@@ -31,7 +31,7 @@ def _add(typ: ValueType, written: int, made: list[Operation]) -> None:
     elif isinstance(typ, Record):
         made.append(("r", 0, written, 0, typ.dtype))
     elif isinstance(typ, Bundle):
-        made.append(("p", 0, 0, 0, typ.cls.__packed__))
+        made.append(("p", 0, written, 0, typ.cls.__packed__))
     elif isinstance(typ, Tuple):
         made.append(("(", 0, 0, len(typ.items), typ.cls))
         for item in typ.items:

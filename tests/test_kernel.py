@@ -30,7 +30,7 @@ from phalanx.config import BtiConfig
 from phalanx.errors import KernelDefect
 from phalanx.mission.pose.spread import Sight, doubt_of
 from phalanx.pool import make_pool
-from phalanx.sim.audited.events import Queue, make_queue, pack, pop, push
+from phalanx.sim.audited.events import Queue, make_queue, pack, pop, push, refused
 from phalanx.wire import fields
 from phalanx_compiler.value_types import fields_of
 
@@ -140,6 +140,27 @@ def test_read_only_arrays_are_refused_where_the_kernel_writes_and_only_there():
     assert fixed.tolist() == [*range(8)]
 
 
+@pytest.mark.parametrize("name", Queue._fields)
+def test_a_bundle_with_a_read_only_array_is_refused_where_the_kernel_writes_to_it_and_only_there(name):
+    queue = make_queue(4)
+    push(queue, 5, 7, 8, 9)
+    arrays = {each: getattr(queue, each).copy() for each in Queue._fields}
+    arrays[name].flags.writeable = False
+    fixed = pack(Queue(**arrays))
+    assert refused(fixed) == 0
+    for writes in (lambda: pop(fixed), lambda: push(fixed, 1, 2, 3, 4)):
+        with pytest.raises(ValueError, match=rf"Queue\.{name} is read-only, and the kernel writes to its bundle"):
+            writes()
+    assert all((getattr(fixed, each) == getattr(queue, each)).all() for each in arrays)
+
+
+def test_a_bundle_that_holds_one_with_a_read_only_array_is_refused_too():
+    inner = an_inner()
+    inner.seen.flags.writeable = False
+    outer = pack_outer(Outer(pack_inner(inner), np.zeros((2, 3, 4), np.uint8), 7))
+    assert (outer._kept[0], outer._read_only) == (1, "Inner.seen")
+
+
 def test_neither_a_call_nor_one_that_fails_keeps_its_arguments():
     row, queue = np.arange(9, dtype=np.uint8), make_queue(4)
     before = sys.getrefcount(row), sys.getrefcount(queue)
@@ -217,11 +238,12 @@ def an_inner(**other):
 def test_fields_are_arrays_of_numbers_and_records_and_numbers_and_tuples_and_bundles():
     inner = pack_inner(an_inner())
     outer = pack_outer(Outer(inner, np.zeros((2, 3, 4), np.uint8), 7))
-    words = outer._kept.tolist()
-    assert words == [inner._address, outer.bytes.ctypes.data, 2, 3, 4, 7]
-    assert inner._kept.tolist()[:3] == [inner.seen.ctypes.data, 3, 2]
-    assert inner._kept.view(np.float64)[[3, 5]].tolist() == [0.5, 4.0]
-    assert inner._kept[4] == 3
+    of_inner, of_outer = inner._kept[1:], outer._kept[1:]  # a word behind their addresses
+    assert (of_inner.ctypes.data, of_outer.ctypes.data) == (inner._address, outer._address)
+    assert of_outer.tolist() == [inner._address, outer.bytes.ctypes.data, 2, 3, 4, 7]
+    assert of_inner.tolist()[:3] == [inner.seen.ctypes.data, 3, 2]
+    assert of_inner.view(np.float64)[[3, 5]].tolist() == [0.5, 4.0]
+    assert of_inner[4] == 3
     assert [str(typ) for _, typ in fields_of(Outer)] == ["Inner", "array of uint8 with 3 axes", "int"]
 
 

@@ -6,6 +6,7 @@ A class of arrays is declared as a NamedTuple `Queue` with, beside it,
 
 and kernels are called with `pack(Queue(...))`. The caller keeps the bundle alive. Fields are arrays in C order,
 numbers, tuples of numbers, and bundles, as their annotations say. Elements of arrays may change; the fields may not.
+A bundle in which an array is read-only goes only to kernels that write to none of its arrays.
 """
 
 from __future__ import annotations
@@ -28,12 +29,15 @@ class _Packed:
 
     bundle_class: ClassVar[Any]
     _address: int
+    _read_only: str
 
     def __init__(self, bundle: Any) -> None:
         words = [word for name in bundle._fields for word in _words_of(getattr(bundle, name))]
-        kept = np.array(words, np.int64)
+        read_only = _read_only_in(bundle)
+        kept = np.array([bool(read_only), *words], np.int64)
+        self.__dict__.update(bundle._asdict(), _kept=kept, _address=kept[1:].ctypes.data, _read_only=read_only)
         # With a second reference to each array, numpy refuses to resize it.
-        self.__dict__.update(bundle._asdict(), _fields_kept=tuple(bundle), _kept=kept, _address=kept.ctypes.data)
+        self.__dict__["_fields_kept"] = tuple(bundle)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the fields: another process has other addresses."""
@@ -47,6 +51,17 @@ class _Packed:
 def _repacked(bundle: Any) -> Any:
     """Return a bundle that was pickled, packed if kernels are compiled in this process."""
     return bundle if PURE else type(bundle).__packed__(bundle)
+
+
+def _read_only_in(bundle: Any) -> str:
+    """Return the name of the first array in a bundle that is read-only, "" if there is none."""
+    for name in bundle._fields:
+        value = getattr(bundle, name)
+        if isinstance(value, np.ndarray) and not value.flags.writeable:
+            return f"{type(bundle).__name__}.{name}"
+        if isinstance(value, _Packed) and value._read_only:  # noqa: SLF001
+            return value._read_only  # noqa: SLF001
+    return ""
 
 
 def _words_of(value: Any) -> list[int]:

@@ -205,11 +205,8 @@ def _array_of(dtype: np.dtype[Any], shape: tuple[int, ...], draw: random.Random)
 def duplicate(value: Any) -> Any:
     """Return a copy of an argument with arrays of its own."""
     if isinstance(value, bundle._Packed):
-        made = type(value).__new__(type(value))
-        fields = {name: duplicate(each) for name, each in vars(value).items() if not name.startswith("_")}
-        kept = np.array([word for each in fields.values() for word in bundle._words_of(each)], np.int64)
-        vars(made).update(fields, _kept=kept, _address=kept.ctypes.data)
-        return made
+        of = type(value).bundle_class
+        return type(value)(of(*(duplicate(getattr(value, name)) for name in of._fields)))
     if isinstance(value, tuple):
         items = [duplicate(each) for each in value]
         return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
