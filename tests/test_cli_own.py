@@ -246,7 +246,7 @@ class TestAttack:
                     "isinstance(output, Act)": "not frame",
                 },
                 "lies.py:Brake:robot=2,at=0.1",
-                "lies.py:Brake: on_message returned None",
+                "lies.py:Brake: on_packet returned None",
             ),
             (
                 {"def put_out(self, ": "def put_out(self, far, "},

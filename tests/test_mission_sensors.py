@@ -77,7 +77,6 @@ def test_neither_the_sight_of_another_robot_nor_its_message_is_enough(missing: s
     if missing == "sight":
         monkeypatch.setattr(missions_world, "WATCH_M", 0.1)
     else:
-        monkeypatch.setattr(missions_world.loop, "transmit", lambda *_: None)
         monkeypatch.setattr(missions_world.pybot, "perform", lambda *_: None)
     a, b = run_mission(leak(Profile.PAPER).run(duration_s=45.0))
     assert [node for _, node in a.decoded] == [0, 1, 2]

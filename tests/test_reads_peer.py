@@ -45,14 +45,14 @@ def fragment(world):
 def test_a_frame_that_leads_outside_an_array_is_rejected_and_logged(world, caplog, kernel_defects):
     frame = fragment(world)
     with caplog.at_level(logging.ERROR):
-        assert node.hear(world.fleet, VICTIM, world.work, 5000, frame, len(frame)) == -1
+        assert node.on_packet(world.fleet, VICTIM, world.work, 5000, frame, len(frame)) == -1
     (line,) = caplog.messages
     assert "the peer's message was rejected" in line
     assert PURE or "request.py:" in line
     kernel_defects.clear()
     world.fleet.rx_info[VICTIM, 0].row = NO_ROW
     world.fleet.rx_info[VICTIM, 0].src = 0
-    assert node.hear(world.fleet, VICTIM, world.work, 5000, frame, len(frame)) == node.NOTHING
+    assert node.on_packet(world.fleet, VICTIM, world.work, 5000, frame, len(frame)) == node.NOTHING
 
 
 def test_an_audit_that_leads_outside_an_array_gives_no_token(world, caplog, kernel_defects):

@@ -7,19 +7,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from phalanx.bti import rounds
 from phalanx.bti.fleet import make_fleet
 from phalanx.bti.log import logged
+from phalanx.bti.request import is_fragment
 from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig
 from phalanx.config.radio import RadioConfig
-from phalanx.robot.cnode import CNode, Transmit
+from phalanx.robot import node
+from phalanx.robot.actions import Transmit
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.planner import ToGoal, advice_of
-from phalanx.robot.runtime import Runtime, is_fragment
+from phalanx.robot.robot import Robot
+from phalanx.robot.runtime import Runtime
 from phalanx.sim import Scenario
 from phalanx.sim.audited import loop, pybot
 from phalanx.sim.scenarios.run import Run
+from phalanx.wire.fields import row
 
 SWARM = Scenario(
     robots=6, grid_step_m=16.0, goal_m=(60.0, 60.0), duration_s=16.0, controller="guard", bti=BtiConfig(f_max=1)
@@ -27,7 +30,7 @@ SWARM = Scenario(
 # Who hears a tenth of what is said lacks tokens at times, and listens before its next round.
 LOSSY = replace(SWARM, radio=RadioConfig(loss=0.9))
 ME = 2
-NAMES = {loop.CONTROL: "input", loop.MESSAGE: "frame", loop.SENT: "sent"}
+NAMES = {loop.CONTROL: "reading", loop.MESSAGE: "packet", loop.SENT: "sent"}
 
 
 def alone(run):
@@ -50,20 +53,19 @@ def alone(run):
 @pytest.fixture(scope="module", params=[SWARM, LOSSY], ids=["heard", "lossy"])
 def lived(request):
     """A run in which somebody noted all that one robot was told from outside, and what it then had in its log."""
-    noted, handle, transmit, full = [], pybot.handle, loop.transmit, []
+    noted, handle, no_room, full = [], pybot.handle, node.on_no_room, []
 
-    def send(world, i, frame, length, to):
-        left = transmit(world, i, frame, length, to)
-        if i == ME and left < 0 and is_fragment(frame):
+    def was_full(fleet, i):
+        no_room(fleet, i)
+        if i == ME:
             full.append(True)
-        return left
 
     def note(world, robots, *advice_and_stage):
         kind = int(world.clock[0].kind)
         mine = int(world.clock[0].robot) == ME
         if mine and kind in NAMES:
             raw = world.reading if kind == loop.CONTROL else world.frame
-            data = raw[: world.frame_len[0]].tobytes() if kind != loop.SENT else bool(world.clock[0].arrived)
+            data = raw[: world.frame_len[0]].tobytes() if kind != loop.SENT else bool(world.clock[0].arg)
             noted.append((int(world.clock[0].now_us + world.boot_us[ME]) // 1000, NAMES[kind], data))
         handle(world, robots, *advice_and_stage)
         if mine:
@@ -72,7 +74,8 @@ def lived(request):
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(pybot, "handle", note)
-        patched.setattr(loop, "transmit", send)
+        patched.setattr(loop, "carry_out", loop.carry_out.py_func)
+        patched.setattr(node, "on_no_room", was_full)
         run = Run(request.param)
         robot, boot_ms = alone(run), int(run.world.boot_us[ME]) // 1000
         run.advance(SWARM.duration_s)
@@ -81,17 +84,16 @@ def lived(request):
 
 def test_the_same_run_fed_to_one_robot_alone_gives_the_same_log_bytes(lived):
     (fleet, work), boot_ms, noted, run = lived
-    runtime = Runtime(CNode(fleet, 0, work), SWARM.bti, boot_ms)
+    runtime = Runtime(Robot(fleet, 0, work), SWARM.bti, boot_ms)
     planner = ToGoal(ME + 1, SWARM.goal_m)
     logs = iter([data for _, kind, data in noted if kind == "log"])
-    compared = frames = waits = 0
+    compared = packets = waits = 0
 
     def same():
         nonlocal compared
         right, was_full = next(logs)
         if was_full:
-            rounds.withdraw(fleet, 0)
-            fleet.robot[0].quota = 0
+            node.on_no_room(fleet, 0)
         assert logged(fleet, 0) == right
         compared += 1
 
@@ -99,23 +101,21 @@ def test_the_same_run_fed_to_one_robot_alone_gives_the_same_log_bytes(lived):
         if kind == "log":
             continue
         while runtime.audit_ms <= at_ms:
-            listened_ms = runtime._listened_ms
+            before = len(runtime._rounds)
             runtime.on_audit(runtime.audit_ms)
-            if runtime._listened_ms < listened_ms:
-                waits += 1
-            else:
-                same()
-        if kind == "input":
+            waits += len(runtime._rounds) > before
+            same()
+        if kind == "reading":
             assert runtime.input_ms == at_ms
-            runtime.on_input(at_ms, data, advice_of(planner, at_ms, data))
-        elif kind == "frame":
-            runtime.on_frame(at_ms, data)
-            frames += 1
+            runtime.on_reading(at_ms, data, advice_of(planner, at_ms, data))
+        elif kind == "packet":
+            runtime.on_packet(at_ms, data)
+            packets += 1
         else:
             runtime.on_sent(at_ms, arrived=data)
         same()
     assert (waits > 0) == (run.scenario.radio.loss > 0)
-    assert frames > (10 if waits else 50)
+    assert packets > (10 if waits else 50)
     assert compared > (50 if waits else 150)
     assert fleet.robot[0].tokens_got == run.world.fleet.robot[ME].tokens_got > 0
     np.testing.assert_array_equal(fleet.hckpt[0], run.world.fleet.hckpt[ME])
@@ -124,29 +124,30 @@ def test_the_same_run_fed_to_one_robot_alone_gives_the_same_log_bytes(lived):
 def test_a_robot_that_nobody_answers_is_stopped_when_its_tokens_have_run_out():
     run = Run(SWARM)
     (fleet, work), boot_ms = alone(run), int(run.world.boot_us[ME]) // 1000
-    runtime = Runtime(CNode(fleet, 0, work), SWARM.bti, boot_ms)
+    runtime = Runtime(Robot(fleet, 0, work), SWARM.bti, boot_ms)
     asked = 0
     while not runtime.in_safe_mode:
         now_ms = runtime.due_ms
         if runtime.check_ms == now_ms:
             runtime.on_check(now_ms)
         elif runtime.audit_ms == now_ms:
-            asked += sum(isinstance(each, Transmit) and is_fragment(each.frame) for each in runtime.on_audit(now_ms))
+            sent = [row(each.packet) for each in runtime.on_audit(now_ms) if isinstance(each, Transmit)]
+            asked += sum(is_fragment(each, len(each)) for each in sent)
         else:
-            runtime.on_input(now_ms, b"\x02" + bytes(26))
+            runtime.on_reading(now_ms, b"\x02" + bytes(26))
         assert now_ms <= boot_ms + SWARM.bti.t_val_ms + 2 * SWARM.bti.p_check_ms
     assert now_ms >= boot_ms + SWARM.bti.t_val_ms
     assert asked == 0, "it knows nobody whom it could ask"
-    assert runtime.on_input(now_ms, b"\x02" + bytes(26)) == []
+    assert runtime.on_reading(now_ms, b"\x02" + bytes(26)) == []
 
 
 def test_no_frame_makes_it_raise():
     run = Run(SWARM)
     (fleet, work), boot_ms = alone(run), int(run.world.boot_us[ME]) // 1000
-    runtime = Runtime(CNode(fleet, 0, work), SWARM.bti, boot_ms)
+    runtime = Runtime(Robot(fleet, 0, work), SWARM.bti, boot_ms)
     chance = np.random.default_rng(5)
     for k in range(2000):
         length = int(chance.integers(0, 2100))
         frame = chance.bytes(length)
-        runtime.on_frame(boot_ms + k, (b"\x80" + frame[1:] if k % 2 else frame))
+        runtime.on_packet(boot_ms + k, (b"\x80" + frame[1:] if k % 2 else frame))
     assert dispatch.NUMBERS["guard"] == fleet.settings[0].controller

@@ -316,8 +316,8 @@ def test_a_planner_hears_no_frame_that_its_a_node_refused():
     radio = SimpleNamespace(take=lambda: came.popleft() if came else b"")
     life = Life(mission, 3, OwnClock(Nodes()), None, radio, Listens)
     life.begin()
-    for timer in ("check_ms", "_round_ms", "wake_ms"):
-        setattr(life.runtime, timer, NEVER_MS)
+    life.runtime.check_ms = life.runtime.wake_ms = NEVER_MS
+    life.runtime._rounds = [(NEVER_MS, False)]
     life.runtime._step = 1 << 20  # no reading is due
     while came:
         life._turn()

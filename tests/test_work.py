@@ -169,13 +169,13 @@ class TestMemory:
     def test_a_checkpoint_is_all_that_it_remembers_and_there_is_room_for_it(self):
         swarm = working()
         live(swarm, 8.0)
-        for i, cnode in swarm._nodes.items():
-            kept = cnode.controller.encode()
+        for i, robot in swarm._nodes.items():
+            kept = robot.controller.encode()
             assert kept == swarm.world.fleet.state[i, : len(kept)].tobytes()
             again = swarm._work.make_controller(i + 1)
             again.decode(kept)
             assert again.encode() == kept
-            assert again.others == cnode.controller.others, "who replays from there has the same numbers"
+            assert again.others == robot.controller.others, "who replays from there has the same numbers"
             assert len(kept) + 4 * 32 <= swarm._work.bti.state_bytes
 
     @pytest.mark.parametrize("cut", [0, 1, 100, 157, 158, 170, -1])

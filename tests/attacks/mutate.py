@@ -38,7 +38,7 @@ KERNELS = {
     "bti/audit": (),
     "bti/log": ("piece_at",),
     "bti/request": ("admit",),
-    "robot/auditor": (),
+    "robot/replay": ("replay_bundled", "_begin"),
     "robot/node": ("hear_audit", "hear_fragment", "knock", "judge", "answer"),
 }
 FEW = 60  # mistakes: for so few it does not pay to see which tests run them

@@ -11,10 +11,16 @@ import pytest
 
 from phalanx.bti import request
 from phalanx.robot import node
-from phalanx.robot.cnode import CNode
+from phalanx.robot.robot import Robot
 from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.audited.world import PYTHON
 from phalanx.sim.scenarios.run import Run
+
+# From the events of a robot in Python down to the guards.
+CHAIN = [
+    *((node, name) for name in ("on_packet", "hear", "hear_audit", "hear_fragment")),
+    (request, "take_fragment"),
+]
 
 
 @dataclass(frozen=True)
@@ -39,13 +45,13 @@ def run_with(patch: pytest.MonkeyPatch, made: Scenario, *holes: Hole) -> Run:
     """The scenario to its end, with these holes open in all robots; with none of them, the defence as it is."""
     with patch.context() as within:
         opened = [(hole, hole.opened()) for hole in holes]
-        for module, name in ((node, "hear"), (node, "hear_audit"), (node, "hear_fragment"), (request, "take_fragment")):
+        for module, name in CHAIN:
             within.setattr(module, name, getattr(module, name).py_func)
         for hole, function in opened:
             within.setattr(hole.module, hole.name, function)
         running = Run(made)
         for i in range(made.robots):
-            running.robots.setdefault(i, CNode(running.world.fleet, i, running.world.work))
+            running.robots.setdefault(i, Robot(running.world.fleet, i, running.world.work))
             running.world.runs[i] = PYTHON
         running.advance(made.duration_s)
     return running

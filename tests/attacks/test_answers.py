@@ -52,7 +52,7 @@ class Asking:
         )
         self.work, self.robot = make_work(self.config), self.fleet.robot[VICTIM]
         for i in range(n):
-            node.boot(self.fleet, i, BOOT_MS)
+            node.on_boot(self.fleet, i, BOOT_MS)
 
     def round_begins(self, now_ms: int) -> None:
         for rob_id in range(2, 9):
@@ -62,11 +62,12 @@ class Asking:
     def hears(self, now_ms: int) -> None:
         """So that its next checkpoint differs from its last."""
         state = bytearray(MOTION.pack(KIND_STATE, 3, now_ms, 0.0, 0.0, 0.0, 0.0))
-        node.hear(self.fleet, VICTIM, self.work, now_ms, np.frombuffer(state, np.uint8), len(state))
+        packet = np.frombuffer(state, np.uint8)
+        assert node.on_packet(self.fleet, VICTIM, self.work, now_ms, packet, len(packet)) == node.HEARD
 
     def ask(self, now_ms: int) -> tuple[int, bytes]:
         """The auditor's id, and the request."""
-        assert node.next_frame(self.fleet, VICTIM, self.work, now_ms) > 0
+        assert node.next_fragment(self.fleet, VICTIM, self.work, now_ms) > 0
         q = self.fleet.request.rows[self.robot.request_row, : int(self.robot.request_len)].tobytes()
         rounds.withdraw(self.fleet, VICTIM)
         return int(self.robot.request_to), q

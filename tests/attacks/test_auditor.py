@@ -13,7 +13,9 @@ from phalanx.bti import request
 from phalanx.bti.fleet import Fleet
 from phalanx.bti.memo import Memo
 from phalanx.bti.refusal import Refusal
-from phalanx.robot import node
+from phalanx.robot import actions, node
+from phalanx.robot.actions import Verdict
+from phalanx.robot.attacks.liar import tokens_in
 
 MUTATED = 10_000
 # Times as long: what audits of a few microseconds differ by on a busy machine, and more.
@@ -186,7 +188,7 @@ def test_fragments_of_any_bytes_do_no_harm(caught):
         *f.rx.free[: f.rx.left[0]][-f.rx_info.shape[1] :].tolist(),
         *f.rx_info[0].row[f.rx_info[0].src != 0].tolist(),
     }
-    before = untouched(f, lent)
+    before, audited = untouched(f, lent), 0
     for k in range(3000):
         length = int(dice.choice([1, 5, 6, 10, 11, 20, 60, 2048]))
         frame = np.frombuffer(bytearray(dice.bytes(length)), np.uint8)
@@ -194,11 +196,15 @@ def test_fragments_of_any_bytes_do_no_harm(caught):
         if k % 4 and length > 10:
             request.audit_head(frame, int(dice.integers(0, 12)), 1, int(dice.integers(0, 4)))
             frame[8], frame[9] = int(dice.choice([0, 1, 5, 62, 63, 255])), int(dice.choice([0, 1, 2, 6, 63, 64, 255]))
-        told = node.hear(f, 0, w, now + k * 7, frame, length)
-        assert told in (node.NOTHING, node.REPLY) or told < 0
-        if told == node.REPLY:
-            assert w.told[node.TOLD_REFUSAL] != 0
+        told = node.on_packet(f, 0, w, now + k * 7, frame, length)
+        asked = actions.decode(w)
+        assert told == node.NOTHING or (told < 0 and not asked)
+        assert not tokens_in(asked)
+        verdicts = [each for each in asked if isinstance(each, Verdict)]
+        assert all(each.refusal for each in verdicts)
+        audited += len(verdicts)
         assert 0 <= f.robot[0].peers <= f.peer.shape[1]
         assert (f.rx_info[0].len <= f.rx.rows.shape[1]).all()
+    assert audited > 0
     after = untouched(f, lent)
     assert {name for name in before if before[name] != after[name]} == set()

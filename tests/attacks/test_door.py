@@ -9,12 +9,14 @@ from test_refusals import Auditee
 
 from phalanx.bti import request, rounds, trusted
 from phalanx.bti.refusal import Refusal
-from phalanx.robot import node
+from phalanx.robot import actions, node
+from phalanx.robot.actions import Action, Transmit, Verdict
 from phalanx.wire.fields import row
 
 VICTIM_ID = VICTIM + 1
 STRANGER_ID = 8
 NO = 77
+PASSED_OVER = node.NOTHING, []
 
 
 class Door(Auditee):
@@ -27,7 +29,7 @@ class Door(Auditee):
         self.now_ms = self.due_ms(self.step - 1) + 80
         self.auditor = self.fleet.robot[self.tor - 1]
         other = next(each for each in range(2, 9) if each != self.tor)
-        assert self.hears_frame(self.fragment(b"?" * self.body, src=other, count=2)) == node.NOTHING
+        assert self.hears_frame(self.fragment(b"?" * self.body, src=other, count=2)) == PASSED_OVER
 
     @property
     def body(self) -> int:
@@ -40,19 +42,30 @@ class Door(Auditee):
         frame[request.AT_INDEX], frame[request.AT_COUNT] = index, count
         return frame.tobytes()
 
-    def hears_frame(self, frame: bytes, now_ms: int | None = None, robot: int | None = None) -> int:
+    def hears_frame(
+        self, frame: bytes, now_ms: int | None = None, robot: int | None = None
+    ) -> tuple[int, list[Action]]:
+        """What `on_packet` returns, and its actions."""
         now_ms = self.now_ms if now_ms is None else now_ms
         self.work.told[:] = -7
         at = self.tor - 1 if robot is None else robot
-        return int(node.hear(self.fleet, at, self.work, now_ms, row(frame), len(frame)))
+        told = int(node.on_packet(self.fleet, at, self.work, now_ms, row(frame), len(frame)))
+        return told, actions.decode(self.work)
 
-    def hears_request(self, q: bytes, now_ms: int | None = None, **said) -> int:
+    def hears_request(self, q: bytes, now_ms: int | None = None, **said) -> tuple[int, list[Action]]:
         """All of its fragments; what the last one leads to."""
         cut = [q[at : at + self.body] for at in range(0, len(q), self.body)]
         for k, part in enumerate(cut):
             told = self.hears_frame(self.fragment(part, index=k, count=len(cut), **said), now_ms)
-            assert told == node.NOTHING or k == len(cut) - 1
+            assert told == PASSED_OVER or k == len(cut) - 1
         return told
+
+    def answers(self, q: bytes, now_ms: int | None = None) -> bytes:
+        """The token that goes out to the auditee alone, behind the verdict."""
+        told, (verdict, sent) = self.hears_request(q, now_ms)
+        assert (told, verdict) == (node.NOTHING, Verdict(VICTIM_ID, Refusal.NONE))
+        assert sent == Transmit(sent.packet, VICTIM_ID)
+        return sent.packet
 
     def said(self, what: int) -> int:
         return int(self.work.told[what])
@@ -68,13 +81,11 @@ def door():
 
 
 def test_who_is_found_right_is_sent_a_token_and_takes_it(door):
-    assert door.hears_request(door.q) == node.REPLY
-    assert door.said(node.TOLD_REFUSAL) == 0
-    assert door.said(node.TOLD_TEE) == door.said(node.TOLD_TO) == VICTIM_ID
+    frame = door.answers(door.q)
+    assert door.said(node.TOLD_TEE) == VICTIM_ID
     assert door.said(node.TOLD_PLACE) == 1
-    assert door.said(node.TOLD_LENGTH) == request.TOKEN_FRAME_BYTES
+    assert len(frame) == request.TOKEN_FRAME_BYTES
     assert (door.auditor.audits_passed, door.auditor.audits_refused, door.auditor.accepted) == (1, 0, 1)
-    frame = door.work.frame[: request.TOKEN_FRAME_BYTES].tobytes()
     head = row(bytes(request.TOKEN_FRAME_BYTES))
     request.audit_head(head, door.tor, VICTIM_ID, request.TOKEN)
     head[request.AT_REQUEST] = NO
@@ -84,40 +95,30 @@ def test_who_is_found_right_is_sent_a_token_and_takes_it(door):
     t_ms = int.from_bytes(door.q[request.AT_T :][:4], "little")
     assert trusted.anode_check_token(door.profile, door.fleet.anode[0], door.tor, VICTIM_ID, t_ms, claimed, mac) == 0
     assert door.robot.got == 0
-    assert door.hears_frame(frame, robot=VICTIM) == node.INSTALLED
+    assert door.hears_frame(frame, robot=VICTIM) == (node.INSTALLED, [])
     assert door.said(node.TOLD_TEE) == door.tor
     assert door.robot.got == 1
 
 
-def test_whoever_judges_is_told_of_whom(door):
-    door.work.told[:] = -7
-    door.hears_request(door.q)
-    assert door.said(node.TOLD_TEE) == door.said(node.TOLD_TO) == VICTIM_ID
-    assert door.said(node.TOLD_REFUSAL) == 0
-
-
 @pytest.mark.parametrize("change", [-1, 1])
 def test_a_token_of_another_length_is_none(door, change):
-    door.hears_request(door.q)
-    frame = (door.work.frame[: request.TOKEN_FRAME_BYTES].tobytes() + b"\0")[: request.TOKEN_FRAME_BYTES + change]
-    assert door.hears_frame(frame, robot=VICTIM) == node.NOTHING
+    frame = (door.answers(door.q) + b"\0")[: request.TOKEN_FRAME_BYTES + change]
+    assert door.hears_frame(frame, robot=VICTIM) == PASSED_OVER
     assert door.robot.got == 0
 
 
 @pytest.mark.parametrize("sub", [request.HELLO, 9])
 def test_a_token_that_is_called_something_else_is_none(door, sub):
-    door.hears_request(door.q)
-    frame = row(door.work.frame[: request.TOKEN_FRAME_BYTES].tobytes())
+    frame = row(door.answers(door.q))
     frame[request.AT_SUB] = sub
-    assert door.hears_frame(frame.tobytes(), robot=VICTIM) == node.NOTHING
+    assert door.hears_frame(frame.tobytes(), robot=VICTIM) == PASSED_OVER
     assert door.robot.got == 0
 
 
 def test_a_token_with_another_mac_is_none(door):
-    door.hears_request(door.q)
-    frame = bytearray(door.work.frame[: request.TOKEN_FRAME_BYTES].tobytes())
+    frame = bytearray(door.answers(door.q))
     frame[-1] ^= 1
-    assert door.hears_frame(bytes(frame), robot=VICTIM) == node.NOTHING
+    assert door.hears_frame(bytes(frame), robot=VICTIM) == PASSED_OVER
 
 
 @pytest.mark.parametrize(
@@ -137,10 +138,8 @@ def test_who_is_found_wrong_is_told_nothing(door, at, refusal):
         refusal = Refusal.CHECKPOINT_MISSING
     else:
         wrong[at] ^= 1
-    assert door.hears_request(bytes(wrong)) == node.REPLY
-    assert door.said(node.TOLD_REFUSAL) == refusal
+    assert door.hears_request(bytes(wrong)) == (node.NOTHING, [Verdict(VICTIM_ID, refusal)])
     assert door.said(node.TOLD_TEE) == VICTIM_ID
-    assert door.said(node.TOLD_LENGTH) == 0
     assert (door.auditor.audits_passed, door.auditor.audits_refused) == (0, 1)
     audited = refusal not in (Refusal.MALFORMED, Refusal.REQUEST_INVALID)
     assert door.auditor.accepted == audited
@@ -154,21 +153,24 @@ def test_a_robot_that_the_replay_finds_wrong_is_told_nothing():
     door.robot.quota = 1
     later_ms = door.due_ms(door.step - 1) + 3000
     door.tor, q = door.asks(door.due_ms(door.step - 1) + 60)
-    assert door.hears_request(q, later_ms) == node.REPLY
-    assert door.said(node.TOLD_REFUSAL) == Refusal.OUTPUT_UNCALLED
+    wrong = Verdict(VICTIM_ID, Refusal.OUTPUT_UNCALLED)
+    assert door.hears_request(q, later_ms) == (node.NOTHING, [wrong])
 
 
 def test_one_token_request_is_audited_once(door):
-    assert door.hears_request(door.q) == node.REPLY
+    door.answers(door.q)
     for after_ms in (2000, 20_000):
-        assert door.hears_request(door.q, door.now_ms + after_ms) == node.NOTHING
+        assert door.hears_request(door.q, door.now_ms + after_ms) == PASSED_OVER
     assert door.auditor.accepted == 1
 
 
 @pytest.mark.parametrize("ago_ms, admitted", [(0, True), (-1, False)])
 def test_so_many_are_audited_in_t_val_and_no_more(door, ago_ms, admitted):
     door.fleet.taken[door.tor - 1] = door.now_ms - door.config.t_val_ms - ago_ms
-    assert door.hears_request(door.q) == (node.REPLY if admitted else node.NOTHING)
+    if admitted:
+        door.answers(door.q)
+    else:
+        assert door.hears_request(door.q) == PASSED_OVER
     assert door.auditor.accepted == admitted
     assert (door.fleet.taken[door.tor - 1] == door.now_ms).sum() == admitted
     assert (door.fleet.peer[door.tor - 1, : int(door.auditor.peers)].took_t > 0).sum() == admitted
@@ -177,13 +179,13 @@ def test_so_many_are_audited_in_t_val_and_no_more(door, ago_ms, admitted):
 def test_the_place_of_the_oldest_audit_is_taken(door):
     taken = door.fleet.taken[door.tor - 1]
     door.auditor.accepted = len(taken) + 2
-    assert door.hears_request(door.q) == node.REPLY
+    door.answers(door.q)
     assert np.flatnonzero(taken == door.now_ms).tolist() == [2]
 
 
 def test_a_swarm_in_plain_python_replays_for_itself(door):
     door.fleet.settings[0].controller = 0
-    assert door.hears_request(door.q) == node.WHOLE
+    assert door.hears_request(door.q) == (node.WHOLE, [])
     assert door.said(node.TOLD_TEE) == VICTIM_ID
     place = door.said(node.TOLD_PLACE)
     assert door.fleet.rx.rows[door.fleet.rx_info[door.tor - 1, place].row, : len(door.q)].tobytes() == door.q
@@ -199,7 +201,7 @@ class TestWhose:
     def test_who_says_hello_is_in_range(self, door):
         robot = STRANGER_ID if door.tor != STRANGER_ID else 7
         assert not door.knows(robot) or door.tor == robot
-        assert door.hears_frame(self.hello(robot)) == node.NOTHING
+        assert door.hears_frame(self.hello(robot)) == PASSED_OVER
         assert door.knows(robot)
         at = rounds.peer_at(door.fleet, door.tor - 1, robot)
         assert door.fleet.peer[door.tor - 1, at].heard == door.now_ms
@@ -208,22 +210,20 @@ class TestWhose:
         seek, told = row(self.hello(STRANGER_ID)), row(bytes(request.AUDIT_HEAD_BYTES))
         seek[request.AT_SUB] = request.SEEK
         request.audit_head(told, door.tor, STRANGER_ID, request.HELLO)
-        assert door.hears_frame(seek.tobytes() + b"\0") == node.NOTHING
-        assert door.hears_frame(seek.tobytes()) == node.HELLO
-        assert door.said(node.TOLD_TO) == STRANGER_ID
-        assert door.work.frame[: door.said(node.TOLD_LENGTH)].tobytes() == told.tobytes()
-        assert door.hears_frame(seek.tobytes()) == node.NOTHING
+        assert door.hears_frame(seek.tobytes() + b"\0") == PASSED_OVER
+        assert door.hears_frame(seek.tobytes()) == (node.NOTHING, [Transmit(told.tobytes(), STRANGER_ID)])
+        assert door.hears_frame(seek.tobytes()) == PASSED_OVER
 
     def test_a_frame_that_is_shorter_than_its_head_is_nobodys(self, door):
-        assert door.hears_frame(self.hello(STRANGER_ID)[:-1]) == node.NOTHING
+        assert door.hears_frame(self.hello(STRANGER_ID)[:-1]) == PASSED_OVER
         assert not door.knows(STRANGER_ID)
 
     def test_what_is_for_another_is_not_taken(self, door):
-        assert door.hears_frame(self.hello(STRANGER_ID, dst=door.tor + 1)) == node.NOTHING
+        assert door.hears_frame(self.hello(STRANGER_ID, dst=door.tor + 1)) == PASSED_OVER
         assert not door.knows(STRANGER_ID)
-        assert door.hears_request(door.q, dst=VICTIM_ID) == node.NOTHING
+        assert door.hears_request(door.q, dst=VICTIM_ID) == PASSED_OVER
         assert door.auditor.accepted == 0
-        assert door.hears_frame(self.hello(STRANGER_ID, dst=door.tor)) == node.NOTHING
+        assert door.hears_frame(self.hello(STRANGER_ID, dst=door.tor)) == PASSED_OVER
         assert door.knows(STRANGER_ID)
 
     @pytest.mark.parametrize("own", [True, False])
@@ -231,11 +231,11 @@ class TestWhose:
         before = int(door.auditor.peers)
         door.hears_frame(self.hello(door.tor if own else 0))
         assert door.auditor.peers == before
-        assert door.hears_request(door.q, src=door.tor if own else 0) == node.NOTHING
+        assert door.hears_request(door.q, src=door.tor if own else 0) == PASSED_OVER
         assert door.auditor.audits_refused == 0
 
     def test_a_frame_of_no_sort_does_nothing_more(self, door):
         for sub in (request.HELLO, 9):
-            assert door.hears_request(door.q, sub=sub) == node.NOTHING
+            assert door.hears_request(door.q, sub=sub) == PASSED_OVER
         assert door.auditor.accepted == 0
         assert (door.fleet.rx_info[door.tor - 1].src == VICTIM_ID).sum() == 0

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from phalanx.bti import log
+from phalanx.bti.log import ENTRY_T
 from phalanx.config import BtiConfig
 from phalanx.config.guard import GuardConfig
 from phalanx.errors import UsageError
@@ -20,7 +21,7 @@ from phalanx.robot.controllers.guard_law import guard_params
 from phalanx.robot.controllers.python_controller import compiled
 from phalanx.robot.planner import ToGoal
 from phalanx.sim import AttackSpec, Scenario, simulate
-from phalanx.wire.fields import row
+from phalanx.wire.fields import get_u32, row
 from phalanx.wire.guarded import ADVICE, KIND_WISH, WISH
 
 pytestmark = pytest.mark.long
@@ -64,7 +65,7 @@ class Wider(Liar):
             params = guard_params(replace(ENVELOPE, speed_mps=3.0, fences=(), n_max=5))
             self.wider = compiled(dispatch.NUMBERS["guard"], params)(self.id)
             self.wider.on_input(0, 0, b"")
-        step, t_ms = int(self.f.robot[self.i].step), self._entry_time()
+        step, t_ms = self.robot.step, get_u32(self.w.entry, ENTRY_T)
         honest = super().decide(entry_len)
         outputs = self.wider.on_input(step + 1, t_ms, self.reading)
         return outputs[:1] + honest[1:] if self.lies(t_ms) else honest

@@ -39,7 +39,7 @@ class Unheard(Asking):
 
     def says(self, now_ms: int) -> bytes:
         """The frame that goes out now, if one does."""
-        n = node.next_frame(self.fleet, VICTIM, self.work, now_ms)
+        n = node.next_fragment(self.fleet, VICTIM, self.work, now_ms)
         return self.work.frame[:n].tobytes()
 
     def passes_over(self, now_ms: int) -> int:

@@ -108,8 +108,8 @@ def test_a_controller_that_raises_on_a_log_refuses_it_and_no_more():
     made = scenario("bound", robots=6, end_s=9)
     caught = advanced(made, Plain)
     assert {why for *_, why in caught.new_verdicts()} == {Refusal.NONE}
-    for cnode in caught.robots.values():
-        cnode.make_controller = Raising
+    for robot in caught.robots.values():
+        robot.make_controller = Raising
     caught.advance(12)
     assert {why for *_, why in caught.new_verdicts()} == {Refusal.CONTROLLER_FAILED}
 

@@ -99,7 +99,7 @@ class Auditee(Asking):
         for k in range(self.config.tokens_needed):
             now_ms = self.due_ms(self.step - 1) + ASKED_MS
             while True:  # the a-node's bucket
-                if node.next_frame(self.fleet, VICTIM, self.work, now_ms) > 0:
+                if node.next_fragment(self.fleet, VICTIM, self.work, now_ms) > 0:
                     break
                 self.robot.quota = 1
                 self.senses()

@@ -186,7 +186,7 @@ class Guards(Auditee):
         super().__init__(controller="guard", params=guard_params(GuardConfig()))
         self.goes_on()
         self.said = guarded.WISH.encode(vx_mps=0.25, vy_mps=0.0)
-        node.advise(self.fleet, VICTIM, row(self.said), len(self.said))
+        node.on_advice(self.fleet, VICTIM, row(self.said), len(self.said))
         self.tor, self.q = self.asks()
 
     def told(self, said: bytes) -> int:

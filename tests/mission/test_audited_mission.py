@@ -77,7 +77,7 @@ def test_honest_robots_complete_their_mission_and_none_is_stopped(profile):
 def test_who_audits_holds_no_key(profile):
     run = honest(profile)
     for rob_id in range(1, ROBOTS + 1):
-        make = run.robots[rob_id - 1].cnode.make_controller
+        make = run.robots[rob_id - 1].inner.make_controller
         other = make(rob_id % ROBOTS + 1)
         _, claim, _ = other.walker.look(other.memory.walk, Experience(1.0, *PLAN.start))
         assert (claim is None) == (profile is Profile.SEALED), "in the paper profile there are no keys"
@@ -89,7 +89,7 @@ def test_who_audits_holds_no_key(profile):
 @CHEATED
 def test_a_cheat_is_stopped_within_the_bound_and_nobody_else_is(name, profile):
     run = cheated(name, profile, "bound")
-    liar = run.robots[0].cnode
+    liar = run.robots[0].inner
     assert liar.first_deviation_ms is not None
     began_s = liar.first_deviation_ms / 1000 - int(run.world.boot_us[0]) / 1e6
     bti = run.bti

@@ -36,7 +36,7 @@ class Shown:
         fleet.rx_info[tor, 0].row, fleet.rx_info[tor, 0].len = tor, len(q)
         refused = node.knock(fleet, tor, work, 0, tee + 1)
         if not refused:
-            refused = self.run.robots[tor].cnode._judge(0, tee + 1)
+            refused = self.run.robots[tor].inner._judge(0, tee + 1)
         return Refusal(int(refused))
 
 
@@ -151,8 +151,8 @@ def test_a_checkpoint_that_is_no_state_is_refused_as_such():
     tee, tor, head, items, _ = next(each for each in with_evidence() if each[2][1] == 0)
     at = request.HEAD_BYTES + head[request.AT_TOKENS] * request.TOKEN_BYTES
     run = shown().run
-    cnode, work = run.robots[tor].cnode, run.world.work
-    controller = cnode.make_controller(tee + 1)
+    inner, work = run.robots[tor].inner, run.world.work
+    controller = inner.make_controller(tee + 1)
     state = head[at + 48 :]
     controller.decode(state)
     assert controller.encode() == state
@@ -164,7 +164,7 @@ def test_a_checkpoint_that_is_no_state_is_refused_as_such():
     work.case[0].tee, work.case[0].start_len = tee + 1, 48 + len(state)
     work.state[48 : 48 + len(state)] = 0xFF
     q = np.frombuffer(bytearray(put_together(head, items)), np.uint8)
-    assert cnode._replay(q) == Refusal.STATE_MALFORMED
+    assert inner._replay(q) == Refusal.STATE_MALFORMED
 
 
 def test_bundled_controllers_take_no_evidence():

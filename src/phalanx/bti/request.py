@@ -46,6 +46,18 @@ LISTENS_MS = 5
 
 
 @kernel
+def is_audit(packet: Row, length: int) -> bool:
+    """Return whether a packet is audit traffic, with its head."""
+    return length >= AUDIT_HEAD_BYTES and int(packet[0]) & AUDIT != 0
+
+
+@kernel
+def is_fragment(packet: Row, length: int) -> bool:
+    """Return whether a packet is a fragment of a request: its sender waits until it is sent."""
+    return is_audit(packet, length) and packet[AT_SUB] == FRAGMENT
+
+
+@kernel
 def make_request(f: Fleet, i: int, now: int, treq: Row, auth_s: Row, auth_a: Row) -> int:
     """The request to the next candidate is in the robot's row of `f.request`; the three given are scratch memory.
 

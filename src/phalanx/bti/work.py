@@ -37,6 +37,11 @@ CASE = np.dtype(
     align=True,
 )
 
+# One action of a robot's event handlers (phalanx.robot.actions): its fields depend on its kind.
+ACTION = np.dtype([("kind", "i8"), ("number", "i8"), ("more", "i8"), ("begin", "i8"), ("length", "i8")], align=True)
+# Beside the outputs of one control step: a verdict, a HELLO, a fragment or a token, and when to go on.
+MORE_ACTIONS = 8
+
 
 class Work(NamedTuple):
     """Scratch memory of one auditor at a time."""
@@ -53,6 +58,9 @@ class Work(NamedTuple):
     frame: U8x1  # a radio frame
     entry: U8x1  # a chained entry
     told: I64x1  # (8,): what happened, for whoever called (see robot/node.py)
+    actions: Annotated[Any, Records(ACTION)]  # of the event that was handled last
+    sent: U8x1  # packets and commands of these actions
+    used: I64x1  # (2,): how many actions, and bytes of `sent`
 
 
 pack = bundled(Work)
@@ -74,5 +82,8 @@ def make_work(config: BtiConfig) -> Work:
         frame=np.zeros(entry, np.uint8),
         entry=np.zeros(entry, np.uint8),
         told=np.zeros(8, np.int64),
+        actions=np.zeros(2 * entry // table.OUTPUT.size + MORE_ACTIONS, ACTION).view(np.recarray),
+        sent=np.zeros(4 * entry, np.uint8),
+        used=np.zeros(2, np.int64),
     )
     return pack(work)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -70,15 +71,30 @@ def choose(
         return Chosen(found, own, find_planner(planner), (controller, planner, *attacks))
 
 
-def run(scenario: str, record: Path | None, plain: bool, as_json: bool, **said: Any) -> int:
-    """Runs a scenario and sums it up on stdout."""
+def run(scenario: str, record: Path | None, trace: str | None, plain: bool, as_json: bool, **said: Any) -> int:
+    """Run a scenario and sum it up on stdout."""
+    traced = None if trace is None else _traced(trace)
+    lines = sys.stderr if as_json else sys.stdout  # before a controller's own words are turned aside
     before = _written(record)
     chosen = choose(scenario, **said)
     warn(chosen.scenario)
-    tell = progress(chosen.scenario.duration_s)
+    tell = progress(chosen.scenario.duration_s) if traced is None else lambda _run: None
+
+    def on_start(started: Run) -> None:
+        if traced is not None:
+            started.trace(traced, lambda line: click.echo(line, file=lines))
+
     try:
         with said_aside(), mistakes_in(*chosen.files):
-            ended = play(chosen.scenario, record, tell, chosen.controller, planner=chosen.planner, plain=plain)
+            ended = play(
+                chosen.scenario,
+                record,
+                tell,
+                chosen.controller,
+                planner=chosen.planner,
+                plain=plain,
+                on_start=on_start,
+            )
     except KeyboardInterrupt:
         end_status_line()
         click.echo("stopped" + (f"; recorded until then: {record}" if _written(record) != before else ""), err=True)
@@ -94,6 +110,14 @@ def run(scenario: str, record: Path | None, plain: bool, as_json: bool, **said: 
     if record:
         click.echo(f"recorded: {record}", err=True)
     return 0
+
+
+def _traced(words: str) -> int:
+    """Return the robot of `--trace robot=5`. Raises: UsageError: it is written otherwise."""
+    found = re.fullmatch(r"robot=(\d{1,5})", words)
+    if not found:
+        raise UsageError(f"--trace {words}", "--trace robot=5: the number of one robot")
+    return int(found[1])
 
 
 def _written(record: Path | None) -> int:

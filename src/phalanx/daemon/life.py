@@ -17,19 +17,21 @@ from pathlib import Path
 
 import numpy as np
 
-from phalanx.bti import elsewhere
+from phalanx.bti import elsewhere, request
 from phalanx.bti.fleet import BOUND, make_fleet
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.work import make_work
 from phalanx.errors import UsageError
 from phalanx.io.udp_radio import Radio
+from phalanx.robot.actions import Actuate, Transmit
 from phalanx.robot.attacks.liar import Liar, lying
-from phalanx.robot.cnode import Actuate, CNode, Transmit
 from phalanx.robot.planner import MakePlanner, Planner, ToGoal, advice_of, overheard
-from phalanx.robot.runtime import Done, Runtime, is_fragment
+from phalanx.robot.robot import Robot
+from phalanx.robot.runtime import Done, Runtime
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.behaviour import MakeController, adviser, number_of, params_of, plan_of
 from phalanx.scenarios.scenario import Scenario
+from phalanx.wire.fields import row
 
 from .driver import Hardware
 from .far_planner import FarPlanner, check_adviser
@@ -125,20 +127,20 @@ class Life:
         self.given: defaultdict[int, Ended] = defaultdict(Ended)
         self.refused: defaultdict[tuple[int, Refusal], Ended] = defaultdict(Ended)
         self.runtime: Runtime | None = None
-        self.cnode: CNode | None = None
+        self.robot: Robot | Liar | None = None
 
     def begin(self) -> None:
         """The mission key has just been loaded. Raises: Unavailable: the nodes are gone."""
         now_ms = self._clock.now_ms()
-        self.cnode = self._as_it_is(now_ms)
-        self.runtime = Runtime(self.cnode, self.scenario.bti, now_ms)
+        self.robot = self._as_it_is(now_ms)
+        self.runtime = Runtime(self.robot, self.scenario.bti, now_ms)
         self.began_ms = now_ms
         self.memory_began_kb = memory_kb()
         self._began_s, self._cpu_s = time.monotonic(), time.process_time()
 
-    def _as_it_is(self, now_ms: int) -> CNode:
+    def _as_it_is(self, now_ms: int) -> Robot | Liar:
         if self.attack is None:
-            return CNode(self.fleet, 0, self._work, self._controller)
+            return Robot(self.fleet, 0, self._work, self._controller)
         log.warning("robot %d rehearses an attack: %s", self.id, self.attack.name)
         chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([self.scenario.seed, self.id])))
         plan = plan_of(self.scenario, self.attack, now_ms, chance)
@@ -201,7 +203,7 @@ class Life:
             what, done = "audit", runtime.on_audit(now_ms)
         elif frame := self._radio.take():
             taken = self._clock.taken
-            what, done = "frame", runtime.on_frame(now_ms, frame)
+            what, done = "frame", runtime.on_packet(now_ms, frame)
             if self._clock.taken > taken:  # what the a-node refused, nobody heard
                 self._overhear(now_ms, frame)
         else:
@@ -232,7 +234,7 @@ class Life:
             advice = self._far.advice(reading)
         else:
             advice = advice_of(self._planner, now_ms, reading) if self._planner else b""
-        return runtime.on_input(self._clock.now_ms(), reading, advice)
+        return runtime.on_reading(self._clock.now_ms(), reading, advice)
 
     def _overhear(self, now_ms: int, frame: bytes) -> None:
         if self._far:
@@ -246,8 +248,8 @@ class Life:
         while waiting:
             done = waiting.popleft()
             if isinstance(done, Transmit):
-                self._radio.send(done.frame)
-                if is_fragment(done.frame):
+                self._radio.send(done.packet)
+                if request.is_fragment(row(done.packet), len(done.packet)):
                     # Whether it arrived nobody tells us: who did not hear it sends no token, and another is asked.
                     waiting.extend(self.runtime.on_sent(self._clock.now_ms(), arrived=True))
             elif isinstance(done, Actuate):
@@ -291,10 +293,10 @@ class Life:
 
         Not before it begins to lie: what it compares itself with knows the time of its nodes to a millisecond only.
         """
-        if not isinstance(self.cnode, Liar) or self.cnode.first_deviation_ms is None:
+        if not isinstance(self.robot, Liar) or self.robot.first_deviation_ms is None:
             return None
-        began_ms = self.cnode.plan.start_ms
-        return max(self.cnode.first_deviation_ms, began_ms) if self.now_ms >= began_ms else None
+        began_ms = self.robot.plan.start_ms
+        return max(self.robot.first_deviation_ms, began_ms) if self.now_ms >= began_ms else None
 
     def close(self) -> None:
         """The driver is closed, and kernels know its nodes no longer."""

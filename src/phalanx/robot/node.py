@@ -1,14 +1,38 @@
-"""One robot, wired: s-node → c-node → a-node. What an honest robot does at each event, as kernels.
+"""One robot: events in, actions out. s-node → c-node → a-node, as kernels over one row of a fleet.
 
-The world calls `take` for a reading that is due, `think`, then `take` for each output; `hear` when a frame has
-arrived; `next_frame` whenever its radio can take an AUDIT frame; the attacks in `robot.attacks` call the same.
-Source: RoboRebound §3; docs/spec/rebound.md (c-node).
+The surroundings call a handler for each event, and carry out the actions in `work.actions` (actions.py) in order:
+
+    on_boot      the mission key was loaded        on_round   T_audit has passed, or the robot has listened
+    on_reading   the sensors were read             on_retry   a moment has come that `RETRY_AT` asked for
+    on_advice    a planner has advised             on_sent    the radio is done with a fragment
+    on_packet    a packet has arrived              on_no_room the radio took no fragment
+
+The protocol in short (RoboRebound §3; docs/spec/rebound.md):
+
+Log. Each reading passes the s-node, and each packet and command the a-node. The node chains it by a hash, and the
+c-node logs the same bytes. Auditors replay the log with the mission's controller, and compare.
+
+Rounds. A robot needs fresh tokens of f_max + 1 auditors, or its a-node stops it. So each T_audit a round begins: the
+robot says HELLO, so that others know an auditor; takes a checkpoint with its first request; and asks one robot after
+the other for a token. A robot that lacks tokens of the last round is silent first: two that speak at the same moment
+would never hear each other.
+
+Requests. A request is too long for one packet, so it goes out in fragments, one whenever the radio has sent the last.
+A fragment that does not arrive is repeated after a random time; a robot that stays silent is given up for another.
+
+Tokens. An auditor whose replay agrees returns a token for the checkpoint that the request claims. With f_max + 1 of
+them the log is cut there. Too few by `RETRY_AT`: as many further robots are asked as tokens are missing.
+
+Seeking. A robot that hears too few others says SEEK in place of HELLO, and each that hears it answers with its HELLO.
+
+A robot whose controller is plain Python runs the same kernels, step by step (robot.py); an attack too, in another
+order or with other bytes (attacks/liar.py).
 """
 
 from __future__ import annotations
 
 from phalanx.bti import audit, log, request, rounds, trusted
-from phalanx.bti.audit import ACMD, INPUT, RECV, SEND
+from phalanx.bti.audit import ACMD, INPUT, OUTPUT_HEAD_BYTES, OUTPUT_LENGTH, RECV, SEND
 from phalanx.bti.fleet import PAPER, PLAIN, Fleet
 from phalanx.bti.log import ENTRY_HEAD_BYTES, ENTRY_LENGTH, ENTRY_T
 from phalanx.bti.refusal import Refusal
@@ -17,18 +41,20 @@ from phalanx.kernel import kernel, reads_peer
 from phalanx.wire.fields import Row, copy, get_u16, get_u32, put_u16, put_u32
 from phalanx.wire.table import MAC_BYTES, STATE
 
-from . import auditor
+from . import actions
 from .controllers import dispatch
+from .replay import replay_bundled
 
-# What `hear` tells its caller; the numbers are in `work.told`.
-NOTHING, REPLY, WHOLE, INSTALLED, HELLO = 0, 1, 2, 3, 4
-TOLD_LENGTH, TOLD_TO, TOLD_REFUSAL, TOLD_TEE, TOLD_PLACE = 0, 1, 2, 3, 4
+# What `on_packet` returns beside its actions; negative: the a-node refused the packet.
+NOTHING, HEARD, WHOLE, INSTALLED = 0, 1, 2, 3
+# Of the request that became whole last, and of the token that was installed last, in `work.told`.
+TOLD_TEE, TOLD_PLACE = 0, 1
 ID_AT = STATE.at("id")  # as in every other broadcast of a controller's
 ID_BYTES = STATE.at("t") - ID_AT
 
 
 @kernel
-def boot(f: Fleet, i: int, now: int) -> None:
+def on_boot(f: Fleet, i: int, now: int) -> None:
     """The c-node starts right after the mission key was loaded at `now`. Source: RoboRebound §3.3, §3.6."""
     r, s = f.robot[i], f.settings[0]
     r.alive = 1
@@ -88,12 +114,56 @@ def take(f: Fleet, i: int, w: Work, kind: int, now: int, payload: Row, length: i
 
 @kernel
 @reads_peer(rejected=-1)
-def advise(f: Fleet, i: int, advice: Row, length: int) -> int:
+def on_advice(f: Fleet, i: int, advice: Row, length: int) -> int:
     """Give a planner's advice to the bundled controller. Returns: 0; -1: rejected. Source: docs/guard.md."""
     r, s = f.robot[i], f.settings[0]
     dispatch.on_advice(s.controller, f.params, int(r.id), advice, length, f.state[i])
     r.state_len = dispatch.size(s.controller, f.state[i])
     return 0
+
+
+@kernel
+def on_reading(f: Fleet, i: int, w: Work, now: int, reading: Row, length: int) -> None:
+    """The sensors were read: the s-node chains the reading, the controller decides, its outputs go out.
+
+    Source: RoboRebound Alg. 1.
+    """
+    actions.clear(w)
+    n = take(f, i, w, INPUT, now, reading, length)
+    if n > 0:
+        put_out(f, i, w, now, think(f, i, w, n))
+
+
+@kernel
+def put_out(f: Fleet, i: int, w: Work, now: int, length: int) -> None:
+    """Send the packets in `w.out[:length]`, and carry out its commands, each if the a-node passes it."""
+    at = 0
+    while at < length:
+        kind, size = int(w.out[at]), get_u16(w.out, at + OUTPUT_LENGTH)
+        at += OUTPUT_HEAD_BYTES
+        if kind == ACMD:
+            act(f, i, w, now, w.out[at : at + size], size)
+        else:
+            send(f, i, w, now, w.out[at : at + size], size, actions.EVERYBODY)
+        at += size
+
+
+@kernel
+def act(f: Fleet, i: int, w: Work, now: int, command: Row, length: int) -> int:
+    """Pass a command through the a-node to the actuators, and log it. Returns: as `chain`."""
+    n = take(f, i, w, ACMD, now, command, length)
+    if n > 0:
+        actions.actuate(w, command, 0, length)
+    return n
+
+
+@kernel
+def send(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int, to: int) -> int:
+    """Pass a packet through the a-node to the radio, and log it unless it is audit traffic. Returns: as `chain`."""
+    n = take(f, i, w, SEND, now, packet, length)
+    if n > 0:
+        actions.transmit(w, w.entry, ENTRY_HEAD_BYTES, n - ENTRY_HEAD_BYTES, to)
+    return n
 
 
 @kernel
@@ -110,63 +180,73 @@ def think(f: Fleet, i: int, w: Work, length: int) -> int:
     return int(n)
 
 
-@kernel
-@reads_peer(rejected=-1)
-def hear(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> int:
-    """A frame has arrived: passed on by the a-node, logged and given to the controller, or taken as audit traffic.
+# --- auditor ---
 
-    Returns: NOTHING; REPLY: an audit is over, `w.frame` is a token if `told[TOLD_REFUSAL]` is 0; INSTALLED: a token
-        came; HELLO: it is in `w.frame`, for whom `told[TOLD_TO]` says; WHOLE: a request for a plain-Python controller
-        waits at place `told[TOLD_PLACE]`. Negative: refused.
+
+@kernel
+def on_packet(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) -> int:
+    """A packet has arrived: passed on by the a-node, logged and given to the controller, or taken as audit traffic.
+
+    Returns: NOTHING; HEARD: it is logged, and for the controller; INSTALLED: it was a token; WHOLE: it completed a
+        request, at place `told[TOLD_PLACE]`, that a controller in plain Python has to replay. Negative: refused.
     Source: RoboRebound Alg. 4, §3.7.
     """
-    s = f.settings[0]
-    if s.profile == PLAIN and (length < 1 or int(frame[0]) & request.AUDIT):
-        return NOTHING
-    n = take(f, i, w, RECV, now, frame, length)
-    if n < 0:
-        return int(n)
-    if not int(frame[0]) & request.AUDIT:
-        if s.profile == PAPER and length >= ID_AT + ID_BYTES and frame[0] in dispatch.STATE_KINDS:
-            # As printed: auditors are chosen among the neighbours that states claim.
-            rounds.heard(f, i, get_u16(frame, ID_AT), now)
-        if s.controller:
-            r = f.robot[i]
-            r.state_len = dispatch.on_recv(
-                s.controller, f.params, int(r.id), get_u32(w.entry, ENTRY_T), frame, length, f.state[i]
-            )
-        return NOTHING
-    return hear_audit(f, i, w, now, frame, length)
+    actions.clear(w)
+    heard = hear(f, i, w, now, packet, length)
+    if heard < 0:
+        actions.clear(w)
+    return heard
 
 
 @kernel
-def hear_audit(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> int:
-    """An AUDIT frame: HELLO, SEEK, a fragment of a request, or a token. See `hear`. Source: docs/spec/rebound.md."""
+@reads_peer(rejected=-1)
+def hear(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) -> int:
+    """Handle a packet; see `on_packet`."""
+    s = f.settings[0]
+    if s.profile == PLAIN and (length < 1 or int(packet[0]) & request.AUDIT):
+        return NOTHING
+    n = take(f, i, w, RECV, now, packet, length)
+    if n < 0:
+        return int(n)
+    if int(packet[0]) & request.AUDIT:
+        return hear_audit(f, i, w, now, packet, length)
+    if s.profile == PAPER and length >= ID_AT + ID_BYTES and packet[0] in dispatch.STATE_KINDS:
+        # As printed: auditors are chosen among the neighbours that states claim.
+        rounds.heard(f, i, get_u16(packet, ID_AT), now)
+    if s.controller:
+        r, t = f.robot[i], get_u32(w.entry, ENTRY_T)
+        r.state_len = dispatch.on_recv(s.controller, f.params, int(r.id), t, packet, length, f.state[i])
+    return HEARD
+
+
+@kernel
+def hear_audit(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) -> int:
+    """Handle an AUDIT packet: HELLO, SEEK, a fragment of a request, or a token. Source: docs/spec/rebound.md."""
     r = f.robot[i]
     if length < request.AUDIT_HEAD_BYTES:
         return NOTHING
-    src, dst, sub = get_u16(frame, request.AT_SRC), get_u16(frame, request.AT_DST), int(frame[request.AT_SUB])
+    src, dst, sub = get_u16(packet, request.AT_SRC), get_u16(packet, request.AT_DST), int(packet[request.AT_SUB])
     if src == 0 or src == r.id or (dst != 0 and dst != r.id):
         return NOTHING
     rounds.heard(f, i, src, now)
     if sub == request.FRAGMENT:
-        return hear_fragment(f, i, w, now, frame, length, src)
+        return hear_fragment(f, i, w, now, packet, length, src)
     if sub == request.TOKEN and length == request.TOKEN_FRAME_BYTES:
-        t, mac = get_u32(frame, request.REPLY_T), frame[request.REPLY_MAC : request.TOKEN_FRAME_BYTES]
+        t, mac = get_u32(packet, request.REPLY_T), packet[request.REPLY_MAC : request.TOKEN_FRAME_BYTES]
         if rounds.on_token(f, i, src, t, mac, now) == 0:
             w.told[TOLD_TEE] = src
             return INSTALLED
     if sub == request.SEEK and length == request.AUDIT_HEAD_BYTES:
-        w.told[TOLD_LENGTH] = request.hello_to(f, i, src, now, w.frame)
-        w.told[TOLD_TO] = src
-        return HELLO if w.told[TOLD_LENGTH] else NOTHING
+        n = request.hello_to(f, i, src, now, w.frame)
+        if n > 0:
+            send(f, i, w, now, w.frame, n, src)
     return NOTHING
 
 
 @kernel
-def hear_fragment(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int, src: int) -> int:
-    """A fragment of a request by `src`, which is audited if it is whole now. See `hear`. Source: RoboRebound §3.7."""
-    place = request.take_fragment(f, i, frame, length, now)
+def hear_fragment(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int, src: int) -> int:
+    """Take a fragment of a request by `src`, and audit the request if it is whole now. Source: RoboRebound §3.7."""
+    place = request.take_fragment(f, i, packet, length, now)
     if place < 0:
         return NOTHING
     w.told[TOLD_TEE] = src
@@ -178,7 +258,8 @@ def hear_fragment(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int, 
         if f.settings[0].controller == 0:
             return WHOLE
         refused = judge(f, i, w, place, src)
-    return answer(f, i, w, place, src, refused)
+    answer(f, i, w, now, place, src, refused)
+    return NOTHING
 
 
 @kernel
@@ -207,39 +288,121 @@ def judge(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
     q, length = f.rx.rows[info.row], info.len
     refused = audit.examine(f, i, w, q, length, src)
     if refused == 0:
-        refused = auditor.replay(f, w, q)
+        refused = replay_bundled(f, w, q)
     return int(refused)
 
 
 @kernel
-def answer(f: Fleet, i: int, w: Work, place: int, src: int, refused: int) -> int:
-    """The verdict is counted and, if it is good, the token frame is in `w.frame`. Returns: REPLY. See `hear`."""
+def answer(f: Fleet, i: int, w: Work, now: int, place: int, src: int, refused: int) -> None:
+    """Count the verdict on the request at `place`, and send the token if it is a good one."""
     r = f.robot[i]
-    w.told[TOLD_REFUSAL] = refused
-    w.told[TOLD_TEE] = src
-    w.told[TOLD_TO] = src
+    actions.verdict(w, src, refused)
     if refused:
         r.audits_refused += 1
-        w.told[TOLD_LENGTH] = 0
-        return REPLY
+        return
     r.audits_passed += 1
     request.audit_head(w.frame, int(r.id), src, request.TOKEN)
     put_u16(w.frame, request.AT_REQUEST, f.rx_info[i, place].no)
     put_u32(w.frame, request.REPLY_T, w.case[0].t)
     copy(w.frame, request.REPLY_MAC, w.small[2], 0, MAC_BYTES)
-    w.told[TOLD_LENGTH] = request.TOKEN_FRAME_BYTES
-    return REPLY
+    send(f, i, w, now, w.frame, request.TOKEN_FRAME_BYTES, src)
+
+
+# --- audited ---
 
 
 @kernel
-def next_frame(f: Fleet, i: int, w: Work, now: int) -> int:
-    """The next fragment for the radio, of the request under way or of a new one, in `w.frame`.
+def on_round(f: Fleet, i: int, w: Work, now: int, listened: int, busy: int) -> None:
+    """T_audit has passed: say HELLO, take a checkpoint, ask the first auditor. Source: RoboRebound §3.7.
 
-    Returns: its length; 0 when there is nothing to send now. `told[TOLD_TO]` is whom to. Source: RoboRebound §3.7.
+    Args:
+        listened: 1 when the robot has been silent before this round, as the last `ROUND_AT` said.
+        busy: 1 while the radio holds a fragment.
     """
-    r = f.robot[i]
+    actions.clear(w)
+    if listened or not listen(f, i, w, now):
+        begin_round(f, i, w, now)
+        ask(f, i, w, now, busy)
+
+
+@kernel
+def listen(f: Fleet, i: int, w: Work, now: int) -> bool:
+    """Ask for the next round, and return whether this one waits until the robot has listened (request.listens)."""
+    actions.round_at(w, now + f.settings[0].t_audit, 0)
+    wait_ms = request.listens(f, i, now, w.small[1])
+    if wait_ms > 0:
+        actions.round_at(w, now + wait_ms, 1)
+    return wait_ms > 0
+
+
+@kernel
+def begin_round(f: Fleet, i: int, w: Work, now: int) -> None:
+    """Open a round, and say HELLO."""
+    rounds.begin_round(f, i)
+    send(f, i, w, now, w.frame, request.hello(f, i, now, w.frame), actions.EVERYBODY)
+
+
+@kernel
+def on_retry(f: Fleet, i: int, w: Work, now: int, busy: int) -> None:
+    """The retry time has passed: ask further robots if tokens are missing. Source: RoboRebound §5.2."""
+    actions.clear(w)
+    if seek(f, i, w, now):
+        ask(f, i, w, now, busy)
+
+
+@kernel
+def seek(f: Fleet, i: int, w: Work, now: int) -> bool:
+    """Ask again who is there, if that is due; return whether tokens are missing."""
+    if rounds.retry(f, i) == 0:
+        return False
+    n = request.seek(f, i, now, w.frame)
+    if n > 0:
+        send(f, i, w, now, w.frame, n, actions.EVERYBODY)
+    return True
+
+
+@kernel
+def on_sent(f: Fleet, i: int, w: Work, now: int, arrived: int, busy: int) -> None:
+    """The radio is done with the last fragment: send the next. Source: RoboRebound §5.2."""
+    actions.clear(w)
+    if arrived == 0:
+        request.not_arrived(f, i, now)
+    ask(f, i, w, now, busy)
+
+
+@kernel
+def on_no_room(f: Fleet, i: int) -> None:
+    """The radio, or the a-node, did not take a fragment: the request is given up until the next retry."""
+    rounds.withdraw(f, i)
+    f.robot[i].quota = 0
+
+
+@kernel
+def ask(f: Fleet, i: int, w: Work, now: int, busy: int) -> None:
+    """Send the next fragment, or say when to retry; while the radio holds one, wait for `on_sent`."""
+    if busy == 0:
+        ask_with(f, i, w, now, next_fragment(f, i, w, now))
+
+
+@kernel
+def next_fragment(f: Fleet, i: int, w: Work, now: int) -> int:
+    """Write the next fragment of the request under way, or of a new one, to `w.frame`.
+
+    Returns: its length; 0 when there is nothing to send now. Source: RoboRebound §3.7.
+    """
     n = request.next_fragment(f, i, now, w.frame)
     if n == 0 and request.make_request(f, i, now, w.small[0], w.small[1], w.small[2]) > 0:
         n = request.next_fragment(f, i, now, w.frame)
-    w.told[TOLD_TO] = r.request_to
     return int(n)
+
+
+@kernel
+def ask_with(f: Fleet, i: int, w: Work, now: int, length: int) -> None:
+    """Send the fragment in `w.frame`; without one, say when to retry. Source: RoboRebound §5.2."""
+    if length > 0:
+        if send(f, i, w, now, w.frame, length, int(f.robot[i].request_to)) <= 0:
+            on_no_room(f, i)
+        return
+    at_ms = rounds.next_retry(f, i, now)
+    if at_ms >= 0:
+        actions.retry_at(w, at_ms)

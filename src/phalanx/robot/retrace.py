@@ -11,18 +11,18 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from phalanx.bti import audit, log, request, rounds
-from phalanx.bti.audit import INPUT
 from phalanx.bti.fleet import BOUND, make_fleet
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig
 from phalanx.kernel import reading_peer
-from phalanx.robot.controllers.python_controller import Controller, pack_outputs
+from phalanx.robot.controllers.python_controller import Controller
 from phalanx.wire.fields import get_u32, row
 from phalanx.wire.table import PROOF
+
+from .replay import replay
 
 # What depends on the entries before it alone, so that a shorter log has it too.
 OF_ENTRIES = {
@@ -129,23 +129,8 @@ class Retracer:
             found = Finding(count, max(int(entries["t_ms"][count]), t_key_ms), refusal)
         if count:
             begin(count)
-            if replayed := self._replay(q, rob_id):
+            if replayed := replay(self._fleet, self._work, q, self._make(rob_id), is_claim=False):
                 # What was being read when it differed: an output, or what came when one was overdue.
                 number = int(np.searchsorted(entries["end"], int(self._work.case[0].at)))
-                return Finding(number, int(entries["t_ms"][number]), replayed)
+                return Finding(number, int(entries["t_ms"][number]), Refusal(replayed))
         return found
-
-    def _replay(self, q: NDArray[np.uint8], rob_id: int) -> Refusal:
-        c, w, controller = self._work.case[0], self._work, self._make(rob_id)
-        while (event := int(audit.next_event(self._fleet, w, q))) > audit.END:
-            payload = q[c.payload_at : c.payload_at + c.payload_len].tobytes()
-            if event == audit.RECV:
-                controller.on_recv(int(c.entry_t), payload)
-            elif event == log.ADVICE:
-                controller.on_advice(payload)
-            elif event == INPUT:
-                packed = pack_outputs(controller.on_input(int(c.step), int(c.entry_t), payload))
-                w.out[: len(packed)] = np.frombuffer(packed, np.uint8)
-                if refused := int(audit.expect(self._fleet, w, len(packed))):
-                    return Refusal(refused)
-        return Refusal(-event)

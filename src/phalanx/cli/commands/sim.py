@@ -42,12 +42,13 @@ def sim() -> None:
 
 
 @sim.command(
-    epilog="Example: phalanx sim run bti-fig9 --attack spoof:robot=7,at=20 --duration 60; "
-    "docs/scenarios.md says what a file may hold"
+    epilog="Examples: phalanx sim run bti-fig9 --attack spoof:robot=7,at=20 --duration 60; "
+    "phalanx sim run bti-fig9 --trace robot=5; docs/scenarios.md says what a file may hold"
 )
 @click.argument("scenario", shell_complete=a_scenario)
 @chosen_options
 @record_option
+@option("--trace", help="Print each event and action of one robot.", metavar="robot=I")
 @option("--plain", help="Compute each thing in the simplest way: slower, and the same digest.", is_flag=True)
 @json_option
 @runs("sim", "run")

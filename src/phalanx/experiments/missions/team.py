@@ -85,7 +85,7 @@ def try_in_team(
     cheat = partial(kind, plan=_plan_of(attack, honest.robots[0].controller.memory.walk.keys, seed))
     world = _world(plan, built, defence, seed, {0: cheat})
     _live(world, lambda share: on_progress((1 + share) / 2))
-    liar = world.robots[0].cnode
+    liar = world.robots[0].inner
     assert isinstance(liar, MissionCheat), "it was made so"
     bti, began_ms, refusals = world.bti, liar.first_deviation_ms, dict[str, int]()
     for _, _, auditee, why in world.new_verdicts():

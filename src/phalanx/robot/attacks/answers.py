@@ -9,11 +9,11 @@ from typing import Any
 
 from phalanx.bti import log, request, trusted
 from phalanx.bti.fleet import BOUND, PLAIN
-from phalanx.robot.cnode import Action
+from phalanx.robot.actions import Action
 from phalanx.wire.fields import get_u16, put_u16, row
 from phalanx.wire.table import AUDIT_FRAGMENT, BOOTED, HASH_BYTES, TOKEN_REQUEST
 
-from .liar import Liar
+from .liar import Liar, tokens_in
 from .silence import RefuseToAudit
 
 
@@ -24,11 +24,13 @@ class StaleAnswers(Liar):
         super().__init__(*args, **more)
         self._issued: dict[int, bytes] = {}
         self._answered: dict[int, int] = {}
+        self._repeated = b""
 
-    def reply(self, now_ms: int, auditee: int) -> list[Action]:
-        """The token is kept."""
-        self._issued[auditee] = self.w.frame[: request.TOKEN_FRAME_BYTES].tobytes()
-        return super().reply(now_ms, auditee)
+    def on_packet(self, now_ms: int, packet: bytes) -> list[Action]:
+        """Keep the token that it issues."""
+        actions = super().on_packet(now_ms, packet)
+        self._issued.update({each.to: each.packet for each in tokens_in(actions) if each.packet != self._repeated})
+        return actions
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
         """To the first fragment of a request the old token is sent at once, and all of it is passed over."""
@@ -38,7 +40,8 @@ class StaleAnswers(Liar):
         if src in self._issued:
             self._answered[src] = no
             self.gained += 1
-            return self.send(now_ms, self._issued.pop(src), src)
+            self._repeated = self._issued.pop(src)
+            return self.send(now_ms, self._repeated, src)
         return [] if self._answered.get(src) == no else super().heard(now_ms, frame)
 
 

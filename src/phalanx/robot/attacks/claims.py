@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from phalanx.bti.fleet import PLAIN
-from phalanx.robot.cnode import EVERYBODY, Action
+from phalanx.robot.actions import EVERYBODY, Action
 from phalanx.wire.table import KIND_STATE
 
 from .liar import MOTION, Liar, Motion

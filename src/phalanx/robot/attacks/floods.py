@@ -9,7 +9,7 @@ import numpy as np
 
 from phalanx.bti import request, rounds
 from phalanx.bti.fleet import BOUND, PLAIN
-from phalanx.robot.cnode import EVERYBODY, Action, Transmit
+from phalanx.robot.actions import EVERYBODY, Action, Transmit
 from phalanx.wire.table import AUDIT_FRAGMENT, KIND_STATE
 
 from .liar import MOTION, Liar
@@ -33,10 +33,10 @@ class Flood(Liar, ABC):
         self._t_audit_ms, self._f_max = int(self.f.settings[0].t_audit), int(self.f.settings[0].f_max)
         self._got = self.f.robot["got"]
 
-    def on_round(self, now_ms: int) -> list[Action]:
+    def begin_round(self, now_ms: int) -> list[Action]:
         """The moment is remembered."""
         self._round_ms = now_ms
-        return super().on_round(now_ms)
+        return super().begin_round(now_ms)
 
     def on_wake(self, now_ms: int) -> list[Action]:
         """More, unless its own audits are due."""

@@ -7,7 +7,7 @@ from typing import Any
 from phalanx.bti import log, request, rounds, trusted
 from phalanx.bti.fleet import PENDING, START
 from phalanx.bti.log import ENTRY_HEAD_BYTES
-from phalanx.robot.cnode import Action
+from phalanx.robot.actions import Action
 from phalanx.wire.fields import put_u32
 from phalanx.wire.table import HASH_BYTES, KIND_STATE, MAC_BYTES, SENSOR
 
@@ -91,9 +91,9 @@ class TruncateLog(Hijack):
 class ForgeCheckpoint(Hijack):
     """Starts its log at a checkpoint of its own making, taken after what it did, under tokens of an older one."""
 
-    def next_frame(self, now_ms: int) -> list[Action]:
+    def next_packet(self, now_ms: int) -> list[Action]:
         """Once there is a new checkpoint, it is the start."""
-        actions = super().next_frame(now_ms)
+        actions = super().next_packet(now_ms)
         f, i, r = self.f, self.i, self.f.robot[self.i]
         if self.lies(now_ms) and r.checkpoint_at >= 0:
             f.checkpoint[i, START] = f.checkpoint[i, PENDING]
@@ -130,9 +130,9 @@ class StaleLog(Hijack):
 
     _kept = b""
 
-    def next_frame(self, now_ms: int) -> list[Action]:
+    def next_packet(self, now_ms: int) -> list[Action]:
         """While it is honest, the newest request is kept."""
-        actions = super().next_frame(now_ms)
+        actions = super().next_packet(now_ms)
         r = self.f.robot[self.i]
         if not self.lies(now_ms) and r.request_len > 0:
             self._kept = self.f.request.rows[r.request_row, : r.request_len].tobytes()

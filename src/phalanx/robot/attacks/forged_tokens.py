@@ -10,11 +10,12 @@ import numpy as np
 from phalanx.bti import request, trusted
 from phalanx.bti.fleet import PENDING, PLAIN, START
 from phalanx.robot import node
-from phalanx.robot.cnode import Action
+from phalanx.robot.actions import Action
 from phalanx.wire.fields import Row, get_u16, row
 from phalanx.wire.table import AUDIT_TOKEN, HASH_BYTES, KEY_BYTES, MAC_BYTES, TOKEN, TOKEN_REQUEST
 
 from .hijack import Hijack
+from .liar import tokens_in
 
 
 class Token(NamedTuple):
@@ -66,13 +67,15 @@ class ShareTokens(TokenForger):
         super().__init__(*args, **more)
         self._issued: list[Token] = []
 
-    def reply(self, now_ms: int, auditee: int) -> list[Action]:
-        """The token is kept before it goes out."""
-        told = AUDIT_TOKEN.decode(self.w.frame[: request.TOKEN_FRAME_BYTES].tobytes())
-        q = self.shown(int(self.w.told[node.TOLD_PLACE]))
-        hckpt = q[request.AT_HCKPT : request.AT_HCKPT + HASH_BYTES].tobytes()
-        self._issued.append(Token(self.id, told["t"], hckpt, told["mac"]))
-        return super().reply(now_ms, auditee)
+    def on_packet(self, now_ms: int, packet: bytes) -> list[Action]:
+        """Keep the token that it issues."""
+        actions = super().on_packet(now_ms, packet)
+        for token in tokens_in(actions):
+            fields = AUDIT_TOKEN.decode(token.packet)
+            q = self.shown(int(self.w.told[node.TOLD_PLACE]))
+            hckpt = q[request.AT_HCKPT : request.AT_HCKPT + HASH_BYTES].tobytes()
+            self._issued.append(Token(self.id, fields["t"], hckpt, fields["mac"]))
+        return actions
 
     def tokens(self, now_ms: int) -> list[Token]:
         """The newest, in its own name and in the auditees'."""
@@ -87,9 +90,9 @@ class ReplayTokens(TokenForger):
         super().__init__(*args, **more)
         self._kept: set[Token] = set()
 
-    def on_message(self, now_ms: int, frame: bytes) -> list[Action]:
+    def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
         """Every token that comes is kept."""
-        actions = super().on_message(now_ms, frame)
+        actions = super().on_packet(now_ms, frame)
         f, i, r = self.f, self.i, self.f.robot[self.i]
         for which, count in ((START, r.tokens_start), (PENDING, r.tokens_pending)):
             hckpt = f.hckpt[i, which].tobytes()

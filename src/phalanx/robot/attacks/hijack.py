@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any, ClassVar
 
-from phalanx.robot.cnode import Action
+from phalanx.robot.actions import Action
 from phalanx.robot.controllers.python_controller import Act, Send
 from phalanx.wire.table import ACCELERATION, KIND_ACCELERATION, SENSOR, WHEELS_COMMAND
 
@@ -86,10 +86,10 @@ class Dawdle(Liar):
         super().__init__(*args, **more)
         self._waiting: list[tuple[int, Send | Act]] = []
 
-    def on_sensor(self, now_ms: int, reading: bytes) -> list[Action]:
+    def on_reading(self, now_ms: int, reading: bytes) -> list[Action]:
         """The s-node has to wait, and then says where the robot is by then."""
         if not self.lies(now_ms) or reading[0] != SENSOR.tag or not self.POLLS_MS:
-            return super().on_sensor(now_ms, reading)
+            return super().on_reading(now_ms, reading)
         self._reading = now_ms, reading
         return []
 
@@ -123,7 +123,7 @@ class Dawdle(Liar):
         actions: list[Action] = []
         if self._reading and self._reading[0] + self.POLLS_MS <= now_ms:
             (was_ms, reading), self._reading = self._reading, None
-            actions += super().on_sensor(now_ms, self._moved(now_ms, was_ms, reading))
+            actions += super().on_reading(now_ms, self._moved(now_ms, was_ms, reading))
         self._put_out = []
         while self._waiting and self._waiting[0][0] <= now_ms:
             actions += self.put_out(now_ms, self._waiting.pop(0)[1])

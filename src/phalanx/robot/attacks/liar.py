@@ -7,7 +7,7 @@ be believed about when it began. An attack sees what a c-node sees, and its plan
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -19,13 +19,14 @@ from phalanx.bti.fleet import Fleet
 from phalanx.bti.log import ENTRY_HEAD_BYTES
 from phalanx.bti.work import Work
 from phalanx.robot import node
-from phalanx.robot.cnode import Action, CNode
+from phalanx.robot.actions import Action, Transmit
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send, checked_outputs, compiled
 from phalanx.wire.fields import Row, get_u16, row
 from phalanx.wire.table import KIND_STATE, SENSOR, STATE
 
 from .attack import Attack, Scene
+from .wrapper import Wrapper
 
 MOTION = STATE.form  # of a `sensor` too: kind, id, t, position, velocity
 
@@ -53,7 +54,7 @@ class Motion:
     vy_mps: float
 
 
-class Liar(CNode):
+class Liar(Wrapper):
     """A robot that lies in one way. Honest before `plan.start_ms` and from `plan.stop_ms` on.
 
     While it lies, `sensed`, `heard` and `round_due` take the place of what an honest c-node does at these events.
@@ -118,8 +119,8 @@ class Liar(CNode):
 
     # --- events: honest while it does not lie -------------------------------------------------------------------------
 
-    def on_sensor(self, now_ms: int, reading: bytes) -> list[Action]:
-        """A reading is due; what goes out is compared with what an honest robot would put out."""
+    def on_reading(self, now_ms: int, reading: bytes) -> list[Action]:
+        """The sensors were read; what goes out is compared with what an honest robot would put out."""
         reading = self.read(now_ms, reading)
         self.sensed_ms = now_ms
         self.me = Motion(*MOTION.unpack_from(reading)[3:]) if reading[0] == SENSOR.tag else self.me
@@ -127,7 +128,7 @@ class Liar(CNode):
         due = checked_outputs(told, int(self.f.settings[0].frame_max), self._honest)
         self._steps += 1
         self._put_out = []
-        actions = self.sensed(now_ms, reading) if self.lies(now_ms) else super().on_sensor(now_ms, reading)
+        actions = self.sensed(now_ms, reading) if self.lies(now_ms) else super().on_reading(now_ms, reading)
         if self._put_out != due:
             self.deviates(now_ms, output_missing=len(self._put_out) < len(due))
         self._put_out = None
@@ -138,18 +139,18 @@ class Liar(CNode):
         self._honest.on_advice(advice)
         super().on_advice(advice)
 
-    def on_message(self, now_ms: int, frame: bytes) -> list[Action]:
+    def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
         """A frame has arrived."""
         if not frame[0] & request.AUDIT:
             self._honest.on_recv(now_ms, frame)
             if len(frame) == STATE.size and frame[0] == KIND_STATE:
                 _, rob_id, _, *motion = MOTION.unpack(frame)
                 self.saw(rob_id, Motion(*motion))
-        return self.heard(now_ms, frame) if self.lies(now_ms) else super().on_message(now_ms, frame)
+        return self.heard(now_ms, frame) if self.lies(now_ms) else super().on_packet(now_ms, frame)
 
-    def on_round(self, now_ms: int) -> list[Action]:
-        """T_audit has passed."""
-        return self.round_due(now_ms) if self.lies(now_ms) else super().on_round(now_ms)
+    def begin_round(self, now_ms: int) -> list[Action]:
+        """A round is due."""
+        return self.round_due(now_ms) if self.lies(now_ms) else super().begin_round(now_ms)
 
     def on_wake(self, now_ms: int) -> list[Action]:
         """Something out of turn, each `period_ms` while it lies."""
@@ -166,16 +167,16 @@ class Liar(CNode):
         return reading
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
-        """`on_sensor` while it lies."""
-        return super().on_sensor(now_ms, reading)
+        """`on_reading` while it lies."""
+        return super().on_reading(now_ms, reading)
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
-        """`on_message` while it lies."""
-        return super().on_message(now_ms, frame)
+        """`on_packet` while it lies."""
+        return super().on_packet(now_ms, frame)
 
     def round_due(self, now_ms: int) -> list[Action]:
-        """`on_round` while it lies."""
-        return super().on_round(now_ms)
+        """`begin_round` while it lies."""
+        return super().begin_round(now_ms)
 
     # --- what goes out is watched -------------------------------------------------------------------------------------
 
@@ -234,8 +235,7 @@ class Liar(CNode):
         """The sender of the request just opened gets its token, whatever its log shows."""
         src = int(self.w.case[0].tee)
         refused = audit.issue(self.f, self.i, self.w, self.shown(place), self.w.small[2])
-        node.answer(self.f, self.i, self.w, place, src, refused)
-        return self.judged(now_ms)
+        return self.robot.answer(now_ms, place, src, refused)
 
     def pass_by(self, now_ms: int, frame: bytes) -> None:
         """The a-node takes and chains the frame; the c-node pretends that it never came."""
@@ -247,7 +247,7 @@ class Liar(CNode):
         self.record(n)
         if self.controller:
             self.controller.on_recv(t_ms, frame)
-            self.keep_state()
+            self.robot.keep_state()
         else:
             r, s = self.f.robot[self.i], self.f.settings[0]
             state = self.f.state[self.i]
@@ -264,6 +264,12 @@ class Liar(CNode):
     def entry(self, n: int) -> bytes:
         """The payload of the entry in `work.entry[:n]`."""
         return self.w.entry[ENTRY_HEAD_BYTES:n].tobytes()
+
+
+def tokens_in(actions: Iterable[Action]) -> list[Transmit]:
+    """Return the tokens among the packets that go out."""
+    packets = [each for each in actions if isinstance(each, Transmit) and each.packet[0] & request.AUDIT]
+    return [each for each in packets if each.packet[request.AT_SUB] == request.TOKEN]
 
 
 def lying(

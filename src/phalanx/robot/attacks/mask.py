@@ -6,7 +6,7 @@ from bisect import bisect_right
 from typing import ClassVar
 
 from phalanx.bti import request
-from phalanx.robot.cnode import EVERYBODY, Action
+from phalanx.robot.actions import EVERYBODY, Action
 from phalanx.robot.runtime import first_round_ms
 
 from .floods import audit_frame

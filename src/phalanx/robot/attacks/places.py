@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from phalanx.bti import request
-from phalanx.robot.cnode import Action
+from phalanx.robot.actions import Action
 from phalanx.robot.runtime import first_round_ms
 from phalanx.wire.table import AUDIT_FRAGMENT
 

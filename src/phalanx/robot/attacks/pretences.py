@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
-from phalanx.robot.cnode import EVERYBODY, Action
+from phalanx.robot.actions import EVERYBODY, Action
 from phalanx.robot.controllers.peer_bodies import fields_of
 from phalanx.robot.controllers.peers import PeerController
 from phalanx.robot.controllers.places import PLACES, PlaceController
@@ -91,11 +91,11 @@ class PointElsewhere(Pretender):
 
     _seen: tuple[int, float, float] = 0, 0.0, 0.0  # until somebody has seen something
 
-    def on_message(self, now_ms: int, frame: bytes) -> list[Action]:
+    def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
         """As an honest robot, and it is noted."""
         if said := fields_of(SIGHTING, frame):
             self._seen = said[3:]
-        return super().on_message(now_ms, frame)
+        return super().on_packet(now_ms, frame)
 
     def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
         """All but what it sees."""

@@ -6,7 +6,7 @@ from typing import Any
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from phalanx.robot.cnode import EVERYBODY, Action
+from phalanx.robot.actions import EVERYBODY, Action
 from phalanx.wire import driven
 from phalanx.wire.driven import GATEWAY, ORDER, SIGNATURE_BYTES, SIGNER_KEY_BYTES, TELL_STOP, TELL_WHEELS
 
@@ -33,12 +33,12 @@ class SeizeOrders(Liar):
         super().__init__(*args, **more)
         self.key = Ed25519PrivateKey.from_private_bytes(self.plan.chance.bytes(SIGNER_KEY_BYTES))
 
-    def on_message(self, now_ms: int, frame: bytes) -> list[Action]:
+    def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
         """The gateway's last order is remembered: whose mission it is, and what its clock says."""
         is_order = frame[0] == driven.KIND_ORDER and len(frame) >= ORDER.size + SIGNATURE_BYTES
         if is_order and ORDER.decode(frame)["signer"] == GATEWAY:
             self._heard, self._heard_ms = frame, now_ms
-        return super().on_message(now_ms, frame)
+        return super().on_packet(now_ms, frame)
 
     def on_wake(self, now_ms: int) -> list[Action]:
         """One of the three, when the bucket is full enough for it."""

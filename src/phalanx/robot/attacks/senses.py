@@ -8,7 +8,7 @@ import numpy as np
 
 from phalanx.bti import rounds
 from phalanx.bti.fleet import START
-from phalanx.robot.cnode import Action
+from phalanx.robot.actions import Action
 from phalanx.robot.controllers.peer_bodies import BEHIND_T, fields_of
 from phalanx.robot.controllers.peers import PeerController
 from phalanx.wire.fields import put_u32
@@ -41,11 +41,11 @@ class ShowThing(Liar):
     ASIDE_STEPS: ClassVar[float] = 0.125  # along each axis
     _number = 0  # until somebody has spoken of one
 
-    def on_message(self, now_ms: int, frame: bytes) -> list[Action]:
+    def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
         """As an honest robot, and it is noted."""
         if said := fields_of(SIGHTING, frame):
             self._number = said[BEHIND_T]
-        return super().on_message(now_ms, frame)
+        return super().on_packet(now_ms, frame)
 
     def read(self, now_ms: int, reading: bytes) -> bytes:
         """The reading, and what is not there; nothing to a sensor that sees no things."""
@@ -87,12 +87,12 @@ class StarveSensors(Liar):
         """The s-node is not asked."""
         return []
 
-    def next_frame(self, now_ms: int) -> list[Action]:
+    def next_packet(self, now_ms: int) -> list[Action]:
         """The request says that the grid begins now, if the log begins at boot."""
         if self.lies(now_ms) and self.f.robot[self.i].booted:
             put_u32(self.f.checkpoint[self.i, START], 0, now_ms)
             self.f.robot[self.i].t_key = now_ms
-        return super().next_frame(now_ms)
+        return super().next_packet(now_ms)
 
 
 class KeyOfTomorrow(StarveSensors):
@@ -103,13 +103,13 @@ class KeyOfTomorrow(StarveSensors):
 
     T_KEY_MS: ClassVar[int] = (1 << 32) - (1 << 16)
 
-    def next_frame(self, now_ms: int) -> list[Action]:
+    def next_packet(self, now_ms: int) -> list[Action]:
         """The request says so: all that came before the first lie is forgotten."""
         r = self.f.robot[self.i]
         if self.lies(now_ms) and r.t_key != self.T_KEY_MS:
             r.t_key = self.T_KEY_MS
             rounds.forget_checkpoint(self.f, self.i)
-        return Liar.next_frame(self, now_ms)
+        return Liar.next_packet(self, now_ms)
 
 
 class Interleave(Liar):
@@ -158,6 +158,6 @@ class Interleave(Liar):
         self._asked_ms = now_ms
         return super().round_due(now_ms)
 
-    def next_frame(self, now_ms: int) -> list[Action]:
+    def next_packet(self, now_ms: int) -> list[Action]:
         """No request either."""
-        return [] if self._stock else super().next_frame(now_ms)
+        return [] if self._stock else super().next_packet(now_ms)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from phalanx.robot.cnode import Action
+from phalanx.robot.actions import Action
 from phalanx.robot.controllers.python_controller import Act, Send
 
 from .hijack import Hijack
@@ -24,9 +24,9 @@ class Unasked(Liar):
         """No round."""
         return []
 
-    def next_frame(self, now_ms: int) -> list[Action]:
+    def next_packet(self, now_ms: int) -> list[Action]:
         """No request; one that is under way is broken off."""
-        return [] if self.lies(now_ms) else super().next_frame(now_ms)
+        return [] if self.lies(now_ms) else super().next_packet(now_ms)
 
 
 class RefuseAudit(Unasked, Hijack):

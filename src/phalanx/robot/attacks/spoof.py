@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from phalanx.bti.fleet import PLAIN
-from phalanx.robot.cnode import EVERYBODY, Action
+from phalanx.robot.actions import EVERYBODY, Action
 from phalanx.wire.table import KIND_STATE
 
 from .liar import MOTION, Liar, Motion

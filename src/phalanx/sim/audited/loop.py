@@ -8,11 +8,10 @@ Source: docs/spec/rebound.md, RoboRebound §3, §4 (the simulation).
 
 from __future__ import annotations
 
-from phalanx.bti import request, rounds, trusted
-from phalanx.bti.audit import ACMD, INPUT, OUTPUT_HEAD_BYTES, OUTPUT_LENGTH, SEND
-from phalanx.bti.log import ENTRY_HEAD_BYTES
+from phalanx.bti import request, trusted
+from phalanx.bti.fleet import PLAIN
 from phalanx.kernel import kernel
-from phalanx.robot import node
+from phalanx.robot import actions, node
 from phalanx.sim.radio import channel as radio
 from phalanx.sim.radio.channel import ATTEMPT, BROADCAST, NOBODY, TX_END
 from phalanx.sim.radio.reach import rebuild
@@ -22,22 +21,20 @@ from . import body
 from .ahead import prefetch_event, prefetch_receiver
 from .events import CONTROL, MESSAGE, next_us, peek, pop, push
 from .motion import obstacle_contacts, robot_contacts
-from .world import PYTHON, VERDICTS, World, clock_ms
+from .world import COMPILED, PYTHON, VERDICTS, World, clock_ms
 
 # Kinds of events beside CONTROL, MESSAGE and the radio's ATTEMPT and TX_END.
 ROUND, RETRY, CHECK, MOVE, WAKE = 11, 12, 13, 14, 15
 # What only Python sees: its last fragment is gone.
 SENT = 17
 REACHED, FOR_PYTHON = 0, 1
-# A ROUND's arg: the robot has listened before it.
-LISTENED = 1
 
 
 @kernel
 def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeline, in one place
     """The world at `until_us`, or at the first event that a robot in Python has to handle.
 
-    Returns: REACHED or FOR_PYTHON; then `clock.kind`, `clock.robot`, `clock.arrived` and `frame` tell the event.
+    Returns: REACHED or FOR_PYTHON; then `clock.kind`, `clock.robot`, `clock.arg` and `frame` tell the event.
     Source: docs/spec/world.md.
     """
     clock = world.clock[0]
@@ -77,23 +74,27 @@ def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeli
             push(world.queue, now_us + clock.move_us, MOVE, 0, 0)
             move(world)
         elif world.safe[i] == 0:
-            if kind == ROUND:
-                if arg != LISTENED:
-                    push(world.queue, now_us + clock.audit_us, ROUND, i, 0)
-                    listens_us = 1000 * request.listens(world.fleet, i, clock_ms(world, i), world.work.small[1])
-                    if listens_us > 0:
-                        push(world.queue, now_us + listens_us, ROUND, i, LISTENED)
-                        continue
-            elif kind == RETRY:
+            if kind == RETRY:
                 world.retry_us[i] = -1
-            if world.runs[i] == PYTHON:
-                clock.kind = kind
-                clock.robot = i
-                return FOR_PYTHON
-            audit_timer(world, i, kind)
+            if world.runs[i] != COMPILED:
+                return for_python(world, kind, i, arg)
+            now, busy = clock_ms(world, i), int(world.air.nic[i].long_used)
+            if kind == ROUND:
+                node.on_round(world.fleet, i, world.work, now, arg, busy)
+            else:
+                node.on_retry(world.fleet, i, world.work, now, busy)
+            carry_out(world, i, now)
 
 
-# --- sense, control, actuate, broadcast ---
+@kernel
+def for_python(world: World, kind: int, i: int, arg: int) -> int:
+    """Note an event of a robot in Python for whoever called `run`. Returns: FOR_PYTHON."""
+    clock = world.clock[0]
+    clock.kind, clock.robot, clock.arg = kind, i, arg
+    return FOR_PYTHON
+
+
+# --- a robot's events ---
 
 
 @kernel
@@ -104,37 +105,12 @@ def control(world: World, i: int) -> int:
         return 0
     now = clock_ms(world, i)
     length = body.sensed(world, i, int(world.fleet.robot[i].id), now)
-    if world.runs[i] == PYTHON:
-        world.clock[0].kind = CONTROL
-        world.clock[0].robot = i
+    if world.runs[i] != COMPILED:
         world.frame_len[0] = length
-        return 1
-    n = node.take(world.fleet, i, world.work, INPUT, now, world.reading, length)
-    if n <= 0:
-        return 0
-    length = node.think(world.fleet, i, world.work, n)
-    out = world.work.out
-    at = 0
-    while at < length:
-        kind, size = int(out[at]), get_u16(out, at + OUTPUT_LENGTH)
-        at += OUTPUT_HEAD_BYTES
-        payload = out[at : at + size]
-        n = node.take(world.fleet, i, world.work, kind, now, payload, size)
-        if n > 0 and kind == ACMD:
-            body.actuate(world, i, payload, size)
-        elif n > 0:
-            transmit(world, i, world.work.entry[ENTRY_HEAD_BYTES:n], n - ENTRY_HEAD_BYTES, BROADCAST)
-        at += size
+        return for_python(world, CONTROL, i, 0)
+    node.on_reading(world.fleet, i, world.work, now, world.reading, length)
+    carry_out(world, i, now)
     return 0
-
-
-@kernel
-def transmit(world: World, i: int, frame: Row, length: int, to: int) -> int:
-    """The frame is in the robot's radio, for `to` (a robot's index) or BROADCAST; -1 if it is full."""
-    return radio.enqueue(world.air, world.queue, i, frame, length, to, world.clock[0].now_us)
-
-
-# --- deliver ---
 
 
 @kernel
@@ -158,37 +134,78 @@ def deliver(world: World, j: int) -> int:
     """The frame has arrived at robot j. Returns: whether Python has to take it. Source: RoboRebound Alg. 4."""
     if j >= len(world.fleet.robot) or world.safe[j]:
         return 0
-    if world.runs[j] == PYTHON:
-        world.clock[0].kind = MESSAGE
-        world.clock[0].robot = j
-        return 1
+    if world.runs[j] != COMPILED:
+        return for_python(world, MESSAGE, j, 0)
     now = clock_ms(world, j)
-    told = node.hear(world.fleet, j, world.work, now, world.frame, world.frame_len[0])
-    t = world.work.told
-    if told == node.REPLY:
-        judged(world, j, t[node.TOLD_TEE], t[node.TOLD_REFUSAL])
-    if told == node.HELLO or (told == node.REPLY and t[node.TOLD_REFUSAL] == 0):
-        pass_on(world, j, now, t[node.TOLD_LENGTH], t[node.TOLD_TO] - 1)
+    node.on_packet(world.fleet, j, world.work, now, world.frame, world.frame_len[0])
+    carry_out(world, j, now)
     return 0
 
 
 @kernel
 def frame_left(world: World, i: int, arrived: int) -> int:
     """A robot's radio is done with a frame; if it was a fragment the next may follow. Source: RoboRebound §5.2."""
-    is_fragment = int(world.frame[0]) & request.AUDIT != 0 and world.frame[request.AT_SUB] == request.FRAGMENT
-    if not is_fragment or i >= len(world.fleet.robot) or world.safe[i]:
+    if not request.is_fragment(world.frame, world.frame_len[0]) or i >= len(world.fleet.robot) or world.safe[i]:
         return 0
-    if world.runs[i] == PYTHON:
-        world.clock[0].kind = SENT
-        world.clock[0].robot = i
-        return 1
-    if arrived == 0:
-        request.not_arrived(world.fleet, i, clock_ms(world, i))
-    pump(world, i)
+    if world.runs[i] != COMPILED:
+        return for_python(world, SENT, i, arrived)
+    now = clock_ms(world, i)
+    node.on_sent(world.fleet, i, world.work, now, arrived, int(world.air.nic[i].long_used))
+    carry_out(world, i, now)
     return 0
 
 
-# --- audit ---
+# --- a robot's actions ---
+
+
+@kernel
+def carry_out(world: World, i: int, now: int) -> None:
+    """Carry out the actions of robot i's event at `now` of its clock."""
+    w, clock = world.work, world.clock[0]
+    for k in range(w.used[actions.COUNT]):
+        action = w.actions[k]
+        if action.kind == actions.TRANSMIT:
+            packet = w.sent[action.begin : action.begin + action.length]
+            left = transmit(world, i, packet, action.length, _addressed(world, packet, action.number))
+            if left < 0 and request.is_fragment(packet, action.length):
+                node.on_no_room(world.fleet, i)
+        elif action.kind == actions.ACTUATE:
+            body.actuate(world, i, w.sent[action.begin : action.begin + action.length], action.length)
+        elif action.kind == actions.ROUND_AT:
+            push(world.queue, clock.now_us + (action.number - now) * 1000, ROUND, i, action.more)
+        elif action.kind == actions.RETRY_AT:
+            at_us = _retry_us(world, i, now, action.number)
+            if actions.is_earlier(at_us, world.retry_us[i]):
+                world.retry_us[i] = at_us
+                push(world.queue, at_us, RETRY, i, 0)
+        else:
+            judged(world, i, action.number, action.more)
+
+
+@kernel
+def _addressed(world: World, packet: Row, to: int) -> int:
+    """Return the row that a packet goes to, or BROADCAST: an a-node believes the packet alone."""
+    if world.fleet.settings[0].profile != PLAIN:
+        to = get_u16(packet, request.AT_DST) if request.is_audit(packet, len(packet)) else 0
+    if to <= 0:
+        return BROADCAST
+    # An id that nobody has is a robot out of range.
+    return to - 1
+
+
+@kernel
+def _retry_us(world: World, i: int, now: int, at_ms: int) -> int:
+    """Return when a retry is due: so long after now; robots in Python go by whole milliseconds of their clock."""
+    now_us = world.clock[0].now_us
+    if world.runs[i] == PYTHON:
+        return int(max(at_ms * 1000 - world.boot_us[i], now_us))
+    return int(now_us + (at_ms - now) * 1000)
+
+
+@kernel
+def transmit(world: World, i: int, frame: Row, length: int, to: int) -> int:
+    """The frame is in the robot's radio, for `to` (a robot's index) or BROADCAST; -1 if it is full."""
+    return radio.enqueue(world.air, world.queue, i, frame, length, to, world.clock[0].now_us)
 
 
 @kernel
@@ -198,52 +215,6 @@ def judged(world: World, auditor: int, auditee_id: int, refusal: int) -> None:
     row = world.verdicts[clock.verdicts % VERDICTS]
     row[0], row[1], row[2], row[3] = clock.now_us, int(world.fleet.robot[auditor].id), auditee_id, refusal
     clock.verdicts += 1
-
-
-@kernel
-def audit_timer(world: World, i: int, kind: int) -> None:
-    """A round begins, or more auditors are asked. Source: RoboRebound §3.7."""
-    f, now = world.fleet, clock_ms(world, i)
-    if kind == ROUND:
-        rounds.begin_round(f, i)
-        n = request.hello(f, i, now, world.work.frame)
-    elif rounds.retry(f, i) > 0:
-        n = request.seek(f, i, now, world.work.frame)
-    else:
-        return
-    if n > 0:
-        pass_on(world, i, now, n, BROADCAST)
-    pump(world, i)
-
-
-@kernel
-def pump(world: World, i: int) -> None:
-    """The next fragment of an audit request is in the radio, if there is one and there is room."""
-    f, clock = world.fleet, world.clock[0]
-    if world.air.nic[i].long_used:
-        return
-    now = clock_ms(world, i)
-    n = node.next_frame(f, i, world.work, now)
-    if n > 0:
-        if pass_on(world, i, now, n, world.work.told[node.TOLD_TO] - 1) < 0:
-            rounds.withdraw(f, i)
-            f.robot[i].quota = 0
-        return
-    at_ms = rounds.next_retry(f, i, now)
-    at_us = clock.now_us + (at_ms - now) * 1000
-    # One that is due before the one that waits gets an event of its own; the later one comes all the same.
-    if at_ms >= 0 and (world.retry_us[i] < 0 or at_us < world.retry_us[i]):
-        world.retry_us[i] = at_us
-        push(world.queue, at_us, RETRY, i, 0)
-
-
-@kernel
-def pass_on(world: World, i: int, now: int, length: int, to: int) -> int:
-    """The AUDIT frame in `work.frame` through the a-node into the radio; -1 if one of them refuses. Source: Alg. 4."""
-    n = node.take(world.fleet, i, world.work, SEND, now, world.work.frame, length)
-    if n <= 0:
-        return -1
-    return transmit(world, i, world.work.entry[ENTRY_HEAD_BYTES:n], n - ENTRY_HEAD_BYTES, to)
 
 
 # --- enforce, move ---

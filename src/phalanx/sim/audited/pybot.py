@@ -1,4 +1,4 @@
-"""Robots that run in Python inside the compiled loop: its events are handed to a CNode, whose actions go back."""
+"""Robots that run in Python inside the compiled loop: they get its events, and it carries out their actions."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ from collections.abc import Mapping
 from operator import itemgetter
 from typing import Final, Protocol
 
-from phalanx.bti import request, rounds
-from phalanx.bti.fleet import PLAIN
+from phalanx.robot import actions
+from phalanx.robot.actions import Action, Actuate
 from phalanx.robot.attacks.liar import Liar
-from phalanx.robot.cnode import EVERYBODY, Action, Actuate, CNode, Retry, Transmit, Verdict
+from phalanx.robot.attacks.wrapper import Wrapper
 from phalanx.robot.controllers.python_controller import OwnMistake
 from phalanx.robot.planner import Planner, advice_of, overheard
-from phalanx.sim.radio.channel import BROADCAST
-from phalanx.wire.fields import get_u16, row
+from phalanx.robot.robot import Robot
 
 from . import body, loop
 from .events import CONTROL, MESSAGE, push
-from .world import CLOCK, World
+from .trace import Trace
+from .world import CLOCK, TRACED, World
 
 # What hears of each kind of event.
 METHODS = {
-    CONTROL: "on_sensor",
-    MESSAGE: "on_message",
+    CONTROL: "on_reading",
+    MESSAGE: "on_packet",
     loop.ROUND: "on_round",
     loop.RETRY: "on_retry",
     loop.SENT: "on_sent",
@@ -38,76 +38,95 @@ class Looks(Protocol):
         ...
 
 
+# A robot that runs in Python: an honest one, or one in an adversary's hands.
+InPython = Robot | Wrapper
 NO_PLANNERS: Mapping[int, Planner] = {}
 # What an event says. A record of numpy takes 5 us for a field, and all of them as a tuple 1.
-_EVENT: Final = itemgetter(*map(list(CLOCK.names or ()).index, ("robot", "kind", "now_us", "body", "arrived")))
+_EVENT: Final = itemgetter(*map(list(CLOCK.names or ()).index, ("robot", "kind", "now_us", "body", "arg")))
 
 
 def handle(
     world: World,
-    robots: dict[int, CNode],
+    robots: Mapping[int, InPython],
     planners: Mapping[int, Planner] = NO_PLANNERS,
     stage: Looks | None = None,
+    trace: Trace | None = None,
 ) -> None:
-    """The event at which the loop stopped has been handled by its robot's c-node, found by index in `robots`.
+    """Hand the event at which the loop stopped to its robot, found by index in `robots`, and carry out its actions.
 
-    `planners` advise some of them; on a `stage` their sensors see more than themselves.
+    `planners` advise some of them; on a `stage` their sensors see more than themselves; `trace` prints one of them.
     """
-    i, kind, now_us, driven, arrived = _EVENT(world.clock.item())
-    cnode = robots[i]
+    i, kind, now_us, driven, arg = _EVENT(world.clock.item())
+    robot = robots[i]
     now_ms = (now_us + int(world.boot_us[i])) // 1000
     if i in planners:
-        _plan(world, cnode, planners[i], kind, now_ms)
-    seen = _look(world, cnode, stage, now_us, now_ms) if stage and kind == CONTROL else b""
-    actions = cnode.checked(METHODS[kind], _actions(world, cnode, kind, now_ms, seen, arrived=bool(arrived)))
-    if cnode.is_own:
-        _check_commands(driven, cnode, actions)
-    perform(world, cnode, actions, now_us)
-    if kind == loop.WAKE and isinstance(cnode, Liar):
-        wake(world, cnode, now_us)
+        _plan(world, robot, planners[i], kind, now_ms)
+    seen = _look(world, robot, stage, now_us, now_ms) if stage and kind == CONTROL else b""
+    asked = _actions(world, robot, kind, now_ms, seen, arg)
+    if isinstance(robot, Wrapper):
+        robot.checked(METHODS[kind], asked)
+    elif robot.is_own:
+        _check_commands(driven, robot, asked)
+    if trace and trace.rob_id == robot.id:
+        trace.event(now_us, METHODS[kind], _payload(world, kind, seen, arg), asked)
+    perform(world, i, now_ms, asked)
+    if kind == loop.WAKE and isinstance(robot, Liar):
+        wake(world, robot, now_us)
 
 
-def _look(world: World, cnode: CNode, stage: Looks, now_us: int, now_ms: int) -> bytes:
-    x_m, y_m = world.pos[cnode.i].tolist()
-    lies = isinstance(cnode, Liar) and cnode.lies(now_ms)
-    return stage.look(cnode.id, now_us / 1e6, (x_m, y_m), lies=lies)
+def _payload(world: World, kind: int, seen: bytes, arg: int) -> bytes | str:
+    if kind in (CONTROL, MESSAGE):
+        raw = world.reading if kind == CONTROL else world.frame
+        return raw[: world.frame_len[0]].tobytes() + seen
+    if kind == loop.SENT:
+        return "it arrived" if arg else "it did not arrive"
+    return "after it has listened" if kind == loop.ROUND and arg else ""
 
 
-def _plan(world: World, cnode: CNode, planner: Planner, kind: int, now_ms: int) -> None:
+def _look(world: World, robot: InPython, stage: Looks, now_us: int, now_ms: int) -> bytes:
+    x_m, y_m = world.pos[robot.i].tolist()
+    lies = isinstance(robot, Liar) and robot.lies(now_ms)
+    return stage.look(robot.id, now_us / 1e6, (x_m, y_m), lies=lies)
+
+
+def _plan(world: World, robot: InPython, planner: Planner, kind: int, now_ms: int) -> None:
     if kind == MESSAGE:
         overheard(planner, now_ms, world.frame[: world.frame_len[0]].tobytes())
     elif kind == CONTROL:
         advice = advice_of(planner, now_ms, world.reading[: world.frame_len[0]].tobytes())
         if advice:
-            cnode.on_advice(advice)
+            robot.on_advice(advice)
 
 
-def _check_commands(driven: int, cnode: CNode, actions: list[Action]) -> None:
+def _check_commands(driven: int, robot: Robot, asked: list[Action]) -> None:
     # The body would do nothing, and the audits, which ask whether it is what the controller said, find nothing wrong.
     known = body.COMMANDS[driven]
-    for action in actions:
+    for action in asked:
         if isinstance(action, Actuate) and (len(action.command), action.command[0]) != (known.size, known.tag):
             raise OwnMistake(
-                f"robot {cnode.id}: no command of its body's: "
+                f"robot {robot.id}: no command of its body's: "
                 f"{len(action.command)} bytes, the first {action.command[0]}",
                 f"{known.size} bytes, the first {known.tag}: docs/own-controller.md has the layout",
-                cnode.controller,
+                robot.controller,
             )
 
 
-def _actions(world: World, cnode: CNode, kind: int, now_ms: int, seen: bytes, *, arrived: bool) -> list[Action]:
+def _actions(world: World, robot: InPython, kind: int, now_ms: int, seen: bytes, arg: int) -> list[Action]:
     if kind == CONTROL:
-        return cnode.on_sensor(now_ms, world.reading[: world.frame_len[0]].tobytes() + seen)
+        return robot.on_reading(now_ms, world.reading[: world.frame_len[0]].tobytes() + seen)
     if kind == MESSAGE:
-        return cnode.on_message(now_ms, world.frame[: world.frame_len[0]].tobytes())
+        return robot.on_packet(now_ms, world.frame[: world.frame_len[0]].tobytes())
+    if kind == loop.WAKE:
+        return robot.on_wake(now_ms) if isinstance(robot, Liar) and robot.lies(now_ms) else []
+    if isinstance(robot, Robot):
+        # Other robots in Python learn that their radio is full by `on_no_room`.
+        robot.busy = bool(world.runs[robot.i] == TRACED and world.air.nic[robot.i].long_used)
     if kind == loop.ROUND:
-        return cnode.on_round(now_ms)
+        return robot.on_round(now_ms, listened=bool(arg))
     if kind == loop.RETRY:
-        return cnode.on_retry(now_ms)
-    if kind == loop.SENT:
-        return cnode.on_sent(now_ms, arrived=arrived)
-    assert kind == loop.WAKE
-    return cnode.on_wake(now_ms) if isinstance(cnode, Liar) and cnode.lies(now_ms) else []
+        return robot.on_retry(now_ms)
+    assert kind == loop.SENT
+    return robot.on_sent(now_ms, arrived=bool(arg))
 
 
 def wake(world: World, liar: Liar, now_us: int) -> None:
@@ -118,33 +137,8 @@ def wake(world: World, liar: Liar, now_us: int) -> None:
     push(world.queue, max(now_us + liar.period_ms * 1000, start_us), loop.WAKE, liar.i, 0)
 
 
-def _addressed(cnode: CNode, action: Transmit) -> int:
-    """Whom the frame goes to: with an a-node, which hands it to the radio, what the frame itself says, or everybody."""
-    if cnode.profile == PLAIN:
-        return action.to
-    dst = int(get_u16(row(action.frame), request.AT_DST)) if action.frame[0] & request.AUDIT else 0
-    return dst or EVERYBODY
-
-
-def perform(world: World, cnode: CNode, actions: list[Action], now_us: int) -> None:
-    """What the a-node let through happens."""
-    i = cnode.i
-    for action in actions:
-        if isinstance(action, Transmit):
-            frame = row(action.frame)
-            to = _addressed(cnode, action)
-            # An id that nobody has is a robot out of range.
-            to = BROADCAST if to == EVERYBODY else to - 1 if to > 0 else len(world.pos)
-            lost = loop.transmit(world, i, frame, len(frame), to) < 0
-            if lost and frame[0] & request.AUDIT and frame[request.AT_SUB] == request.FRAGMENT:
-                rounds.withdraw(world.fleet, i)
-                world.fleet.robot[i].quota = 0
-        elif isinstance(action, Actuate):
-            body.actuate(world, i, row(action.command), len(action.command))
-        elif isinstance(action, Retry):
-            at_us = max(action.at_ms * 1000 - int(world.boot_us[i]), now_us)
-            if world.retry_us[i] < 0 or at_us < world.retry_us[i]:
-                world.retry_us[i] = at_us
-                push(world.queue, at_us, loop.RETRY, i, 0)
-        elif isinstance(action, Verdict):
-            loop.judged(world, i, action.auditee, int(action.refusal))
+def perform(world: World, i: int, now_ms: int, asked: list[Action]) -> None:
+    """Carry out actions of robot i."""
+    for action in asked:
+        actions.encode(world.work, action)
+        loop.carry_out(world, i, now_ms)

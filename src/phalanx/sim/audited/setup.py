@@ -19,7 +19,6 @@ from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
 from phalanx.robot import node
 from phalanx.robot.attacks.liar import Liar
-from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.runtime import first_round_ms
 from phalanx.sim.radio.channel import NOBODY, make_air
@@ -184,7 +183,7 @@ def make_world(setup: Setup, chance: np.random.Generator) -> World:
     return pack(world)
 
 
-def start(world: World, robots: Mapping[int, CNode]) -> None:
+def start(world: World, robots: Mapping[int, pybot.InPython]) -> None:
     """Everybody's c-node starts, in Python those in `robots` by index, and the first events wait.
 
     Source: RoboRebound §3.6.
@@ -196,16 +195,16 @@ def start(world: World, robots: Mapping[int, CNode]) -> None:
         push(world.queue, int(clock.check_us), loop.CHECK, 0, 0)
     for i in range(len(world.fleet.robot)):
         now_ms = clock_ms(world, i)
-        cnode = robots.get(i)
-        if cnode:
+        robot = robots.get(i)
+        if robot:
             world.runs[i] = PYTHON
-            cnode.on_boot(now_ms)
+            robot.on_boot(now_ms)
         else:
-            node.boot(world.fleet, i, now_ms)
+            node.on_boot(world.fleet, i, now_ms)
         # Half a millisecond on: the robot's clock shows the grid's own millisecond whatever the rounding.
         push(world.queue, int(world.fleet.robot[i].phase) * 1000 + 500, CONTROL, i, 0)
         if clock.audit_us:
             first_us = first_round_ms(int(settings.mission_seed), i + 1, int(clock.audit_us) // 1000) * 1000
             push(world.queue, first_us, loop.ROUND, i, 0)
-        if isinstance(cnode, Liar):
-            pybot.wake(world, cnode, 0)
+        if isinstance(robot, Liar):
+            pybot.wake(world, robot, 0)

@@ -21,8 +21,9 @@ from phalanx.sim.radio.reach import Reach
 
 from .events import Queue
 
-# Who runs a robot: compiled code, or Python events (a lying robot, a researcher's controller).
-COMPILED, PYTHON = 0, 1
+# What runs a robot: compiled code; Python, event by event (an attack, a researcher's controller); or Python for a
+# trace, which does exactly what compiled code does.
+COMPILED, PYTHON, TRACED = 0, 1, 2
 VERDICTS = 4096
 
 CLOCK = np.dtype(
@@ -40,10 +41,11 @@ CLOCK = np.dtype(
         ("sender", "i8"),
         ("next", "i8"),
         ("receivers", "i8"),
+        ("arrived", "i8"),
         # An event that waits for Python.
         ("kind", "i8"),
         ("robot", "i8"),
-        ("arrived", "i8"),
+        ("arg", "i8"),  # of SENT: whether the frame arrived; of ROUND: whether the robot has listened
         ("verdicts", "i8"),  # ever; the ring keeps the newest
     ],
     align=True,
@@ -69,7 +71,7 @@ class World(NamedTuple):
     boxes: F64x2  # (B, 4), the same
     moved_us: I64x1  # (M,), the moment for which `pos` and `vel` hold
     boot_us: I64x1  # (N,), by how much a robot's clock is ahead of the world's
-    runs: U8x1  # (N,), COMPILED or PYTHON
+    runs: U8x1  # (N,), COMPILED, PYTHON or TRACED
     safe: U8x1  # (N,), in Safe Mode
     safe_us: I64x1  # (N,), since when, -1 never
     retry_us: I64x1  # (N,), when the next RETRY is due, -1 if none is

@@ -17,11 +17,12 @@ from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
 from phalanx.config.radio import RadioConfig
 from phalanx.mission import Walker
+from phalanx.robot.actions import Actuate
 from phalanx.robot.attacks import Attack
 from phalanx.robot.attacks.missions.cheat import CheatPlan
-from phalanx.robot.cnode import Actuate, CNode, Transmit
 from phalanx.robot.controllers.mission.controller import Assignment, Missions, message_frame
 from phalanx.robot.controllers.mission.readings import Sensors
+from phalanx.robot.robot import Robot
 from phalanx.sim.audited import loop, pybot
 from phalanx.sim.audited.body import POINT_MASS
 from phalanx.sim.audited.events import CONTROL, refused
@@ -64,10 +65,10 @@ class MissionRobot(Logbook):
         hears: messages that come to it by another road than the radio, with its next reading.
     """
 
-    def __init__(self, number: int, body: MissionBody, cnode: CNode, *, keep_trace: bool) -> None:
-        assert isinstance(cnode.controller, TimedController), "the world has made it"
-        super().__init__(number, body, cnode.controller, keep_trace=keep_trace)
-        self.cnode = cnode
+    def __init__(self, number: int, body: MissionBody, inner: pybot.InPython, *, keep_trace: bool) -> None:
+        assert isinstance(inner.controller, TimedController), "the world has made it"
+        super().__init__(number, body, inner.controller, keep_trace=keep_trace)
+        self.inner = inner
         self.rests = False
         self.hears: tuple[bytes, ...] = ()
         self.attack = ""
@@ -153,7 +154,7 @@ class MissionWorld:
         self._is_watched = any(part.name for part in run.parts)
         happens = {MEET: run.meet_m > 0, SAY: bool(run.controller)}
         self._due_us = {what: PERIOD_US[what] for what, does in happens.items() if does}
-        start(self.world, self._cnodes)
+        start(self.world, self._inners)
 
     def _robot(self, i: int, number: int, walkers: Sequence[Walker]) -> MissionRobot:
         run, walker = self.run, walkers[number % len(walkers)]
@@ -162,12 +163,12 @@ class MissionWorld:
             i + 1, self.building, self.missions.sensors, run.part_of(number).start, run.noise, (run.seed, number), every
         )
         make = self.missions.controllers_of(i + 1, walker, TimedController)
-        cnode = run.liars.get(number, CNode)(self.world.fleet, i, self.world.work, make)
-        return MissionRobot(number, body, cnode, keep_trace=run.keep_trace)
+        inner = run.liars.get(number, Robot)(self.world.fleet, i, self.world.work, make)
+        return MissionRobot(number, body, inner, keep_trace=run.keep_trace)
 
     @property
-    def _cnodes(self) -> dict[int, CNode]:
-        return {i: robot.cnode for i, robot in enumerate(self.robots)}
+    def _inners(self) -> dict[int, pybot.InPython]:
+        return {i: robot.inner for i, robot in enumerate(self.robots)}
 
     @property
     def now_s(self) -> float:
@@ -191,12 +192,12 @@ class MissionWorld:
                     self.meet() if what == MEET else self._say()
 
     def _advance(self, until_us: int) -> None:
-        cnodes, (kind, robot) = self._cnodes, self._event
+        inners, (kind, robot) = self._inners, self._event
         while loop.run(self.world, until_us) == loop.FOR_PYTHON:
             if kind[0] == CONTROL:
                 self._control(int(robot[0]))
             else:
-                pybot.handle(self.world, cnodes)
+                pybot.handle(self.world, inners)
         assert refused(self.world.queue) == 0, "the queue of events was too short"
         for i in range(len(self.robots)):
             self._move(i)
@@ -240,16 +241,16 @@ class MissionWorld:
             robot.body.halt()
             return
         self._move(i)
-        cnode, now_ms = robot.cnode, clock_ms(self.world, i)
-        reading, cnode.raw = robot.body.sense(now_ms, self._watched(robot))
+        inner, now_ms = robot.inner, clock_ms(self.world, i)
+        reading, inner.raw = robot.body.sense(now_ms, self._watched(robot))
         if not self.run.audited:
             robot.controller.messages, robot.hears = robot.hears, ()
         was_over = robot.controller.over
-        for action in cnode.on_sensor(now_ms, reading):
+        for action in inner.on_reading(now_ms, reading):
             if isinstance(action, Actuate):
                 robot.body.obey(action.command)
-            elif isinstance(action, Transmit):
-                pybot.perform(self.world, cnode, [action], int(self.world.clock[0].now_us))
+            else:
+                pybot.perform(self.world, i, now_ms, [action])
         if not was_over:
             robot.note(self.now_s)
 
@@ -269,10 +270,10 @@ class MissionWorld:
     def compromise(self, i: int, attack: Attack, plan: CheatPlan) -> None:
         """A robot lies from now on, with all that it knows."""
         robot = self.robots[i]
-        assert robot.cnode.make_controller is not None, "the world has made it"
-        liar = attack.kind(self.world.fleet, i, self.world.work, robot.cnode.make_controller, plan=plan)
+        assert robot.inner.make_controller is not None, "the world has made it"
+        liar = attack.kind(self.world.fleet, i, self.world.work, robot.inner.make_controller, plan=plan)
         liar.take_over(robot.controller)
-        robot.cnode, robot.attack = liar, attack.name
+        robot.inner, robot.attack = liar, attack.name
 
     # --- watching -----------------------------------------------------------------------------------------------------
 

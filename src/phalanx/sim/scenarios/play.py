@@ -67,6 +67,7 @@ def play(
     *,
     planner: MakePlanner | None = None,
     plain: bool = False,
+    on_start: Callable[[Run], None] = lambda _run: None,
 ) -> Run:
     """The run, at the end of the scenario.
 
@@ -77,9 +78,11 @@ def play(
         step_s: between two steps, simulated seconds.
         planner: who advises robots that a guard drives; None for `ToGoal`.
         plain: as for `Run`.
+        on_start: called once, before the first step.
     Raises: UsageError, Unavailable: the recording cannot be written.
     """
     run = Run(scenario, controller, planner, plain=plain)
+    on_start(run)
     with contextlib.ExitStack() as stack:
         check = stack.enter_context(ctrl_c_between_steps())
         recording = stack.enter_context(_recording(record, scenario)) if record else None

@@ -17,9 +17,9 @@ from phalanx.bti.nodes import Limits, Nodes, TrustedNodes
 from phalanx.bti.refusal import Refusal
 from phalanx.errors import Unavailable, UsageError
 from phalanx.robot.attacks.liar import Liar, lying
-from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers.senses import Senses
 from phalanx.robot.planner import MakePlanner, Planner
+from phalanx.robot.robot import Robot
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.behaviour import (
     MakeController,
@@ -38,7 +38,9 @@ from phalanx.sim.audited.body import driven_by
 from phalanx.sim.audited.events import refused
 from phalanx.sim.audited.quorum import Quorum
 from phalanx.sim.audited.setup import PROFILES, Setup, make_world, start
+from phalanx.sim.audited.trace import Trace
 from phalanx.sim.audited.watch import VerdictReader, shields
+from phalanx.sim.audited.world import TRACED
 from phalanx.sim.radio.channel import AIRTIME_US, APP_BROADCAST, AUDIT_BROADCAST, AUDIT_UNICAST, BYTES, delivery
 
 
@@ -107,14 +109,15 @@ class Run:
         self._sampled_s = 0
         self._distances: list[tuple[float, float | None]] = []
         self._digest = hashlib.sha256()
-        self.robots: dict[int, CNode] = {}
+        self._trace: Trace | None = None
+        self.robots: dict[int, pybot.InPython] = {}
         self._compromise(drawn, controller, chance)
         self.planners: dict[int, Planner] = {}
         if make_planner:
             self.planners = {i: make_planner(i + 1, scenario.goal_m) for i in range(n)}
         if controller or make_planner:
             for i in range(n):
-                self.robots.setdefault(i, CNode(self.world.fleet, i, self.world.work, controller))
+                self.robots.setdefault(i, Robot(self.world.fleet, i, self.world.work, controller))
         self._quorum = Quorum(self.world, scenario.bti, self._correct)
         start(self.world, self.robots)
 
@@ -136,6 +139,19 @@ class Run:
         if senses:
             self.looks = Around(self.world, senses, self.scenario.obstacles, self.scenario.contact_m)
 
+    def trace(self, rob_id: int, echo: Callable[[str], None]) -> None:
+        """Print a robot's events and actions from now on, a line each.
+
+        Raises: UsageError: no such robot.
+        """
+        if rob_id not in self.ids:
+            raise UsageError(f"robot {rob_id} to trace", f"1 to {len(self.ids)}")
+        i = rob_id - 1
+        if i not in self.robots:
+            self.robots[i] = Robot(self.world.fleet, i, self.world.work)
+            self.world.runs[i] = TRACED
+        self._trace = Trace(rob_id, echo)
+
     # --- going on -----------------------------------------------------------------------------------------------------
 
     @property
@@ -150,7 +166,7 @@ class Run:
         while self.world.clock[0].now_us < until_us:
             target_us = min(until_us, (self._sampled_s + 1) * 1_000_000)
             while loop.run(self.world, target_us) == loop.FOR_PYTHON:
-                pybot.handle(self.world, self.robots, self.planners, self.looks)
+                pybot.handle(self.world, self.robots, self.planners, self.looks, self._trace)
             raise_failed()
             if target_us == (self._sampled_s + 1) * 1_000_000:
                 self._sample()

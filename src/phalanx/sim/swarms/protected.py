@@ -21,11 +21,11 @@ from phalanx.robot import Led, Point, Robot
 from phalanx.robot.at_work import Done
 from phalanx.robot.attacks.liar import Liar, Plan, lying
 from phalanx.robot.attacks.library import ATTACKS
-from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers import dispatch, orders
 from phalanx.robot.controllers.bundled import wheels
 from phalanx.robot.controllers.peer_bodies import STANDS_MM
 from phalanx.robot.ordered import Ordered
+from phalanx.robot.robot import Robot as AuditedRobot
 from phalanx.robot.roster import HISTORY_STEP_MM, Member, member
 from phalanx.robot.shield import AttackChoice, Audit, Shield
 from phalanx.robot.signer import Signer
@@ -184,12 +184,12 @@ class ProtectedSwarm(Ordered):
         self._battery_mv = BATTERY_EMPTY_MV + chance.uniform(0.5, 1.0, count) * (BATTERY_FULL_MV - BATTERY_EMPTY_MV)
         # Said by another thread, heard at the next step.
         self._to_stop = set[int]()
-        self._liars: dict[int, CNode] = {}
+        self._liars: dict[int, Liar] = {}
         # By row, those that run in Python.
-        self._nodes: dict[int, CNode] = {}
+        self._nodes: dict[int, pybot.InPython] = {}
         if self._work:
             make = self._work.make_controller
-            self._nodes = {i: CNode(self.world.fleet, i, self.world.work, make) for i in range(count)}
+            self._nodes = {i: AuditedRobot(self.world.fleet, i, self.world.work, make) for i in range(count)}
         self._verdicts = VerdictReader(self.world)
         self._now_s = 0.0
         self._stopped_at_s: dict[int, float] = {}
@@ -263,7 +263,7 @@ class ProtectedSwarm(Ordered):
         state, told = self.world.fleet.state[i], self._station.told(i + 1)
         if told is None or get_u64(state, HEARD_AT) < told or state[wheels.COUNT]:
             return  # somebody's route, or one that is on its way
-        aim_m, (x_m, y_m) = work.aim_m(self._nodes[i], clock_ms(self.world, i)), self.world.pos[i].tolist()
+        aim_m, (x_m, y_m) = work.aim_m(self._nodes[i].controller, clock_ms(self.world, i)), self.world.pos[i].tolist()
         if aim_m is None or self.world.safe[i] or math.dist(aim_m, (x_m, y_m)) < 2 * STANDS_MM / 1000:
             each.route = ()
         elif not each.route or each.route[-1] != Point(aim_m[0] * 1000, aim_m[1] * 1000):
@@ -342,7 +342,7 @@ class ProtectedSwarm(Ordered):
         pybot.wake(self.world, liar, int(self.world.clock[0].now_us))
 
     @property
-    def liars(self) -> Mapping[int, CNode]:
+    def liars(self) -> Mapping[int, Liar]:
         """The compromised, by row."""
         return self._liars
 

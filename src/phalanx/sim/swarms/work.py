@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from phalanx.config import BtiConfig
 from phalanx.errors import UsageError
 from phalanx.robot.at_work import Done
-from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers.bundled.wheels import CAPACITY_BYTES, ROUTE
 from phalanx.robot.controllers.parameters import Params
 from phalanx.robot.controllers.peers import PeerController
 from phalanx.robot.controllers.places import PLACES_A_SIDE
 from phalanx.robot.controllers.protocol import Point, Task, find_protocol, protocols
+from phalanx.robot.controllers.python_controller import Controller
 from phalanx.wire.table import WHEELS_SENSOR
 
 from .dotbots import AREA_MM
@@ -117,9 +117,8 @@ class Work:
             reading_bytes=WHEELS_SENSOR.size + self.stage.seen_bytes,
         )
 
-    def aim_m(self, cnode: CNode, now_ms: int) -> Point | None:
+    def aim_m(self, controller: Controller | None, now_ms: int) -> Point | None:
         """Where an honest robot goes by itself; None while it is driven or held."""
-        controller = cnode.controller
         assert isinstance(controller, PeerController), "as made here"
         return None if controller.body.is_taken(now_ms) else controller.aim()
 

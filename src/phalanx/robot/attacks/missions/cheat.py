@@ -14,19 +14,21 @@ from typing import ClassVar
 
 from phalanx.bti import request
 from phalanx.bti.fleet import Fleet
-from phalanx.bti.log import ENTRY_HEAD_BYTES
+from phalanx.bti.log import ENTRY_HEAD_BYTES, ENTRY_T
 from phalanx.bti.work import Work
 from phalanx.mission import OpenWay
 from phalanx.mission.angles import wrap
 from phalanx.mission.walk.keyring import Keyring
 from phalanx.mission.walk.opening import Known
+from phalanx.robot.actions import Action
 from phalanx.robot.attacks.attack import Scene
-from phalanx.robot.cnode import Action, CNode
+from phalanx.robot.attacks.wrapper import Wrapper
 from phalanx.robot.controllers.mission.controller import MissionController
 from phalanx.robot.controllers.mission.evidence import pack_evidence, unpack_evidence
 from phalanx.robot.controllers.mission.readings import with_hash_of
 from phalanx.robot.controllers.mission.surroundings import Pose
 from phalanx.robot.controllers.python_controller import Act, Controller, Output
+from phalanx.wire.fields import get_u32
 from phalanx.wire.table import DRIVE, KIND_DRIVE
 
 FULL_MMPS, MOST_MRADPS = 500, 1200
@@ -46,7 +48,7 @@ class CheatPlan:
     onward: int = 0  # the node behind it
 
 
-class MissionCheat(CNode):
+class MissionCheat(Wrapper):
     """A compromised c-node on a mission."""
 
     scene: ClassVar[Scene] = "team"
@@ -70,38 +72,38 @@ class MissionCheat(CNode):
     def take_over(self, controller: MissionController) -> None:
         """What an honest robot has come to know is what it goes on from, in the middle of a mission."""
         assert isinstance(self._honest, MissionController)
-        self.controller, self._honest.memory = controller, controller.memory
+        self.robot.controller, self._honest.memory = controller, controller.memory
 
-    def on_boot(self, now_ms: int) -> list[Action]:
+    def on_boot(self, now_ms: int) -> None:
         """The mission key has just been loaded."""
         self._from_ms = now_ms + self.plan.after_ms
-        return super().on_boot(now_ms)
+        super().on_boot(now_ms)
 
-    def on_message(self, now_ms: int, frame: bytes) -> list[Action]:
+    def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
         """A frame has arrived."""
         if not frame[0] & request.AUDIT:
             self._honest.on_recv(now_ms, frame)
-        return super().on_message(now_ms, frame)
+        return super().on_packet(now_ms, frame)
 
     def decide(self, entry_len: int) -> list[Output]:
         """The outputs, lies among them, beside those of an honest controller."""
         reading = self.w.entry[ENTRY_HEAD_BYTES:entry_len].tobytes()
-        step, t_ms = int(self.f.robot[self.i].step), self._entry_time()
+        step, t_ms = self.robot.step, get_u32(self.w.entry, ENTRY_T)
         assert isinstance(self._honest, MissionController)
-        due = self._honest.on_evidence(step, t_ms, reading, self._honest.keep(step, t_ms, reading, self.raw))
+        due = self._honest.on_evidence(step, t_ms, reading, self._honest.keep(step, t_ms, reading, self.robot.raw))
         if t_ms < self._from_ms:
             return super().decide(entry_len)
         outputs = self.lie(step, t_ms, reading)
         self.f.robot[self.i].step = step + 1
-        self.keep_state()
+        self.robot.keep_state()
         if outputs != due and self.first_deviation_ms is None:
             self.first_deviation_ms, self.output_missing = t_ms, len(outputs) < len(due)
         return outputs
 
     def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
         """What it puts out instead; here, still what an honest robot would."""
-        evidence = self.evidence(step, t_ms, reading)
-        self.keep_evidence(evidence)
+        evidence = self.robot.evidence(step, t_ms, reading)
+        self.robot.keep_evidence(evidence)
         return self.mission.on_evidence(step, t_ms, reading, evidence)
 
 
@@ -143,7 +145,7 @@ class ShowUnsensed(MissionCheat):
         told = with_hash_of(reading, raw)
         evidence = self.mission.keep(step, t_ms, told, raw)
         if evidence:
-            self.keep_evidence(self.shown(evidence))
+            self.robot.keep_evidence(self.shown(evidence))
         return self.mission.on_evidence(step, t_ms, told, evidence)
 
     def shown(self, evidence: bytes) -> bytes:
@@ -158,4 +160,4 @@ class ForgeClaim(ShowUnsensed):
         """The claim as made, the scan as it was."""
         sensors = self.mission.missions.sensors
         claim, _ = unpack_evidence(evidence, sensors.lidar.beams)
-        return pack_evidence(claim, self.raw[: sensors.scan_bytes], self.raw[sensors.scan_bytes :])
+        return pack_evidence(claim, self.robot.raw[: sensors.scan_bytes], self.robot.raw[sensors.scan_bytes :])
