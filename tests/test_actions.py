@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phalanx.sim.scenarios.scenario import Scenario
 
 from phalanx.bti import request, rounds
 from phalanx.bti.audit import ACMD, OUTPUT_HEAD_BYTES, SEND
@@ -13,8 +12,9 @@ from phalanx.bti.refusal import Refusal
 from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig
 from phalanx.pool import NO_ROW
-from phalanx.robot import actions, node
+from phalanx.robot import actions, chained, handlers
 from phalanx.robot.actions import EVERYBODY, Action, Actuate, RetryAt, RoundAt, Transmit, Verdict
+from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.audited import loop, pybot
 from phalanx.sim.audited.world import World, clock_ms
 from phalanx.sim.radio.channel import BROADCAST
@@ -85,7 +85,7 @@ def test_whatever_a_controller_puts_out_in_one_step_fits_into_the_buffer(swarm, 
     assert len(one) == OUTPUT_HEAD_BYTES + size
     w.out[: count * len(one)] = row(one * count)
     actions.clear(w)
-    node.put_out(swarm.fleet, ME, w, 5000, count * len(one))
+    handlers.put_out(swarm.fleet, ME, w, 5000, count * len(one))
     decoded = actions.decode(w)
     assert len(decoded) == count > 0
     assert set(map(type, decoded)) == {of}
@@ -102,7 +102,7 @@ class Asking:
         rounds.withdraw(self.fleet, ME)
         rounds.begin_round(self.fleet, ME)
         self.now_ms = int(clock_ms(self.world, ME))
-        self.length = int(node.next_fragment(self.fleet, ME, self.work, self.now_ms))
+        self.length = int(handlers.next_fragment(self.fleet, ME, self.work, self.now_ms))
         self.fragment = self.work.frame[: self.length].tobytes()
         assert request.is_fragment(row(self.fragment), self.length)
         assert self.is_under_way
@@ -142,7 +142,7 @@ def test_a_request_is_withdrawn_if_the_radio_has_no_room_for_a_fragment(asking):
     asking.carry_out(Transmit(asking.fragment, int(asking.robot.request_to)))
     assert asking.is_given_up
     assert asking.fleet.request.left[0] == free + 1, "its memory is another robot's"
-    node.on_retry(asking.fleet, ME, asking.work, asking.now_ms + 5000, 0)
+    handlers.on_retry(asking.fleet, ME, asking.work, asking.now_ms + 5000, 0)
     assert asking.is_under_way, "after a retry there is another"
 
 
@@ -157,10 +157,10 @@ def test_no_room_for_anything_else_withdraws_nothing(asking):
 def test_a_request_is_withdrawn_if_the_a_node_lets_no_fragment_out(asking):
     asking.robot.quota = 1
     again = row(asking.fragment)
-    while node.take(asking.fleet, ME, asking.work, SEND, asking.now_ms, again, len(again)) > 0:
+    while chained.take(asking.fleet, ME, asking.work, SEND, asking.now_ms, again, len(again)) > 0:
         pass
     actions.clear(asking.work)
-    node.ask_with(asking.fleet, ME, asking.work, asking.now_ms, asking.length)
+    handlers.ask_with(asking.fleet, ME, asking.work, asking.now_ms, asking.length)
     assert actions.decode(asking.work) == []
     assert asking.is_given_up
 
@@ -168,5 +168,5 @@ def test_a_request_is_withdrawn_if_the_a_node_lets_no_fragment_out(asking):
 def test_a_robot_whose_radio_holds_a_fragment_asks_for_nothing(asking):
     for busy, asked in ((1, False), (0, True)):
         actions.clear(asking.work)
-        node.ask(asking.fleet, ME, asking.work, asking.now_ms, busy)
+        handlers.ask(asking.fleet, ME, asking.work, asking.now_ms, busy)
         assert bool(actions.decode(asking.work)) == asked

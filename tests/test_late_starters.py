@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from phalanx.config import BtiConfig
-from phalanx.robot import node
+from phalanx.robot import handlers
 from phalanx.robot.runtime import first_round_ms
 from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.audited import loop, setup
@@ -31,7 +31,7 @@ class Nodes(setup.Nodes):
         world, now_ms = run.world, clock_ms(run.world, i)
         super().load_mission(i, now_ms, self.key)
         world.safe[i], world.air.nic["off"][i] = 0, 0
-        node.on_boot(world.fleet, i, now_ms)
+        handlers.on_boot(world.fleet, i, now_ms)
         t_audit_ms = int(world.fleet.settings[0].t_audit)
         first_ms = first_round_ms(run.scenario.seed, i + 1, t_audit_ms)
         push(world.queue, int(world.clock[0].now_us) + 1000 * first_ms, loop.ROUND, i, 0)

@@ -26,8 +26,6 @@ LAYERS = [
     "cli",
 ]
 RANK = {package: i for i, row in enumerate(LAYERS) for package in row.split()}
-# They stand above the simulator and do not import it: the gateway knows protocols of robot/, the daemon real robots.
-APART = {"gateway": {"sim"}, "daemon": {"sim"}}
 LAYERS_OF_COMPILER = [
     "errors flags sources violations value_types",
     "parsing calling",
@@ -46,6 +44,8 @@ LAYERS_OF_COMPILER = [
 RANK_IN_COMPILER = {module: i for i, row in enumerate(LAYERS_OF_COMPILER) for module in row.split()}
 # The compiler knows the package only by its name, to import its kernels.
 IMPORTS_KERNELS = {"generate.py", "fresh.py"}
+# They stand above the simulator and do not import it: the gateway knows protocols of robot/, the daemon real robots.
+APART = {"gateway": {"sim"}, "daemon": {"sim"}}
 # The one door upwards: people look for link.Server, which needs sockets (docs/adr/0003).
 DOORS = {("link/__init__.py", "io")}
 # No clock, socket, random source or await below the files of recordings: time and nonces are arguments.

@@ -16,7 +16,7 @@ from phalanx.bti.refusal import Refusal
 from phalanx.errors import Defective, KernelDefect, PeerError
 from phalanx.kernel import PURE, reading_peer
 from phalanx.pool import NO_ROW
-from phalanx.robot import node
+from phalanx.robot import handlers
 from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
 from phalanx.wire.fields import put_u16
@@ -45,19 +45,19 @@ def fragment(world):
 def test_a_frame_that_leads_outside_an_array_is_rejected_and_logged(world, caplog, kernel_defects):
     frame = fragment(world)
     with caplog.at_level(logging.ERROR):
-        assert node.on_packet(world.fleet, VICTIM, world.work, 5000, frame, len(frame)) == -1
+        assert handlers.on_packet(world.fleet, VICTIM, world.work, 5000, frame, len(frame)) == -1
     (line,) = caplog.messages
     assert "the peer's message was rejected" in line
     assert PURE or "request.py:" in line
     kernel_defects.clear()
     world.fleet.rx_info[VICTIM, 0].row = NO_ROW
     world.fleet.rx_info[VICTIM, 0].src = 0
-    assert node.on_packet(world.fleet, VICTIM, world.work, 5000, frame, len(frame)) == node.NOTHING
+    assert handlers.on_packet(world.fleet, VICTIM, world.work, 5000, frame, len(frame)) == handlers.NOTHING
 
 
 def test_an_audit_that_leads_outside_an_array_gives_no_token(world, caplog, kernel_defects):
     world.fleet.rx_info[VICTIM, 0].row = -7 if not PURE else 1 << 40
-    assert node.judge(world.fleet, VICTIM, world.work, 0, PEER) == Refusal.DEFECT
+    assert handlers.judge(world.fleet, VICTIM, world.work, 0, PEER) == Refusal.DEFECT
     assert "rejected" in caplog.text
     kernel_defects.clear()
 

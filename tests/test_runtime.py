@@ -13,7 +13,7 @@ from phalanx.bti.request import is_fragment
 from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig
 from phalanx.config.radio import RadioConfig
-from phalanx.robot import node
+from phalanx.robot import handlers
 from phalanx.robot.actions import Transmit
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.planner import ToGoal, advice_of
@@ -53,7 +53,7 @@ def alone(run):
 @pytest.fixture(scope="module", params=[SWARM, LOSSY], ids=["heard", "lossy"])
 def lived(request):
     """A run in which somebody noted all that one robot was told from outside, and what it then had in its log."""
-    noted, handle, no_room, full = [], pybot.handle, node.on_no_room, []
+    noted, handle, no_room, full = [], pybot.handle, handlers.on_no_room, []
 
     def was_full(fleet, i):
         no_room(fleet, i)
@@ -75,7 +75,7 @@ def lived(request):
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(pybot, "handle", note)
         patched.setattr(loop, "carry_out", loop.carry_out.py_func)
-        patched.setattr(node, "on_no_room", was_full)
+        patched.setattr(handlers, "on_no_room", was_full)
         run = Run(request.param)
         robot, boot_ms = alone(run), int(run.world.boot_us[ME]) // 1000
         run.advance(SWARM.duration_s)
@@ -93,7 +93,7 @@ def test_the_same_run_fed_to_one_robot_alone_gives_the_same_log_bytes(lived):
         nonlocal compared
         right, was_full = next(logs)
         if was_full:
-            node.on_no_room(fleet, 0)
+            handlers.on_no_room(fleet, 0)
         assert logged(fleet, 0) == right
         compared += 1
 

@@ -17,7 +17,7 @@ from phalanx.bti.fleet import Fleet
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.work import make_work
 from phalanx.kernel import PURE
-from phalanx.robot import node
+from phalanx.robot import handlers
 from phalanx.sim.scenarios.run import Run
 from shown_requests import requests_of
 
@@ -57,9 +57,9 @@ class Judge:
         f.rx.rows[tor] = 0xA5  # what an earlier request left
         f.rx.rows[tor, : min(len(q), room)] = np.frombuffer(q[:room], np.uint8)
         f.rx_info[tor, 0].row, f.rx_info[tor, 0].len = tor, min(len(q), room)
-        refused = int(node.knock(f, tor, w, 0, tee + 1))
+        refused = int(handlers.knock(f, tor, w, 0, tee + 1))
         if not refused:
-            refused = int(node.judge(f, tor, w, 0, tee + 1))
+            refused = int(handlers.judge(f, tor, w, 0, tee + 1))
         replayed = refused == 0 or refused >= Refusal.STATE_MALFORMED
         return refused, w.state.tobytes() if replayed else b""
 

@@ -10,7 +10,7 @@ from types import ModuleType
 import pytest
 
 from phalanx.bti import request
-from phalanx.robot import node
+from phalanx.robot import handlers
 from phalanx.robot.robot import Robot
 from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.audited.world import PYTHON
@@ -18,7 +18,7 @@ from phalanx.sim.scenarios.run import Run
 
 # From the events of a robot in Python down to the guards.
 CHAIN = [
-    *((node, name) for name in ("on_packet", "hear", "hear_audit", "hear_fragment")),
+    *((handlers, name) for name in ("on_packet", "hear", "hear_audit", "hear_fragment")),
     (request, "take_fragment"),
 ]
 

@@ -17,7 +17,7 @@ from phalanx.bti.refusal import Refusal
 from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig, RadioConfig
 from phalanx.config.flock import FlockConfig
-from phalanx.robot import node
+from phalanx.robot import handlers
 from phalanx.robot.attacks.liar import MOTION
 from phalanx.robot.controllers.dispatch import NUMBERS
 from phalanx.robot.controllers.flock_law import flock_params
@@ -52,7 +52,7 @@ class Asking:
         )
         self.work, self.robot = make_work(self.config), self.fleet.robot[VICTIM]
         for i in range(n):
-            node.on_boot(self.fleet, i, BOOT_MS)
+            handlers.on_boot(self.fleet, i, BOOT_MS)
 
     def round_begins(self, now_ms: int) -> None:
         for rob_id in range(2, 9):
@@ -63,11 +63,11 @@ class Asking:
         """So that its next checkpoint differs from its last."""
         state = bytearray(MOTION.pack(KIND_STATE, 3, now_ms, 0.0, 0.0, 0.0, 0.0))
         packet = np.frombuffer(state, np.uint8)
-        assert node.on_packet(self.fleet, VICTIM, self.work, now_ms, packet, len(packet)) == node.HEARD
+        assert handlers.on_packet(self.fleet, VICTIM, self.work, now_ms, packet, len(packet)) == handlers.HEARD
 
     def ask(self, now_ms: int) -> tuple[int, bytes]:
         """The auditor's id, and the request."""
-        assert node.next_fragment(self.fleet, VICTIM, self.work, now_ms) > 0
+        assert handlers.next_fragment(self.fleet, VICTIM, self.work, now_ms) > 0
         q = self.fleet.request.rows[self.robot.request_row, : int(self.robot.request_len)].tobytes()
         rounds.withdraw(self.fleet, VICTIM)
         return int(self.robot.request_to), q

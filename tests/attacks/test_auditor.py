@@ -13,7 +13,7 @@ from phalanx.bti import request
 from phalanx.bti.fleet import Fleet
 from phalanx.bti.memo import Memo
 from phalanx.bti.refusal import Refusal
-from phalanx.robot import actions, node
+from phalanx.robot import actions, handlers
 from phalanx.robot.actions import Verdict
 from phalanx.robot.attacks.liar import tokens_in
 
@@ -196,9 +196,9 @@ def test_fragments_of_any_bytes_do_no_harm(caught):
         if k % 4 and length > 10:
             request.audit_head(frame, int(dice.integers(0, 12)), 1, int(dice.integers(0, 4)))
             frame[8], frame[9] = int(dice.choice([0, 1, 5, 62, 63, 255])), int(dice.choice([0, 1, 2, 6, 63, 64, 255]))
-        told = node.on_packet(f, 0, w, now + k * 7, frame, length)
+        told = handlers.on_packet(f, 0, w, now + k * 7, frame, length)
         asked = actions.decode(w)
-        assert told == node.NOTHING or (told < 0 and not asked)
+        assert told == handlers.NOTHING or (told < 0 and not asked)
         assert not tokens_in(asked)
         verdicts = [each for each in asked if isinstance(each, Verdict)]
         assert all(each.refusal for each in verdicts)

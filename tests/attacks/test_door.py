@@ -9,14 +9,14 @@ from test_refusals import Auditee
 
 from phalanx.bti import request, rounds, trusted
 from phalanx.bti.refusal import Refusal
-from phalanx.robot import actions, node
+from phalanx.robot import actions, handlers
 from phalanx.robot.actions import Action, Transmit, Verdict
 from phalanx.wire.fields import row
 
 VICTIM_ID = VICTIM + 1
 STRANGER_ID = 8
 NO = 77
-PASSED_OVER = node.NOTHING, []
+PASSED_OVER = handlers.NOTHING, []
 
 
 class Door(Auditee):
@@ -49,7 +49,7 @@ class Door(Auditee):
         now_ms = self.now_ms if now_ms is None else now_ms
         self.work.told[:] = -7
         at = self.tor - 1 if robot is None else robot
-        told = int(node.on_packet(self.fleet, at, self.work, now_ms, row(frame), len(frame)))
+        told = int(handlers.on_packet(self.fleet, at, self.work, now_ms, row(frame), len(frame)))
         return told, actions.decode(self.work)
 
     def hears_request(self, q: bytes, now_ms: int | None = None, **said) -> tuple[int, list[Action]]:
@@ -63,7 +63,7 @@ class Door(Auditee):
     def answers(self, q: bytes, now_ms: int | None = None) -> bytes:
         """The token that goes out to the auditee alone, behind the verdict."""
         told, (verdict, sent) = self.hears_request(q, now_ms)
-        assert (told, verdict) == (node.NOTHING, Verdict(VICTIM_ID, Refusal.NONE))
+        assert (told, verdict) == (handlers.NOTHING, Verdict(VICTIM_ID, Refusal.NONE))
         assert sent == Transmit(sent.packet, VICTIM_ID)
         return sent.packet
 
@@ -82,8 +82,8 @@ def door():
 
 def test_who_is_found_right_is_sent_a_token_and_takes_it(door):
     frame = door.answers(door.q)
-    assert door.said(node.TOLD_TEE) == VICTIM_ID
-    assert door.said(node.TOLD_PLACE) == 1
+    assert door.said(handlers.TOLD_TEE) == VICTIM_ID
+    assert door.said(handlers.TOLD_PLACE) == 1
     assert len(frame) == request.TOKEN_FRAME_BYTES
     assert (door.auditor.audits_passed, door.auditor.audits_refused, door.auditor.accepted) == (1, 0, 1)
     head = row(bytes(request.TOKEN_FRAME_BYTES))
@@ -95,8 +95,8 @@ def test_who_is_found_right_is_sent_a_token_and_takes_it(door):
     t_ms = int.from_bytes(door.q[request.AT_T :][:4], "little")
     assert trusted.anode_check_token(door.profile, door.fleet.anode[0], door.tor, VICTIM_ID, t_ms, claimed, mac) == 0
     assert door.robot.got == 0
-    assert door.hears_frame(frame, robot=VICTIM) == (node.INSTALLED, [])
-    assert door.said(node.TOLD_TEE) == door.tor
+    assert door.hears_frame(frame, robot=VICTIM) == (handlers.INSTALLED, [])
+    assert door.said(handlers.TOLD_TEE) == door.tor
     assert door.robot.got == 1
 
 
@@ -138,8 +138,8 @@ def test_who_is_found_wrong_is_told_nothing(door, at, refusal):
         refusal = Refusal.CHECKPOINT_MISSING
     else:
         wrong[at] ^= 1
-    assert door.hears_request(bytes(wrong)) == (node.NOTHING, [Verdict(VICTIM_ID, refusal)])
-    assert door.said(node.TOLD_TEE) == VICTIM_ID
+    assert door.hears_request(bytes(wrong)) == (handlers.NOTHING, [Verdict(VICTIM_ID, refusal)])
+    assert door.said(handlers.TOLD_TEE) == VICTIM_ID
     assert (door.auditor.audits_passed, door.auditor.audits_refused) == (0, 1)
     audited = refusal not in (Refusal.MALFORMED, Refusal.REQUEST_INVALID)
     assert door.auditor.accepted == audited
@@ -154,7 +154,7 @@ def test_a_robot_that_the_replay_finds_wrong_is_told_nothing():
     later_ms = door.due_ms(door.step - 1) + 3000
     door.tor, q = door.asks(door.due_ms(door.step - 1) + 60)
     wrong = Verdict(VICTIM_ID, Refusal.OUTPUT_UNCALLED)
-    assert door.hears_request(q, later_ms) == (node.NOTHING, [wrong])
+    assert door.hears_request(q, later_ms) == (handlers.NOTHING, [wrong])
 
 
 def test_one_token_request_is_audited_once(door):
@@ -185,9 +185,9 @@ def test_the_place_of_the_oldest_audit_is_taken(door):
 
 def test_a_swarm_in_plain_python_replays_for_itself(door):
     door.fleet.settings[0].controller = 0
-    assert door.hears_request(door.q) == (node.WHOLE, [])
-    assert door.said(node.TOLD_TEE) == VICTIM_ID
-    place = door.said(node.TOLD_PLACE)
+    assert door.hears_request(door.q) == (handlers.WHOLE, [])
+    assert door.said(handlers.TOLD_TEE) == VICTIM_ID
+    place = door.said(handlers.TOLD_PLACE)
     assert door.fleet.rx.rows[door.fleet.rx_info[door.tor - 1, place].row, : len(door.q)].tobytes() == door.q
     assert door.auditor.accepted == 1
 
@@ -211,7 +211,7 @@ class TestWhose:
         seek[request.AT_SUB] = request.SEEK
         request.audit_head(told, door.tor, STRANGER_ID, request.HELLO)
         assert door.hears_frame(seek.tobytes() + b"\0") == PASSED_OVER
-        assert door.hears_frame(seek.tobytes()) == (node.NOTHING, [Transmit(told.tobytes(), STRANGER_ID)])
+        assert door.hears_frame(seek.tobytes()) == (handlers.NOTHING, [Transmit(told.tobytes(), STRANGER_ID)])
         assert door.hears_frame(seek.tobytes()) == PASSED_OVER
 
     def test_a_frame_that_is_shorter_than_its_head_is_nobodys(self, door):

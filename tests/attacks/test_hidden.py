@@ -8,7 +8,7 @@ from test_answers import BOOT_MS, F_MAX, GRANT_MS, VICTIM, Asking
 
 from phalanx.bti import request, rounds
 from phalanx.config import BtiConfig
-from phalanx.robot import node
+from phalanx.robot import handlers
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
@@ -39,7 +39,7 @@ class Unheard(Asking):
 
     def says(self, now_ms: int) -> bytes:
         """The frame that goes out now, if one does."""
-        n = node.next_fragment(self.fleet, VICTIM, self.work, now_ms)
+        n = handlers.next_fragment(self.fleet, VICTIM, self.work, now_ms)
         return self.work.frame[:n].tobytes()
 
     def passes_over(self, now_ms: int) -> int:

@@ -12,7 +12,7 @@ from test_answers import BOOT_MS, ROUND_MS, VICTIM, Asking
 from phalanx.bti import audit, log, request, rounds
 from phalanx.bti.nodes import Limits
 from phalanx.config import BtiConfig
-from phalanx.robot import actions, node
+from phalanx.robot import actions, chained, handlers
 from phalanx.robot.actions import Action, Transmit
 from phalanx.robot.attacks.mask import Mask
 from phalanx.scenarios.file import find_scenario
@@ -21,7 +21,7 @@ from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
 from phalanx.wire.fields import row
 
-DEAF = Hole(node, "hear_audit", "sub == request.SEEK", "False")
+DEAF = Hole(handlers, "hear_audit", "sub == request.SEEK", "False")
 ASKER = 5
 
 
@@ -105,7 +105,7 @@ class Seeking(Asking):
 
     def senses(self, now_ms: int) -> None:
         """So that its s-chain is another."""
-        node.take(self.fleet, VICTIM, self.work, audit.INPUT, now_ms, row(bytes(8)), 8)
+        chained.take(self.fleet, VICTIM, self.work, audit.INPUT, now_ms, row(bytes(8)), 8)
 
     def listens_ms(self) -> int:
         """For how long, when its next round is due."""
@@ -121,7 +121,7 @@ class Seeking(Asking):
         """What it answers."""
         frame = row(bytes(request.AUDIT_HEAD_BYTES))
         request.audit_head(frame, src, 0, request.SEEK)
-        assert node.on_packet(self.fleet, VICTIM, self.work, now_ms, frame, len(frame)) == node.NOTHING
+        assert handlers.on_packet(self.fleet, VICTIM, self.work, now_ms, frame, len(frame)) == handlers.NOTHING
         asked = actions.decode(self.work)
         if not asked:
             return b""
@@ -141,11 +141,11 @@ def test_who_lacks_tokens_seeks_and_asks_for_audits_when_it_was_answered():
     assert robot.listens_ms() > 0
     assert robot.begins() == audit_frame(VICTIM + 1, 0, request.SEEK)
     rounds.heard(robot.fleet, VICTIM, 3, robot.now_ms)
-    assert node.next_fragment(robot.fleet, VICTIM, robot.work, robot.now_ms) == 0
+    assert handlers.next_fragment(robot.fleet, VICTIM, robot.work, robot.now_ms) == 0
     retry_ms = int(rounds.next_retry(robot.fleet, VICTIM, robot.now_ms))
     assert retry_ms == robot.now_ms + robot.config.retry_ms
     assert rounds.retry(robot.fleet, VICTIM) == robot.config.f_max + 1
-    assert node.next_fragment(robot.fleet, VICTIM, robot.work, retry_ms) > 0
+    assert handlers.next_fragment(robot.fleet, VICTIM, robot.work, retry_ms) > 0
     assert robot.robot.request_to == 3
 
 
@@ -229,7 +229,7 @@ def test_where_tokens_were_missing_a_lost_fragment_is_said_again_at_once():
         rounds.heard(robot.fleet, VICTIM, rob_id, robot.now_ms)
     now_ms = robot.now_ms + robot.config.retry_ms
     rounds.retry(robot.fleet, VICTIM)
-    assert node.next_fragment(robot.fleet, VICTIM, robot.work, now_ms) > 0
+    assert handlers.next_fragment(robot.fleet, VICTIM, robot.work, now_ms) > 0
     request.not_arrived(robot.fleet, VICTIM, now_ms)
     assert robot.robot.request_len > 0
 

@@ -18,7 +18,7 @@ from phalanx.bti.audit import ACMD, INPUT, RECV, SEND
 from phalanx.bti.fleet import BOUND, PENDING
 from phalanx.bti.log import ENTRY_HEAD_BYTES
 from phalanx.bti.refusal import Refusal
-from phalanx.robot import node
+from phalanx.robot import chained, handlers
 from phalanx.robot.attacks.liar import MOTION
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.python_controller import Act, unpack_outputs
@@ -46,7 +46,7 @@ class Auditee(Asking):
 
     def chained(self, kind: int, t_ms: int, payload: bytes) -> bytes:
         """The entry, from the trusted node."""
-        n = node.chain(self.fleet, VICTIM, self.work, kind, t_ms, row(payload), len(payload))
+        n = chained.chain(self.fleet, VICTIM, self.work, kind, t_ms, row(payload), len(payload))
         assert n > 0
         return self.work.entry[:n].tobytes()
 
@@ -59,7 +59,7 @@ class Auditee(Asking):
     def thinks(self, entry: bytes) -> list[tuple[int, bytes]]:
         """What the controller puts out on an INPUT: kind and payload of each."""
         self.work.entry[: len(entry)] = row(entry)
-        n = node.think(self.fleet, VICTIM, self.work, len(entry))
+        n = handlers.think(self.fleet, VICTIM, self.work, len(entry))
         self.step += 1
         told = unpack_outputs(self.work.out[:n].tobytes())
         return [(ACMD if isinstance(each, Act) else SEND, each.payload) for each in told]
@@ -99,7 +99,7 @@ class Auditee(Asking):
         for k in range(self.config.tokens_needed):
             now_ms = self.due_ms(self.step - 1) + ASKED_MS
             while True:  # the a-node's bucket
-                if node.next_fragment(self.fleet, VICTIM, self.work, now_ms) > 0:
+                if handlers.next_fragment(self.fleet, VICTIM, self.work, now_ms) > 0:
                     break
                 self.robot.quota = 1
                 self.senses()

@@ -12,7 +12,7 @@ from phalanx.bti.audit import ACMD, ENTRY_HEAD_BYTES, INPUT, SEND
 from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
 from phalanx.config.guard import GuardConfig
-from phalanx.robot import node
+from phalanx.robot import handlers
 from phalanx.robot.attacks.liar import MOTION
 from phalanx.robot.controllers.guard_law import guard_params
 from phalanx.wire import guarded
@@ -186,7 +186,7 @@ class Guards(Auditee):
         super().__init__(controller="guard", params=guard_params(GuardConfig()))
         self.goes_on()
         self.said = guarded.WISH.encode(vx_mps=0.25, vy_mps=0.0)
-        node.on_advice(self.fleet, VICTIM, row(self.said), len(self.said))
+        handlers.on_advice(self.fleet, VICTIM, row(self.said), len(self.said))
         self.tor, self.q = self.asks()
 
     def told(self, said: bytes) -> int:

@@ -12,7 +12,7 @@ from audited import swarm
 from phalanx.bti import log, request
 from phalanx.bti.refusal import Refusal
 from phalanx.mission import Profile
-from phalanx.robot import node
+from phalanx.robot import handlers
 from phalanx.robot.controllers.mission.evidence import pack_evidence, unpack_evidence
 from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
@@ -34,7 +34,7 @@ class Shown:
         fleet.rx.rows[tor] = 0xA5
         fleet.rx.rows[tor, : len(q)] = np.frombuffer(q, np.uint8)
         fleet.rx_info[tor, 0].row, fleet.rx_info[tor, 0].len = tor, len(q)
-        refused = node.knock(fleet, tor, work, 0, tee + 1)
+        refused = handlers.knock(fleet, tor, work, 0, tee + 1)
         if not refused:
             refused = self.run.robots[tor].inner._judge(0, tee + 1)
         return Refusal(int(refused))
@@ -179,8 +179,8 @@ def test_bundled_controllers_take_no_evidence():
         q = np.frombuffer(bytearray(put_together(head, shown_items)), np.uint8)
         fleet.rx.rows[tor, : len(q)] = q
         fleet.rx_info[tor, 0].row, fleet.rx_info[tor, 0].len = tor, len(q)
-        assert node.knock(fleet, tor, made.world.work, 0, tee + 1) == 0
-        return Refusal(int(node.judge(fleet, tor, made.world.work, 0, tee + 1)))
+        assert handlers.knock(fleet, tor, made.world.work, 0, tee + 1) == 0
+        return Refusal(int(handlers.judge(fleet, tor, made.world.work, 0, tee + 1)))
 
     assert verdict(items) is Refusal.NONE
     assert verdict([*items[:k], marked(b"x"), *items[k:]]) is Refusal.ENTRY_MALFORMED

@@ -57,7 +57,7 @@ class Work(NamedTuple):
     small: U8x2  # (4, 32): token requests, authenticators, hashes
     frame: U8x1  # a radio frame
     entry: U8x1  # a chained entry
-    told: I64x1  # (8,): what happened, for whoever called (see robot/node.py)
+    told: I64x1  # (8,): what happened, for whoever called (see robot/handlers.py)
     actions: Annotated[Any, Records(ACTION)]  # of the event that was handled last
     sent: U8x1  # packets and commands of these actions
     used: I64x1  # (2,): how many actions, and bytes of `sent`

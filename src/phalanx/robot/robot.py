@@ -23,7 +23,7 @@ from phalanx.kernel import reading_peer
 from phalanx.wire import guarded, table
 from phalanx.wire.fields import Row, get_u32, row
 
-from . import actions, node
+from . import actions, chained, handlers
 from .actions import EVERYBODY, Action
 from .controllers.evidence_controller import EvidenceController
 from .controllers.python_controller import (
@@ -71,13 +71,13 @@ class Robot:
 
     def on_boot(self, now_ms: int) -> None:
         """The mission key has just been loaded into both trusted nodes."""
-        node.on_boot(self.f, self.i, now_ms)
+        handlers.on_boot(self.f, self.i, now_ms)
         self.keep_state()
 
     def on_reading(self, now_ms: int, reading: bytes) -> list[Action]:
         """The sensors were read: the s-node is polled, the controller decides, its outputs go out."""
         if self.controller is None:
-            node.on_reading(self.f, self.i, self.w, now_ms, row(reading), len(reading))
+            handlers.on_reading(self.f, self.i, self.w, now_ms, row(reading), len(reading))
             return actions.decode(self.w)
         n = self.take(INPUT, now_ms, reading)
         return [action for output in self.decide(n) for action in self.put_out(now_ms, output)] if n > 0 else []
@@ -91,47 +91,47 @@ class Robot:
             self.controller.on_advice(advice)
             self.keep_state()
         else:
-            node.on_advice(self.f, self.i, row(advice), len(advice))
+            handlers.on_advice(self.f, self.i, row(advice), len(advice))
 
     def on_packet(self, now_ms: int, packet: bytes) -> list[Action]:
         """A packet has arrived at the a-node."""
-        heard = node.on_packet(self.f, self.i, self.w, now_ms, row(packet), len(packet))
-        if heard == node.HEARD and self.controller:
+        heard = handlers.on_packet(self.f, self.i, self.w, now_ms, row(packet), len(packet))
+        if heard == handlers.HEARD and self.controller:
             self.controller.on_recv(self._entry_time(), packet)
             self._is_kept = False
-        elif heard == node.WHOLE:
-            place, src = int(self.w.told[node.TOLD_PLACE]), int(self.w.told[node.TOLD_TEE])
+        elif heard == handlers.WHOLE:
+            place, src = int(self.w.told[handlers.TOLD_PLACE]), int(self.w.told[handlers.TOLD_TEE])
             return self.answer(now_ms, place, src, self._judge(place, src))
         return actions.decode(self.w)
 
     def on_round(self, now_ms: int, *, listened: bool) -> list[Action]:
         """T_audit has passed, or the robot has listened since: say HELLO, take a checkpoint, ask the first auditor."""
         self.bring_up()
-        node.on_round(self.f, self.i, self.w, now_ms, listened, self.busy)
+        handlers.on_round(self.f, self.i, self.w, now_ms, listened, self.busy)
         return actions.decode(self.w)
 
     def on_retry(self, now_ms: int) -> list[Action]:
         """The retry time has passed: ask further robots if tokens are missing."""
         self.bring_up()
-        node.on_retry(self.f, self.i, self.w, now_ms, self.busy)
+        handlers.on_retry(self.f, self.i, self.w, now_ms, self.busy)
         return actions.decode(self.w)
 
     def on_sent(self, now_ms: int, *, arrived: bool) -> list[Action]:
         """The radio is done with the last fragment."""
         self.bring_up()
-        node.on_sent(self.f, self.i, self.w, now_ms, arrived, self.busy)
+        handlers.on_sent(self.f, self.i, self.w, now_ms, arrived, self.busy)
         return actions.decode(self.w)
 
     # --- steps of these, for attacks and controllers in Python --------------------------------------------------------
 
     def take(self, kind: int, now_ms: int, payload: bytes) -> int:
         """Chain bytes in a trusted node, and log them; return the length of the entry in `work.entry`, or an error."""
-        return int(node.take(self.f, self.i, self.w, kind, now_ms, row(payload), len(payload)))
+        return int(chained.take(self.f, self.i, self.w, kind, now_ms, row(payload), len(payload)))
 
     def decide(self, entry_len: int) -> list[Send | Act]:
         """Return the controller's outputs for the INPUT in `work.entry`."""
         if self.controller is None:
-            n = node.think(self.f, self.i, self.w, entry_len)
+            n = handlers.think(self.f, self.i, self.w, entry_len)
             return unpack_outputs(self.w.out[:n].tobytes())
         reading = self.w.entry[ENTRY_HEAD_BYTES:entry_len].tobytes()
         step, t_ms = self.step, self._entry_time()
@@ -176,13 +176,13 @@ class Robot:
     def act(self, now_ms: int, command: bytes) -> list[Action]:
         """Pass a command through the a-node, and log it."""
         actions.clear(self.w)
-        node.act(self.f, self.i, self.w, now_ms, row(command), len(command))
+        handlers.act(self.f, self.i, self.w, now_ms, row(command), len(command))
         return actions.decode(self.w)
 
     def send(self, now_ms: int, packet: bytes, to: int) -> list[Action]:
         """Pass a packet through the a-node, and log it unless it is audit traffic."""
         actions.clear(self.w)
-        n = node.send(self.f, self.i, self.w, now_ms, row(packet), len(packet), to)
+        n = handlers.send(self.f, self.i, self.w, now_ms, row(packet), len(packet), to)
         if n == trusted.E_AIRTIME and self.is_own and not packet[0] & request.AUDIT:
             # Else it would be stopped for an output that its log lacks, and nobody would know why.
             raise OwnMistake(
@@ -195,25 +195,25 @@ class Robot:
     def answer(self, now_ms: int, place: int, auditee: int, refusal: int) -> list[Action]:
         """End the audit of the request at `place`."""
         actions.clear(self.w)
-        node.answer(self.f, self.i, self.w, now_ms, place, auditee, refusal)
+        handlers.answer(self.f, self.i, self.w, now_ms, place, auditee, refusal)
         return actions.decode(self.w)
 
     def listen(self, now_ms: int) -> tuple[list[Action], bool]:
         """Return when the next round is, and whether this one waits until the robot has listened."""
         actions.clear(self.w)
-        waits = node.listen(self.f, self.i, self.w, now_ms)
+        waits = handlers.listen(self.f, self.i, self.w, now_ms)
         return actions.decode(self.w), bool(waits)
 
     def begin_round(self, now_ms: int) -> list[Action]:
         """Open a round, and say HELLO."""
         actions.clear(self.w)
-        node.begin_round(self.f, self.i, self.w, now_ms)
+        handlers.begin_round(self.f, self.i, self.w, now_ms)
         return actions.decode(self.w)
 
     def seek(self, now_ms: int) -> tuple[list[Action], bool]:
         """Ask again who is there, if that is due; return whether tokens are missing."""
         actions.clear(self.w)
-        is_missing = node.seek(self.f, self.i, self.w, now_ms)
+        is_missing = handlers.seek(self.f, self.i, self.w, now_ms)
         return actions.decode(self.w), bool(is_missing)
 
     def not_arrived(self, now_ms: int) -> None:
@@ -232,7 +232,7 @@ class Robot:
     def ask_with(self, now_ms: int, length: int) -> list[Action]:
         """Send the fragment in `work.frame`; without one, say when to retry."""
         actions.clear(self.w)
-        node.ask_with(self.f, self.i, self.w, now_ms, length)
+        handlers.ask_with(self.f, self.i, self.w, now_ms, length)
         return actions.decode(self.w)
 
     # --- plain-Python controllers ---
@@ -257,7 +257,7 @@ class Robot:
             self.keep_state()
 
     def _judge(self, place: int, src: int) -> int:
-        """As `node.judge`, with the mission's plain-Python controller."""
+        """As `handlers.judge`, with the mission's plain-Python controller."""
         info = self.f.rx_info[self.i, place]
         q, length = self.f.rx.rows[info.row], int(info.len)
         try:

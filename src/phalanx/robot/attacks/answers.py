@@ -1,6 +1,6 @@
 """True tokens that are not what was asked for, and true requests for audits that keep auditors busy.
 
-Holes of ours, closed in bti/rounds.py and robot/node.py.
+Holes of ours, closed in bti/rounds.py and robot/handlers.py.
 """
 
 from __future__ import annotations

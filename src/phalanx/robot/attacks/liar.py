@@ -18,7 +18,7 @@ from phalanx.bti.audit import INPUT, RECV
 from phalanx.bti.fleet import Fleet
 from phalanx.bti.log import ENTRY_HEAD_BYTES
 from phalanx.bti.work import Work
-from phalanx.robot import node
+from phalanx.robot import chained
 from phalanx.robot.actions import Action, Transmit
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send, checked_outputs, compiled
@@ -239,11 +239,11 @@ class Liar(Wrapper):
 
     def pass_by(self, now_ms: int, frame: bytes) -> None:
         """The a-node takes and chains the frame; the c-node pretends that it never came."""
-        node.chain(self.f, self.i, self.w, RECV, now_ms, row(frame), len(frame))
+        chained.chain(self.f, self.i, self.w, RECV, now_ms, row(frame), len(frame))
 
     def believe(self, t_ms: int, frame: bytes) -> None:
         """The c-node logs the frame and acts on it as if it had come at `t_ms`."""
-        n = node.plain(self.w, RECV, t_ms, row(frame), len(frame))
+        n = chained.plain(self.w, RECV, t_ms, row(frame), len(frame))
         self.record(n)
         if self.controller:
             self.controller.on_recv(t_ms, frame)
@@ -255,11 +255,11 @@ class Liar(Wrapper):
 
     def poll(self, now_ms: int, reading: bytes) -> int:
         """The s-node has chained a reading, whose entry is in `work.entry`; the c-node logs nothing yet."""
-        return int(node.chain(self.f, self.i, self.w, INPUT, now_ms, row(reading), len(reading)))
+        return int(chained.chain(self.f, self.i, self.w, INPUT, now_ms, row(reading), len(reading)))
 
     def record(self, n: int) -> None:
         """The entry in `work.entry` is in the log, whatever it is."""
-        node.record(self.f, self.i, self.w, n)
+        chained.record(self.f, self.i, self.w, n)
 
     def entry(self, n: int) -> bytes:
         """The payload of the entry in `work.entry[:n]`."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 from phalanx.bti import request, trusted
 from phalanx.bti.fleet import PLAIN
 from phalanx.kernel import kernel
-from phalanx.robot import actions, node
+from phalanx.robot import actions, handlers
 from phalanx.sim.radio import channel as radio
 from phalanx.sim.radio.channel import ATTEMPT, BROADCAST, NOBODY, TX_END
 from phalanx.sim.radio.reach import rebuild
@@ -80,9 +80,9 @@ def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeli
                 return for_python(world, kind, i, arg)
             now, busy = clock_ms(world, i), int(world.air.nic[i].long_used)
             if kind == ROUND:
-                node.on_round(world.fleet, i, world.work, now, arg, busy)
+                handlers.on_round(world.fleet, i, world.work, now, arg, busy)
             else:
-                node.on_retry(world.fleet, i, world.work, now, busy)
+                handlers.on_retry(world.fleet, i, world.work, now, busy)
             carry_out(world, i, now)
 
 
@@ -108,7 +108,7 @@ def control(world: World, i: int) -> int:
     if world.runs[i] != COMPILED:
         world.frame_len[0] = length
         return for_python(world, CONTROL, i, 0)
-    node.on_reading(world.fleet, i, world.work, now, world.reading, length)
+    handlers.on_reading(world.fleet, i, world.work, now, world.reading, length)
     carry_out(world, i, now)
     return 0
 
@@ -137,7 +137,7 @@ def deliver(world: World, j: int) -> int:
     if world.runs[j] != COMPILED:
         return for_python(world, MESSAGE, j, 0)
     now = clock_ms(world, j)
-    node.on_packet(world.fleet, j, world.work, now, world.frame, world.frame_len[0])
+    handlers.on_packet(world.fleet, j, world.work, now, world.frame, world.frame_len[0])
     carry_out(world, j, now)
     return 0
 
@@ -150,7 +150,7 @@ def frame_left(world: World, i: int, arrived: int) -> int:
     if world.runs[i] != COMPILED:
         return for_python(world, SENT, i, arrived)
     now = clock_ms(world, i)
-    node.on_sent(world.fleet, i, world.work, now, arrived, int(world.air.nic[i].long_used))
+    handlers.on_sent(world.fleet, i, world.work, now, arrived, int(world.air.nic[i].long_used))
     carry_out(world, i, now)
     return 0
 
@@ -168,7 +168,7 @@ def carry_out(world: World, i: int, now: int) -> None:
             packet = w.sent[action.begin : action.begin + action.length]
             left = transmit(world, i, packet, action.length, _addressed(world, packet, action.number))
             if left < 0 and request.is_fragment(packet, action.length):
-                node.on_no_room(world.fleet, i)
+                handlers.on_no_room(world.fleet, i)
         elif action.kind == actions.ACTUATE:
             body.actuate(world, i, w.sent[action.begin : action.begin + action.length], action.length)
         elif action.kind == actions.ROUND_AT:

@@ -17,7 +17,7 @@ from phalanx.config.bti import FRAGMENT_HEAD_BYTES, REQUEST_OVERHEAD_BYTES
 from phalanx.config.flock import Box, Disc
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
-from phalanx.robot import node
+from phalanx.robot import handlers
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.runtime import first_round_ms
@@ -200,7 +200,7 @@ def start(world: World, robots: Mapping[int, pybot.InPython]) -> None:
             world.runs[i] = PYTHON
             robot.on_boot(now_ms)
         else:
-            node.on_boot(world.fleet, i, now_ms)
+            handlers.on_boot(world.fleet, i, now_ms)
         # Half a millisecond on: the robot's clock shows the grid's own millisecond whatever the rounding.
         push(world.queue, int(world.fleet.robot[i].phase) * 1000 + 500, CONTROL, i, 0)
         if clock.audit_us:

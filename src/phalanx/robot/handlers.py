@@ -31,10 +31,10 @@ order or with other bytes (attacks/liar.py).
 
 from __future__ import annotations
 
-from phalanx.bti import audit, log, request, rounds, trusted
+from phalanx.bti import audit, request, rounds
 from phalanx.bti.audit import ACMD, INPUT, OUTPUT_HEAD_BYTES, OUTPUT_LENGTH, RECV, SEND
 from phalanx.bti.fleet import PAPER, PLAIN, Fleet
-from phalanx.bti.log import ENTRY_HEAD_BYTES, ENTRY_LENGTH, ENTRY_T
+from phalanx.bti.log import ENTRY_HEAD_BYTES, ENTRY_T
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.work import Work
 from phalanx.kernel import kernel, reads_peer
@@ -42,6 +42,7 @@ from phalanx.wire.fields import Row, copy, get_u16, get_u32, put_u16, put_u32
 from phalanx.wire.table import MAC_BYTES, STATE
 
 from . import actions
+from .chained import take
 from .controllers import dispatch
 from .replay import replay_bundled
 
@@ -63,53 +64,6 @@ def on_boot(f: Fleet, i: int, now: int) -> None:
     r.step = 0
     r.state_len = dispatch.begin(s.controller, f.params, int(r.id), f.state[i])
     rounds.forget_checkpoint(f, i)
-
-
-@kernel
-def plain(w: Work, kind: int, now: int, payload: Row, length: int) -> int:
-    """The entry as a trusted node would have made it, where there is none. Source: docs/spec/rebound.md."""
-    if ENTRY_HEAD_BYTES + length > len(w.entry):
-        return -1
-    w.entry[0] = kind
-    put_u32(w.entry, ENTRY_T, now)
-    put_u16(w.entry, ENTRY_LENGTH, length)
-    copy(w.entry, ENTRY_HEAD_BYTES, payload, 0, length)
-    return int(ENTRY_HEAD_BYTES + length)
-
-
-@kernel
-def chain(f: Fleet, i: int, w: Work, kind: int, now: int, payload: Row, length: int) -> int:
-    """The trusted node has chained a reading (INPUT), a frame (RECV, SEND) or a command (ACMD): its entry is `w.entry`.
-
-    What is behind the entry's head may go on: to the c-node, the radio, the actuators.
-    Returns: the entry's length, or the node's error. Source: RoboRebound Alg. 3, Alg. 4.
-    """
-    profile = f.settings[0].profile
-    if profile == PLAIN:
-        return plain(w, kind, now, payload, length)
-    if kind == INPUT:
-        return int(trusted.snode_poll(profile, f.snode[i], now, payload, length, w.entry))
-    if kind == RECV:
-        return int(trusted.anode_recv(profile, f.anode[i], now, payload, length, w.entry))
-    if kind == SEND:
-        return int(trusted.anode_send(profile, f.anode[i], now, payload, length, w.entry))
-    return int(trusted.anode_actuate(profile, f.anode[i], now, payload, length, w.entry))
-
-
-@kernel
-def record(f: Fleet, i: int, w: Work, length: int) -> None:
-    """The entry in `w.entry` is logged, where there are logs."""
-    if f.settings[0].profile != PLAIN:
-        log.append(f, i, w.entry, length)
-
-
-@kernel
-def take(f: Fleet, i: int, w: Work, kind: int, now: int, payload: Row, length: int) -> int:
-    """As `chain`, and the entry is logged unless it is audit traffic."""
-    n = chain(f, i, w, kind, now, payload, length)
-    if n > 0 and (kind in (INPUT, ACMD) or not int(payload[0]) & request.AUDIT):
-        record(f, i, w, n)
-    return n
 
 
 @kernel
