@@ -1,51 +1,45 @@
 """Your own controller in plain Python, protected: its robots audit each other, and stop the one that lies.
 
-What it may do: phalanx/robot/controllers/python_controller.py. python examples/own_controller.py
+docs/own-controller.md explains it. python examples/own_controller.py
 """
 
-import struct
+from dataclasses import dataclass
 
 from phalanx.config import BtiConfig
-from phalanx.robot import Act, Controller, Send
+from phalanx.robot import F32, U16, Command, Controller, Reading, State
 from phalanx.sim import Scenario, simulate
 
-STATE = struct.Struct("<BHQffff")  # kind, id, time ms, place m, velocity m/s: what robots read, and what they broadcast
-COMMAND = struct.Struct("<BHQff")  # kind, id, time ms, acceleration m/s²
 GOAL_M = (120.0, 120.0)
 
 
+@dataclass(frozen=True)
+class Memory:
+    """The robot that was heard last; id 0 for none."""
+
+    id: U16 = 0
+    x_m: F32 = 0.0
+    y_m: F32 = 0.0
+
+
 class GoThere(Controller):
-    """Goes to the goal, and keeps clear of the robot that it heard last: that is all it remembers."""
+    """Go to the goal, and keep clear of the robot that was heard last."""
 
-    neighbour = (0, 0.0, 0.0)
+    memory = Memory()
 
-    def encode(self) -> bytes:
-        """The checkpoint."""
-        return struct.pack("<Hff", *self.neighbour)
+    def on_state(self, _t_ms: int, state: State) -> None:
+        """Remember where another robot is."""
+        self.memory = Memory(state.id, state.x_m, state.y_m)
 
-    def decode(self, encoding: bytes) -> None:
-        """Back to a checkpoint."""
-        self.neighbour = struct.unpack("<Hff", encoding)
-
-    def on_recv(self, _t_ms: int, frame: bytes) -> None:
-        """Another robot said something."""
-        if len(frame) == STATE.size and frame[0] == 0x01:
-            _, rob_id, _, x_m, y_m, _, _ = STATE.unpack(frame)
-            if abs(x_m) < 1e6 and abs(y_m) < 1e6:  # liars send NaN, too
-                self.neighbour = (rob_id, x_m, y_m)
-
-    def on_input(self, step: int, t_ms: int, reading: bytes) -> list[Act | Send]:
-        """The robot's own sensors said something: what it does, and says."""
-        _, _, _, x_m, y_m, vx_mps, vy_mps = STATE.unpack(reading)
-        if not all(abs(number) < 1e6 for number in (x_m, y_m, vx_mps, vy_mps)):  # so do broken sensors: go on as you do
-            return []
-        rob_id, dx_m, dy_m = self.neighbour[0], x_m - self.neighbour[1], y_m - self.neighbour[2]
-        push = 20.0 / (1.0 + dx_m * dx_m + dy_m * dy_m) if rob_id else 0.0
-        ax_mps2 = 0.01 * (GOAL_M[0] - x_m) - 0.2 * vx_mps + push * dx_m
-        ay_mps2 = 0.01 * (GOAL_M[1] - y_m) - 0.2 * vy_mps + push * dy_m
-        act = Act(COMMAND.pack(0x03, self.rob_id, t_ms, ax_mps2, ay_mps2))
-        say = Send(STATE.pack(0x01, self.rob_id, t_ms, x_m, y_m, vx_mps, vy_mps))
-        return [act, say] if (step + self.rob_id) % 6 == 0 else [act]
+    def on_reading(self, step: int, _t_ms: int, at: Reading) -> list[Command | State]:
+        """Accelerate towards the goal; each sixth time, broadcast where the robot is."""
+        dx_m, dy_m = at.x_m - self.memory.x_m, at.y_m - self.memory.y_m
+        push = 20.0 / (1.0 + dx_m * dx_m + dy_m * dy_m) if self.memory.id else 0.0
+        command = Command(
+            ax_mps2=0.01 * (GOAL_M[0] - at.x_m) - 0.2 * at.vx_mps + push * dx_m,
+            ay_mps2=0.01 * (GOAL_M[1] - at.y_m) - 0.2 * at.vy_mps + push * dy_m,
+        )
+        state = State(at.x_m, at.y_m, at.vx_mps, at.vy_mps)
+        return [command, state] if (step + self.rob_id) % 6 == 0 else [command]
 
 
 if __name__ == "__main__":

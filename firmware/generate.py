@@ -1,8 +1,8 @@
 """Writes what is made from wire/table.py: `python firmware/generate.py`.
 
-That is include/phx_wire.h, include/phx_line_wire.h, web/client/wire.ts, and the tables in docs/spec/ (rebound-nodes.md,
-rebound.md, serial.md, mission.md, orders.md and vocabulary.md) between `<!-- NAME:begin -->` and `<!-- NAME:end -->`;
-tests/test_wire.py checks that what is committed is what this writes.
+That is include/phx_wire.h, include/phx_line_wire.h, web/client/wire.ts, src/phalanx/wire/typed_records.py, and the
+tables in docs/spec/ (rebound-nodes.md, rebound.md, serial.md, mission.md, orders.md and vocabulary.md) between
+`<!-- NAME:begin -->` and `<!-- NAME:end -->`; tests/test_wire.py checks that what is committed is what this writes.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ HEADER = HERE / "include" / "phx_wire.h"
 LINE_HEADER = HERE / "include" / "phx_line_wire.h"
 SPEC = HERE.parent / "docs" / "spec"
 PAGES = HERE.parent / "web" / "client" / "wire.ts"
+TYPED = HERE.parent / "src" / "phalanx" / "wire" / "typed_records.py"
 
 SIZES = "HASH_BYTES MAC_BYTES KEY_BYTES NONCE_BYTES FRAME_MAX ENTRY_HEADER_BYTES AUDIT_HEADER_BYTES".split()
 CODES = "ENTRY_INPUT ENTRY_RECV ENTRY_SEND ENTRY_ACMD KIND_AUDIT".split()
@@ -79,6 +80,63 @@ def for_pages() -> str:
             "",
         ]
     )
+
+
+# Dataclasses for controllers. `id` and `t` of what a robot sends may be left out.
+CLASSES = {"Reading": table.SENSOR, "Command": table.ACCELERATION, "State": table.STATE}
+LEFT_OUT = {"id": "0: the sender's own", "t": "0: now"}
+BESIDE = {"Reading": "what further sensors say (`Senses` reads it)"}
+UNITS = {"m": "m", "mps": "m/s", "mps2": "m/s²"}
+
+
+def dataclasses() -> str:
+    """The Python module: what controllers see of records."""
+    widths = sorted({field.type.upper() for record in CLASSES.values() for field in record.fields})
+    made = [
+        '"""Records of the byte table as dataclasses. Made by firmware/generate.py from src/phalanx/wire/table.py."""',
+        "",
+        "from __future__ import annotations",
+        "",
+        "from dataclasses import dataclass, field",
+        "from typing import ClassVar",
+        "",
+        "from . import table",
+        "from .record import Record",
+        "from .typed import Typed",
+        f"from .widths import {', '.join(widths)}",
+    ]
+    for name, record in CLASSES.items():
+        made += dataclass_of(name, record)
+    return "\n".join([*made, ""])
+
+
+def dataclass_of(name: str, record: Record) -> list[str]:
+    """A record's class: its own fields by position, `id` and `t` by name."""
+    variable = next(key for key, value in vars(table).items() if value is record)
+    made = ["", "", "@dataclass(frozen=True, slots=True)", f"class {name}(Typed):"]
+    made += [f'    """{record.doc[0].upper()}{record.doc[1:]}.', "", "    Attributes:"]
+    made += [f"        {names}: {doc}." for names, doc in documented(name, record)]
+    made += ['    """', "", f"    RECORD: ClassVar[Record] = table.{variable}", ""]
+    for each in record.fields:
+        default = " = field(default=0, kw_only=True)" if each.name in LEFT_OUT else ""
+        made.append(f"    {each.name}: {each.type.upper()}{default}")
+    return [*made, '    beside: bytes = field(default=b"", kw_only=True)'] if name in BESIDE else made
+
+
+def documented(name: str, record: Record) -> list[tuple[str, str]]:
+    """Names of fields that are explained together, and the words."""
+    found: list[tuple[str, str]] = []
+    for each in record.fields:
+        unit = UNITS.get(each.name.rpartition("_")[2])
+        words = each.doc + (f", {unit}" if unit else "")
+        if each.name in LEFT_OUT and name not in BESIDE:
+            words += f"; {LEFT_OUT[each.name]}"
+        if each.doc:
+            found.append((each.name, words))
+        else:
+            names, words = found[-1]
+            found[-1] = f"{names}, {each.name}", words
+    return [*found, ("beside", BESIDE[name])] if name in BESIDE else found
 
 
 def markdown(records: Iterable[Record]) -> str:
@@ -145,5 +203,6 @@ if __name__ == "__main__":
     HEADER.write_text(c_header())
     LINE_HEADER.write_text(line_header())
     PAGES.write_text(for_pages())
+    TYPED.write_text(dataclasses())
     for each in BLOCKS:
         (SPEC / each).write_text(page(SPEC / each))

@@ -15,8 +15,9 @@ import numpy as np
 
 from phalanx.config.guard import GuardConfig
 from phalanx.robot.controllers import dispatch
+from phalanx.robot.controllers.compiled import compiled
 from phalanx.robot.controllers.guard_law import guard_params
-from phalanx.robot.controllers.python_controller import Act, compiled
+from phalanx.robot.controllers.python_controller import Act
 
 MOTION = struct.Struct("<BHQ4f")
 COMMAND = struct.Struct("<BHQ2f")

@@ -7,7 +7,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from phalanx.config.wheels import WheelsConfig
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.bundled.wheels import wheels_params
-from phalanx.robot.controllers.python_controller import compiled
+from phalanx.robot.controllers.compiled import compiled
 from phalanx.robot.signer import Signer
 from phalanx.wire import driven
 from phalanx.wire.driven import GATEWAY, OPERATOR

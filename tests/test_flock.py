@@ -15,8 +15,9 @@ from conftest import uncompiled
 from phalanx.config.flock import Box, Disc, FlockConfig
 from phalanx.errors import PeerError
 from phalanx.robot.controllers import dispatch
+from phalanx.robot.controllers.compiled import compiled
 from phalanx.robot.controllers.flock_law import flock_params
-from phalanx.robot.controllers.python_controller import Act, Send, compiled
+from phalanx.robot.controllers.python_controller import Act, Send
 from phalanx.wire.fields import get_f32, put_f32
 from replays import is_taken_whole_or_refused, play
 

@@ -1,7 +1,9 @@
-"""docs/own-controller.md: its layout is the byte table's, and its experiment runs."""
+"""docs/own-controller.md: its layout is the byte table's, and its code runs."""
 
 from __future__ import annotations
 
+import ast
+import dataclasses
 import os
 import re
 import struct
@@ -11,6 +13,8 @@ import sys
 import pytest
 
 from conftest import ROOT
+from phalanx.cli.main import run_command
+from phalanx.robot import Command, Reading, State
 from phalanx.wire.table import ACCELERATION, SENSOR, STATE
 
 PAGE = (ROOT / "docs" / "own-controller.md").read_text()
@@ -31,10 +35,37 @@ def test_the_layout_is_the_byte_table_s(column, record):
     assert [int(row[0]) for row in told] == [struct.calcsize(form[: k + 1]) for k in range(len(told))]
 
 
+FIRST, EXPERIMENT = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+
+
+def test_the_first_controller_runs_and_can_be_audited(tmp_path, monkeypatch):
+    (tmp_path / "first.py").write_text(FIRST)
+    monkeypatch.chdir(tmp_path)
+    assert run_command(["sim", "run", "flock-12", "--duration", "5", "--controller", "first.py"]) == 0
+    assert run_command(["sim", "check", "first.py"]) == 0
+
+
+def test_the_example_is_short():
+    text = (ROOT / "examples" / "own_controller.py").read_text()
+    (memory, controller) = (node for node in ast.parse(text).body if isinstance(node, ast.ClassDef))
+    docstrings = sum(
+        isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) for node in ast.walk(ast.parse(text))
+    )
+    lines = {node.lineno for each in (memory, controller) for node in ast.walk(each) if hasattr(node, "lineno")}
+    assert 10 < len(lines) - docstrings + 1 <= 25
+
+
+@pytest.mark.parametrize("kind", [Reading, Command, State], ids=lambda kind: kind.__name__)
+def test_the_page_has_the_fields_of_the_dataclasses(kind):
+    (row,) = re.findall(rf"^\| `{kind.__name__}` \|(.*?)\|", PAGE, re.MULTILINE)
+    told = re.findall(r"`(\w+)`", row)
+    filled_in = ["id", "t"] if kind is Command else []
+    assert sorted(told + filled_in) == sorted(field.name for field in dataclasses.fields(kind))
+
+
 def test_the_experiment_records_and_draws(tmp_path):
     pytest.importorskip("matplotlib")
-    (code,) = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
-    (tmp_path / "experiment.py").write_text(code)
+    (tmp_path / "experiment.py").write_text(EXPERIMENT)
     paths = os.pathsep.join((str(ROOT / "examples"), os.environ.get("PYTHONPATH", "")))
     done = subprocess.run(
         [sys.executable, "experiment.py"],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import struct
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -17,41 +18,31 @@ from phalanx.cli.main import run_command
 from phalanx.config import BtiConfig
 from phalanx.config.flock import Box, Disc, FlockConfig
 from phalanx.errors import UsageError
-from phalanx.robot import Controller, Senses
+from phalanx.robot import Command, Controller, Reading, Senses
 from phalanx.scenarios.own import find_class
 from phalanx.sim import AttackSpec, Scenario, simulate
 from phalanx.sim.audited.around import Around
 
 DISC, BOX = Disc(x_m=5.0, y_m=0.0, radius_m=1.0), Box(left_m=-1.0, bottom_m=3.0, right_m=1.0, top_m=4.0)
 CAREFUL = """
-import struct
-from phalanx.robot import Act, Controller, Senses
-from phalanx.wire.table import ACCELERATION, SENSOR
+from dataclasses import dataclass
+from phalanx.robot import Command, Controller, Senses
+
+@dataclass(frozen=True)
+class Memory:
+    stopped: bool = False
 
 class Careful(Controller):
     \"\"\"East until its lidar sees something within 4 m there, or it touches something; then it brakes.\"\"\"
 
     senses = Senses(beams=8, range_m=20.0, bumpers=4)
-    state_bytes = 1
-    stopped = 0
+    memory = Memory()
 
-    def on_input(self, step, t_ms, reading):
-        if len(reading) == SENSOR.size + self.senses.size:
-            speed = struct.unpack_from("<f", reading, 19)[0]
-            east = struct.unpack_from("<f", reading, SENSOR.size)[0]
-            self.stopped |= east < 4.0 or 1 in reading[-4:]
-            push = -speed if self.stopped else 0.5 * (2.0 - speed)
-            return [Act(ACCELERATION.encode(id=self.rob_id, t=t_ms, ax_mps2=max(-5.0, min(5.0, push)), ay_mps2=0.0))]
-        return []
-
-    def on_recv(self, t_ms, frame):
-        pass
-
-    def encode(self):
-        return bytes([self.stopped])
-
-    def decode(self, encoding):
-        self.stopped = encoding[0]
+    def on_reading(self, step, t_ms, reading):
+        if self.senses.ranges_m(reading)[0] < 4.0 or any(self.senses.touches(reading)):
+            self.memory = Memory(stopped=True)
+        push = -reading.vx_mps if self.memory.stopped else 0.5 * (2.0 - reading.vx_mps)
+        return [Command(max(-5.0, min(5.0, push)), 0.0)]
 """
 
 
@@ -102,6 +93,30 @@ def test_bumpers_say_where_something_touches():
 def test_what_no_robot_senses_is_said():
     with pytest.raises(UsageError, match="beams is 361"):
         Senses(beams=361)
+
+
+@pytest.mark.parametrize(
+    "beside, is_readable",
+    [
+        (struct.pack("<2f", 0.0, math.inf) + b"\0\1", True),
+        (struct.pack("<2f", 0.0, math.nan) + b"\0\1", False),
+        (struct.pack("<2f", -1.0, 0.0) + b"\0\1", False),
+        (struct.pack("<2f", 0.0, 0.0) + b"\0\2", False),
+        (struct.pack("<2f", 0.0, 0.0) + b"\0", False),
+        (struct.pack("<2f", 0.0, 0.0) + b"\0\0\0", False),
+    ],
+)
+def test_what_no_sensor_says_reaches_no_controller(beside, is_readable):
+    class Sees(Controller):
+        senses = Senses(beams=2, bumpers=2)
+
+        def on_reading(self, step, t_ms, reading):
+            assert self.senses.ranges_m(reading) == (0.0, math.inf)
+            assert self.senses.touches(reading) == (False, True)
+            return [Command(1.0, 0.0)]
+
+    raw = Reading(1.0, 2.0, 0.0, 0.0, id=1, t=7).encode() + beside
+    assert len(Sees(1).on_input(0, 7, raw)) == is_readable
 
 
 @pytest.fixture

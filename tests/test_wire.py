@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import math
 import struct
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 
 from phalanx.errors import PeerError, UsageError
 from phalanx.wire import MalformedRecord, Record, table
+from phalanx.wire.typed_records import Command, Reading, State
 
 ROOT = Path(__file__).parent.parent
 # So many of each record: what goes wrong with a type of field is found in any of them.
@@ -149,11 +151,44 @@ def test_whatever_is_maced_begins_with_a_tag_of_its_own():
     assert not set(kinds.values()) & {table.ENTRY_INPUT, table.ENTRY_RECV, table.ENTRY_SEND, table.ENTRY_ACMD}
 
 
-def test_the_c_header_and_the_pages_module_are_made_from_the_table():
+def test_the_c_header_the_pages_module_and_the_dataclasses_are_made_from_the_table():
     make = generator()
     assert make.HEADER.read_text() == make.c_header()
     assert make.LINE_HEADER.read_text() == make.line_header()
     assert make.PAGES.read_text() == make.for_pages()
+    assert make.TYPED.read_text() == make.dataclasses()
+
+
+@pytest.mark.parametrize("kind", [Reading, Command, State], ids=lambda kind: kind.__name__)
+@FEW
+@given(data=st.data())
+def test_a_dataclass_has_the_bytes_of_its_record(kind, data):
+    values = values_of(kind.RECORD, data)
+    raw = kind.RECORD.encode(**values)
+    typed = kind(**values)
+    assert kind.decode(raw) == typed
+    assert typed.encode() == raw
+    left_out = dataclasses.replace(typed, id=0, t=0)
+    assert left_out.encode(values["id"], values["t"]) == raw
+    for wrong in (raw[:-1], raw + b"\0", b"\0" + raw[1:], b""):
+        with pytest.raises(MalformedRecord):
+            kind.decode(wrong)
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf, 1.1e6, -1.1e6, 1e39, "far", None])
+def test_a_dataclass_neither_reads_nor_writes_such_numbers(number):
+    with pytest.raises(UsageError, match="ax_mps2"):
+        Command(number, 0.0).encode(1, 0)
+    if (isinstance(number, float) and abs(number) < 1e39) or number != number:
+        raw = table.ACCELERATION.form.pack(table.ACCELERATION.tag, 1, 0, 0.0, number)
+        with pytest.raises(MalformedRecord):
+            Command.decode(raw)
+
+
+@pytest.mark.parametrize("rob_id", [-1, 65_536, "7"])
+def test_a_dataclass_writes_no_id_that_no_robot_has(rob_id):
+    with pytest.raises(UsageError, match="state"):
+        State(0.0, 0.0, 0.0, 0.0, id=rob_id).encode()
 
 
 def test_the_tables_of_the_specification_are_made_from_the_table():

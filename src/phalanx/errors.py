@@ -47,10 +47,14 @@ class OwnDefect(KernelDefect):
     """A function of a user's file would have left an array or divided by zero, or returned what it must not."""
 
 
-class OutsideSubset(UsageError):
-    """A user's file uses what cannot be compiled; file and line say where."""
+class OwnFileError(UsageError):
+    """A user's file does what it must not; file and line say where."""
 
     exit_code = 1
+
+
+class OutsideSubset(OwnFileError):
+    """A user's file uses what cannot be compiled."""
 
 
 class PeerError(PhalanxError):

@@ -8,10 +8,10 @@ from typing import Any
 
 
 def loaded_when_used(package: str, found_in: Mapping[str, str]) -> Callable[[str], Any]:
-    """A package's `__getattr__`.
+    """Return a package's `__getattr__`.
 
     Args:
-        found_in: of each name that is loaded so, its module within the package; behind a dot, beside the package.
+        found_in: of each name that is loaded so, the module that has it: "module" within the package, ".module" beside.
     """
 
     def get(name: str) -> Any:

@@ -17,8 +17,8 @@ from phalanx.errors import UsageError
 from phalanx.robot import Liar, Planner
 from phalanx.robot.attacks.attack import own_attack
 from phalanx.robot.controllers import dispatch
+from phalanx.robot.controllers.compiled import compiled
 from phalanx.robot.controllers.guard_law import guard_params
-from phalanx.robot.controllers.python_controller import compiled
 from phalanx.robot.planner import ToGoal
 from phalanx.sim import AttackSpec, Scenario, simulate
 from phalanx.wire.fields import get_u32, row

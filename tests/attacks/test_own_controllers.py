@@ -16,11 +16,12 @@ from trials import run, scenario
 from phalanx.bti.refusal import Refusal
 from phalanx.robot.attacks.harm import ASTRAY
 from phalanx.robot.controllers import dispatch
+from phalanx.robot.controllers.compiled import compiled
 from phalanx.robot.controllers.flock_law import flock_params
-from phalanx.robot.controllers.python_controller import Act, Controller, Send, compiled
+from phalanx.robot.controllers.python_controller import Act, Controller, Send
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.run import Run
-from phalanx.wire.table import ACCELERATION
+from phalanx.wire.table import ACCELERATION, STATE
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "own_controller.py"
 
@@ -60,9 +61,14 @@ def credulous():
 
     class Credulous(example.GoThere):
         def on_recv(self, t_ms, frame):
-            if len(frame) == example.STATE.size:
-                _, rob_id, _, x_m, y_m, _, _ = example.STATE.unpack(frame)
-                self.neighbour = (rob_id, x_m, y_m)
+            if len(frame) == STATE.size:
+                _, rob_id, _, x_m, y_m, _, _ = STATE.form.unpack(frame)
+                self.memory = example.Memory(rob_id, x_m, y_m)
+
+        def on_reading(self, step, t_ms, at):
+            command, *states = super().on_reading(step, t_ms, at)
+            wish = ACCELERATION.form.pack(ACCELERATION.tag, self.rob_id, t_ms, command.ax_mps2, command.ay_mps2)
+            return [Act(wish), *states]
 
     return example.GoThere, Credulous
 

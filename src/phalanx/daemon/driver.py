@@ -119,7 +119,7 @@ class OwnDriver:
         except (TypeError, ValueError, KeyError, UsageError) as error:
             names = ", ".join(each.name for each in self._reads.fields if each.name not in ("id", "t"))
             hint = f"{names}: numbers; or 1 to {FRAME_MAX} bytes"
-            raise OwnMistake(f"sense returned {reprlib.repr(said)}", hint, self._driver) from error
+            raise OwnMistake(f"sense returned {reprlib.repr(said)}", hint, self._driver, "sense") from error
 
     def drive(self, command: bytes) -> None:
         """See `Hardware`."""

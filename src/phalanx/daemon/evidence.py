@@ -18,7 +18,8 @@ from phalanx.errors import PhalanxError, UsageError
 from phalanx.recording.recorded import CUT_SHORT, is_recording, read_recording
 from phalanx.recording.recorder import NS, Recorder
 from phalanx.robot.controllers import dispatch
-from phalanx.robot.controllers.python_controller import Controller, compiled
+from phalanx.robot.controllers.compiled import compiled
+from phalanx.robot.controllers.python_controller import Controller
 from phalanx.robot.retrace import Entry, Finding, Retracer, entries_of
 from phalanx.scenarios.behaviour import on_stage, params_of
 from phalanx.scenarios.file import parse_scenario, written_scenario

@@ -10,6 +10,9 @@ from phalanx.loading import loaded_when_used
 from .swarm import Led, Point, Robot, Swarm
 
 if TYPE_CHECKING:
+    from phalanx.wire.typed_records import Command, Reading, State
+    from phalanx.wire.widths import F32, F64, I8, I16, I32, I64, U8, U16, U32, U64
+
     from .attacks.attack import Attack, own_attack
     from .attacks.liar import Liar
     from .controllers.python_controller import Act, Controller, Send
@@ -17,16 +20,29 @@ if TYPE_CHECKING:
     from .planner import Planner
 
 __all__ = [
+    "F32",
+    "F64",
+    "I8",
+    "I16",
+    "I32",
+    "I64",
+    "U8",
+    "U16",
+    "U32",
+    "U64",
     "Act",
     "Attack",
+    "Command",
     "Controller",
     "Led",
     "Liar",
     "Planner",
     "Point",
+    "Reading",
     "Robot",
     "Send",
     "Senses",
+    "State",
     "Swarm",
     "own_attack",
 ]
@@ -40,6 +56,8 @@ _FOUND_IN = {
     "Send": "controllers.python_controller",
     "Senses": "controllers.senses",
     "own_attack": "attacks.attack",
+    **dict.fromkeys(("Command", "Reading", "State"), ".wire.typed_records"),
+    **dict.fromkeys("F32 F64 I8 I16 I32 I64 U8 U16 U32 U64".split(), ".wire.widths"),
 }
 
 __getattr__ = loaded_when_used(__name__, _FOUND_IN)

@@ -68,7 +68,8 @@ def advice_of(planner: Planner, t_ms: int, reading: bytes) -> bytes:
     except (TypeError, ValueError):
         wished = []
     if len(wished) != 2:
-        raise OwnMistake(f"advise returned {kind_of(told)}", "two numbers, m/s along x and y, or None", planner)
+        hint = "two numbers, m/s along x and y, or None"
+        raise OwnMistake(f"advise returned {kind_of(told)}", hint, planner, "advise")
     return WISH.form.pack(KIND_WISH, *map(_as_f32, wished))
 
 

@@ -10,14 +10,14 @@ import importlib.util
 import logging
 import sys
 import traceback
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from phalanx.config.written import read_at_most
-from phalanx.errors import PhalanxError, UsageError, did_you_mean
+from phalanx.errors import OwnFileError, PhalanxError, UsageError, did_you_mean
 from phalanx.robot.attacks.attack import Attack, own_attack
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.controllers import own_kernels
@@ -168,7 +168,7 @@ def _class_in(module: ModuleType, path: Path, name: str, kind: type[Any]) -> Any
 
 @contextlib.contextmanager
 def mistakes_in(*named: str | None) -> Iterator[None]:
-    """What the files in these "FILE.py:CLASS" do wrong is a `UsageError` that names file and line.
+    """Turn what the files in these "FILE.py:CLASS" do wrong into a `UsageError` that names file and line.
 
     So nobody has to read a traceback of ours; it is logged, at DEBUG. Names that are of no file do nothing. What other
     files in the same folder raise counts as well. A call of ours may fail before a line of the file runs, as of a
@@ -178,29 +178,34 @@ def mistakes_in(*named: str | None) -> Iterator[None]:
     try:
         yield
     except OwnMistake as error:
-        kind = type(error.whose)
-        file = getattr(sys.modules.get(kind.__module__), "__file__", None)
-        shown = _shown(file, files) if file else ""
-        if not shown and len(files) != 1:
+        where = _first_shown([*_raised_at(error), *error.places], files)
+        if not where and len(files) != 1:
             raise
-        # One that is not from there is made or held by what is.
-        whose = f"{shown}:{kind.__name__}" if shown else files[0]
-        raise UsageError(f"{whose}: {error}", error.hint) from error
+        # What is not from there is made or held by what is.
+        raise OwnFileError(f"{where or files[0]}: {error}", error.hint) from error
     except (PhalanxError, KeyboardInterrupt):
         raise
     except (Exception, SystemExit) as error:
-        frames = traceback.extract_tb(error.__traceback__)
-        places = [(frame.filename, frame.lineno) for frame in reversed(frames)]
+        places = _raised_at(error)
         if isinstance(error, SyntaxError) and error.filename:
             places.insert(0, (error.filename, error.lineno))
-        found = (f"{shown}:{line}" for name, line in places if (shown := _shown(name, files)))
-        where = next(found, "" if isinstance(error, OURS) else " or ".join(map(str, files)))
+        where = _first_shown(places, files) or ("" if isinstance(error, OURS) else " or ".join(map(str, files)))
         if not where:
             raise
         logger.debug("%s", where, exc_info=error)
         said = error.msg if isinstance(error, SyntaxError) else str(error)
         words = f"{where}: {type(error).__name__}" + (f": {said}" if said else "")
         raise UsageError(words.splitlines()[0], TRACEBACK_HINT) from error
+
+
+def _raised_at(error: BaseException) -> list[tuple[str, int | None]]:
+    """Return file and line of each call that the error came through, the innermost first."""
+    return [(frame.filename, frame.lineno) for frame in reversed(traceback.extract_tb(error.__traceback__))]
+
+
+def _first_shown(places: Iterable[tuple[str, int | None]], files: Sequence[Path]) -> str:
+    """Return the first place that is in the files, "FILE.py:LINE"; "" if none is."""
+    return next((f"{shown}:{line}" for name, line in places if (shown := _shown(name, files))), "")
 
 
 def _shown(name: str, files: Sequence[Path]) -> str:

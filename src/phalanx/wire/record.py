@@ -144,7 +144,7 @@ def _encode(field: Field, value: Any) -> bytes:
         return int.to_bytes(value, field.size, "little", signed=field.type[0] == "i")
     if field.type in FLOATS:
         if not _fits(value, field.type):
-            raise ValueError(f"{field.name} is {value}")
+            raise ValueError(f"{field.name} is {value!r}")
         return struct.pack(f"<{field.form}", value)
     raw = bytes(memoryview(value))
     if field.type in LENGTHS:
@@ -173,5 +173,7 @@ def _read(record: str, field: Field, raw: bytes, at: int) -> tuple[Value, int]:
     return bytes(piece[field.size :] if field.type in LENGTHS else piece), at + size
 
 
-def _fits(number: float, kind: str) -> bool:
+def _fits(number: Any, kind: str) -> bool:
+    if not hasattr(number, "__float__"):
+        return False
     return kind == "f64?" or (not math.isnan(number) if kind == "f64" else abs(number) <= LARGEST_NUMBER)

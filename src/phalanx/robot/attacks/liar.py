@@ -21,7 +21,8 @@ from phalanx.bti.work import Work
 from phalanx.robot import chained
 from phalanx.robot.actions import Action, Transmit
 from phalanx.robot.controllers import dispatch
-from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send, checked_outputs, compiled
+from phalanx.robot.controllers.compiled import compiled
+from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send, checked_outputs
 from phalanx.wire.fields import Row, get_u16, row
 from phalanx.wire.table import KIND_STATE, SENSOR, STATE
 

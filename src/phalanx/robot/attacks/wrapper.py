@@ -76,7 +76,7 @@ class Wrapper:
         if isinstance(asked, list) and all(isinstance(each, Action) for each in asked):
             return asked
         wrong = next(each for each in asked if not isinstance(each, Action)) if isinstance(asked, list) else asked
-        raise OwnMistake(f"{method} returned {kind_of(wrong)}", "a list of actions, empty for nothing", self)
+        raise OwnMistake(f"{method} returned {kind_of(wrong)}", "a list of actions, empty for nothing", self, method)
 
     def on_advice(self, advice: bytes) -> None:
         """A planner has advised."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Iterable
 
 from .python_controller import Controller, Output
 
 
-class EvidenceController(Controller):
+class EvidenceController(Controller, ABC):
     """A controller some of whose decisions rest on readings that no chain holds.
 
     `on_evidence` is what is replayed; `on_input` is the same where nothing was kept.

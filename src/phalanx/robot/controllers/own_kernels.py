@@ -36,10 +36,11 @@ from phalanx_compiler.violations import MESSAGES, RAISED
 from phalanx_compiler.writes import writes_of
 
 from . import dispatch
+from .compiled import compiled
 from .declaration import Declaration
 from .outputs import HEAD_BYTES, LENGTH
 from .parameters import Params
-from .python_controller import Controller, compiled
+from .python_controller import Controller
 
 ROOT = Path(__file__).resolve().parents[2]
 MOST_STATE_BYTES = 65_535

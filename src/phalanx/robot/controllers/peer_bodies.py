@@ -18,10 +18,11 @@ from phalanx.wire.table import ACCELERATION, KIND_ACCELERATION, KIND_STATE, SENS
 
 from . import dispatch
 from .bundled import wheels
+from .compiled import compiled
 from .orders import POINT_BYTES
 from .parameters import Params
 from .protocol import Point
-from .python_controller import Act, Output, Send, compiled
+from .python_controller import Act, Output, Send
 from .sine import sine_cosine
 
 ID, BEHIND_T = 1, 3  # of the fields of what robots say, sense and do, by number: kind, id, t, and the rest

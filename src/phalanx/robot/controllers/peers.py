@@ -7,7 +7,7 @@ messages); docs/protocols.md.
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -34,7 +34,7 @@ class Peer:
     wants: int = NOWHERE
 
 
-class PeerController(Controller):
+class PeerController(Controller, ABC):
     """A robot that takes on one place after another, and says so.
 
     Class attributes:

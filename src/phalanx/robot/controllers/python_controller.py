@@ -9,33 +9,30 @@ answer the same inputs differently convicts honest robots. So:
 - floats know + - * / and `math.sqrt`, in a written order. `math.sin`, `exp`, `**`, `sum` of an array and anything of a
   linear-algebra library differ between machines in the last bit (`controllers.sine` has a sine that does not);
 - numbers are rounded once, where they become bytes;
-- all that it remembers is in `encode()`, and `decode(encode())` changes nothing that follows. The easiest way to be
-  sure is to keep nothing but those bytes, as the bundled ones do;
+- all that it remembers is in its `memory`: the base class then encodes it. With an `encode` of your own, all is in
+  that, and `decode(encode())` changes nothing that follows;
 - it remembers a bounded number of bytes, however many others talk to it;
 - frames come from liars, readings from the world: whatever they hold, nothing raises, and NaN goes no further.
+  `on_reading` and `on_state` see finite numbers alone, `on_input` and `on_recv` see any bytes.
 
 Source: RoboRebound §3.7 (deterministic replay); docs/adr/0012-determinism-of-controllers.md.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+import dis
+import inspect
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
-from typing import ClassVar
+from typing import Any, ClassVar
 
-import numpy as np
-
-from phalanx.errors import UsageError
-from phalanx.kernel import reading_peer
-from phalanx.wire.fields import row
+from phalanx.errors import OwnFileError, UsageError
+from phalanx.wire.packing import MAY_BE, Packing, Unfit, packing_of
 from phalanx.wire.record import MalformedRecord
-from phalanx.wire.table import ENTRY_ACMD, ENTRY_HEADER_BYTES, ENTRY_SEND, FRAME_MAX, KIND_AUDIT, OUTPUT
+from phalanx.wire.table import ENTRY_ACMD, ENTRY_SEND, KIND_AUDIT, OUTPUT
+from phalanx.wire.typed_records import Command, Reading, State
 
-from . import dispatch
-from .outputs import OUT_BYTES
-from .parameters import Params
 from .senses import Senses
 
 
@@ -54,153 +51,222 @@ class Act:
 
 
 Output = Send | Act
-OWN_OUT_BYTES = 2 * (ENTRY_HEADER_BYTES + FRAME_MAX)  # as in compiled code (bti/work.py)
+Decision = Iterable[Command | State | Output]
+RETURNS = ("RETURN_VALUE", "RETURN_CONST")
+TYPED = {"on_input": "on_reading", "on_recv": "on_state"}  # what each of these calls, unless it is overridden
 
 
-class OwnMistake(UsageError):
-    """A researcher's class did what it must not; `whose` is the object that did it."""
+class OwnMistake(OwnFileError):
+    """A researcher's class did what it must not.
 
-    def __init__(self, message: str, hint: str, whose: object) -> None:
+    Attributes:
+        whose: the object that did it.
+        method: of that object, in which it happened.
+    """
+
+    def __init__(self, message: str, hint: str, whose: object, method: str = "on_input") -> None:
         super().__init__(message, hint)
-        self.whose = whose
+        self.whose, self.method = whose, method
+
+    @property
+    def places(self) -> Iterator[tuple[str, int]]:
+        """File and line of each method in which it may have happened, the likeliest first; then of the class."""
+        kind = self.whose if isinstance(self.whose, type) else type(self.whose)
+        for name in (self.method, TYPED.get(self.method, "")):
+            method: Any = getattr(kind, name, None)
+            code = getattr(method and inspect.unwrap(method), "__code__", None)
+            if code:
+                found = (each.positions for each in dis.get_instructions(code) if each.opname in RETURNS)
+                returns = {place.lineno for place in found if place}
+                yield code.co_filename, (len(returns) == 1 and returns.pop()) or code.co_firstlineno
+        with suppress(OSError, TypeError):
+            yield inspect.getsourcefile(kind) or "", inspect.getsourcelines(kind)[1]
 
 
-class Controller(ABC):
-    """What decides for one robot. A new one is in its boot state.
+class Controller:
+    """A robot's controller: an object of a class derived from this, one for each robot. A new one has just booted.
+
+    Override `on_reading` and, to listen to others, `on_state`. Assign a new value to `self.memory` to remember
+    something.
+
+    To work with bytes of your own, override `on_input` in the place of `on_reading`, `on_recv` in the place of
+    `on_state`, `encode` and `decode` in the place of `memory`, and put out `Act` and `Send` in the place of `Command`
+    and `State`; any of these by itself.
 
     Args:
         rob_id: 1..65535.
 
     Class attributes:
+        memory: what it remembers at boot: a frozen dataclass, whose fields say how it is encoded (wire/packing.py).
         state_bytes: longest encoding; 0 for as much as the scenario has room for.
         reading_bytes: longest reading, of a robot whose driver has sensors of its own; 0 for the scenario's.
         senses: a lidar and bumpers, which simulations and arenas then have; their readings are as much longer.
-        is_ours: it is tested that it answers the same inputs alike: a simulation replays what it did once, and not for
-            each auditor. Of a researcher's own each replay may be the one that tells.
+        is_ours: whether tests show that it answers the same inputs alike. Then a simulation replays them once, and not
+            for each auditor.
     """
 
+    memory: Any = None
     state_bytes: ClassVar[int] = 0
     reading_bytes: ClassVar[int] = 0
     senses: ClassVar[Senses | None] = None
     is_ours: ClassVar[bool] = False
+    _packing: ClassVar[Packing | None] = None
+    _encoding = b""
+    _has_booted = False
+
+    def __init_subclass__(cls) -> None:
+        if cls.encode is not Controller.encode:  # it remembers what it likes where it likes
+            cls.__setattr__ = object.__setattr__  # type: ignore[method-assign,assignment]
+        elif cls.memory is not None:
+            try:
+                kind: Any = type(cls.memory)
+                cls._packing = packing_of(kind)
+                cls._encoding, cls.memory = cls._packing.settle(cls.memory)
+            except Unfit as error:
+                raise OwnMistake(str(error), MAY_BE, cls) from error
+            cls.state_bytes = max(cls.state_bytes, cls._packing.size or 0)
 
     def __init__(self, rob_id: int) -> None:
         self.rob_id = rob_id
 
-    @abstractmethod
-    def encode(self) -> bytes:
-        """All that it remembers: the checkpoint."""
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Encode the memory as soon as it changes: an auditor goes on from the same rounded numbers."""
+        if name == "memory" and self._packing:
+            try:
+                self.__dict__["_encoding"], value = self._packing.settle(value)
+            except Unfit as error:
+                raise OwnMistake(str(error), "a value that its type has room for", self) from error
+        elif self._has_booted:
+            what = f"{type(self).__name__} sets {name}, which no checkpoint holds"
+            raise OwnMistake(what, "a field of its memory", self)
+        self.__dict__[name] = value
 
-    @abstractmethod
+    # --- typed -------------------------------------------------------------------------------------------------------
+
+    def on_reading(self, step: int, t_ms: int, reading: Reading) -> Decision:  # noqa: ARG002
+        """Decide on a reading, the `step`th from 0, taken at `t_ms` of the s-node's clock.
+
+        Returns: what to do and to broadcast, in this order: commands first.
+        """
+        raise OwnMistake(f"{type(self).__name__} has no on_reading", "on_reading(self, step, t_ms, reading)", self)
+
+    def on_state(self, t_ms: int, state: State) -> None:
+        """Hear where another robot says it is, at `t_ms` of the a-node's clock; it may lie."""
+
+    # --- bytes -------------------------------------------------------------------------------------------------------
+
+    def encode(self) -> bytes:
+        """Return all that it remembers: the checkpoint."""
+        self.__dict__["_has_booted"] = True
+        return self._encoding
+
     def decode(self, encoding: bytes) -> None:
-        """It remembers what this checkpoint says, and nothing else.
+        """Remember what this checkpoint holds, and nothing else.
 
         Raises: PeerError: not what `encode` of this robot's controller can give.
         """
-
-    @abstractmethod
-    def on_recv(self, t_ms: int, frame: bytes) -> None:
-        """A frame was heard at `t_ms` of the a-node's clock."""
-
-    def on_advice(self, advice: bytes) -> None:  # noqa: B027 - most have no planner
-        """A planner said something, whatever it is; what is done with it is the controller's own affair."""
-
-    @abstractmethod
-    def on_input(self, step: int, t_ms: int, reading: bytes) -> Iterable[Output]:
-        """The sensors said something at `t_ms` of the s-node's clock, for the `step`th time from 0.
-
-        Returns: what to do and to say, in the order in which it is put out: commands first.
-        """
-
-
-def compiled(kind: int, params: Params) -> Callable[[int], Controller]:
-    """What makes the bundled controller of a number (dispatch.NUMBERS; 0 does nothing) for a robot's id, in Python."""
-    return partial(_Compiled, kind=kind, params=params)
-
-
-class _Compiled(Controller):
-    """A bundled one; `longest_bytes` is what a scenario leaves room for."""
-
-    def __init__(self, rob_id: int, *, kind: int, params: Params) -> None:
-        if not 1 <= rob_id <= 0xFFFF:
-            raise UsageError(f"robot id {rob_id}", "1 to 65535")
-        super().__init__(rob_id)
-        self._kind, self._params = int(kind), params
-        self.longest_bytes = int(dispatch.capacity(self._kind, params))
-        self._state = np.zeros(self.longest_bytes, np.uint8)
-        self._out = np.zeros(OUT_BYTES if kind < dispatch.FIRST_OWN else OWN_OUT_BYTES, np.uint8)
-        dispatch.begin(self._kind, params, rob_id, self._state)
-
-    def encode(self) -> bytes:
-        return self._state[: dispatch.size(self._kind, self._state)].tobytes()
-
-    def decode(self, encoding: bytes) -> None:
-        state = row(encoding)
-        with reading_peer():
-            is_encoding = dispatch.is_encoding(self._kind, self._params, self.rob_id, state, len(encoding))
-        if not is_encoding:
-            raise MalformedRecord(f"checkpoint is not a state of robot {self.rob_id}")
-        self._state[: len(encoding)] = state
+        if self._packing:
+            self.memory = self._packing.decode(encoding)
+        elif encoding:
+            raise MalformedRecord(f"{len(encoding)} bytes of nothing")
 
     def on_recv(self, t_ms: int, frame: bytes) -> None:
-        with reading_peer():
-            dispatch.on_recv(self._kind, self._params, self.rob_id, t_ms, row(frame), len(frame), self._state)
+        """Hear a frame at `t_ms` of the a-node's clock."""
+        try:
+            state = State.decode(frame)
+        except MalformedRecord:
+            return
+        self.on_state(t_ms, state)
 
     def on_advice(self, advice: bytes) -> None:
-        with reading_peer():
-            dispatch.on_advice(self._kind, self._params, self.rob_id, row(advice), len(advice), self._state)
+        """Hear a planner's advice, whatever it is."""
 
-    def on_input(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
-        n = dispatch.on_input(
-            self._kind, self._params, self.rob_id, step, t_ms, row(reading), len(reading), self._state, self._out
-        )
-        return unpack_outputs(self._out[:n].tobytes())
+    def on_input(self, step: int, t_ms: int, reading: bytes) -> Iterable[Output]:
+        """Decide on a reading, the `step`th from 0, taken at `t_ms` of the s-node's clock.
+
+        Returns: what to do and to broadcast, in this order: commands first. Nothing on a reading that makes no sense.
+        """
+        size = Reading.RECORD.size
+        try:
+            seen = Reading.decode(reading[:size], beside=reading[size:])
+        except MalformedRecord:
+            return []
+        if self.senses and not self.senses.is_readable(seen.beside):
+            return []
+        outputs: Any = self.on_reading(step, t_ms, seen)
+        is_some = isinstance(outputs, Iterable) and not isinstance(outputs, str | bytes)
+        # `checked_outputs` refuses all else.
+        return [self._in_bytes(each, t_ms) for each in outputs] if is_some else outputs
+
+    def _in_bytes(self, output: Any, t_ms: int) -> Any:
+        kind = Act if isinstance(output, Command) else Send if isinstance(output, State) else None
+        if kind is None:
+            return output
+        try:
+            return kind(output.encode(self.rob_id, t_ms))
+        except UsageError as error:
+            name = type(output).__name__
+            raise OwnMistake(f"on_reading put out a {name}: {error}", "finite numbers up to 10^6", self) from error
 
 
 def checked_outputs(told: object, room: int, whose: object) -> list[Output]:
-    """What a researcher's `on_input` returned, if it can be put out at all: of at most `room` bytes each.
+    """Return a controller's outputs, if they can be put out: of at most `room` bytes each.
 
-    Raises: OwnMistake: no outputs, or one that no a-node lets out. Source: docs/own-controller.md.
+    Raises: OwnMistake: no outputs, in the wrong order, or one that no a-node lets out. Source: docs/own-controller.md.
     """
+    asked = overridden(whose, "on_input")
+    some = "a list of Command and State" if asked == "on_reading" else "a list of Act and Send"
+
+    def refuse(what: str, hint: str) -> OwnMistake:
+        return OwnMistake(f"{asked} {what}", hint, whose)
+
     if type(told) is not list and (not isinstance(told, Iterable) or isinstance(told, str | bytes)):
-        raise OwnMistake(f"on_input returned {kind_of(told)}", "a list of Act and Send, empty for nothing", whose)
+        raise refuse(f"returned {kind_of(told)}", f"{some}, empty for nothing")
     outputs = list(told)
+    has_sent = False
     for output in outputs:
         if not isinstance(output, Send | Act):
-            raise OwnMistake(f"on_input put out {kind_of(output)}", "a list of Act and Send, empty for nothing", whose)
-        if not isinstance(output.payload, bytes) or not 1 <= len(output.payload) <= room:
-            what = f"{type(output).__name__} of {kind_of(output.payload)}"
-            if not isinstance(output.payload, bytes):
-                raise OwnMistake(f"on_input put out {what}", "bytes, as struct packs them", whose)
-            raise OwnMistake(f"on_input put out {what}, {len(output.payload)} long", f"1 to {room} bytes", whose)
-        if isinstance(output, Send) and output.payload[0] & KIND_AUDIT:
-            raise OwnMistake(
-                "on_input sends a frame that begins like one of the audits", "a first byte below 0x80", whose
-            )
+            raise refuse(f"put out {kind_of(output)}", f"{some}, empty for nothing")
+        payload, what = output.payload, f"put out {type(output).__name__} of {kind_of(output.payload)}"
+        if not isinstance(payload, bytes):
+            raise refuse(what, "bytes, as struct packs them")
+        if not 1 <= len(payload) <= room:
+            raise refuse(f"{what}, {len(payload)} long", f"1 to {room} bytes")
+        if isinstance(output, Send):
+            has_sent = True
+            if payload[0] & KIND_AUDIT:
+                raise refuse("sends a frame that begins like one of the audits", "a first byte below 0x80")
+        elif has_sent:
+            raise refuse("sends before it acts", "commands first, then what it broadcasts")
     return outputs
 
 
 def checked_state(told: object, room: int, whose: object) -> bytes:
-    """What a researcher's `encode` returned, if there is room for it: at most so many bytes.
+    """Return what `encode` returned, if there is room for it: at most so many bytes.
 
     Raises: OwnMistake: not bytes, or too many. Source: docs/own-controller.md.
     """
     if not isinstance(told, bytes):
-        raise OwnMistake(f"encode returned {kind_of(told)}", "bytes, as struct packs them; b'' for nothing", whose)
+        hint = "bytes, as struct packs them; b'' for nothing"
+        raise OwnMistake(f"encode returned {kind_of(told)}", hint, whose, "encode")
     if len(told) > room:
-        raise OwnMistake(
-            f"encode returned {len(told)} bytes", f"at most {room}, or state_bytes = {len(told)} in its class", whose
-        )
+        hint = f"at most {room}, or state_bytes = {len(told)} in its class"
+        raise OwnMistake(f"encode returned {len(told)} bytes", hint, whose, "encode")
     return told
 
 
+def overridden(whose: object, method: str) -> str:
+    """Return the method that a researcher wrote, of those that see bytes and those that see dataclasses."""
+    return TYPED.get(method, method) if getattr(type(whose), method, None) is getattr(Controller, method) else method
+
+
 def kind_of(told: object) -> str:
-    """What was given instead, for people."""
+    """Return what was given instead, for people."""
     return "None" if told is None else type(told).__name__
 
 
 def pack_outputs(outputs: Iterable[Output]) -> bytes:
-    """Outputs as kernels put them out (outputs.py)."""
+    """Return outputs as kernels put them out (outputs.py)."""
     return b"".join(
         OUTPUT.form.pack(ENTRY_SEND if isinstance(output, Send) else ENTRY_ACMD, len(output.payload)) + output.payload
         for output in outputs
@@ -208,7 +274,7 @@ def pack_outputs(outputs: Iterable[Output]) -> bytes:
 
 
 def unpack_outputs(packed: bytes) -> list[Output]:
-    """The outputs of a kernel of ours, which are well formed."""
+    """Return the outputs of a kernel of ours, which are well formed."""
     outputs: list[Output] = []
     at = 0
     while at < len(packed):

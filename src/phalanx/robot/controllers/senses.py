@@ -1,10 +1,12 @@
-"""What robots of one's own sense beside where they are: a lidar and bumpers, if their controller's class says so."""
+"""A lidar and bumpers, which robots have if their controller's class declares them."""
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass
 
 from phalanx.config.parameter import check_limits, within
+from phalanx.wire.typed_records import Reading
 
 RANGE_BYTES = 4
 
@@ -28,5 +30,25 @@ class Senses:
 
     @property
     def size(self) -> int:
-        """So many bytes stand behind a reading."""
+        """Return how many bytes stand behind a reading."""
         return RANGE_BYTES * self.beams + self.bumpers
+
+    def is_readable(self, beside: bytes) -> bool:
+        """Return whether these bytes are ranges, of which none is negative or a NaN, and bumpers, each 0 or 1."""
+        if len(beside) != self.size:
+            return False
+        return all(each >= 0.0 for each in self._ranges(beside)) and all(each <= 1 for each in self._bumpers(beside))
+
+    def ranges_m(self, reading: Reading) -> tuple[float, ...]:
+        """Return how far it is to what each beam hits; infinity for nothing in range."""
+        return self._ranges(reading.beside)
+
+    def touches(self, reading: Reading) -> tuple[bool, ...]:
+        """Return whether each bumper touches something."""
+        return tuple(map(bool, self._bumpers(reading.beside)))
+
+    def _ranges(self, beside: bytes) -> tuple[float, ...]:
+        return struct.unpack_from(f"<{self.beams}f", beside)
+
+    def _bumpers(self, beside: bytes) -> bytes:
+        return beside[RANGE_BYTES * self.beams :]

@@ -10,9 +10,10 @@ import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from phalanx.config import BtiConfig
+from phalanx.robot.controllers.compiled import compiled
 from phalanx.robot.controllers.dispatch import BUNDLED, NUMBERS
 from phalanx.robot.controllers.protocol import find_protocol
-from phalanx.robot.controllers.python_controller import Controller, Output, compiled
+from phalanx.robot.controllers.python_controller import Controller, Output, checked_outputs
 from phalanx.robot.planner import Planner, ToGoal, advice_of
 from phalanx.robot.signer import Signer
 from phalanx.scenarios.file import find_scenario
@@ -125,7 +126,8 @@ class _Listener(Controller):
                 self._inner.on_advice(self._calls[-1].payload)
         self._calls.append(Call(step, t_ms, reading))
         with watched(self._inner, "on_input", str(self._calls[-1])):
-            return self._inner.on_input(step, t_ms, reading)  # type: ignore[return-value]
+            outputs = self._inner.on_input(step, t_ms, reading)
+        return checked_outputs(outputs, BtiConfig().frame_max_bytes, self._inner)
 
 
 def _world_of(words: str, seed: int) -> Scenario:

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from phalanx.robot.controllers.python_controller import OwnMistake
+from phalanx.robot.controllers.python_controller import OwnMistake, overridden
 from phalanx.sim.signals import handled_by
 
 LONGEST_CALL_S = 10.0  # of processor time; of waiting, thrice as much
@@ -54,8 +54,9 @@ def watched(controller: object, method: str, call: str) -> Iterator[None]:
     def late(_number: int, frame: FrameType | None) -> None:
         if not _is_allowed(frame):
             what = f"{method} has not returned for {LONGEST_CALL_S:g} s ({call})"
-            raise Endless(what, "is there a loop that does not end, or does it wait?", controller)
+            raise Endless(what, "is there a loop that does not end, or does it wait?", controller, method)
 
+    method = overridden(controller, method)
     seen: list[str] = []
     _calls.append(seen)
     with _timed(late):
@@ -67,7 +68,7 @@ def watched(controller: object, method: str, call: str) -> Iterator[None]:
         finally:
             _calls.pop()
             if seen:
-                raise OwnMistake(f"{method} {seen[0]} ({call})", "only its inputs may decide", controller)
+                raise OwnMistake(f"{method} {seen[0]} ({call})", "only its inputs may decide", controller, method)
 
 
 @contextlib.contextmanager

@@ -1,0 +1,65 @@
+"""The bundled controllers, which are compiled, as objects for Python."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from phalanx.errors import UsageError
+from phalanx.kernel import reading_peer
+from phalanx.wire.fields import row
+from phalanx.wire.record import MalformedRecord
+from phalanx.wire.table import ENTRY_HEADER_BYTES, FRAME_MAX
+
+from . import dispatch
+from .outputs import OUT_BYTES
+from .parameters import Params
+from .python_controller import Controller, Output, unpack_outputs
+
+OWN_OUT_BYTES = 2 * (ENTRY_HEADER_BYTES + FRAME_MAX)  # as in compiled code (bti/work.py)
+
+
+def compiled(kind: int, params: Params) -> Callable[[int], Controller]:
+    """What makes the bundled controller of a number (dispatch.NUMBERS; 0 does nothing) for a robot's id, in Python."""
+    return partial(_Compiled, kind=kind, params=params)
+
+
+class _Compiled(Controller):
+    """A bundled one; `longest_bytes` is what a scenario leaves room for."""
+
+    def __init__(self, rob_id: int, *, kind: int, params: Params) -> None:
+        if not 1 <= rob_id <= 0xFFFF:
+            raise UsageError(f"robot id {rob_id}", "1 to 65535")
+        super().__init__(rob_id)
+        self._kind, self._params = int(kind), params
+        self.longest_bytes = int(dispatch.capacity(self._kind, params))
+        self._state = np.zeros(self.longest_bytes, np.uint8)
+        self._out = np.zeros(OUT_BYTES if kind < dispatch.FIRST_OWN else OWN_OUT_BYTES, np.uint8)
+        dispatch.begin(self._kind, params, rob_id, self._state)
+
+    def encode(self) -> bytes:
+        return self._state[: dispatch.size(self._kind, self._state)].tobytes()
+
+    def decode(self, encoding: bytes) -> None:
+        state = row(encoding)
+        with reading_peer():
+            is_encoding = dispatch.is_encoding(self._kind, self._params, self.rob_id, state, len(encoding))
+        if not is_encoding:
+            raise MalformedRecord(f"checkpoint is not a state of robot {self.rob_id}")
+        self._state[: len(encoding)] = state
+
+    def on_recv(self, t_ms: int, frame: bytes) -> None:
+        with reading_peer():
+            dispatch.on_recv(self._kind, self._params, self.rob_id, t_ms, row(frame), len(frame), self._state)
+
+    def on_advice(self, advice: bytes) -> None:
+        with reading_peer():
+            dispatch.on_advice(self._kind, self._params, self.rob_id, row(advice), len(advice), self._state)
+
+    def on_input(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
+        n = dispatch.on_input(
+            self._kind, self._params, self.rob_id, step, t_ms, row(reading), len(reading), self._state, self._out
+        )
+        return unpack_outputs(self._out[:n].tobytes())
