@@ -30,6 +30,7 @@ ABOUT = {
     "keys": "Who is in the swarm: master keys, mission keys, and keys that sign missions and orders.",
     "link": "Who may command: visit a swarm from a terminal, or serve the link alone.",
     "mission": "What may be done: missions that a robot can only read by living them.",
+    "new": "Write a controller, an attack or a scenario to begin with.",
     "reproduce": "Measure a figure of one of the papers and draw ours beside it.",
     "robot": "One robot outside of the simulator, as a process of its own, and a world for such robots.",
     "sim": "What is really done: a simulated swarm whose robots audit each other.",
@@ -133,7 +134,7 @@ def run_command(arguments: list[str]) -> int:
         click.echo(error.format_message(), err=True)
         return 2
     except click.ClickException as error:
-        return _fail(error.format_message().rstrip(".").replace("\n", " "), _help_hint(error), 2)
+        return _fail(error.format_message().rstrip(".").replace("\n", " ").replace("\t", ""), _help_hint(error), 2)
     except UsageError as error:
         return _fail(str(error), error.hint, error.exit_code)
     except Unavailable as error:

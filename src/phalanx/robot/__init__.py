@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from .attacks.attack import Attack, own_attack
     from .attacks.liar import Liar
+    from .cnode import Action
     from .controllers.python_controller import Act, Controller, Send
     from .controllers.senses import Senses
     from .planner import Planner
@@ -31,6 +32,7 @@ __all__ = [
     "U32",
     "U64",
     "Act",
+    "Action",
     "Attack",
     "Command",
     "Controller",
@@ -48,6 +50,7 @@ __all__ = [
 ]
 
 _FOUND_IN = {
+    "Action": "cnode",
     "Act": "controllers.python_controller",
     "Attack": "attacks.attack",
     "Controller": "controllers.python_controller",

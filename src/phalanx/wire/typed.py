@@ -28,6 +28,14 @@ class Typed:
         cls._floats = itemgetter(*(n for n, field in enumerate(cls.RECORD.all_fields) if field.type in FLOATS))
 
     @classmethod
+    def find(cls, raw: bytes, **beside: Any) -> Self | None:
+        """Return the record in these bytes, with fields `beside` those of the byte table; None if they are none."""
+        try:
+            return cls.decode(raw, **beside)
+        except MalformedRecord:
+            return None
+
+    @classmethod
     def decode(cls, raw: bytes, **beside: Any) -> Self:
         """Return the record in these bytes, with fields `beside` those of the byte table.
 

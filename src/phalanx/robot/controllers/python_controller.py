@@ -172,11 +172,9 @@ class Controller:
 
     def on_recv(self, t_ms: int, frame: bytes) -> None:
         """Hear a frame at `t_ms` of the a-node's clock."""
-        try:
-            state = State.decode(frame)
-        except MalformedRecord:
-            return
-        self.on_state(t_ms, state)
+        state = State.find(frame)
+        if state:
+            self.on_state(t_ms, state)
 
     def on_advice(self, advice: bytes) -> None:
         """Hear a planner's advice, whatever it is."""
@@ -187,11 +185,8 @@ class Controller:
         Returns: what to do and to broadcast, in this order: commands first. Nothing on a reading that makes no sense.
         """
         size = Reading.RECORD.size
-        try:
-            seen = Reading.decode(reading[:size], beside=reading[size:])
-        except MalformedRecord:
-            return []
-        if self.senses and not self.senses.is_readable(seen.beside):
+        seen = Reading.find(reading[:size], beside=reading[size:])
+        if seen is None or (self.senses and not self.senses.is_readable(seen.beside)):
             return []
         outputs: Any = self.on_reading(step, t_ms, seen)
         is_some = isinstance(outputs, Iterable) and not isinstance(outputs, str | bytes)
