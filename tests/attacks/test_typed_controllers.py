@@ -65,7 +65,8 @@ def test_a_broken_sensor_and_a_liar_reach_no_method(number):
         on_reading = on_state
 
     values = {"x_m": 0.0, "y_m": number, "vx_mps": 0.0, "vy_mps": 0.0}
-    assert Never(7).on_input(0, 1000, SENSOR.form.pack(SENSOR.tag, 7, 0, *values.values())) == []
+    coasts = [Act(ACCELERATION.encode(id=7, t=1000, ax_mps2=0.0, ay_mps2=0.0))]
+    assert Never(7).on_input(0, 1000, SENSOR.form.pack(SENSOR.tag, 7, 0, *values.values())) == coasts
     Never(7).on_recv(1000, STATE.form.pack(STATE.tag, 9, 0, *values.values()))
     for frame in (b"", b"\1", OTHER.encode()[:-1], OTHER.encode() + b"\0", b"\2" + OTHER.encode()[1:]):
         Never(7).on_recv(1000, frame)

@@ -30,7 +30,7 @@ ABOUT = {
     "keys": "Who is in the swarm: master keys, mission keys, and keys that sign missions and orders.",
     "link": "Who may command: visit a swarm from a terminal, or serve the link alone.",
     "mission": "What may be done: missions that a robot can only read by living them.",
-    "new": "Write a controller, an attack or a scenario to begin with.",
+    "new": "Write a controller, an attack or a scenario that runs as it is.",
     "reproduce": "Measure a figure of one of the papers and draw ours beside it.",
     "robot": "One robot outside of the simulator, as a process of its own, and a world for such robots.",
     "sim": "What is really done: a simulated swarm whose robots audit each other.",

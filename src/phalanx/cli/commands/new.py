@@ -14,8 +14,8 @@ KINDS = ("controller", "attack", "scenario")
 @click.argument("name")
 @runs("new", "write")
 def new() -> None:
-    """Write a file that runs as it is, and print the command that runs it.
+    """Write a controller, an attack or a scenario that runs as it is.
 
-    NAME is of small letters, digits and _. The file is NAME.py, or NAME.yaml for a scenario, in this folder; one that
-    is there already stays as it is.
+    The file is NAME.py, or NAME.yaml for a scenario, in this folder; one that is there already stays as it is. NAME is
+    of small letters, digits and _. The command that runs the file goes to stdout.
     """

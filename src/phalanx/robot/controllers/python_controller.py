@@ -182,12 +182,13 @@ class Controller:
     def on_input(self, step: int, t_ms: int, reading: bytes) -> Iterable[Output]:
         """Decide on a reading, the `step`th from 0, taken at `t_ms` of the s-node's clock.
 
-        Returns: what to do and to broadcast, in this order: commands first. Nothing on a reading that makes no sense.
+        Returns: what to do and to broadcast, in this order: commands first. A reading that makes no sense lets the
+            robot coast, in silence.
         """
         size = Reading.RECORD.size
         seen = Reading.find(reading[:size], beside=reading[size:])
         if seen is None or (self.senses and not self.senses.is_readable(seen.beside)):
-            return []
+            return [Act(Command(0.0, 0.0).encode(self.rob_id, t_ms))]
         outputs: Any = self.on_reading(step, t_ms, seen)
         is_some = isinstance(outputs, Iterable) and not isinstance(outputs, str | bytes)
         # `checked_outputs` refuses all else.
