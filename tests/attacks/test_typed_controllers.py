@@ -226,6 +226,15 @@ def test_a_mistake_is_one_line_with_file_and_line(tmp_path, monkeypatch, capsys,
     assert hint.startswith("phalanx: hint: ")
 
 
+@pytest.mark.parametrize("named", ["./mine.py", "{}/mine.py:Mine", "../{}/mine.py"])
+def test_the_file_is_called_as_the_user_called_it(tmp_path, monkeypatch, capsys, named):
+    (tmp_path / "mine.py").write_text(FILE.replace("[command, state]", "[state, command]"))
+    monkeypatch.chdir(tmp_path)
+    named = named.format(tmp_path if named[0] == "{" else tmp_path.name)
+    assert run_command(["sim", "run", "flock-12", "--duration", "1", "--controller", named]) == 1
+    assert f"phalanx: error: {named.removesuffix(':Mine')}:18: on_reading sends" in capsys.readouterr().err
+
+
 def test_sim_check_names_the_line_of_an_action_out_of_order(tmp_path, monkeypatch, capsys):
     (tmp_path / "mine.py").write_text(FILE.replace("[command, state]", "[state, command]"))
     monkeypatch.chdir(tmp_path)

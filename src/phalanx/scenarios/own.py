@@ -174,7 +174,7 @@ def mistakes_in(*named: str | None) -> Iterator[None]:
     files in the same folder raise counts as well. A call of ours may fail before a line of the file runs, as of a
     method that takes other arguments: then there is no line to name.
     """
-    files = [Path(words.partition(":")[0]) for words in named if words and is_file(words)]
+    files = [words.partition(":")[0] for words in named if words and is_file(words)]
     try:
         yield
     except OwnMistake as error:
@@ -189,7 +189,7 @@ def mistakes_in(*named: str | None) -> Iterator[None]:
         places = _raised_at(error)
         if isinstance(error, SyntaxError) and error.filename:
             places.insert(0, (error.filename, error.lineno))
-        where = _first_shown(places, files) or ("" if isinstance(error, OURS) else " or ".join(map(str, files)))
+        where = _first_shown(places, files) or ("" if isinstance(error, OURS) else " or ".join(files))
         if not where:
             raise
         logger.debug("%s", where, exc_info=error)
@@ -203,19 +203,19 @@ def _raised_at(error: BaseException) -> list[tuple[str, int | None]]:
     return [(frame.filename, frame.lineno) for frame in reversed(traceback.extract_tb(error.__traceback__))]
 
 
-def _first_shown(places: Iterable[tuple[str, int | None]], files: Sequence[Path]) -> str:
+def _first_shown(places: Iterable[tuple[str, int | None]], files: Sequence[str]) -> str:
     """Return the first place that is in the files, "FILE.py:LINE"; "" if none is."""
     return next((f"{shown}:{line}" for name, line in places if (shown := _shown(name, files))), "")
 
 
-def _shown(name: str, files: Sequence[Path]) -> str:
-    """How a source file is called for people; "" if it is neither one of these nor in the folder of one."""
+def _shown(name: str, files: Sequence[str]) -> str:
+    """Return a source file as the user named it; "" if it is neither one of these nor in the folder of one."""
     path = Path(name).resolve()
     for file in files:
-        if path == file.resolve():
-            return str(file)
-        if path.parent == file.resolve().parent and path.is_file():  # and not "<string>"
-            return str(file.with_name(path.name))
+        if path == Path(file).resolve():
+            return file
+        if path.parent == Path(file).resolve().parent and path.is_file():  # and not "<string>"
+            return str(Path(file).with_name(path.name))
     return ""
 
 

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.errors import Unavailable, UsageError
-from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send
+from phalanx.robot.controllers.python_controller import Controller
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.record import MalformedRecord
-from phalanx.wire.table import ACCELERATION, SENSOR, STATE
+from phalanx.wire.typed_records import Command, Reading, State
 
 from .scenarios.play import STEP_S
 from .scenarios.run import Run
@@ -37,13 +37,13 @@ OWN, EACH = 4, 5
 
 
 class _Flown(Controller):
-    """Does what it was last told, says where it is, and remembers what it heard."""
+    """A robot that does what the policy has chosen last, broadcasts where it is, and remembers what it heard."""
 
     def __init__(self, rob_id: int, steps_per_state: int) -> None:
         super().__init__(rob_id)
-        self.told = (0.0, 0.0)
-        self.reading: dict[str, Any] = dict.fromkeys(("x_m", "y_m", "vx_mps", "vy_mps"), 0.0) | {"t": 0}
-        self.heard: dict[int, tuple[int, dict[str, Any]]] = {}  # when, and what, by whom
+        self.told = Command(0.0, 0.0)
+        self.reading = Reading(0.0, 0.0, 0.0, 0.0)
+        self.heard: dict[int, tuple[int, State]] = {}  # by robot: when, and what
         self._steps_per_state = steps_per_state
 
     def encode(self) -> bytes:
@@ -54,20 +54,17 @@ class _Flown(Controller):
             f"{len(encoding)} bytes: robot {self.rob_id} is flown from outside, and has no checkpoint"
         )
 
-    def on_recv(self, t_ms: int, frame: bytes) -> None:
-        try:
-            said = STATE.decode(frame)
-        except MalformedRecord:
-            return
-        self.heard[said["id"]] = t_ms, said
+    def on_state(self, t_ms: int, state: State) -> None:
+        self.heard[state.id] = t_ms, state
 
-    def on_input(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
-        seen = self.reading = SENSOR.decode(reading)
-        ax_mps2, ay_mps2 = self.told
-        act = Act(ACCELERATION.encode(id=self.rob_id, t=t_ms, ax_mps2=ax_mps2, ay_mps2=ay_mps2))
-        said = {name: seen[name] for name in ("x_m", "y_m", "vx_mps", "vy_mps")}
-        says = (step + self.rob_id) % self._steps_per_state == 0
-        return [act, Send(STATE.encode(id=self.rob_id, t=t_ms, **said))] if says else [act]
+    def on_reading(self, step: int, _t_ms: int, reading: Reading) -> list[Command | State]:
+        self.reading = reading
+        speaks = (step + self.rob_id) % self._steps_per_state == 0
+        return [self.told, State(*_motion(reading))] if speaks else [self.told]
+
+
+def _motion(at: Reading | State) -> tuple[float, float, float, float]:
+    return at.x_m, at.y_m, at.vx_mps, at.vy_mps
 
 
 class SwarmEnv(ParallelEnv[str, Vector, Vector]):  # type: ignore[misc]
@@ -145,7 +142,7 @@ class SwarmEnv(ParallelEnv[str, Vector, Vector]):  # type: ignore[misc]
             if agent not in self._ids or told.shape != (2,) or not np.isfinite(told).all():
                 raise UsageError(f"the action of {agent} is {action!r}", "two finite numbers, for one of `agents`")
             ax_mps2, ay_mps2 = np.clip(told, -MOST_MPS2, MOST_MPS2).tolist()
-            self._flown[self._ids[agent]].told = ax_mps2, ay_mps2
+            self._flown[self._ids[agent]].told = Command(ax_mps2, ay_mps2)
         before_m = self._to_goal_m()
         self.run.advance(min(self.run.now_s + STEP_S, self.scenario.duration_s))
         nearer_m, touched = before_m - self._to_goal_m(), self._touched()
@@ -186,12 +183,12 @@ class SwarmEnv(ParallelEnv[str, Vector, Vector]):  # type: ignore[misc]
 
     def _seen_by(self, robot: _Flown) -> Vector:
         seen = np.zeros(OWN + EACH * self._heard, np.float32)
-        own = np.array([robot.reading[name] for name in ("x_m", "y_m", "vx_mps", "vy_mps")])
+        own = np.array(_motion(robot.reading))
         seen[:OWN] = [*(np.array(self.scenario.goal_m) - own[:2]), *own[2:]]
         others = [
-            np.array([said[name] for name in ("x_m", "y_m", "vx_mps", "vy_mps")]) - own
-            for t_ms, said in robot.heard.values()
-            if robot.reading["t"] - t_ms <= FORGET_MS
+            np.array(_motion(state)) - own
+            for t_ms, state in robot.heard.values()
+            if robot.reading.t - t_ms <= FORGET_MS
         ]
         for k, other in enumerate(sorted(others, key=lambda other: float(np.hypot(*other[:2])))[: self._heard]):
             seen[OWN + EACH * k : OWN + EACH * (k + 1)] = [1.0, *other]

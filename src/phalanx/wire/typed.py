@@ -10,7 +10,7 @@ from .record import FLOATS, LARGEST_NUMBER, MalformedRecord, Record
 
 
 class Typed:
-    """A record with its fields as attributes, the first two an `id` and a `t`.
+    """A record with its fields as attributes: the first two are `id` and `t`, given by name, the others by position.
 
     Class attributes:
         RECORD: of the byte table; of a fixed length.
@@ -44,10 +44,10 @@ class Typed:
         record = cls.RECORD
         if len(raw) != record.size or raw[0] != record.tag:
             raise MalformedRecord(f"{len(raw)} bytes: not a {record.name}")
-        values = record.form.unpack(raw)
+        _, sender, t, *rest = values = record.form.unpack(raw)
         if not _are_finite(cls._floats(values)):
             raise MalformedRecord(f"{record.name}: a number is not finite, or above 10^6 in size")
-        return cls(**dict(zip(cls._names, values[1:], strict=True)), **beside)
+        return cls(*rest, id=sender, t=t, **beside)  # type: ignore[call-arg]  # a dataclass
 
     def encode(self, rob_id: int = 0, t_ms: int = 0) -> bytes:
         """Return the bytes; `rob_id` and `t_ms` stand in for an `id` and a `t` of 0.

@@ -1,4 +1,4 @@
-"""A controller that also sees what no chain holds: what it asks of whoever runs it, and nothing of missions."""
+"""A controller that also reads data of which the chain holds a hash alone, as scans."""
 
 from __future__ import annotations
 
@@ -9,22 +9,19 @@ from .python_controller import Controller, Output
 
 
 class EvidenceController(Controller, ABC):
-    """A controller some of whose decisions rest on readings that no chain holds.
-
-    `on_evidence` is what is replayed; `on_input` is the same where nothing was kept.
-    """
+    """A controller some of whose decisions rest on data that no chain holds. Auditors replay `on_evidence`."""
 
     @abstractmethod
     def keep(self, step: int, t_ms: int, reading: bytes, raw: bytes) -> bytes:
-        """The robot itself, before `on_evidence`: what to keep of `raw`, whose hash is in `reading`; b"" for nothing.
+        """Return what to keep of `raw`, whose hash is in `reading`; b"" for nothing.
 
-        Secrets and searches belong here. Nobody replays it.
+        The robot itself calls this before `on_evidence`. Secrets and searches belong here: nobody replays it.
         """
 
     @abstractmethod
     def on_evidence(self, step: int, t_ms: int, reading: bytes, evidence: bytes) -> Iterable[Output]:
-        """As `on_input`, with what was kept. Raises: PeerError: the evidence does not bear out what it is for."""
+        """Decide as `on_input` does, with what was kept. Raises: PeerError: the evidence does not prove the reading."""
 
     def on_input(self, step: int, t_ms: int, reading: bytes) -> Iterable[Output]:
-        """The sensors said something of which nothing was kept."""
+        """Decide on a reading of which nothing was kept."""
         return self.on_evidence(step, t_ms, reading, b"")
