@@ -131,6 +131,8 @@ def test_what_is_remembered_is_what_its_bytes_say():
     assert settled == Heard(1, struct.unpack("<f", struct.pack("<f", 0.1))[0], True)
     assert list(map(type, dataclasses.astuple(settled))) == [int, float, bool]
     assert packing.decode(packing.settle(settled)[0]) == settled
+    _, settled = packing.settle(Heard(True, 1, 0))
+    assert list(map(type, dataclasses.astuple(settled))) == [int, float, bool], "even where none of them is rounded"
 
 
 @pytest.mark.parametrize("bits", [0x7FC00000, 0xFFC00000, 0x7FC00001, 0xFFFFFFFF])

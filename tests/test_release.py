@@ -23,6 +23,8 @@ sys.path.insert(0, str(ROOT / "release"))
 from readme import for_index  # noqa: E402
 from sbom import bill_of_materials  # noqa: E402
 
+from phalanx.cli.new import TEMPLATES  # noqa: E402
+
 
 class Addresses(HTMLParser):
     def __init__(self, text: str):
@@ -126,6 +128,7 @@ def test_a_wheel_from_a_plain_checkout_has_all_a_stranger_needs(tmp_path):
     info = made.name.split("-cp311")[0] + ".dist-info"
     assert {f"phalanx/gateway/pages/{page}/index.html" for page in ("visitor", "operator", "viewer")} <= inside.keys()
     assert {f"phalanx/_firmware_{name}.abi3.so" for name in ("bound", "paper")} <= inside.keys()
+    assert {f"phalanx/cli/templates/{path.name}" for path in TEMPLATES.glob("*.*")} <= inside.keys(), "phalanx new"
     assert json.loads(inside[f"{info}/sboms/phalanx-swarm.cdx.json"])["bomFormat"] == "CycloneDX"
     metadata = email.message_from_bytes(inside[f"{info}/METADATA"])
     assert metadata["Description-Content-Type"] == "text/markdown"
