@@ -31,6 +31,11 @@ QUICK = ("--duration", "2", "--robots", "6")
 # What violations of results say.
 LENGTH = r"length -?\d+ of a row of \d+ bytes$"
 OUTPUTS = r"length -?\d+ of a row of \d+ bytes: no valid outputs end there$"
+# A command behind a frame.
+ACT_AGAIN = """        end = begin + table.STATE.size
+        begin = put_head(out, end, table.ENTRY_ACMD, table.ACCELERATION.size, table.KIND_ACCELERATION, rob_id, t_ms)
+        end = begin + table.ACCELERATION.size
+"""
 RUN = """
 import sys
 from phalanx.sim import Scenario, simulate
@@ -447,6 +452,7 @@ class TestMistakes:
             ("    return end\n", "    out[0] = 9\n    return end\n", "on_input", OUTPUTS),
             ("    return end\n", "    out[begin] = 0x81\n    return end\n", "on_input", OUTPUTS),
             ("table.ACCELERATION.size, table.KIND_ACCELERATION", "table.ACCELERATION.size, 7", "on_input", OUTPUTS),
+            ("        end = begin + table.STATE.size\n", ACT_AGAIN, "on_input", OUTPUTS),
             (
                 "    return PLACES * EACH\n\n\n@kernel\ndef is_enc",
                 "    return -1\n\n\n@kernel\ndef is_enc",

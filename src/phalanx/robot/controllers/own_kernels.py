@@ -73,7 +73,7 @@ def are_outputs(returned: int, out: Row, command_bytes: int, command_kind: int) 
     """Return whether `out` has outputs up to there: commands of the body's, and frames unlike those of the audits."""
     if returned < 0 or returned > len(out):
         return False
-    at = 0
+    at, has_sent = 0, False
     while at < returned:
         if at + HEAD_BYTES > returned:
             return False
@@ -82,10 +82,12 @@ def are_outputs(returned: int, out: Row, command_bytes: int, command_kind: int) 
         if size < 1 or size > FRAME_MAX or begin + size > returned:
             return False
         if out[at] == ENTRY_ACMD:
-            if size != command_bytes or out[begin] != command_kind:
+            if has_sent or size != command_bytes or out[begin] != command_kind:
                 return False
         elif out[at] != ENTRY_SEND or int(out[begin]) & KIND_AUDIT != 0:
             return False
+        else:
+            has_sent = True
         at = begin + size
     return True
 
