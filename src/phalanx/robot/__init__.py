@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from phalanx.wire.typed_records import Command, Reading, State
     from phalanx.wire.widths import F32, F64, I8, I16, I32, I64, U8, U16, U32, U64
 
+    from .actions import Action
     from .attacks.attack import Attack, own_attack
     from .attacks.liar import Liar
-    from .cnode import Action
     from .controllers.python_controller import Act, Controller, Send
     from .controllers.senses import Senses
     from .planner import Planner
@@ -50,7 +50,7 @@ __all__ = [
 ]
 
 _FOUND_IN = {
-    "Action": "cnode",
+    "Action": "actions",
     "Act": "controllers.python_controller",
     "Attack": "attacks.attack",
     "Controller": "controllers.python_controller",

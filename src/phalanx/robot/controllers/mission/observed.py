@@ -30,7 +30,8 @@ class ObservedController(MissionController):
 
     def spread(self) -> tuple[float, float, float, float, float, float]:
         """Return how uncertain it takes its pose to be."""
-        return self.memory.belief.doubt
+        doubt: tuple[float, float, float, float, float, float] = self.memory.belief.doubt
+        return doubt
 
     def walk(self, seen: Experience, claim: Claim | None) -> tuple[State, Outcome]:
         """As the robot's."""
