@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import re
 import shutil
@@ -131,7 +132,7 @@ class TestContainerfile:
         assert "free_port(9001" in (ROOT / "src/phalanx/io/broker.py").read_text()
 
 
-def test_the_files_of_three_robots_are_ones_that_phalanx_reads():
+def test_the_files_of_three_robots_are_ones_that_phalanx_reads(tmp_path):
     folder = DEPLOY / "robot"
     scenario = for_robots(read_scenario(folder / "mission.yaml"))
     first = read_robot(folder / "robot-1.yaml").said
@@ -141,7 +142,17 @@ def test_the_files_of_three_robots_are_ones_that_phalanx_reads():
     assert first.radio.here == where.pop(1)
     assert set(first.radio.peers) == {*where.values(), gateway["here"]}
     assert (first.mission, first.key) == (gateway["mission"], gateway["key"])
-    driver = make_driver(read_robot(folder / "robot-1.yaml"), dispatch.BUNDLED[scenario.controller])
-    before = table.WHEELS_SENSOR.decode(driver.sense(1))
+    for name in ("robot-1.yaml", "base.py", "motors.py"):
+        shutil.copy(folder / name, tmp_path / name)
+    driver = make_driver(read_robot(tmp_path / "robot-1.yaml"), dispatch.BUNDLED[scenario.controller])
+    before = table.WHEELS_SENSOR.decode(asyncio.run(driver.sense(1, 1.0)))
     driver.drive(table.WHEELS_COMMAND.encode(id=1, t=1, left=100, right=100, red=0, green=0, blue=0))
-    assert table.WHEELS_SENSOR.decode(driver.sense(2))["y_mm"] > before["y_mm"]
+    assert table.WHEELS_SENSOR.decode(asyncio.run(driver.sense(2, 1.0)))["y_mm"] > before["y_mm"]
+    driver.close()
+    assert (tmp_path / "motors-1.txt").read_text().split() == ["0", "0"]
+
+
+def test_the_watchdog_of_the_sample_motors_is_longer_than_what_a_mission_takes_between_two_commands():
+    bti = for_robots(read_scenario(DEPLOY / "robot" / "mission.yaml")).bti
+    (watchdog_s,) = re.findall(r"^WATCHDOG_S = (.*)$", (DEPLOY / "robot" / "motors.py").read_text(), re.MULTILINE)
+    assert float(watchdog_s) > (bti.t_control_ms + 2 * bti.delta_ms) / 1000

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import math
 import os
@@ -19,8 +20,7 @@ from hypothesis import strategies as st
 
 from conftest import called, child
 from dotbot_controller import HELLO, RECORDED, SNAPSHOT, A, B, C, Controller, soon
-from phalanx.daemon.dotbot import NOTHING
-from phalanx.daemon.driver import make_driver
+from phalanx.daemon.driver import NoReading, make_driver
 from phalanx.daemon.settings import read_robot
 from phalanx.errors import BadPayload, Held, Unavailable, Unknown, UsageError
 from phalanx.io.dotbots import DotbotSwarm, parse_dotbot_url
@@ -371,6 +371,15 @@ def driver_of(tmp_path, where, mission="controller: wheels\nrobots: 3\n"):
     return make_driver(read_robot(tmp_path / "robot.yaml"), declared), declared
 
 
+def soon_sensed(hardware):
+    """Its first reading."""
+    for _ in range(500):
+        with contextlib.suppress(NoReading):
+            return asyncio.run(hardware.sense(7, 1.0))
+        time.sleep(0.01)
+    raise AssertionError("no reading")
+
+
 @pytest.mark.waits
 class TestDriver:
     """A daemon of ours in front of each robot."""
@@ -378,8 +387,7 @@ class TestDriver:
     def test_it_reads_where_the_robot_is_drives_it_and_stops_it(self, tmp_path):
         with Controller() as controller:
             hardware, declared = driver_of(tmp_path, f"{controller.url}/{A}")
-            soon(lambda: hardware.sense(7) != NOTHING)
-            said = declared.reads.decode(hardware.sense(7))
+            said = declared.reads.decode(soon_sensed(hardware))
             assert (said["id"], said["x_mm"], said["y_mm"], said["direction_deg"]) == (1, 900.0, 900.0, 180.0)
             command = {"id": 1, "t": 7, "left": 60, "right": 60, "red": 1, "green": 2, "blue": 3}
             for _ in range(2):
@@ -390,7 +398,9 @@ class TestDriver:
                 {"red": 1, "green": 2, "blue": 3}
             ], "the light is told when it changes"
             controller.say(json.loads(delta(status=1)))
-            soon(lambda: hardware.sense(8) == NOTHING)
+            with pytest.raises(NoReading, match="has not heard of it"):
+                while True:
+                    asyncio.run(hardware.sense(8, 1.0))
             hardware.stop()
             soon(lambda: stops(controller.orders_of(A)))
             hardware.drive(declared.commands.encode(**command))

@@ -17,6 +17,7 @@ from phalanx.bti.refusal import Refusal
 from phalanx.bti.request import HEAD_BYTES
 from phalanx.config import BtiConfig
 from phalanx.daemon import evidence
+from phalanx.daemon.driver import no_reading
 from phalanx.daemon.evidence import Kept, read_kept, record_log
 from phalanx.daemon.kept_log import KeptLog
 from phalanx.daemon.proofs import Proven, proven
@@ -27,7 +28,7 @@ from phalanx.scenarios.file import written_scenario
 from phalanx.sim import Scenario
 from phalanx.sim.audited import setup
 from phalanx.sim.scenarios.run import Run
-from phalanx.wire.table import ENTRY, ENTRY_ACMD, ENTRY_INPUT, ENTRY_RECV, PROOF
+from phalanx.wire.table import ACCELERATION, ENTRY, ENTRY_ACMD, ENTRY_INPUT, ENTRY_RECV, PROOF, SENSOR
 
 # Nobody is audited yet: what robots have logged they still have.
 MISSION = Scenario(name="young", robots=4, grid_step_m=16.0, duration_s=3.9, bti=BtiConfig(f_max=1))
@@ -158,6 +159,20 @@ def test_what_is_no_log_is_said_in_a_line(tmp_path, data):
     path.write_bytes(data)
     with pytest.raises(UsageError, match=r"x\.log"):
         read_kept(path)
+
+
+def test_who_acts_as_if_there_had_been_a_reading_or_acts_not_at_all_is_convicted(kept):
+    (_, given), (_, after) = (of_kind(kept, ENTRY_INPUT, nth) for nth in (2, 3))
+    before = kept.raw[: given.at]
+    nothing = ENTRY.encode(type=ENTRY_INPUT, t=given.t_ms, payload=no_reading(SENSOR, kept.robot, given.t_ms))
+    later = kept.raw[after.at : after.end]
+    stands = ACCELERATION.encode(id=kept.robot, t=given.t_ms, ax_mps2=0.0, ay_mps2=0.0)
+    moves = ACCELERATION.encode(id=kept.robot, t=given.t_ms, ax_mps2=1.0, ay_mps2=0.0)
+    acts = [before + nothing + ENTRY.encode(type=ENTRY_ACMD, t=given.t_ms, payload=each) for each in (stands, moves)]
+    assert changed(kept, acts[0]) is None
+    assert changed(kept, acts[1]).refusal == Refusal.OUTPUT_WRONG
+    assert changed(kept, before + nothing + later).refusal in (Refusal.OUTPUT_LATE, Refusal.OUTPUT_MISSING)
+    assert changed(kept, before + later).refusal == Refusal.INPUT_OFF_GRID
 
 
 @pytest.mark.parametrize("controller", ["warehouse", "patrol", "tracking"])

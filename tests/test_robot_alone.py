@@ -7,6 +7,7 @@ import contextlib
 import gc
 import ipaddress
 import json
+import math
 import os
 import re
 import select
@@ -26,12 +27,12 @@ from ordered import MISSION, PUBLIC, order, wheels_order
 from phalanx.bti.fleet import BOUND, make_fleet
 from phalanx.bti.nodes import seal_mission_key
 from phalanx.cli.reproduce import _write
-from phalanx.cli.robot import status
+from phalanx.cli.robot import _is, status
 from phalanx.config import BtiConfig
 from phalanx.daemon import kept_log, signers
 from phalanx.daemon import life as life_module
 from phalanx.daemon import run as daemon_run
-from phalanx.daemon.driver import Driver, OwnDriver
+from phalanx.daemon.driver import Driver, NoReading, OwnDriver, no_reading
 from phalanx.daemon.evidence import Kept
 from phalanx.daemon.kept_log import KeptLog
 from phalanx.daemon.lateness import Lateness
@@ -51,8 +52,9 @@ from phalanx.io.serial_line import open_line
 from phalanx.io.udp_radio import LEAST_WAITING, Allowance, UdpRadio, parsed
 from phalanx.recording.recorder import Recorder
 from phalanx.robot.controllers import dispatch
-from phalanx.robot.controllers.python_controller import OwnMistake
+from phalanx.robot.controllers.python_controller import OwnMistake, compiled
 from phalanx.scenarios.attack_spec import AttackSpec
+from phalanx.scenarios.behaviour import params_of
 from phalanx.scenarios.file import parse_scenario, written_scenario
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.driven import GATEWAY, OPERATOR, TELL_STOP
@@ -241,7 +243,7 @@ def test_a_full_disk_ends_the_kept_log_and_not_the_robot(tmp_path, monkeypatch, 
     with Path("/dev/full").open("wb", 0) as full, KeptLog(tmp_path / "robot-3.log") as kept:
         kept._file = full
         with pytest.raises(Unavailable, match="its nodes are gone"):
-            asyncio.run(daemon_run._live(Alive(), kept, tmp_path / "nowhere" / "robot-3.json", 7, None))
+            asyncio.run(daemon_run._live(Alive(), kept, tmp_path / "nowhere" / "robot-3.json", 7, None, ()))
     kept_no_further, cannot_write = sorted(caplog.messages, key=lambda words: "cannot write" in words)
     assert "robot-3.log is kept no further: No space left" in kept_no_further
     assert "cannot write" in cannot_write
@@ -294,6 +296,8 @@ def test_a_state_that_somebody_wrote_commands_no_terminal_and_makes_no_traceback
         "tokens": [{"auditor": 2, "age_s": 1.5, "left_s": 3.5}],
         "safe_mode": False,
         "why_stopped": "",
+        "why_ended": "",
+        "no_reading": None,
         "refused": [{"auditee": 1, "reason": "output wrong", "times": 1, "last_s_ago": 9.0}],
         "longest_ms": {},
         "tokens_needed": 2,
@@ -317,6 +321,17 @@ def test_a_state_that_somebody_wrote_commands_no_terminal_and_makes_no_traceback
         told.write_text(json.dumps(state | more))
         with pytest.raises(UsageError, match="no robot"):
             status(tmp_path / "robot.yaml", as_json=False)
+
+
+def test_status_names_why_a_robot_stands_or_has_ended():
+    missing = {"for_s": 1.24, "why": "odometry lost"}
+    state = {"safe_mode": False, "why_stopped": "", "why_ended": "", "no_reading": missing}
+    assert _is(state, running=True) == "running, and stands: no reading for 1.2 s: odometry lost"
+    assert _is(state, running=False) == "not running: it was killed, or its machine went off"
+    assert _is(state | {"why_ended": "its nodes are gone"}, running=False) == "not running: its nodes are gone"
+    stopped = state | {"safe_mode": True, "why_stopped": "nobody vouches", "why_ended": "it was told to end"}
+    assert _is(stopped, running=True) == "in Safe Mode: nobody vouches"
+    assert _is(stopped, running=False) == "not running: it was told to end; it was in Safe Mode: nobody vouches"
 
 
 def test_numbers_that_nobody_can_show_make_no_traceback(tmp_path):
@@ -530,20 +545,25 @@ def test_radios_of_a_multicast_group_hear_each_other_and_not_themselves_nor_stra
         (bytes(FRAME_MAX + 1), "sense returned b'"),
         ({"x_m": 1.0}, "sense returned {'x_m': 1.0}"),
         (None, "sense returned None"),
+        ({"x_m": math.nan, "y_m": 2.0, "vx_mps": 0.0, "vy_mps": 0.0}, NoReading("x_m is nan")),
+        ({"x_m": 1.0, "y_m": 2e6, "vx_mps": 0.0, "vy_mps": 0.0}, NoReading("y_m is 2e+06")),
+        (OSError(5, "no answer"), NoReading("[Errno 5] no answer")),
     ],
 )
-def test_a_driver_says_a_readings_fields_or_its_bytes(said, told):
+async def test_a_driver_says_a_readings_fields_or_its_bytes(said, told):
     class Base(Driver):
         def sense(self):
+            if isinstance(said, OSError):
+                raise said
             return said
 
-    driver = OwnDriver(Base(1), dispatch.BUNDLED["flock"])
-    if isinstance(told, int):
-        assert len(driver.sense(7)) == told
-    else:
-        with pytest.raises(OwnMistake) as error:
-            driver.sense(7)
-        assert str(error.value).startswith(told)
+    with contextlib.closing(OwnDriver(Base(1), dispatch.BUNDLED["flock"])) as driver:
+        if isinstance(told, int):
+            assert len(await driver.sense(7, 1.0)) == told
+            return
+        with pytest.raises(OwnMistake if isinstance(told, str) else NoReading) as error:
+            await driver.sense(7, 1.0)
+        assert str(error.value).startswith(str(told))
         assert len(str(error.value)) < 100
 
 
@@ -567,7 +587,7 @@ def lived(monkeypatch, *, waits):
     life.longest_ms = dict.fromkeys(("late", "reading"), 0.0)
     life.runtime = SimpleNamespace(input_ms=1250, check_ms=9999, wake_ms=9999, audit_ms=9999, due_ms=1250)
 
-    def read(runtime, now_ms):
+    async def read(runtime, now_ms):
         read_ms.append(now_ms)
         runtime.input_ms = runtime.due_ms = runtime.input_ms + 250
         return []
@@ -579,49 +599,51 @@ def lived(monkeypatch, *, waits):
         life._lateness.close()
 
 
-def test_new_advice_is_acted_on_as_early_as_auditors_allow_and_once(monkeypatch):
+async def test_new_advice_is_acted_on_as_early_as_auditors_allow_and_once(monkeypatch):
     with lived(monkeypatch, waits=True) as (life, clock, read_ms):
-        assert life._turn() == 250  # nothing is new
+        assert await life._turn() == 250  # nothing is new
         life.advised()
         assert life._came.is_set()
-        assert life._turn() == 160
+        assert await life._turn() == 160
         clock.ms = 1160
-        assert life._turn() == 0
-        assert life._turn() == 1500 - 1160  # what is not new waits for the grid
+        assert await life._turn() == 0
+        assert await life._turn() == 1500 - 1160  # what is not new waits for the grid
         assert read_ms == [1160]
         assert life.longest_ms["late"] == 0
 
 
-def test_who_waits_for_nobody_reads_early_so_that_it_may_be_late_by_more(monkeypatch):
+async def test_who_waits_for_nobody_reads_early_so_that_it_may_be_late_by_more(monkeypatch):
     with lived(monkeypatch, waits=False) as (life, clock, read_ms):
-        assert life._turn() == 180
+        assert await life._turn() == 180
         clock.ms = 1180
-        assert life._turn() == 0
+        assert await life._turn() == 0
         clock.ms = 1500 + 60
-        life._turn()
+        await life._turn()
         assert read_ms == [1180, 1560]
         assert life.longest_ms["late"] == 60
 
 
-def test_a_late_reading_says_what_took_the_time_and_the_latest_is_told(monkeypatch, caplog):
+async def test_a_late_reading_says_what_took_the_time_and_the_latest_is_told(monkeypatch, caplog):
     with lived(monkeypatch, waits=False) as (life, clock, _):
-        life._turn()  # and would sleep for 180 ms
+        await life._turn()  # and would sleep for 180 ms
         clock.ms, clock.asked_ms = 1250 + 51, 40.0
-        life._turn()
+        await life._turn()
         assert life.why_late.startswith("a reading came 51 ms late: waiting took ")
         assert "180 asleep as meant" in life.why_late
         assert "40 until trusted nodes answered" in life.why_late
         clock.ms = 1500 + 101
-        life._turn()
+        await life._turn()
         assert life.why_late.startswith("a reading came 101 ms late, and its auditors allow 100: a reading took ")
         clock.ms = 1750 + 101
-        life._turn()  # no later than the last
+        await life._turn()  # no later than the last
         assert len(caplog.messages) == 2
 
 
 async def test_in_safe_mode_a_robot_reads_no_frame_any_more(monkeypatch):
     with lived(monkeypatch, waits=False) as (life, _, _), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as radio:
-        life._radio, life._hardware, life.id = radio, SimpleNamespace(stop=lambda: None), 1
+        calls = []
+        hardware = SimpleNamespace(stop=lambda: calls.append("stop"), alive=lambda: calls.append("alive"))
+        life._radio, life._hardware, life.id = radio, hardware, 1
         life.fleet, life.runtime.in_safe_mode = None, False
         monkeypatch.setattr(life_module, "why_stopped", lambda *_: "so")
         loop = asyncio.get_running_loop()
@@ -633,6 +655,7 @@ async def test_in_safe_mode_a_robot_reads_no_frame_any_more(monkeypatch):
         monkeypatch.setattr(life, "_until_stopped", until_stopped)
         await life.live(None)
         assert (life.why_stopped, loop.remove_reader(radio)) == ("so", False)
+        assert "stop" in calls
 
 
 def numbers_of(lateness) -> dict[str, int]:
@@ -685,3 +708,16 @@ def test_a_pipe_in_place_of_what_a_robot_tells_keeps_nobody_waiting(tmp_path):
     os.mkfifo(tmp_path / "robot-1.json")
     with pytest.raises(UsageError, match="no robot has told of itself"):
         told_by(tmp_path / "robot-1.json")
+
+
+@pytest.mark.parametrize("name", ["flock", "guard", "wheels"])
+def test_where_there_was_no_reading_controllers_move_nothing_and_send_nothing(name):
+    declared = dispatch.BUNDLED[name]
+    scenario = parse_scenario(f"controller: {name}\nrobots: 3\n".encode(), "mission.yaml")
+    controller = compiled(dispatch.NUMBERS[name], params_of(scenario))(1)
+    reading = no_reading(declared.reads, 1, 250)
+    assert len(reading) == declared.reads.size
+    for step in range(12):
+        (act,) = controller.on_input(step, 250 * step, reading)
+        command = declared.commands.decode(act.payload)
+        assert {command[key] for key in command if key not in ("id", "t")} == {0}

@@ -45,6 +45,7 @@ def test_diagnostics_tell_of_shield_and_verdicts():
         "tokens": [{"auditor": 2, "left_s": 1.25}],
         "tokens_needed": 1,
         "safe_mode": False,
+        "no_reading": None,
         "given": [{"auditee": 4, "times": 7}],
     }
     refused = [{"auditee": 3, "reason": "output wrong", "times": 2}]
@@ -55,6 +56,9 @@ def test_diagnostics_tell_of_shield_and_verdicts():
     assert (verdicts.level, verdicts.values) == (WARN, {"robot 3: output wrong": 2, "robot 4: tokens given": 7})
     shield, verdicts = told_of(state | {"refused": [], "tokens_needed": 2}, place)
     assert (shield.level, verdicts.level) == (WARN, OK)
+    missing = {"for_s": 1.24, "why": "no odometry on odom"}
+    stands = told_of(state | {"refused": [], "no_reading": missing}, place)[0]
+    assert (stands.level, stands.message) == (WARN, "no reading for 1.2 s: no odometry on odom")
     stopped = told_of(state | {"refused": [], "safe_mode": True, "why_stopped": "nobody is there"}, place)[0]
     assert (stopped.level, stopped.message) == (ERROR, "Safe Mode: nobody is there")
 

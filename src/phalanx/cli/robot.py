@@ -29,14 +29,14 @@ from .run import run as run_until_stopped
 from .signing_keys import read_signing_key
 from .terminal import plain, print_json, print_rows, talk
 
+HUNG_S = 1.0  # of a process that runs somebody's own code
+
 
 def run(robot: Path) -> int:
     """One robot, until Ctrl-C or SIGTERM."""
     settings = read_robot(robot)
-    said = settings.said
-    own = (said.driver.removeprefix("python:"), said.planner, said.controller)  # what is no file, does nothing
-    with mistakes_in(*(str(settings.path(each)) for each in own if each)):
-        run_until_stopped(run_robot(settings))
+    with mistakes_in(*settings.own_files):
+        run_until_stopped(run_robot(settings), HUNG_S)
     return 0
 
 
@@ -47,7 +47,8 @@ def ros2(robot: Path, namespace: str, ros: tuple[str, ...]) -> int:
         from phalanx.daemon.ros2.node import RosBase  # noqa: PLC0415 - an extra
     except ImportError as error:
         raise UsageError(f"ROS 2 is not installed: {error}", "pip install 'phalanx-swarm[ros2]'") from error
-    run_until_stopped(run_robot(settings, make_base=partial(RosBase, namespace=namespace, arguments=ros)))
+    job = run_robot(settings, make_base=partial(RosBase, namespace=namespace, arguments=ros))
+    run_until_stopped(job, HUNG_S)
     return 0
 
 
@@ -75,7 +76,7 @@ def advise(
     adviser = Adviser(make, scenario.goal_m, scenario.robots, signer, lambda: time.monotonic() * 1000, at)
     with mistakes_in(planner):
         words = f"advises robots of {scenario.name} at {where}{', signed' if signer else ''}"
-        run_until_stopped(advise_at(where, adviser, lambda: talk(words)))
+        run_until_stopped(advise_at(where, adviser, lambda: talk(words)), HUNG_S)
     return 0
 
 
@@ -149,7 +150,13 @@ def memory_words(told: dict[str, Any]) -> str:
 
 def _is(state: dict[str, Any], running: bool) -> str:
     words = f"in Safe Mode: {state['why_stopped']}" if state["safe_mode"] else ""
-    return (words or "running") if running else "not running" + (words and f"; it was {words}")
+    if running:
+        missing = state["no_reading"]
+        stands = missing and f"running, and stands: no reading for {missing['for_s']:.1f} s: {missing['why']}"
+        return words or stands or "running"
+    # Of who ended in order its file says why.
+    ended = state["why_ended"] or "it was killed, or its machine went off"
+    return f"not running: {ended}" + (words and f"; it was {words}")
 
 
 def _token(told: dict[str, Any]) -> str:

@@ -16,12 +16,11 @@ from phalanx.io.dotbots import DotbotSwarm, parse_dotbot_url
 from phalanx.io.dotbots.told import ADDRESS
 from phalanx.robot import Led, Robot
 
-from .driver import Driver
+from .driver import Driver, NoReading
 
 HINT = "dotbot://HOST:PORT/ADDRESS, 16 digits: dotbot://127.0.0.1:8000/DECAFBAD00000001"
 WAIT_S = 20.0
 OLD_S = 1.0  # of a robot that was silent for longer nothing is known
-NOTHING = b"\0"  # a reading without a place, at which wheels stand
 
 
 class DotbotDriver(Driver):
@@ -45,11 +44,18 @@ class DotbotDriver(Driver):
             "robot %d: whoever reaches the controller of the DotBots drives it past its trusted nodes", rob_id
         )
 
-    def sense(self) -> Mapping[str, float] | bytes:
-        """Where the controller says that it is; NOTHING where it does not know, or has not heard of it of late."""
+    def sense(self) -> Mapping[str, float]:
+        """Return where the controller says that it is.
+
+        Raises: NoReading: it does not know, or has not heard of the robot of late.
+        """
         told = self._told()
-        if told is None or math.isnan(told.at.x_mm) or time.time() - told.heard_at_s > OLD_S:
-            return NOTHING
+        if told is None:
+            raise NoReading("the controller of the DotBots does not know it")
+        if math.isnan(told.at.x_mm):
+            raise NoReading("the controller of the DotBots does not know where it is")
+        if time.time() - told.heard_at_s > OLD_S:
+            raise NoReading(f"the controller of the DotBots has not heard of it for {OLD_S:g} s")
         return {"x_mm": told.at.x_mm, "y_mm": told.at.y_mm, "direction_deg": told.direction_deg}
 
     def drive(self, command: Mapping[str, float]) -> None:

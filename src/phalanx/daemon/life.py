@@ -1,7 +1,8 @@
 """One robot's life: its c-node between trusted nodes, radio and driver, in real time, from the mission key on.
 
 The kernels and timers are those of the simulator (robot/runtime.py). A reading that is due goes before all else, and of
-what comes by radio one frame is taken at a time: so an audit can delay a reading by no more than itself.
+what comes by radio one frame is taken at a time: so an audit can delay a reading by no more than itself. While there
+are no readings, ones that make no sense are logged in their place, motors stand, and audits go on.
 """
 
 from __future__ import annotations
@@ -29,11 +30,11 @@ from phalanx.robot.planner import MakePlanner, Planner, ToGoal, advice_of, overh
 from phalanx.robot.robot import Robot
 from phalanx.robot.runtime import Done, Runtime
 from phalanx.scenarios.attack_spec import AttackSpec
-from phalanx.scenarios.behaviour import MakeController, adviser, number_of, params_of, plan_of
+from phalanx.scenarios.behaviour import MakeController, adviser, driving, number_of, params_of, plan_of
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.fields import row
 
-from .driver import Hardware
+from .driver import Hardware, NoReading, no_reading
 from .far_planner import FarPlanner, check_adviser
 from .kept_log import KeptLog
 from .lateness import Lateness
@@ -45,6 +46,9 @@ log = logging.getLogger(__name__)
 # Of δ, in tenths: so much before its moment on the grid the sensors are read. Who is late then has more than δ left.
 # But who waits for advice reads when there is some, or at that moment itself.
 EARLY, AT_ADVICE = 7, 9
+# And so much after it sensors are waited for; the rest of δ is for getting the reading to the trusted nodes.
+LATE = 5
+ALIVE_S = 0.1  # so often the driver is told that this process does not hang
 
 
 @dataclass(slots=True)
@@ -75,6 +79,8 @@ class Life:
         memory_began_kb: what the process had in memory when its mission key was loaded.
         began_ms: when its mission key was loaded, of its nodes' clock; what its c-node says of that may be a lie.
         why_stopped: why it is in Safe Mode; "" while it is not.
+        why_ended: why its process has ended; "" while it has not.
+        no_reading: since when of the robot's clock sensors have no reading, and why; None while they have.
         given, refused: audits of ours that ended, by auditee; refusals by reason as well.
     """
 
@@ -94,6 +100,7 @@ class Life:
         if rob_id > scenario.robots:
             raise UsageError(f"robot {rob_id} is not in the mission", f"robots are 1 to {scenario.robots}")
         self.scenario, self.id = scenario, rob_id
+        self._reads = driving(scenario).reads
         self._clock, self._hardware, self._radio = clock, hardware, radio
         self._rows = elsewhere.place([clock])
         self.fleet = make_fleet(
@@ -123,7 +130,8 @@ class Life:
         self._cpu_s = self._began_s = 0.0
         self.began_ms = self.memory_began_kb = 0
         self.longest_ms = {"late": 0.0, "reading": 0.0, "frame": 0.0, "audit": 0.0, "check": 0.0}
-        self.why_stopped = ""
+        self.why_stopped = self.why_ended = ""
+        self.no_reading: tuple[int, str] | None = None
         self.given: defaultdict[int, Ended] = defaultdict(Ended)
         self.refused: defaultdict[tuple[int, Refusal], Ended] = defaultdict(Ended)
         self.runtime: Runtime | None = None
@@ -147,25 +155,32 @@ class Life:
         return lying(self.attack.attack, self.fleet, 0, self._work, plan, self._controller)
 
     async def live(self, kept: KeptLog) -> None:
-        """The robot lives, until it is cancelled or its trusted nodes stop it.
+        """Run the robot until this is cancelled or its trusted nodes stop it; motors stand then, whatever ended it.
 
-        Raises: Unavailable: its nodes or its sensors are gone: its nodes stop the motors, whatever becomes of us.
+        Raises: Unavailable: its nodes are gone, or an arena's sensors.
         """
         loop = asyncio.get_running_loop()
         loop.add_reader(self._radio, self._came.set)
+        beats = loop.create_task(self._beat())
         try:
             await self._until_stopped(kept)
         finally:
+            self._hardware.stop()
+            beats.cancel()
             # In Safe Mode too: nothing is read, and the system drops what finds no room.
             loop.remove_reader(self._radio)
         self.why_stopped = why_stopped(self.fleet, self._clock.now_ms(), self.longest_ms["late"])
         log.error("robot %d is in Safe Mode: %s", self.id, self.why_stopped)
-        self._hardware.stop()
+
+    async def _beat(self) -> None:
+        while True:
+            self._hardware.alive()
+            await asyncio.sleep(ALIVE_S)
 
     async def _until_stopped(self, kept: KeptLog) -> None:
         assert self.runtime
         while not self.runtime.in_safe_mode:
-            wait_ms = self._turn()
+            wait_ms = await self._turn()
             elsewhere.raise_failed()
             kept.keep(self.fleet)
             self._came.clear()
@@ -183,7 +198,7 @@ class Life:
         self._advised = True
         self._came.set()
 
-    def _turn(self) -> float:
+    async def _turn(self) -> float:
         """What is due and most urgent is done, or one frame heard; ms until something is due, if nothing was."""
         runtime, now_ms = self.runtime, self._clock.now_ms()
         assert runtime
@@ -193,7 +208,7 @@ class Life:
         if reads_ms <= now_ms:
             self._advised = False
             self._note_late(now_ms - input_ms)
-            what, done = "reading", self._read(runtime, now_ms)
+            what, done = "reading", await self._read(runtime, now_ms)
         elif runtime.check_ms <= now_ms:
             what, done = "check", []
             runtime.on_check(now_ms)
@@ -228,13 +243,27 @@ class Life:
             log.warning("robot %d: %s", self.id, self.why_late)
         self._note("late", late_ms)
 
-    def _read(self, runtime: Runtime, now_ms: int) -> list[Done]:
-        reading = self._hardware.sense(now_ms)
+    async def _read(self, runtime: Runtime, now_ms: int) -> list[Done]:
+        until_ms = runtime.input_ms + self.scenario.bti.delta_ms * LATE // 10
+        try:
+            reading = await self._hardware.sense(now_ms, max(0, until_ms - now_ms) / 1000 / self._clock.speed)
+        except NoReading as error:
+            self._note_missing(now_ms, str(error))
+            return runtime.on_input(self._clock.now_ms(), no_reading(self._reads, self.id, now_ms))
+        if self.no_reading:
+            log.warning("robot %d has readings again, after %.1f s", self.id, (now_ms - self.no_reading[0]) / 1000)
+            self.no_reading = None
         if self._far:
             advice = self._far.advice(reading)
         else:
             advice = advice_of(self._planner, now_ms, reading) if self._planner else b""
         return runtime.on_reading(self._clock.now_ms(), reading, advice)
+
+    def _note_missing(self, now_ms: int, why: str) -> None:
+        if self.no_reading is None:
+            self._hardware.stop()
+            log.warning("robot %d stands: no reading: %s", self.id, why)
+        self.no_reading = (self.no_reading[0] if self.no_reading else now_ms), why
 
     def _overhear(self, now_ms: int, frame: bytes) -> None:
         if self._far:
@@ -253,7 +282,8 @@ class Life:
                     # Whether it arrived nobody tells us: who did not hear it sends no token, and another is asked.
                     waiting.extend(self.runtime.on_sent(self._clock.now_ms(), arrived=True))
             elif isinstance(done, Actuate):
-                self._hardware.drive(done.command)
+                if self.no_reading is None:  # else motors stand, where a controller would have them coast
+                    self._hardware.drive(done.command)
             elif done.refusal == Refusal.NONE:
                 self.given[done.auditee].again(self._clock.now_ms())
             else:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from phalanx.bti.nodes import Refused, limits_of
 from phalanx.config.builtin import built_in
-from phalanx.errors import Unavailable, UsageError
+from phalanx.errors import PhalanxError, Unavailable, UsageError
 from phalanx.io.keyring import opened
 from phalanx.io.udp_radio import Radio, UdpRadio
 from phalanx.robot.controllers.declaration import Declaration
@@ -20,7 +20,7 @@ from phalanx.robot.planner import MakePlanner
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.behaviour import MakeController, driving, on_stage, with_room
 from phalanx.scenarios.file import find_scenario, written_scenario
-from phalanx.scenarios.own import find_controller, find_planner
+from phalanx.scenarios.own import find_controller, find_planner, mistakes_in
 from phalanx.scenarios.scenario import WHEELS, Scenario, for_robots
 
 from .allowance import may_say
@@ -159,30 +159,44 @@ async def run_robot(
             **({"signed": signed.told} if signed else {}),
         }
         kept.begin(head)
-        await _live(life, kept, settings.state_file, sealed.seq, base)
+        own_files = () if in_arena else settings.own_files  # of an arena's the arena tells
+        await _live(life, kept, settings.state_file, sealed.seq, base, own_files)
 
 
-async def _live(life: Life, kept: KeptLog, state_file: Path, mission: int, base: Base | None) -> None:
+async def _live(
+    life: Life, kept: KeptLog, state_file: Path, mission: int, base: Base | None, own_files: tuple[str, ...]
+) -> None:
     living = asyncio.create_task(life.live(kept))
-    untold = ""
     try:
-        while True:
-            state = state_of(life, mission)
-            if base:
-                base.tell(state)
-            try:
-                await asyncio.to_thread(tell, state_file, state)  # a disk that is busy holds up no reading
-                untold = ""
-            except Unavailable as error:  # a full disk is no reason to end
-                if str(error) != untold:
-                    log.warning("%s", error)
-                untold = str(error)
-            await asyncio.wait([living], timeout=EVERY_S)
-            if living.done():
-                await living
-                await asyncio.sleep(EVERY_S)  # it stands; what it tells stays new
+        with mistakes_in(*own_files):
+            await _tell_of(life, living, state_file, mission, base)
+    except asyncio.CancelledError:
+        life.why_ended = "it was told to end"
+        raise
+    except Exception as error:
+        life.why_ended = str(error) if isinstance(error, PhalanxError) else f"{type(error).__name__}: {error}"
+        raise
     finally:
         living.cancel()
         await asyncio.gather(living, return_exceptions=True)
         with contextlib.suppress(Exception):
             tell(state_file, state_of(life, mission))
+
+
+async def _tell_of(life: Life, living: asyncio.Task[None], state_file: Path, mission: int, base: Base | None) -> None:
+    untold = ""
+    while True:
+        state = state_of(life, mission)
+        if base:
+            base.tell(state)
+        try:
+            await asyncio.to_thread(tell, state_file, state)  # a disk that is busy holds up no reading
+            untold = ""
+        except Unavailable as error:  # a full disk is no reason to end
+            if str(error) != untold:
+                log.warning("%s", error)
+            untold = str(error)
+        await asyncio.wait([living], timeout=EVERY_S)
+        if living.done():
+            await living
+            await asyncio.sleep(EVERY_S)  # it stands; what it tells stays new

@@ -89,6 +89,12 @@ class RobotSettings:
         return self.base / words
 
     @property
+    def own_files(self) -> tuple[str, ...]:
+        """Return the FILE.py:CLASS that the file names: its driver, planner and controller."""
+        own = (self.said.driver.removeprefix("python:"), self.said.planner, self.said.controller)
+        return tuple(str(self.path(each)) for each in own if each)
+
+    @property
     def folder(self) -> Path:
         """Where the robot keeps its things."""
         return self.path(self.said.folder)

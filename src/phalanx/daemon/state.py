@@ -38,6 +38,8 @@ def state_of(life: Life, mission: int) -> dict[str, Any]:
         "lived_s": (now_ms - life.began_ms) / 1000,
         "safe_mode": runtime.in_safe_mode,
         "why_stopped": life.why_stopped,
+        "why_ended": life.why_ended,
+        "no_reading": life.no_reading and {"for_s": (now_ms - life.no_reading[0]) / 1000, "why": life.no_reading[1]},
         "tokens": [
             {"auditor": tor, "age_s": t_val_s - left_s, "left_s": left_s}
             for tor, left_s in sorted(vouchers(life.fleet, 0, now_ms))

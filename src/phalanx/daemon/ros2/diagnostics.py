@@ -35,6 +35,8 @@ def told_of(state: Mapping[str, Any], odom_in_map: Place) -> tuple[Told, Told]:
     values = {ODOM_IN_MAP: place} | {f"robot {each['auditor']}": f"{each['left_s']:.1f} s" for each in tokens}
     if state["safe_mode"]:
         shield = Told(ERROR, "shield", f"Safe Mode: {state['why_stopped']}", values)
+    elif missing := state["no_reading"]:
+        shield = Told(WARN, "shield", f"no reading for {missing['for_s']:.1f} s: {missing['why']}", values)
     elif len(tokens) < needed:
         shield = Told(WARN, "shield", f"{len(tokens)} vouch, {needed} are needed", values)
     else:

@@ -19,7 +19,9 @@ from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_system_default
 
-from phalanx.errors import PeerError, Unavailable, UsageError
+from phalanx.daemon.driver import NoReading
+from phalanx.daemon.driver_thread import HUNG_S
+from phalanx.errors import PeerError, UsageError
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.planner import Planner
 from phalanx.scenarios.scenario import GUARD, Scenario
@@ -82,6 +84,7 @@ class RosBase:
         self._wish: Pair | None = None  # driving and turning, not yet taken
         self._told: tuple[float, Pair, Pair] | None = None  # since when, from which velocity on, which acceleration
         self._sensed_mps: Pair = (0.0, 0.0)
+        self._alive_s = time.monotonic()
         self._strange: str = ""
         self._wake: Callable[[], object] = bool  # nobody is to be told yet
         self._speaks = False
@@ -138,10 +141,10 @@ class RosBase:
             self._strange = "it makes no sense"
 
     def _move(self) -> None:
-        """What the robot is told now: the last command while it is in force, and else to stand still."""
+        """Publish the last command while it is in force and the daemon does not hang, and else to stand still."""
         told, known = self._told, self._known()
         linear = angular = 0.0
-        if told and known:
+        if told and known and time.monotonic() - self._alive_s <= HUNG_S:
             since_s, from_mps, accel = time.monotonic() - told[0], told[1], told[2]
             if since_s <= self._held_s:
                 velocity = from_mps[0] + accel[0] * since_s, from_mps[1] + accel[1] * since_s
@@ -170,12 +173,12 @@ class RosBase:
     def begin(self) -> None:
         """See `Hardware`."""
 
-    def _no_odometry(self) -> Unavailable:
+    def _no_odometry(self) -> NoReading:
         strange = f": {self._strange}" if self._strange else ""
-        return Unavailable(f"no odometry on {self._odometries.topic}{strange}", "docs/ros2.md")
+        return NoReading(f"no odometry on {self._odometries.topic}{strange}", "docs/ros2.md")
 
-    def sense(self, now_ms: int) -> bytes:
-        """See `Hardware`: of the point ahead, in the map. Raises: Unavailable: odometry has ceased."""
+    async def sense(self, now_ms: int, within_s: float) -> bytes:  # noqa: ARG002 - it waits for nothing
+        """See `Hardware`: of the point ahead, in the map. Raises: NoReading: odometry has ceased."""
         self._hear()
         known = self._known()
         if known is None:
@@ -197,6 +200,10 @@ class RosBase:
     def stop(self) -> None:
         """See `Hardware`."""
         self._told = None
+
+    def alive(self) -> None:
+        """See `Hardware`."""
+        self._alive_s = time.monotonic()
 
     def planner(self, rob_id: int, goal_m: Pair) -> Planner:
         """Who advises: whoever publishes on `cmd_vel_in_topic`."""

@@ -1,0 +1,151 @@
+"""A thread for the calls to a driver: one that hangs holds up neither the robot's audits nor the daemon's end.
+
+Motors stand when either side hangs. If the driver does, the daemon calls `stop` from a further thread. If the daemon
+does (a controller, a planner, trusted nodes), this thread calls it after HUNG_S. Only a driver that keeps Python's lock
+keeps both from it, as an extension in C may; then motors need a watchdog of their own, as behind kill -9.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from queue import Empty, SimpleQueue
+from typing import TypeVar
+
+log = logging.getLogger(__name__)
+
+_T = TypeVar("_T")
+HUNG_S = 0.3  # longer than any audit takes; with what a driver's stop takes, less than half a second
+LOOK_S = 0.05
+SOON_S = 0.1  # for the call before a stop to return
+END_S = 0.3  # for the last stop
+CLOSE_S = 2.0
+STOP = "stop"
+
+
+class DriverThread:
+    """Runs calls one after another; motors stand from `stop` until the next `drive`.
+
+    Args:
+        stop: stops the motors; may be called while another call hangs.
+    """
+
+    def __init__(self, stop: Callable[[], None]) -> None:
+        self._stop = stop
+        self._calls: SimpleQueue[tuple[str, Callable[[], None]]] = SimpleQueue()
+        self._running = ""  # the name of the call that runs
+        self._stands = True
+        self._failed: BaseException | None = None
+        self._alive_s = time.monotonic()
+        self._over = False
+        self._thread = threading.Thread(target=self._run, daemon=True, name="driver")
+        self._thread.start()
+
+    def alive(self) -> None:
+        """Keep the motors running: the daemon does not hang."""
+        self._alive_s = time.monotonic()
+
+    async def ask(self, name: str, call: Callable[[], _T], timeout_s: float) -> _T:
+        """Return what a call returned.
+
+        Raises: TimeoutError: it has not returned in time, or the one before it has not. What the call, or `drive`
+            before it, raised.
+        """
+        if failed := self._failed:
+            self._failed = None
+            raise failed
+        if self._running and self._running != STOP:
+            raise TimeoutError(f"{self._running} has not returned")
+        answer = self._submit(name, call)
+        try:
+            async with asyncio.timeout(timeout_s):
+                return await asyncio.wrap_future(answer)
+        except TimeoutError:
+            if answer.done() and not answer.cancelled():  # the driver raised it
+                raise
+            raise TimeoutError(f"{self._running or name} has not returned") from None
+
+    def drive(self, call: Callable[[], None]) -> None:
+        """Run a call that moves the motors, soon; what it raises, the next `ask` raises."""
+        self._stands = False
+        self._calls.put(("drive", lambda: self._drive(call)))
+
+    def stop(self) -> threading.Event:
+        """Have the motors stand, even if a call hangs. Returns: set when `stop` has returned."""
+        self._stands, done = True, threading.Event()
+        self._calls.put((STOP, lambda: self._do_stop(done)))  # also behind a call that hangs and moves them at last
+        threading.Thread(target=self._stop_beside, args=(done,), daemon=True).start()
+        return done
+
+    def close(self, call: Callable[[], None]) -> None:
+        """Stop the motors, run a last call, and end; a call that hangs is left behind. A second time do nothing."""
+        if self._over:
+            return
+        self._over = True
+        if not self.stop().wait(END_S + SOON_S):
+            log.error("the driver's stop has not returned within %g s", END_S + SOON_S)
+        if self._running not in ("", STOP):
+            return
+        answer = self._submit("close", call)
+        self._calls.put(("", lambda: None))
+        self._thread.join(CLOSE_S)
+        if answer.done() and (error := answer.exception()):
+            raise error
+
+    def _submit(self, name: str, call: Callable[[], _T]) -> Future[_T]:
+        answer: Future[_T] = Future()
+
+        def run() -> None:
+            if not answer.set_running_or_notify_cancel():
+                return
+            try:
+                answer.set_result(call())
+            except BaseException as error:  # noqa: BLE001 - whoever asked raises it
+                answer.set_exception(error)
+
+        self._calls.put((name, run))
+        return answer
+
+    # --- in threads of ours ------------------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        while True:
+            try:
+                self._running, call = self._calls.get(timeout=LOOK_S)
+            except Empty:
+                self._watch()
+                continue
+            if not self._running:
+                return
+            call()
+            self._running = ""
+
+    def _watch(self) -> None:
+        if not self._stands and time.monotonic() - self._alive_s > HUNG_S:
+            log.error("the daemon hangs: motors stop")
+            self._stands = True
+            self._do_stop(threading.Event())
+
+    def _drive(self, call: Callable[[], None]) -> None:
+        if self._stands:
+            return
+        try:
+            call()
+        except BaseException as error:  # noqa: BLE001 - raised where the daemon sees it
+            self._failed, self._stands = error, True
+            self._do_stop(threading.Event())
+
+    def _stop_beside(self, done: threading.Event) -> None:
+        if not done.wait(SOON_S):
+            self._do_stop(done)
+
+    def _do_stop(self, done: threading.Event) -> None:
+        try:
+            self._stop()
+        except Exception:
+            log.exception("the driver's stop failed")
+        done.set()

@@ -1,0 +1,269 @@
+"""Motors after each end of a robot's process, and while its sensors say nothing: real processes and signals."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from conftest import ROOT
+from phalanx.io.keyring import Keys
+from phalanx.io.mission_key import issued
+from phalanx.wire.table import BOARD
+
+pytestmark = [pytest.mark.waits, pytest.mark.timeout(120)]
+PHALANX = (sys.executable, "-m", "phalanx")
+BENCH = ROOT / "deploy" / "robot"
+STANDS_S, WATCHDOG_S = 0.5, 0.5  # the daemon's promise, and that of BENCH's motors
+DRIVES, STANDS = "50 50", "0 0"
+# Nobody vouches for it: it drives until T_val is over.
+MISSION = f"""controller: wheels
+robots: 3
+grid_step_m: 0.6
+area_m: [2, 2]
+gateway_key: {"ab" * 32}
+operator_key: {"cd" * 32}
+bti: {{f_max: 1, t_control_ms: 200, delta_ms: 95, steps_per_state: 2, t_audit_ms: 7000, t_val_ms: 18000}}
+"""
+# The trouble is what stands in a file, so that a test begins and ends it.
+OWN = """
+import time
+from pathlib import Path
+from phalanx.daemon.driver import Driver
+from phalanx.robot import Act, Controller
+from phalanx.wire.table import WHEELS_COMMAND
+{imports}
+
+HERE = Path(__file__).parent
+
+def trouble(where):
+    said = (HERE / "trouble").read_text()
+    if said == f"{{where}} raises":
+        raise ValueError("a loose wire")
+    if said == f"{{where}} hangs":
+        (HERE / "hangs").touch()
+        while (HERE / "trouble").read_text() == said:
+            time.sleep(0.01)
+    return said
+
+class Base({base}):
+    def sense(self):
+        said = trouble("sense")
+        if said == "no reading":
+            raise NoReading("odometry lost")
+        if said == "no device":
+            raise OSError(5, "no answer")
+        x_mm = float("nan") if said == "nan" else 1000.0
+        return {{"x_mm": x_mm, "y_mm": 1000.0, "direction_deg": 0.0}}
+{moves}
+
+class Go(Controller):
+    def on_recv(self, t_ms, frame):
+        pass
+
+    def on_input(self, step, t_ms, reading):
+        trouble("controller")
+        return [Act(WHEELS_COMMAND.encode(id=self.rob_id, t=t_ms, left=50, right=50, red=0, green=0, blue=0))]
+
+    def encode(self):
+        return b""
+
+    def decode(self, encoding):
+        pass
+"""
+MOVES = """
+    def drive(self, command):
+        trouble("drive")
+        self.show(f"{command['left']} {command['right']}")
+
+    def stop(self):
+        self.show("0 0")
+
+    def show(self, wheels):
+        (HERE / "wheels.new").write_text(wheels)
+        (HERE / "wheels.new").rename(HERE / "wheels")
+"""
+
+
+class Robot:
+    """A robot's process, of a folder of its own."""
+
+    def __init__(self, folder: Path, wheels: str = "wheels") -> None:
+        self.path, self.folder = folder / "robot.yaml", folder
+        self._wheels = folder / wheels
+        self.process = subprocess.Popen(
+            (*PHALANX, "robot", "run", str(self.path)), stderr=subprocess.PIPE, text=True, start_new_session=True
+        )
+
+    @property
+    def wheels(self) -> str:
+        return self._wheels.read_text().strip() if self._wheels.exists() else ""
+
+    def waits(self, wheels: str, within_s: float) -> None:
+        until_s = time.monotonic() + within_s
+        while self.wheels != wheels:
+            assert time.monotonic() < until_s, f"wheels {self.wheels} after {within_s} s, {self.status()}"
+            time.sleep(0.005)
+
+    def has(self, trouble: str) -> None:
+        (self.folder / "trouble.new").write_text(trouble)
+        (self.folder / "trouble.new").rename(self.folder / "trouble")
+
+    def hangs(self) -> None:
+        """Wait until a call hangs."""
+        until_s = time.monotonic() + 5
+        while not (self.folder / "hangs").exists():
+            assert time.monotonic() < until_s
+            time.sleep(0.001)
+
+    def status(self) -> str:
+        said = subprocess.run((*PHALANX, "robot", "status", str(self.path)), capture_output=True, text=True, check=True)
+        return next(line for line in said.stdout.splitlines() if line.startswith("is "))
+
+    def ends(self, within_s: float) -> tuple[int, str]:
+        said = self.process.communicate(timeout=within_s)[1]
+        return self.process.returncode, said
+
+
+@contextlib.contextmanager
+def driving(folder: Path, *, bench: bool = False):
+    """A robot that drives."""
+    keys = Keys.new("test")
+    (folder / "board.bin").write_bytes(BOARD.encode(id=1, master=keys.provision(1, "2026-01-01")))
+    (folder / "key.json").write_bytes(issued(*keys.issue(), {}))
+    (folder / "mission.yaml").write_text(MISSION)
+    imports = "from base import Bench" if bench else "from phalanx.daemon.driver import NoReading"
+    (folder / "own.py").write_text(
+        OWN.format(imports=imports, base="Bench" if bench else "Driver", moves="" if bench else MOVES)
+    )
+    for name in ("base.py", "motors.py"):
+        shutil.copy(BENCH / name, folder / name)
+    (folder / "trouble").write_text("none")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        here = f"127.0.0.1:{probe.getsockname()[1]}"
+    said = {
+        "robot": 1,
+        "mission": "mission.yaml",
+        "key": "key.json",
+        "board": "board.bin",
+        "trusted": "process:nodes.flash",
+        "driver": "python:own.py:Base",
+        "controller": "own.py:Go",
+        "radio": {"here": here, "peers": ["127.0.0.1:9"]},
+    }
+    (folder / "robot.yaml").write_text(json.dumps(said))
+    robot = Robot(folder, "motors-1.txt" if bench else "wheels")
+    try:
+        robot.waits(DRIVES, 60)
+        yield robot
+    finally:
+        robot.process.kill()
+        robot.process.communicate()
+
+
+def nodes_of(robot: Robot) -> int:
+    """The process of its trusted nodes."""
+    children = Path(f"/proc/{robot.process.pid}/task/{robot.process.pid}/children").read_text().split()
+    (pid,) = (int(each) for each in children if "node" in Path(f"/proc/{each}/cmdline").read_text())
+    return pid
+
+
+@pytest.mark.parametrize(
+    ("number", "trouble"),
+    [(number, "none") for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)]
+    + [(signal.SIGTERM, f"{where} hangs") for where in ("sense", "drive", "controller")],
+)
+def test_after_each_signal_motors_stand_and_the_process_ends(tmp_path, number, trouble):
+    with driving(tmp_path) as robot:
+        robot.has(trouble)
+        if "hangs" in trouble:
+            robot.hangs()
+        robot.process.send_signal(number)
+        robot.waits(STANDS, STANDS_S)
+        code, said = robot.ends(5)
+        assert "Traceback" not in said
+        assert (code, robot.wheels) == (int(trouble == "controller hangs"), STANDS)
+
+
+@pytest.mark.parametrize("where", ["sense", "drive", "controller"])
+def test_motors_stand_before_an_exit_on_error_and_the_status_names_it(tmp_path, where):
+    says = "own.py:14: ValueError: a loose wire"
+    with driving(tmp_path) as robot:
+        robot.has(f"{where} raises")
+        robot.waits(STANDS, STANDS_S)
+        code, said = robot.ends(10)
+        assert code == 2
+        assert says in said
+        assert says in robot.status()
+        assert robot.wheels == STANDS
+
+
+def test_motors_stand_when_trusted_nodes_are_gone(tmp_path):
+    with driving(tmp_path) as robot:
+        os.kill(nodes_of(robot), signal.SIGKILL)
+        robot.waits(STANDS, STANDS_S)
+        assert robot.ends(10)[0] == 1
+        assert "is gone" in robot.status()
+
+
+def test_motors_stand_while_trusted_nodes_or_a_controller_do_not_answer(tmp_path):
+    with driving(tmp_path) as robot:
+        robot.has("controller hangs")
+        robot.waits(STANDS, STANDS_S + 0.2)  # it begins at the next reading
+        robot.has("none")
+        robot.waits(DRIVES, 5)
+        os.kill(nodes_of(robot), signal.SIGSTOP)
+        robot.waits(STANDS, STANDS_S + 0.2)
+        assert robot.ends(10)[0] == 1
+
+
+@pytest.mark.parametrize(
+    ("trouble", "why"),
+    [
+        ("nan", "x_mm is nan"),
+        ("no reading", "odometry lost"),
+        ("no device", "no answer"),
+        ("sense hangs", "sense has not returned"),
+        ("drive hangs", "drive has not returned"),
+    ],
+)
+def test_without_a_reading_motors_stand_and_the_robot_goes_on_when_there_is_one(tmp_path, trouble, why):
+    with driving(tmp_path) as robot:
+        robot.has(trouble)
+        robot.waits(STANDS, STANDS_S + 0.2)
+        time.sleep(1.5)
+        assert robot.wheels == STANDS
+        status = robot.status()
+        assert re.search(r"running, and stands: no reading for [1-9]\d*\.\d s: ", status)
+        assert why in status
+        robot.has("none")
+        robot.waits(DRIVES, 5)
+        robot.process.send_signal(signal.SIGTERM)
+        assert robot.ends(5)[0] == 0
+        verified = subprocess.run(
+            (*PHALANX, "robot", "verify", "robot-1.log", "--controller", "own.py:Go"),
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert "honest" in verified.stdout, verified
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_who_is_killed_outright_has_motors_with_a_watchdog(tmp_path, number):
+    with driving(tmp_path, bench=True) as robot:
+        robot.process.send_signal(number)
+        robot.waits(STANDS, WATCHDOG_S + 0.3)
+        assert robot.wheels == STANDS
