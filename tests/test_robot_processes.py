@@ -207,6 +207,43 @@ def test_an_attack_that_raises_is_told_from_one_that_was_stopped(tmp_path):
     assert 0 < told["memory_began_kb"] <= told["memory_kb"]
 
 
+DRIVEN = """controller: wheels
+robots: 4
+grid_step_m: 0.6
+area_m: [2, 2]
+gateway_key: ""
+operator_key: ""
+bti: {f_max: 1, t_audit_ms: 1000, t_val_ms: 2500, t_control_ms: 600, steps_per_state: 1, delta_ms: 290, skew_ms: 200}
+"""
+
+
+@pytest.mark.parametrize("as_json", [True, False])
+def test_a_daemon_that_is_killed_is_named_and_is_none_of_the_correct(tmp_path, as_json):
+    path, keep = tmp_path / "mission.yaml", tmp_path / "kept"
+    path.write_text(DRIVEN.replace('""', json.dumps("ab" * 32)))
+    words = ("robot", "arena", str(path), "--duration", "7", "--keep", str(keep), *(["--json"] if as_json else []))
+    with subprocess.Popen(
+        (*PHALANX, "--log-level", "error", *words), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        until_s = time.monotonic() + 60
+        while not (keep / "robot-4.json").exists():
+            assert time.monotonic() < until_s
+            time.sleep(0.05)
+        time.sleep(1)
+        os.kill(told(keep / "robot-4.json")["pid"], signal.SIGKILL)
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert "phalanx: error: robot 4 was killed by SIGKILL, within " in err
+    if not as_json:
+        assert "contacts" not in out
+        assert "distance" not in out
+        return
+    summary = json.loads(out)
+    assert summary["contacts"] is summary["mean_distance_to_goal_m"] is None
+    assert (summary["correct_in_safe_mode"], summary["without_quorum"]) == ([], [])
+    assert [told["failed"] for told in summary["processes"]] == [None, None, None, "was killed by SIGKILL"]
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     "attack, refused", [("past", "bad_mac"), ("replay", "repeated"), ("hold", "late"), ("foreign-key", "bad_mac")]

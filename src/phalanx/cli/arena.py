@@ -16,6 +16,7 @@ from phalanx.lab.arena.arena import Minds, play_in_arena
 from phalanx.lab.arena.ether import Weather
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attacks, find_controller, mistakes_in
+from phalanx.scenarios.scenario import PROTOCOLS
 from phalanx.sim.scenarios.play import ctrl_c_between_steps
 from phalanx.sim.scenarios.recording import Recording
 from phalanx.sim.scenarios.run import Run
@@ -69,7 +70,7 @@ def arena(
     if as_json:
         print_json(summary)
     else:
-        sim.show(chosen, summary)
+        sim.show(chosen, summary, knows_goal=not own and chosen.controller not in PROTOCOLS)
         shares = [each["core_share"] for each in summary["processes"] if "core_share" in each]
         late = [each["longest_ms"]["late"] for each in summary["processes"] if "longest_ms" in each]
         for each in summary["on_air"]:
@@ -80,10 +81,9 @@ def arena(
             words = f"{100 * max(shares):.1f} % of a core at most, its readings up to {max(late):.0f} ms late, "
             words += memory_words(max((each for each in summary["processes"] if "memory_kb" in each), key=grown_kb))
             print_rows({"a daemon takes": words})
-    for robot, at_s in sorted(field.failed_s.items()):
-        words = f"robot {robot} ended by a mistake, told above, within {at_s:.0f} s: nobody stopped it"
-        click.echo(f"phalanx: error: {words}", err=True)
-    return int(bool(field.failed_s))
+    for robot, (how, at_s) in sorted(field.failed.items()):
+        click.echo(f"phalanx: error: robot {robot} {how}, within {at_s:.0f} s: nobody stopped it", err=True)
+    return int(bool(field.failed))
 
 
 def _beside(words: str | None) -> str:

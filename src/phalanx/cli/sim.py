@@ -16,7 +16,7 @@ from phalanx.robot.controllers.python_controller import Controller
 from phalanx.robot.planner import MakePlanner
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attacks, find_controller, find_planner, is_file, mistakes_in
-from phalanx.scenarios.scenario import PROTOCOLS, Scenario
+from phalanx.scenarios.scenario import PROTOCOLS, WHEELS, Scenario
 from phalanx.sim.scenarios.cautions import cautions
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
@@ -144,12 +144,16 @@ def progress(duration_s: float, label: str = "") -> Callable[[Run], None]:
 
 
 def show(scenario: Scenario, summary: dict[str, Any], *, knows_goal: bool = True) -> None:
-    """A run's summary for people, on stdout; without the goal where only the controller knows where it goes."""
+    """Print a run's summary for people, without the goal where only the controller knows where it goes.
+
+    Robots that obey orders have no goal, and their bodies none of the sizes by which contacts count.
+    """
+    is_driven = scenario.controller == WHEELS
     to_goal = told(summary["mean_distance_to_goal_m"], ".1f", " m, mean of the correct robots")
     rows = {
         "scenario": f"{scenario.name}: {summary['robots']} robots, {summary['duration_s']:g} s, "
         f"defence {summary['defence']}, seed {summary['seed']}",
-        **({"distance to the goal": to_goal} if knows_goal else {}),
+        **({"distance to the goal": to_goal} if knows_goal and not is_driven else {}),
         **{
             name: "nothing to count yet" if done is None else f"{done:g}, of correct robots"
             for name, done in summary.get("task", {}).items()
@@ -157,7 +161,7 @@ def show(scenario: Scenario, summary: dict[str, Any], *, knows_goal: bool = True
         "compromised": "; ".join(map(_liar, summary["compromised"])) or "nobody",
         "correct, in Safe Mode": _ids(summary["correct_in_safe_mode"]),
         "for want of a quorum": _ids(summary["without_quorum"]),
-        "contacts": str(summary["contacts"]),
+        **({} if is_driven else {"contacts": str(summary["contacts"])}),
         "sent": "{app:.0f} B/s a robot by the flock, {audit:.0f} by the audits".format(
             **summary["bytes_per_s_per_robot"]
         ),

@@ -249,7 +249,7 @@ class Life:
             reading = await self._hardware.sense(now_ms, max(0, until_ms - now_ms) / 1000 / self._clock.speed)
         except NoReading as error:
             self._note_missing(now_ms, str(error))
-            return runtime.on_input(self._clock.now_ms(), no_reading(self._reads, self.id, now_ms))
+            return runtime.on_reading(self._clock.now_ms(), no_reading(self._reads, self.id, now_ms))
         if self.no_reading:
             log.warning("robot %d has readings again, after %.1f s", self.id, (now_ms - self.no_reading[0]) / 1000)
             self.no_reading = None

@@ -172,8 +172,8 @@ class Arena:
         self.places.close()
 
     def _hear_of_failed(self, robots: Robots, now_s: float) -> None:
-        for rob_id in robots.failed:
-            self.field.failed_s.setdefault(rob_id, now_s)
+        for rob_id, how in robots.failed.items():
+            self.field.fail(rob_id, how, now_s)
 
     def _spawn(self, job: Coroutine[None, None, None]) -> None:
         self._tasks.add(asyncio.ensure_future(job))
@@ -269,13 +269,13 @@ class Robots:
     They are forked, so that code and data are in memory once: nothing else of this process may have threads.
 
     Attributes:
-        failed: robots whose process ended by a mistake, which it has told; not those that somebody killed.
+        failed: how a robot's process ended, by the robot's id, if that was before it was told to.
     """
 
     def __init__(self, arena: Arena) -> None:
         self._arena = arena
         self._living: dict[int, int] = {}  # the robot of each process
-        self.failed: list[int] = []
+        self.failed: dict[int, str] = {}
 
     def __enter__(self) -> Self:
         self._living = {_forked(each, self._arena): each.said.robot for each in self._arena.places.robots}
@@ -289,9 +289,8 @@ class Robots:
     def ended(self) -> bool:
         """Whether one of them has ended."""
         gone = {pid: status for pid in self._living for found, status in [os.waitpid(pid, os.WNOHANG)] if found}
-        self.failed += [self._living.pop(pid) for pid, status in gone.items() if os.waitstatus_to_exitcode(status) > 0]
-        for pid in gone:
-            self._living.pop(pid, None)
+        for pid, status in gone.items():
+            self.failed[self._living.pop(pid)] = _how_ended(os.waitstatus_to_exitcode(status))
         return bool(gone)
 
     def __exit__(
@@ -305,6 +304,12 @@ class Robots:
                     os.kill(pid, signal.SIGKILL)
             time.sleep(0.01)
             self.ended()
+
+
+def _how_ended(code: int) -> str:
+    if code < 0:
+        return f"was killed by {signal.Signals(-code).name}"
+    return "ended by a mistake, told above" if code else "ended, as somebody told it to"
 
 
 def _forked(settings: RobotSettings, arena: Arena) -> int:

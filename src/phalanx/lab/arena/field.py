@@ -10,11 +10,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phalanx.bti.refusal import Refusal
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.controllers.senses import Senses
-from phalanx.scenarios.scenario import Scenario
+from phalanx.scenarios.scenario import WHEELS, Scenario
 from phalanx.sim.audited import body, loop
 from phalanx.sim.scenarios.run import Run
 from phalanx.wire.fields import row
@@ -26,19 +27,21 @@ class Field(Run):
     """A scenario whose robots are elsewhere; robots by their index.
 
     Attributes:
-        failed_s: when the process of a robot, by its id, had ended by a mistake: nobody stopped that one.
+        failed: how the process of a robot, by its id, ended before the arena's time was over, and when; its motors
+            stand, but nobody stopped it.
     """
 
     has_station = True
 
     def __init__(self, scenario: Scenario, senses: Senses | None = None) -> None:
+        self._gone = np.zeros(scenario.robots, bool)
         super().__init__(scenario)
         self.sense(senses)
         self._drawn = scenario.drawn_attacks()
         self._moving = np.zeros(scenario.robots, bool)
         self._states: dict[int, Mapping[str, Any]] = {}
         self._on_air: dict[int, str] = {}
-        self.failed_s: dict[int, float] = {}
+        self.failed: dict[int, tuple[str, float]] = {}
 
     def advance(self, until_s: float) -> None:
         """The bodies are where they are by now; called each 50 ms or so."""
@@ -111,6 +114,10 @@ class Field(Run):
     def summary(self) -> dict[str, Any]:
         """See `Run`. In real time no run is like another, so it has no digest."""
         said = super().summary() | {"digest": None, "processes": [self._process(i) for i in range(len(self.ids))]}
+        if (
+            self.scenario.controller == WHEELS
+        ):  # it has no goal, and its bodies none of the sizes by which contacts count
+            said |= {"contacts": None, "mean_distance_to_goal_m": None, "distance_series": []}
         for name in ("correct_in_safe_mode", "without_quorum"):
             said[name] = [each for each in said[name] if each not in self._on_air]
         said["on_air"] = [self._hostile(rob_id, name) for rob_id, name in sorted(self._on_air.items())]
@@ -120,12 +127,25 @@ class Field(Run):
         """This robot's radio rehearses an attack: it is not one of the correct."""
         self._on_air[rob_id] = name
 
+    def fail(self, rob_id: int, how: str, at_s: float) -> None:
+        """Note that the process of a robot has ended too early: it is none of the correct any more."""
+        if rob_id not in self.failed:
+            self.failed[rob_id] = how, at_s
+            self._gone[rob_id - 1] = True
+            self._quorum.lose(rob_id - 1)
+
+    @property
+    def _correct(self) -> NDArray[np.bool_]:
+        correct: NDArray[np.bool_] = super()._correct & ~self._gone
+        return correct
+
     def _hostile(self, rob_id: int, name: str) -> dict[str, Any]:
         safe_us = int(self.world.safe_us[rob_id - 1])
         return {"robot": rob_id, "attack": name, "safe_mode_s": None if safe_us < 0 else safe_us / 1e6}
 
     def _process(self, i: int) -> dict[str, Any]:
-        told, failed = self._states.get(i), {"failed_s": self.failed_s.get(i + 1)}
+        how, at_s = self.failed.get(i + 1, (None, None))
+        told, failed = self._states.get(i), {"failed_s": at_s, "failed": how}
         if told is None:
             return {"robot": i + 1} | failed
         names = (

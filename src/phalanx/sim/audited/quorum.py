@@ -31,6 +31,11 @@ class Quorum:
         self._counted = np.zeros(len(correct), bool)
         self._without = np.zeros(len(correct), bool)
 
+    def lose(self, i: int) -> None:
+        """Count this robot no longer among the correct: its process has ended."""
+        self._correct = self._correct.copy()
+        self._correct[i] = False
+
     def look(self) -> None:
         """Remember how things were since the last look."""
         self._without = self.stopped_without()
