@@ -21,6 +21,7 @@ from phalanx.errors import PeerError, UsageError
 from phalanx.robot.controllers.bundled.guard import HEAD_BYTES, ROUNDED_M
 from phalanx.robot.controllers.guard_law import guard_params
 from phalanx.robot.controllers.python_controller import Send, pack_outputs
+from phalanx.robot.planner import Planner, advice_of
 from phalanx.robot.signer import AdviceSigner
 from phalanx.wire import guarded
 
@@ -71,7 +72,6 @@ class TestAdvice:
         [
             wish(math.nan, 0),
             wish(0, math.inf),
-            wish(1e7, 0),
             wish(1, 0)[:-1],
             wish(1, 0) + b"\0",
             b"\x0d" + bytes(8),
@@ -83,6 +83,22 @@ class TestAdvice:
         before = this.encode()
         this.on_advice(advice)
         assert this.encode() == before
+
+    def test_a_wish_of_any_speed_is_shortened_and_keeps_its_direction(self):
+        for size in (10.0, 1e6, 1e7, 8e37):
+            ax, ay = driven(listened(), wished=(3 * size, 4 * size))
+            assert ax > 0.0
+            assert ay / ax == pytest.approx(4 / 3, rel=1e-5)
+
+    @pytest.mark.parametrize("wished", [(3e300, 4e300), (-3e39, 4e39), (1e39, 1.0)])
+    def test_what_an_f32_does_not_hold_is_a_wish_in_its_direction(self, wished):
+        class Fast(Planner):
+            def advise(self, _t_s, _position_m, _velocity_mps):
+                return wished
+
+        _, x, y = guarded.WISH.form.unpack(advice_of(Fast(1, (0.0, 0.0)), 0, reading(1, (0, 0), (0, 0))))
+        assert x / wished[0] == pytest.approx(y / wished[1], rel=1e-6)
+        assert max(abs(x), abs(y)) > 1e38
 
     @given(st.tuples(*[st.floats(-1e6, 1e6, width=32)] * 2), st.tuples(*[st.floats(-2, 2, width=32)] * 2))
     def test_no_wish_is_harder_or_faster_than_the_envelope(self, wished, velocity):

@@ -10,15 +10,13 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from phalanx.wire.guarded import KIND_WISH, WISH
+from phalanx.wire.record import LARGEST_F32
 from phalanx.wire.table import KIND_STATE, SENSOR, STATE
 
 from .controllers.python_controller import OwnMistake, kind_of
 
 Pair = tuple[float, float]
-MOST_F32 = float(np.finfo(np.float32).max)
 MakePlanner = Callable[[int, Pair], "Planner"]
 
 
@@ -37,7 +35,7 @@ class Planner(ABC):
     def advise(self, t_s: float, position_m: Pair, velocity_mps: Pair) -> Sequence[float] | None:
         """The velocity that it wants, m/s, x and y, or None for nothing to say; asked at each reading, `t_s` its time.
 
-        Two numbers are advice whatever they are: what is not finite, or is too fast, is the guard's affair.
+        Two numbers are advice whatever they are: the guard shortens what is too fast, and ignores NaN and infinity.
         """
 
     def hear(self, t_s: float, rob_id: int, position_m: Pair, velocity_mps: Pair) -> None:  # noqa: B027 - may not care
@@ -70,7 +68,7 @@ def advice_of(planner: Planner, t_ms: int, reading: bytes) -> bytes:
     if len(wished) != 2:
         hint = "two numbers, m/s along x and y, or None"
         raise OwnMistake(f"advise returned {kind_of(told)}", hint, planner, "advise")
-    return WISH.form.pack(KIND_WISH, *map(_as_f32, wished))
+    return WISH.form.pack(KIND_WISH, *_as_f32(*wished))
 
 
 def overheard(planner: Planner, t_ms: int, frame: bytes) -> None:
@@ -80,6 +78,9 @@ def overheard(planner: Planner, t_ms: int, frame: bytes) -> None:
         planner.hear(t_ms / 1000, rob_id, (x, y), (vx, vy))
 
 
-def _as_f32(number: float) -> float:
-    """The number, or infinity beyond what an f32 holds: `struct` refuses that."""
-    return math.copysign(math.inf, number) if abs(number) > MOST_F32 else number
+def _as_f32(x: float, y: float) -> Pair:
+    """Return the vector, or one in its direction if an f32 does not hold it: `struct` refuses that."""
+    largest = max(abs(x), abs(y))
+    if not LARGEST_F32 < largest < math.inf:
+        return x, y
+    return x / largest * LARGEST_F32, y / largest * LARGEST_F32

@@ -14,7 +14,7 @@ from phalanx import memory
 from phalanx.arrays import U8x1
 from phalanx.kernel import intrinsic, kernel
 
-from .record import LARGEST_NUMBER, Field
+from .record import LARGEST_F32, LARGEST_NUMBER, Field
 
 Row: TypeAlias = U8x1
 
@@ -74,6 +74,16 @@ def are_fine(row: Row, at: int, count: int) -> bool:
     for k in range(count):
         value = get_f32(row, at + F32_BYTES * k)
         if not (-LARGEST_NUMBER <= value <= LARGEST_NUMBER):
+            return False
+    return True
+
+
+@kernel
+def are_finite(row: Row, at: int, count: int) -> bool:
+    """Return whether `count` f32 from `at` on are numbers of any size."""
+    for k in range(count):
+        value = get_f32(row, at + F32_BYTES * k)
+        if not (-LARGEST_F32 <= value <= LARGEST_F32):
             return False
     return True
 

@@ -19,6 +19,7 @@ INTEGERS = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "i8": "b", "i16": "h"
 FLOATS = {"f32": "f", "f64": "d", "f64?": "d"}
 LENGTHS = {"v8": "B", "v16": "H"}
 LARGEST_NUMBER = 1e6  # of an f32: one NaN or infinity in a broadcast would make every neighbour's sums worthless
+LARGEST_F32 = 3.4028234663852886e38  # that there is
 
 
 class MalformedRecord(PeerError):

@@ -35,6 +35,7 @@ from phalanx.wire.fields import (
     F32_BYTES,
     Row,
     are_fine,
+    are_finite,
     copy,
     get_f32,
     get_u16,
@@ -142,7 +143,7 @@ def on_advice(params: Params, rob_id: int, advice: Row, length: int, state: Row)
             return size(state)
     elif length != WISH_BYTES or advice[0] != guarded.KIND_WISH:
         return size(state)
-    if not are_fine(advice, at, WISH_NUMBERS):
+    if not are_finite(advice, at, WISH_NUMBERS):
         return size(state)
     x, y = guard_law.shortened(get_f32(advice, at), get_f32(advice, at + F32_BYTES), params[guard_law.WISHED])
     put_f32(state, WISHED_X, x)
