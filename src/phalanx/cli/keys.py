@@ -9,12 +9,12 @@ from pathlib import Path
 import click
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 
+from phalanx.daemon.run import mission_in
 from phalanx.daemon.signed_mission import sign_mission
 from phalanx.errors import UsageError
 from phalanx.io.keyring import Keys, Robot, create, opened, pem, read_sealed
 from phalanx.io.mission_key import issued
 from phalanx.io.private_file import write_private
-from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.table import BOARD
 
@@ -43,7 +43,7 @@ def provision(file: Path, robot: int, out: Path, passphrase_file: Path | None) -
 def issue(file: Path, out: Path, rotate: bool, mission: str | None, passphrase_file: Path | None) -> None:
     """The next mission's key, sealed for each robot; `rotate`: and new keys that sign orders, stops and advice."""
     _not_there(out)
-    scenario = find_scenario(mission) if mission else None
+    scenario = mission_in(Path(), mission) if mission else None
     with opened(file, passphrase_of(file, passphrase_file)) as keys:
         if rotate and scenario:
             _not_replaced(keys, scenario)

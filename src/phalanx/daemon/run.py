@@ -51,7 +51,7 @@ def mission_in(folder: Path, words: str) -> Scenario:
     """The scenario of that name, or in that file of the folder. Raises: UsageError, Unavailable."""
     scenario = for_robots(find_scenario(words if words in built_in("scenarios") else str(folder / words)))
     if scenario.controller == WHEELS and not (scenario.gateway_key and scenario.operator_key):
-        raise UsageError(f"{words} names no gateway_key and operator_key", "as phalanx keys list shows them")
+        raise UsageError(f"{words} names no gateway_key and operator_key", "phalanx keys list shows both")
     return scenario
 
 
