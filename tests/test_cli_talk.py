@@ -158,10 +158,12 @@ class TestRobots:
     def test_robots_of_the_gateway_are_columns_and_others_what_they_say(self, capsys):
         robots = [
             {"address": "A1", "name": "Ada", "lh2_position": {"x": 1, "y": 2}, "battery": 2.5, "status": 0},
+            {"address": "A2", "name": "Bo", "lh2_position": {"x": 1, "y": 2}, "battery": 0, "status": 0},
             {"address": "ROBOT-1", "wheels": [60, -60]},
         ]
         link._show_robots(robots, as_json=False)
-        ours, theirs = capsys.readouterr().out.splitlines()
+        ours, silent, theirs = capsys.readouterr().out.splitlines()
+        assert silent.split() == ["A2", "Bo", "1", "2", "mm", "active"], "a battery that tells nothing is not empty"
         assert ours.split() == ["A1", "Ada", "1", "2", "mm", "2.50", "V", "active"]
         assert theirs.split(maxsplit=1) == ["ROBOT-1", "wheels=[60, -60]"]
 

@@ -7,10 +7,12 @@ import json
 import math
 import os
 import select
+import signal
 import socket
 import subprocess
 import sys
 import threading
+import time
 from typing import ClassVar
 
 import pytest
@@ -48,6 +50,12 @@ class North(Planner):
 class Wrong(Planner):
     def advise(self, t_s, position_m, velocity_mps):
         return 1 / 0
+
+class Hung(Planner):
+    def advise(self, t_s, position_m, velocity_mps):
+        open(__file__ + ".hangs", "w").close()
+        while True:
+            pass
 """
 
 
@@ -480,6 +488,28 @@ def test_a_planner_that_raises_ends_it_with_its_line_and_a_socket_that_was_left_
             robot.send(reading())
             assert process.wait(30) == 2
         assert "north.py:10: ZeroDivisionError" in process.stderr.read()
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_planner_that_hangs_does_not_keep_the_process(tmp_path, number):
+    files(tmp_path)
+    path, hangs = tmp_path / "advice", tmp_path / "north.py.hangs"
+    words = (*PHALANX, *words_of(tmp_path, f"unix:{path}", "Hung"))
+    process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
+    try:
+        assert "advises" in process.stderr.readline()
+        with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as robot:
+            robot.connect(str(path))
+            robot.send(reading())
+            until_s = time.monotonic() + 10
+            while not hangs.exists():
+                assert time.monotonic() < until_s
+            process.send_signal(number)
+            assert process.wait(3) == 1
+        assert "a call has not returned" in process.stderr.read()
     finally:
         process.kill()
         process.communicate()

@@ -510,8 +510,10 @@ def test_of_each_peer_as_many_frames_are_read_as_its_a_node_lets_through(monkeyp
 
 
 def test_a_second_radio_at_the_same_address_is_refused():
-    with a_radio_and_its_peers(0, Allowance()) as (radio, _, (peer, *_)), pytest.raises(Unavailable, match="in use"):
-        UdpRadio("{}:{}".format(*radio._here), ["{}:{}".format(*peer.getsockname())])
+    with a_radio_and_its_peers(0, Allowance()) as (radio, _, (peer, *_)):
+        with pytest.raises(Unavailable, match="in use") as taken:
+            UdpRadio("{}:{}".format(*radio._here), ["{}:{}".format(*peer.getsockname())])
+        assert taken.value.hint.startswith("another port")
 
 
 def test_radios_of_a_multicast_group_hear_each_other_and_not_themselves_nor_strangers():
@@ -570,8 +572,9 @@ async def test_a_driver_says_a_readings_fields_or_its_bytes(said, told):
 def test_a_radio_of_mixed_addresses_or_of_no_address_of_ours_is_said():
     with pytest.raises(UsageError, match="not all IPv4 or all IPv6"):
         UdpRadio("127.0.0.1:4410", ["[::1]:4411"])
-    with pytest.raises(Unavailable, match=r"cannot listen on 192\.0\.2\.1:4410"):
+    with pytest.raises(Unavailable, match=r"cannot listen on 192\.0\.2\.1:4410") as nowhere:
         UdpRadio("192.0.2.1:4410", ["127.0.0.1:4411"])
+    assert nowhere.value.hint == "an address of this machine's"
 
 
 @contextlib.contextmanager

@@ -5,9 +5,11 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -115,6 +117,61 @@ def test_a_planner_that_is_taken_over_touches_nobody_past_its_guard(tmp_path, en
     assert seen["robots"]["3"]["moved_s"] > 0
     assert seen["nearest_m"] > ENVELOPE_M - 2 * AHEAD_M
     assert seen["robots"]["1"]["reached_s"]
+
+
+def the_page(folder):
+    """The files of its first example, as they are written there; nobody is there to type a passphrase."""
+    page = (ROOT / "docs" / "ros2.md").read_text()
+    blocks = re.findall(
+        r"^`(mission.yaml|lay_out.sh|bases.py|start.sh)`.*?^```[a-z]+\n(.*?)^```$", page, re.MULTILINE | re.DOTALL
+    )
+    assert [name for name, _ in blocks] == ["mission.yaml", "lay_out.sh", "bases.py", "start.sh"]
+    for name, text in blocks:
+        quiet = re.sub(r"^( *phalanx keys .*)$", r"\1 --passphrase-file words", text, flags=re.MULTILINE)
+        (folder / name).write_text(quiet if name == "lay_out.sh" else text)
+    (folder / "words").write_text("some words that nobody guesses\n")
+    (folder / "phalanx").write_text(f'#!/bin/sh\nexec {sys.executable} -m phalanx "$@"\n')
+    (folder / "phalanx").chmod(0o755)
+
+
+@contextlib.contextmanager
+def group(environment, folder, *words):
+    """A process and all that it starts, which Ctrl-C ends."""
+    process = subprocess.Popen(
+        words, env=environment, cwd=folder, stdout=subprocess.PIPE, text=True, start_new_session=True
+    )
+    try:
+        yield process
+    finally:
+        os.killpg(process.pid, signal.SIGINT)
+        process.communicate(timeout=20)
+
+
+def comes_to(bases, metres):
+    """Waits until all three bases are so far ahead."""
+    for line in bases.stdout:
+        if all(float(each) >= metres for each in re.findall(r"r\d (\S+) m", line)):
+            return
+    raise AssertionError("it ended")
+
+
+def test_the_pages_first_example_runs_and_robots_stand_without_odometry(tmp_path, environment):
+    the_page(tmp_path)
+    environment |= {"PATH": f"{tmp_path}:{environment['PATH']}"}
+    subprocess.run(("sh", "lay_out.sh"), env=environment, cwd=tmp_path, check=True)
+    with group(environment, tmp_path, "sh", "start.sh"):
+        with group(environment, tmp_path, sys.executable, "bases.py") as bases:
+            comes_to(bases, 1.0)
+        time.sleep(3)
+        for robot in (1, 2, 3):
+            missing = told(tmp_path / f"robot-{robot}.json")["no_reading"]
+            assert missing["why"] == f"no odometry on /r{robot}/odom"
+            assert missing["for_s"] > 1
+        with group(environment, tmp_path, sys.executable, "bases.py") as bases:
+            comes_to(bases, 1.0)
+    for robot in (1, 2, 3):
+        state = told(tmp_path / f"robot-{robot}.json")
+        assert (state["safe_mode"], state["why_ended"]) == (False, "it was told to end")
 
 
 def test_without_guards_it_runs_into_another(environment):

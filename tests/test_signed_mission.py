@@ -129,7 +129,9 @@ def test_keys_issue_signs_it_and_export_gives_what_checks_it(tmp_path, capsys):
     issue = ["keys", "issue", str(ring), "--out", str(out), *said]
     assert run_command([*issue, "--mission", str(tmp_path / "nothing.yaml")]) == 2
     empty = tmp_path / "empty.yaml"
-    empty.write_text(f'controller: wheels\nrobots: 3\ngrid_step_m: 0.6\narea_m: [2, 2]\ngateway_key: "{"ab" * 32}"\noperator_key: ""\n')
+    empty.write_text(
+        f'controller: wheels\nrobots: 3\ngrid_step_m: 0.6\narea_m: [2, 2]\ngateway_key: "{"ab" * 32}"\noperator_key: ""\n'
+    )
     assert run_command([*issue, "--mission", str(empty)]) == 2
     assert "names no gateway_key and operator_key" in capsys.readouterr().err
     assert not out.exists()

@@ -277,6 +277,14 @@ describe("the operator page", () => {
     expect(part("fleet-table")?.textContent).toContain("seeking 2/5way +2.9 %, turns \u22124.8 %");
   });
 
+  it("shows no volts of a robot that tells none", async () => {
+    const [ada] = STATE.robots;
+    answer = () =>
+      Response.json({ ...STATE, robots: [ada, { ...ada, address: "B0B0F00D44444444", name: "Bo", battery_v: 0 }] });
+    await open(`#token=${TOKEN}`);
+    expect(part("fleet-table")?.textContent?.match(/\d V/g)).toHaveLength(1);
+  });
+
   it("has no such button where robots do not audit each other", async () => {
     await open(`#token=${TOKEN}`);
     expect(part("compromise")).toBeNull();

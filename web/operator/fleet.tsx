@@ -161,6 +161,7 @@ function Led({ rgb }: { readonly rgb: Rgb }) {
 }
 
 function Battery({ volts }: { readonly volts: number }) {
+  if (volts === 0) return <span className="number">–</span>; // it tells none
   const part = Math.max(0, Math.min(1, (volts - EMPTY_V) / (FULL_V - EMPTY_V)));
   return (
     <span className="battery">

@@ -37,7 +37,10 @@ def provision(file: Path, robot: int, out: Path, passphrase_file: Path | None) -
     with opened(file, passphrase_of(file, passphrase_file)) as keys:
         master = keys.provision(robot, today())
     write_private(out, BOARD.encode(id=robot, master=master))
-    talk(f"{out} is for the board of robot {robot}: its number and its master key; destroy it once the board has them")
+    talk(
+        f"{out} has the number and the master key of robot {robot}: destroy it once its trusted nodes have them. "
+        "A gateway whose nodes are a process needs it at each start: keep it for its user alone"
+    )
 
 
 def issue(file: Path, out: Path, rotate: bool, mission: str | None, passphrase_file: Path | None) -> None:

@@ -148,7 +148,7 @@ def _row(robot: dict[str, Any]) -> str:
         return "  ".join((f"{plain(robot['address']):16}", *said))
     return (
         f"{plain(robot['address']):16}  {plain(robot.get('name') or ''):8}  {_place(robot.get('lh2_position'))}  "
-        f"{_number(robot.get('battery'), '5.2f', ' V')}  {_state(robot.get('status'))}"
+        f"{_number(robot.get('battery') or None, '5.2f', ' V')}  {_state(robot.get('status'))}"
     )
 
 

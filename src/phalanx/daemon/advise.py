@@ -12,7 +12,7 @@ from collections.abc import Callable, Hashable, Iterator
 from pathlib import Path
 
 from phalanx.errors import Unavailable, UsageError
-from phalanx.io.udp_radio import parsed
+from phalanx.io.udp_radio import OF_ADDRESS, OF_PORT, parsed
 from phalanx.robot.adviser import MOST_BYTES, Adviser
 
 from .far_planner import HINT
@@ -151,5 +151,6 @@ def _at_address(at: str) -> socket.socket:
         made.bind((host, port))
     except OSError as error:
         made.close()
-        raise Unavailable(f"cannot listen at {at}: {error.strerror}", "another address of this machine's") from error
+        hint = OF_ADDRESS if error.errno != errno.EADDRINUSE else OF_PORT
+        raise Unavailable(f"cannot listen at {at}: {error.strerror}", hint) from error
     return made

@@ -133,10 +133,10 @@ class RobotSwarm(Ordered):
         except FileNotFoundError:
             first_ms = now_ms
             log.warning(
-                "%s is not there: robots that were driven on mission %d before may obey nothing, not even a stop: "
-                "give them the next mission's key",
-                path,
+                "mission %d is new here: %s begins. If another gateway, or a copy of this folder, has driven robots on "
+                "it before, they obey nothing from here, not even a stop: then issue the next mission's key",
                 mission,
+                path,
             )
         except (OSError, ValueError) as error:
             raise Unavailable(f"cannot read {path}", "remove it, and issue the next mission's key") from error

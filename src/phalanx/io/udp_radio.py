@@ -33,6 +33,8 @@ LONGEST_TAKES = 2304  # of a socket's buffer, which the system doubles for what 
 STRANGERS_KEPT = 1  # bytes: as little as the system allows, since nobody reads them but to count
 COUNTED = 512  # strangers' datagrams at a time
 SO_MEMINFO, DROPS = 55, struct.Struct("=32xI")  # linux/sock_diag.h: what a socket had no room for
+OF_ADDRESS = "an address of this machine's"
+OF_PORT = "another port, or end what listens there: another robot of this machine?"
 HINT = "ADDRESS:PORT, as 192.168.1.7:4410 or [fd00::7]:4410"
 Address = tuple[str, int]
 
@@ -167,7 +169,8 @@ class UdpRadio:
                 made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 0)
         except OSError as error:
             self.close()
-            raise Unavailable(f"cannot listen on {here}: {error.strerror}", "an address of this machine's") from error
+            hint = OF_ADDRESS if error.errno != errno.EADDRINUSE else OF_PORT
+            raise Unavailable(f"cannot listen on {here}: {error.strerror}", hint) from error
 
     def _bind(self, group: Address | None) -> Address:
         """Where all of our sockets are bound."""

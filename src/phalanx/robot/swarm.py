@@ -35,7 +35,7 @@ class Robot(NamedTuple):
     name: str  # short, for people
     at: Point
     direction_deg: int  # whole degrees
-    battery_v: float
+    battery_v: float  # 0 of a robot that tells none
     led: Led
     route: tuple[Point, ...]  # the points being followed, the first where it stood when told; () when it follows none
     threshold_mm: float  # how near counts as reached
