@@ -19,7 +19,7 @@ from typing import TypeVar
 log = logging.getLogger(__name__)
 
 _T = TypeVar("_T")
-HUNG_S = 0.3  # longer than any audit takes; with what a driver's stop takes, less than half a second
+HUNG_S = 0.25  # longer than any audit takes; with what a stop takes, less than half a second
 LOOK_S = 0.05
 SOON_S = 0.1  # for the call before a stop to return
 END_S = 0.3  # for the last stop
