@@ -26,7 +26,7 @@ from conftest import (
     tell_until_cancelled,
     with_an_old_pin,
 )
-from phalanx.cli import doctor
+from phalanx.cli import doctor_around
 from phalanx.config import LinkConfig
 from phalanx.errors import Unavailable
 from phalanx.io import ANY, Client, Login, Server, amqtt_broker
@@ -404,14 +404,14 @@ class TestBrokersThatComeAndGo:
         assert "phalanx-swarm[amqtt]" in refused.value.hint
 
     async def test_who_falls_back_on_amqtt_is_told_what_it_lacks(self, monkeypatch, caplog):
-        for module in ("phalanx.io.broker", "phalanx.cli.doctor"):
+        for module in ("phalanx.io.broker", "phalanx.cli.doctor_around"):
             monkeypatch.setattr(f"{module}.find_mosquitto", lambda: None)
         async with a_broker("auto") as broker:
             assert broker.name == "amqtt"
         (line,) = caplog.messages
         assert "slower" in line
         assert "apt-get install mosquitto" in line
-        assert "slower" in doctor._broker().found
+        assert "slower" in doctor_around._broker().found
         async with a_broker("amqtt"):  # who asked for it knows
             assert len(caplog.messages) == 1
 
