@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import re
 import shutil
@@ -145,10 +146,10 @@ def test_the_files_of_three_robots_are_ones_that_phalanx_reads(tmp_path):
     for name in ("robot-1.yaml", "base.py", "motors.py"):
         shutil.copy(folder / name, tmp_path / name)
     driver = make_driver(read_robot(tmp_path / "robot-1.yaml"), dispatch.BUNDLED[scenario.controller])
-    before = table.WHEELS_SENSOR.decode(asyncio.run(driver.sense(1, 1.0)))
-    driver.drive(table.WHEELS_COMMAND.encode(id=1, t=1, left=100, right=100, red=0, green=0, blue=0))
-    assert table.WHEELS_SENSOR.decode(asyncio.run(driver.sense(2, 1.0)))["y_mm"] > before["y_mm"]
-    driver.close()
+    with contextlib.closing(driver):
+        before = table.WHEELS_SENSOR.decode(asyncio.run(driver.sense(1, 30.0)))
+        driver.drive(table.WHEELS_COMMAND.encode(id=1, t=1, left=100, right=100, red=0, green=0, blue=0))
+        assert table.WHEELS_SENSOR.decode(asyncio.run(driver.sense(2, 30.0)))["y_mm"] > before["y_mm"]
     assert (tmp_path / "motors-1.txt").read_text().split() == ["0", "0"]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import random
 from collections import deque
@@ -320,5 +321,5 @@ def test_a_planner_hears_no_frame_that_its_a_node_refused():
     life.runtime._rounds = [(NEVER_MS, False)]
     life.runtime._step = 1 << 20  # no reading is due
     while came:
-        life._turn()
+        asyncio.run(life._turn())
     assert heard == [1]
