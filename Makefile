@@ -18,7 +18,7 @@ marked = $(shell grep -ls 'mark\.$(1)\b' tests/test_*.py tests/*/test_*.py)
 # What only computes has what is left of the processor by those that wait for somebody, and have limits for it.
 LEFT_OVER := chrt --idle 0
 COMPUTES := -m "not waits and not alone and not long" --numprocesses $(shell nproc) --dist worksteal
-WAITS := -m "waits and not alone and not long" $(call marked,waits) --numprocesses 2 --dist loadfile
+WAITS := -m "waits and not alone and not long" $(call marked,waits) --numprocesses 3 --dist loadfile
 ALONE := -m "alone and not long" $(call marked,alone)
 DEMO ?=
 RELEASE ?=

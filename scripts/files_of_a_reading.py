@@ -1,0 +1,86 @@
+"""Count the files that one sensor reading passes on its way to the audit token that covers it.
+
+    PHALANX_PURE=1 python scripts/files_of_a_reading.py [--names]
+
+In a small protected flock, from the moment at which a robot's s-node is polled until it installs a token for a
+checkpoint behind that reading: every file of src/phalanx of which a function is executed counts. Kernels run uncompiled,
+so that theirs count too. Ends with 1 if there are more than 25.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+MOST = 25
+SOURCES = Path(__file__).resolve().parents[1] / "src" / "phalanx"
+ROBOT = 0  # a row
+BEGINS_S, ENDS_S, STEP_S = 6.0, 30.0, 0.05
+
+
+@contextmanager
+def noted(files: set[str]) -> Iterator[None]:
+    """Add the files of all functions that are called."""
+    prefix = f"{SOURCES}/"
+
+    def note(frame: FrameType, event: str, _: Any) -> None:
+        if event == "call" and frame.f_code.co_filename.startswith(prefix):
+            files.add(frame.f_code.co_filename.removeprefix(prefix))
+
+    sys.setprofile(note)
+    try:
+        yield
+    finally:
+        sys.setprofile(None)
+
+
+def files_of_a_reading() -> set[str]:
+    """Return the files, relative to src/phalanx."""
+    from phalanx.config import BtiConfig
+    from phalanx.scenarios.scenario import Scenario
+    from phalanx.sim.scenarios.run import Run
+
+    run = Run(Scenario(robots=4, grid_step_m=10.0, duration_s=ENDS_S, bti=BtiConfig(f_max=1)))
+    run.advance(BEGINS_S)
+    robot, files = run.world.fleet.robot[ROBOT], set[str]()
+    step, checkpoint = int(robot.step), int(robot.checkpoint_no)
+    now_s = BEGINS_S
+    while int(robot.step) == step:  # up to just before the next reading
+        now_s += STEP_S / 10
+        run.advance(now_s)
+    step = int(robot.step)
+    with noted(files):
+        while int(robot.step) == step:  # this reading
+            now_s += STEP_S
+            run.advance(now_s)
+        checkpoint = int(robot.checkpoint_no)
+        while int(robot.start_no) <= checkpoint:  # tokens cover a checkpoint that was taken later
+            now_s += STEP_S
+            run.advance(now_s)
+            assert now_s < ENDS_S, "no token came"
+    return files
+
+
+def main() -> int:
+    """Count, print and compare."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--names", action="store_true", help="print the files, a line each")
+    words = parser.parse_args()
+    if os.environ.get("PHALANX_PURE") != "1":
+        print("kernels are compiled: PHALANX_PURE=1 python scripts/files_of_a_reading.py", file=sys.stderr)
+        return 2
+    files = files_of_a_reading()
+    if words.names:
+        print("\n".join(sorted(files)))
+    print(f"{len(files)} files, at most {MOST}", file=sys.stderr)
+    return int(len(files) > MOST)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
