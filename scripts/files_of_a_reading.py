@@ -3,8 +3,9 @@
     PHALANX_PURE=1 python scripts/files_of_a_reading.py [--names]
 
 In a small protected flock, from the moment at which a robot's s-node is polled until it installs a token for a
-checkpoint behind that reading: every file of src/phalanx of which a function is executed counts. Kernels run uncompiled,
-so that theirs count too. Ends with 1 if there are more than 25.
+checkpoint behind that reading, the simulator's loop runs, with all robots and the radio. Every file of src/phalanx of
+which a function is executed counts; kernels run uncompiled, so that theirs count too. Ends with 1 if there are more
+than 25.
 """
 
 from __future__ import annotations
@@ -18,10 +19,15 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from phalanx.config import BtiConfig
+from phalanx.scenarios.scenario import Scenario
+from phalanx.sim.audited import loop
+from phalanx.sim.scenarios.run import Run
+
 MOST = 25
 SOURCES = Path(__file__).resolve().parents[1] / "src" / "phalanx"
 ROBOT = 0  # a row
-BEGINS_S, ENDS_S, STEP_S = 6.0, 30.0, 0.05
+BEGINS_S, ENDS_US, STEP_US = 6.0, 30_000_000, 5_000
 
 
 @contextmanager
@@ -42,28 +48,23 @@ def noted(files: set[str]) -> Iterator[None]:
 
 def files_of_a_reading() -> set[str]:
     """Return the files, relative to src/phalanx."""
-    from phalanx.config import BtiConfig
-    from phalanx.scenarios.scenario import Scenario
-    from phalanx.sim.scenarios.run import Run
-
-    run = Run(Scenario(robots=4, grid_step_m=10.0, duration_s=ENDS_S, bti=BtiConfig(f_max=1)))
+    run = Run(Scenario(robots=4, grid_step_m=10.0, duration_s=30.0, bti=BtiConfig(f_max=1)))
     run.advance(BEGINS_S)
     robot, files = run.world.fleet.robot[ROBOT], set[str]()
-    step, checkpoint = int(robot.step), int(robot.checkpoint_no)
-    now_s = BEGINS_S
-    while int(robot.step) == step:  # up to just before the next reading
-        now_s += STEP_S / 10
-        run.advance(now_s)
+    step, now_us = int(robot.step), int(run.world.clock[0].now_us)
+    while int(robot.step) == step:  # up to the reading before
+        now_us += STEP_US
+        loop.run(run.world, now_us)
     step = int(robot.step)
     with noted(files):
-        while int(robot.step) == step:  # this reading
-            now_s += STEP_S
-            run.advance(now_s)
+        while int(robot.step) == step:  # the reading
+            now_us += STEP_US
+            loop.run(run.world, now_us)
         checkpoint = int(robot.checkpoint_no)
         while int(robot.start_no) <= checkpoint:  # tokens cover a checkpoint that was taken later
-            now_s += STEP_S
-            run.advance(now_s)
-            assert now_s < ENDS_S, "no token came"
+            now_us += STEP_US
+            loop.run(run.world, now_us)
+            assert now_us < ENDS_US, "no token came"
     return files
 
 
