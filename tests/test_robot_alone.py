@@ -52,7 +52,8 @@ from phalanx.io.serial_line import open_line
 from phalanx.io.udp_radio import LEAST_WAITING, Allowance, UdpRadio, parsed
 from phalanx.recording.recorder import Recorder
 from phalanx.robot.controllers import dispatch
-from phalanx.robot.controllers.python_controller import OwnMistake, compiled
+from phalanx.robot.controllers.compiled import compiled
+from phalanx.robot.controllers.python_controller import OwnMistake
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.behaviour import params_of
 from phalanx.scenarios.file import parse_scenario, written_scenario

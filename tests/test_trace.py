@@ -15,8 +15,8 @@ from phalanx.config import BtiConfig
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
 from phalanx.robot.controllers import dispatch
+from phalanx.robot.controllers.compiled import compiled
 from phalanx.robot.controllers.flock_law import flock_params
-from phalanx.robot.controllers.python_controller import compiled
 from phalanx.sim import AttackSpec, Scenario
 from phalanx.sim.audited.trace import described
 from phalanx.sim.scenarios.run import Run

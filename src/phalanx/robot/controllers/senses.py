@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass
+
+import numpy as np
 
 from phalanx.config.parameter import check_limits, within
 from phalanx.wire.typed_records import Reading
 
-RANGE_BYTES = 4
+RANGE = np.dtype(np.float32).newbyteorder("<")  # on any machine
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +32,7 @@ class Senses:
     @property
     def size(self) -> int:
         """Return how many bytes stand behind a reading."""
-        return RANGE_BYTES * self.beams + self.bumpers
+        return RANGE.itemsize * self.beams + self.bumpers
 
     def is_readable(self, beside: bytes) -> bool:
         """Return whether these bytes are ranges, of which none is negative or a NaN, and bumpers, each 0 or 1."""
@@ -48,7 +49,7 @@ class Senses:
         return tuple(map(bool, self._bumpers(reading.beside)))
 
     def _ranges(self, beside: bytes) -> tuple[float, ...]:
-        return struct.unpack_from(f"<{self.beams}f", beside)
+        return tuple(np.frombuffer(beside, RANGE, self.beams).tolist())
 
     def _bumpers(self, beside: bytes) -> bytes:
-        return beside[RANGE_BYTES * self.beams :]
+        return np.frombuffer(beside, np.uint8, self.bumpers, RANGE.itemsize * self.beams).tobytes()

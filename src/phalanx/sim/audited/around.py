@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.config.flock import Box, Disc
-from phalanx.robot.controllers.senses import Senses
+from phalanx.robot.controllers.senses import RANGE, Senses
 
 from .world import World
-
-RANGE = np.dtype(np.float32).newbyteorder("<")  # on any machine
 
 
 class Around:
