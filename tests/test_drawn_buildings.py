@@ -138,6 +138,7 @@ def test_a_name_that_names_no_building_is_said(name: str) -> None:
         load_floorplan(name)
 
 
+@pytest.mark.long
 def test_missions_are_made_for_drawn_buildings_and_run_in_them(tmp_path) -> None:
     file = str(tmp_path / "m.phxm")
     words = ("build", "--map", "drawn:office:1", "--profile", "paper", "--out", file)

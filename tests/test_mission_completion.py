@@ -43,6 +43,7 @@ def row(script: ModuleType, **more: object) -> object:
     return script.Row(**{**empty, "where": "here", "profile": "paper", "noise": "stage", **more})
 
 
+@pytest.mark.long
 def test_in_drawn_buildings_missions_are_whole_and_nothing_is_false(
     script: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, tmp_path: Path
 ) -> None:

@@ -58,6 +58,7 @@ def test_no_folder_is_made_for_missions_and_their_keys(tmp_path: Path) -> None:
     assert not (tmp_path / "nowhere").exists()
 
 
+@pytest.mark.long
 def test_the_audit_that_a_build_from_a_map_points_to_is_of_the_same_mission(tmp_path: Path) -> None:
     told = command("build", "--map", "aws_small_house", "--out", tmp_path / "m.phxm", "--profile", "paper")
     assert told.exception is None

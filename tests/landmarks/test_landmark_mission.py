@@ -30,8 +30,8 @@ CHEAP = CodingConfig(delta_mm=400, kdf_log2_n=1, kdf_r=1)
 CONFIG = MissionConfig()
 DT_S, SPEED_MPS = 0.1, 0.5
 FALSE_M = 0.5
-# A whole floor, and a hall of shelves: half of the time of all the maps.
-LARGE = dict.fromkeys(("willow-full", "nav2_warehouse"), pytest.mark.long)
+# A whole floor, and halls of shelves: most of the time of all the maps.
+LARGE = dict.fromkeys(("willow-full", "nav2_warehouse", "nav2_depot"), pytest.mark.long)
 
 
 def draws(size, seed=[0]):  # noqa: B006  # counts the draws
