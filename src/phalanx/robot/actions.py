@@ -1,6 +1,6 @@
 """Actions: what a robot's event handlers ask of its surroundings, in one buffer.
 
-A handler (`node.py`) clears the buffer and appends its actions, in the order in which they are to be carried out. The
+A handler (`handlers.py`) clears the buffer and appends its actions, in the order in which they are to be carried out. The
 simulator's loop reads them in compiled code; Python decodes them into the dataclasses below.
 """
 
