@@ -1,7 +1,7 @@
 """Actions: what a robot's event handlers ask of its surroundings, in one buffer.
 
-A handler (`handlers.py`) clears the buffer and appends its actions, in the order in which they are to be carried out. The
-simulator's loop reads them in compiled code; Python decodes them into the dataclasses below.
+A handler (`handlers.py`) clears the buffer and appends its actions, in the order in which they are to be carried out.
+The simulator's loop reads them in compiled code; Python decodes them into the dataclasses below.
 """
 
 from __future__ import annotations
