@@ -39,3 +39,15 @@ def prefetch_event(world: World, i: int) -> None:
         prefetch(world.vel, i, 0, 1)
         prefetch(world.acc, i, 0, 1)
         prefetch(world.air.nic, i, 0, NIC_BYTES)
+
+
+@kernel
+def prefetch_log(world: World, i: int) -> None:
+    """Prefetch where robot i logs next."""
+    f = world.fleet
+    if len(f.robot) > CACHED_ROBOTS:
+        at, front = f.robot[i].log_len, f.log.shape[1]
+        if at < front:
+            prefetch(f.log, i, at, 1)
+        else:
+            prefetch(f.log_rest, i, at - front, 1)

@@ -18,7 +18,7 @@ from phalanx.sim.radio.reach import rebuild
 from phalanx.wire.fields import Row, copy, get_u16
 
 from . import body
-from .ahead import prefetch_event, prefetch_receiver
+from .ahead import prefetch_event, prefetch_log, prefetch_receiver
 from .events import CONTROL, MESSAGE, next_us, peek, pop, push
 from .motion import obstacle_contacts, robot_contacts
 from .world import COMPILED, PYTHON, VERDICTS, World, clock_ms
@@ -103,6 +103,7 @@ def control(world: World, i: int) -> int:
     body.advance(world, i)
     if world.safe[i]:
         return 0
+    prefetch_log(world, i)
     now = clock_ms(world, i)
     length = body.sensed(world, i, int(world.fleet.robot[i].id), now)
     if world.runs[i] != COMPILED:
@@ -136,6 +137,7 @@ def deliver(world: World, j: int) -> int:
         return 0
     if world.runs[j] != COMPILED:
         return for_python(world, MESSAGE, j, 0)
+    prefetch_log(world, j)
     now = clock_ms(world, j)
     handlers.on_packet(world.fleet, j, world.work, now, world.frame, world.frame_len[0])
     if world.work.used[actions.COUNT] > 0:  # seldom, and this is the loop's most frequent event
