@@ -9,17 +9,20 @@ PINNED = VIRTUAL_ENV=.venv UV_HTTP_TIMEOUT=10 UV_HTTP_RETRIES=0 $(BIN)/uv --quie
 	$(PIP) --require-hashes -r $(1)
 PAGES := src/phalanx/gateway/pages
 PEER := tests/peers/npm_qrkey
-FIRMWARE := $(wildcard setup.py firmware/build.py firmware/*/*.[ch] firmware/*/*/*.[ch])
+# Not what `make -C firmware check` writes: a later target would set everything up again.
+FIRMWARE := $(filter-out firmware/build/%,$(wildcard setup.py firmware/build.py firmware/*/*.[ch] firmware/*/*/*.[ch]))
 WEB_SOURCES := $(shell find web -type f -not -path '*/node_modules/*' 2>/dev/null)
 # What kernels may be compiled from; a folder changes when a file in it is deleted.
 KERNELS := $(shell find phalanx_compiler src/phalanx -name __pycache__ -prune -o -name pages -prune -o \( -type d -o -name '*.py' -o -name '*.[ch]' \) -print)
+TESTS := $(wildcard tests/*.py tests/*/*.py)
 # To read all other files takes longer than some of these tests.
 marked = $(shell grep -ls 'mark\.$(1)\b' tests/test_*.py tests/*/test_*.py)
 # What only computes has what is left of the processor by those that wait for somebody, and have limits for it.
 LEFT_OVER := chrt --idle 0
 COMPUTES := -m "not waits and not alone and not long" --numprocesses $(shell nproc) --dist worksteal
 WAITS := -m "waits and not alone and not long" $(call marked,waits) --numprocesses 3 --dist loadfile
-ALONE := -m "alone and not long" $(call marked,alone)
+# Two of them beside each other have a core each.
+ALONE := -m "alone and not long" $(call marked,alone) --numprocesses 2 --dist worksteal
 DEMO ?=
 RELEASE ?=
 # Tests start hundreds of processes, each of which would compile our modules again.
@@ -161,10 +164,15 @@ test-python: setup-dev
 	@$(TOGETHER)=2 test-computes test-waits
 	@$(MAKE) --no-print-directory test-alone
 
-test-computes: ready-dev
+# pytest compiles each file of tests, for its messages; five processes would do that at the same time.
+.venv/tests: .venv/dev .venv/kernels $(TESTS)
+	@$(BIN)/python -m pytest --collect-only -q >.venv/collected || { tail -40 .venv/collected; false; }
+	@touch $@
+
+test-computes: ready-dev .venv/tests
 	$(LEFT_OVER) $(BIN)/python -m pytest --durations=10 $(COMPUTES)
 
-test-waits: ready-dev
+test-waits: ready-dev .venv/tests
 	$(BIN)/python -m pytest --durations=10 $(WAITS)
 
 test-alone: setup-dev
