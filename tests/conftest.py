@@ -29,6 +29,7 @@ from phalanx.cli.main import run_command
 from phalanx.gateway.serve_pages import PAGES, VISITOR_POLICY
 from phalanx.io import ANY, Server
 from phalanx.io.broker import open_broker
+from phalanx.io.ports import listen
 from phalanx.io.site import Site
 from ports import free_port
 from zygote import Forked, is_plain
@@ -101,7 +102,7 @@ def as_the_gateway(broker) -> aiomqtt.Client:
 
 def a_page(port: int = 0, host: str = "127.0.0.1", connections: int = 1000) -> Site:
     """The visitors' page, served in this process."""
-    return Site(PAGES / "visitor", VISITOR_POLICY, host, port, connections=connections)
+    return Site(PAGES / "visitor", VISITOR_POLICY, connections=connections, doors=[listen(host, port, "--port")])
 
 
 async def tell_until_cancelled(server):

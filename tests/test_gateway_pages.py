@@ -350,7 +350,7 @@ class TestPages:
 
     async def test_a_port_in_use_is_one_clear_error(self, operator):
         with pytest.raises(Unavailable, match=f"cannot listen on 127.0.0.1 port {operator.port}") as taken:
-            async with a_page(operator.port):
+            async with OperatorPages("t0ken" * 6, dict, lambda *_: None, port=operator.port):
                 pass
         assert str(taken.value).endswith(f"port {operator.port}: Address already in use")
         assert "another program has it" in taken.value.hint

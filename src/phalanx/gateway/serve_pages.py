@@ -18,8 +18,7 @@ from typing import Any, TypeVar
 from aiohttp import web
 
 from phalanx.errors import PeerError, Unavailable, Unknown, UsageError
-from phalanx.io.page import page_apart
-from phalanx.io.site import COMMON_HEADERS, Handler, LoopbackSite
+from phalanx.io.site import COMMON_HEADERS, Handler, Site, page_apart
 
 from .missions.desk import TEXT_MAX_BYTES, MissionDesk, parse_profile
 
@@ -53,7 +52,7 @@ def visitors_page(host: str, port: int) -> AbstractAsyncContextManager[int]:
     return page_apart(PAGES / "visitor", VISITOR_POLICY, host, port, connections=VISITORS, if_taken=hint)
 
 
-class OperatorPages(LoopbackSite):
+class OperatorPages(Site):
     """The operator's page, on loopback, and its data for whoever has the token, as `Authorization: Bearer`.
 
     Each answer calls `state`; `compromise` has a robot of this address run an attack of this name, or raises Unknown.
