@@ -22,9 +22,9 @@ from phalanx.errors import Unknown, UsageError
 from phalanx.io import Login, Server, parse_broker_url
 from phalanx.io.broker import RunningBroker, open_broker
 from phalanx.io.broker_url import on_host
-from phalanx.io.files import allow_files
 from phalanx.io.phones import PhonesDoor, no_way_from, warn_if_phones_are_locked_out
 from phalanx.io.ports import EVERYWHERE, LOOPBACK, PORT_TRIES, PortTaken, free_port, lan_address
+from phalanx.io.seats import allow_files
 from phalanx.io.server import Happening
 from phalanx.io.site import beside
 from phalanx.link import Request

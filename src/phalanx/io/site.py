@@ -25,10 +25,9 @@ from aiohttp.http_exceptions import HttpProcessingError
 from aiohttp.web_protocol import RequestHandler
 
 from .children import a_python_child, answer, end_with, kept
-from .files import a_share, allow_files
 from .ports import LOOPBACK, listen, listening_to_us
-from .private_folder import private_folder
-from .seats import Seats, place_of
+from .private_file import private_folder
+from .seats import Seats, a_share, allow_files, place_of
 
 # A page is some 600 KB: a phone that cannot load it within this cannot drive a robot either.
 HANG_UP_AFTER_S = 30.0
@@ -130,8 +129,10 @@ class Site:
         self.port = int(doors[0].getsockname()[1])
         await self._runner.setup()
         loop = asyncio.get_running_loop()
+        server = cast("web.Server", self._runner.server)
+        connection = partial(_Connection, server, self._seats, self._longest)
         for door in doors:
-            self._listening.append(await loop.create_server(self._new_connection, sock=door, backlog=AT_ONCE))
+            self._listening.append(await loop.create_server(connection, sock=door, backlog=AT_ONCE))
         self._hanging_up = asyncio.create_task(self._hang_up_on_idlers())
         return self
 
@@ -142,19 +143,12 @@ class Site:
         await self._runner.cleanup()
 
     async def _hang_up_on_idlers(self) -> None:
-        """A connection is closed soon after its last request; one that asks nothing, soon after it began.
-
-        aiohttp waits for ever for a first request, for half of one, and for whoever does not read the answer.
-        """
+        """Hang up on whoever asks nothing for a while, or does not read the answer: aiohttp waits for them for ever."""
         while True:
             await asyncio.sleep(CHECK_S)
             now_s = time.monotonic()
             for connection in [each for each in self._seats if now_s - each.heard_at_s >= HANG_UP_AFTER_S]:
                 connection.leave()
-
-    def _new_connection(self) -> _Connection:
-        assert self._runner.server is not None
-        return _Connection(self._runner.server, self._seats, self._longest)
 
 
 class _Connection(RequestHandler):
@@ -229,7 +223,7 @@ async def beside(pages: Served) -> AsyncIterator[Served]:
         try:
             yield pages
         finally:
-            await there(pages.__aexit__(None, None, None))
+            await there(pages.__aexit__())
     finally:
         loop.call_soon_threadsafe(loop.stop)
         await asyncio.to_thread(thread.join)
