@@ -6,11 +6,13 @@ import contextlib
 import fcntl
 import json
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 
+from phalanx.bti import elsewhere, trusted
 from phalanx.bti.elsewhere import FORWARDED
+from phalanx.bti.nodes import Limits, MissionKey
 from phalanx.bti.trusted import REASONS
 from phalanx.io.serial_line import open_line
 from phalanx.io.serial_node import SerialNode
@@ -46,6 +48,34 @@ def benches(folder: Path, n: int):
             made.append(process(folder / f"flash-{i}", "told"))
             stack.callback(made[-1].close)
         yield made
+
+
+class SerialNodes:
+    """The trusted nodes of n robots at the ends of as many lines: bti.nodes.Nodes for `sim`, on a bench."""
+
+    def __init__(self, nodes: Sequence[SerialNode], n: int, limits: Limits) -> None:
+        assert len(nodes) == n
+        assert all(node.about.told_clock for node in nodes), "a simulation tells boards the time"
+        self.profile = trusted.BOUND
+        self._nodes = nodes
+        for node in nodes:
+            node.make(limits)
+        self.snode = elsewhere.place(nodes)
+        self.anode = self.snode
+
+    def load_master(self, i: int, key: bytes, robot_id: int) -> None:
+        """See bti.nodes.Nodes."""
+        self._nodes[i].load_master(key, robot_id)
+
+    def load_mission(self, i: int, now: int, sealed: MissionKey) -> None:
+        """See bti.nodes.Nodes."""
+        self._nodes[i].load_mission(now, sealed)
+
+    def close(self) -> None:
+        """All lines are closed, and kernels know these nodes no longer."""
+        elsewhere.forget(self.snode)
+        for node in self._nodes:
+            node.close()
 
 
 # Which call of the line each function of vectors/nodes.json is; a board has both nodes, and loads both at once.

@@ -19,6 +19,7 @@ import threading
 import time
 from contextlib import asynccontextmanager, contextmanager, redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import aiomqtt
 import pytest
@@ -26,9 +27,10 @@ from hypothesis import HealthCheck, settings
 
 from chromium import FLAGS
 from phalanx.cli.main import run_command
-from phalanx.gateway.serve_pages import PAGES, VISITOR_POLICY
+from phalanx.gateway.serve_pages import PAGES, VISITOR_POLICY, OperatorPages
 from phalanx.io import ANY, Server
 from phalanx.io.broker import open_broker
+from phalanx.io.ports import listen
 from phalanx.io.site import Site
 from ports import free_port
 from zygote import Forked, is_plain
@@ -101,7 +103,19 @@ def as_the_gateway(broker) -> aiomqtt.Client:
 
 def a_page(port: int = 0, host: str = "127.0.0.1", connections: int = 1000) -> Site:
     """The visitors' page, served in this process."""
-    return Site(PAGES / "visitor", VISITOR_POLICY, host, port, connections=connections)
+    return Site(PAGES / "visitor", VISITOR_POLICY, connections=connections, doors=[listen(host, port, "--port")])
+
+
+def operator_pages(token: str, state=dict, desk=None, port: int = 0, **said) -> OperatorPages:
+    """The operator's page of a gateway that does nothing but what is `said`."""
+
+    class Server:
+        connected = property(lambda _: said["connected"]())
+
+    gateway = SimpleNamespace(watch=said.get("watch", lambda _: lambda: None))
+    compromise, hold = (lambda *_: None), said.get("hold", lambda _: None)
+    running = SimpleNamespace(state=state, compromise=compromise, hold=hold, gateway=gateway, server=Server())
+    return OperatorPages(token, running, desk, port)
 
 
 async def tell_until_cancelled(server):

@@ -14,11 +14,10 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from conftest import a_gateway, bare_mosquitto, eventually, run
+from conftest import a_gateway, bare_mosquitto, eventually, operator_pages, run
 from phalanx.errors import Held
-from phalanx.gateway import Gateway, OperatorPages
-from phalanx.gateway.brakes import Brakes
-from phalanx.gateway.kept_stop import KeptStop
+from phalanx.gateway import Gateway
+from phalanx.gateway.brakes import Brakes, KeptStop
 from phalanx.gateway.up import UpOptions, up
 from phalanx.io import Client, Server
 from phalanx.io.ports import is_free
@@ -104,10 +103,7 @@ class TestWithTheEventLoopHeldUp:
                 await visitor.command(address, "waypoints", {"threshold": 50, "waypoints": route})
                 await eventually(lambda: swarm.robots()[0].route)
 
-                def hold(held):
-                    (gateway.brakes.hold if held else gateway.brakes.release)()
-
-                async with beside(OperatorPages(TOKEN, dict, lambda *_: None, hold=hold)) as pages:
+                async with beside(operator_pages(TOKEN, hold=gateway.brakes.hold)) as pages:
                     button = threading.Thread(target=say, args=(f"http://127.0.0.1:{pages.port}", "stop"))
                     button.start()
                     hold_up_the_event_loop(STOPPED_WITHIN_S, busy_s=STOPPED_WITHIN_S)
@@ -271,7 +267,7 @@ class TestBrakes:
             with pytest.raises(Held):
                 brakes.drive(swarm.robots()[0].address, 1, 1)
             brakes.drive(swarm.robots()[0].address, 0, 0)
-            brakes.release()
+            brakes.hold(False)
             asyncio.run(eventually(lambda: not swarm._held))
             brakes.drive(swarm.robots()[0].address, 1, 1)
 

@@ -25,7 +25,7 @@ from chromium import (
 from conftest import a_gateway, bare_mosquitto
 from phalanx.crypto import seal_jwe
 from phalanx.link import Pin, QrUrl
-from phalanx.link.keys import derive_epoch
+from phalanx.link.pin import derive_epoch
 from ports import free_port
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(120)]

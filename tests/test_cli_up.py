@@ -19,7 +19,7 @@ import pytest
 
 from conftest import ROOT, a_gateway, bare_mosquitto, called, child, run, secrets_of
 from phalanx.cli import up as command
-from phalanx.gateway.waits import for_at_most
+from phalanx.gateway.serving import for_at_most
 from ports import free_port
 
 pytestmark = pytest.mark.waits

@@ -18,7 +18,7 @@ from phalanx.errors import Overrun
 from phalanx.gateway import Gateway, visitors_page
 from phalanx.gateway.serve_pages import PAGES
 from phalanx.io import Client, Server, children
-from phalanx.io.answers import WAITING, WAITING_BYTES, Answers
+from phalanx.io.server import WAITING, WAITING_BYTES, Answers
 from phalanx.link import Request
 from phalanx.link.envelope import encode_envelope, seal
 from phalanx.sim import Dotbots

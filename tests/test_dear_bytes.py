@@ -33,8 +33,7 @@ from phalanx.io.visitor import words_of
 from phalanx.io.visitor_packets import VisitorPackets
 from phalanx.io.websocket import Websocket, frame_head
 from phalanx.link.envelope import open_envelope, seal
-from phalanx.link.keys import derive_epoch
-from phalanx.link.pin import Pin
+from phalanx.link.pin import Pin, derive_epoch
 from phalanx.link.replay import ReplayCache
 from test_guard import memory_mb
 from test_strangers import connect, the_process, varint, with_length

@@ -28,7 +28,7 @@ from phalanx.cli.main import phalanx
 from phalanx.config import LinkConfig
 from phalanx.crypto import jwe
 from phalanx.gateway import vocabulary
-from phalanx.link import Client, Pin, QrUrl, derive_epoch, keys, topics
+from phalanx.link import Client, Pin, QrUrl, derive_epoch, pin, topics
 from phalanx.link.rotation import State
 from phalanx.mission.landmarks import floorplan, floorplan_of_yaml, sources
 from phalanx.mission.landmarks.gridmap import map_words
@@ -268,8 +268,8 @@ async def test_own_robots_stand_behind_the_whole_gateway():
 def test_the_table_of_keys_is_the_derivation():
     rows = {row[0]: row[1:3] for row in table(LINK, "value")}
     assert rows == {
-        "topic": [keys.TOPIC_INFO.decode(), str(keys.TOPIC_BYTES)],
-        "key": [keys.KEY_INFO.decode(), str(keys.KEY_BYTES)],
+        "topic": [pin.TOPIC_INFO.decode(), str(pin.TOPIC_BYTES)],
+        "key": [pin.KEY_INFO.decode(), str(pin.KEY_BYTES)],
     }
     epoch = derive_epoch(Pin("123456789012"))
     assert f"`{epoch.topic}`" in LINK

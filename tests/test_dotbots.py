@@ -24,8 +24,7 @@ from phalanx.daemon.driver import NoReading, make_driver
 from phalanx.daemon.settings import read_robot
 from phalanx.errors import BadPayload, Held, Unavailable, Unknown, UsageError
 from phalanx.io.dotbots import DotbotSwarm, parse_dotbot_url
-from phalanx.io.dotbots.line import REFUSALS, _hear_refusals
-from phalanx.io.dotbots.orders import Orders
+from phalanx.io.dotbots.line import REFUSALS, Orders, _hear_refusals
 from phalanx.io.dotbots.told import MOST_ROBOTS, TRAIL_POINTS, Fleet, area_of
 from phalanx.robot import Led, Point
 from phalanx.robot.swarm import Routed

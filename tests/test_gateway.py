@@ -17,11 +17,11 @@ from hypothesis import strategies as st
 from conftest import eventually
 from phalanx.errors import TooLarge
 from phalanx.gateway import Gateway, vocabulary
-from phalanx.gateway.events import tell_event
+from phalanx.gateway.brakes import EXPIRES_S, Joysticks
 from phalanx.gateway.gateway import TICK_S, UPDATES_PER_TICK
-from phalanx.gateway.joystick import EXPIRES_S, Joysticks
+from phalanx.gateway.missions.watch import MOST_THINGS, WorkWatch
+from phalanx.gateway.serving import tell_event
 from phalanx.gateway.visitors import FORGET_AFTER_S, FORGET_OLDER_AFTER_S, LIMIT, MOST_DRIVERS, Drivers, Visitors
-from phalanx.gateway.work import MOST_THINGS, WorkWatch
 from phalanx.io import Client, Server
 from phalanx.link import Command, Pin, Request, derive_epoch
 from phalanx.link.envelope import encode_envelope, seal

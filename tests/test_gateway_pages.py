@@ -18,9 +18,8 @@ from pathlib import Path
 import aiohttp
 import pytest
 
-from conftest import a_page, eventually
+from conftest import a_page, eventually, operator_pages
 from phalanx.errors import Unavailable
-from phalanx.gateway import OperatorPages
 from phalanx.gateway.serve_pages import PAGES
 from phalanx.gateway.up import UpOptions, up
 from phalanx.io import Login
@@ -55,7 +54,7 @@ def _is_hung_up(one: socket.socket) -> bool:
 
 @pytest.fixture
 async def operator():
-    async with OperatorPages("t0ken" * 6, lambda: {"pin": "314159"}, lambda _address, _attack: None) as pages:
+    async with operator_pages("t0ken" * 6, lambda: {"pin": "314159"}) as pages:
         yield pages
 
 
@@ -123,7 +122,7 @@ class TestPages:
             return lambda: watching.remove(tell)
 
         headers = {"Authorization": "Bearer " + "t0ken" * 6}
-        pages = OperatorPages("t0ken" * 6, dict, lambda *_: None, watch=watch)
+        pages = operator_pages("t0ken" * 6, watch=watch)
         async with pages, aiohttp.ClientSession() as http:
             url = f"http://127.0.0.1:{pages.port}/api/frames"
             async with http.get(url, headers=headers) as answer:
@@ -174,7 +173,7 @@ class TestPages:
         def secrets():
             raise AssertionError("it takes the loop that drives robots too long to tell all")
 
-        pages = OperatorPages("t0ken" * 6, secrets, lambda *_: None, connected=connected)
+        pages = operator_pages("t0ken" * 6, secrets, connected=connected)
         async with beside(pages), aiohttp.ClientSession() as http:
             url = f"http://127.0.0.1:{pages.port}/healthz"
 
@@ -279,7 +278,7 @@ class TestPages:
             return await asyncio.wait_for(reading.readline(), 10)
 
         held: list[bool] = []
-        async with OperatorPages("t0ken" * 6, dict, lambda *_: None, hold=held.append) as pages:
+        async with operator_pages("t0ken" * 6, hold=held.append) as pages:
             operator = await asyncio.open_connection("127.0.0.1", pages.port)
             assert b" 200 " in await a_line(operator, asked % b"GET /api/state")
             crowd = []
@@ -350,7 +349,7 @@ class TestPages:
 
     async def test_a_port_in_use_is_one_clear_error(self, operator):
         with pytest.raises(Unavailable, match=f"cannot listen on 127.0.0.1 port {operator.port}") as taken:
-            async with a_page(operator.port):
+            async with operator_pages("t0ken" * 6, port=operator.port):
                 pass
         assert str(taken.value).endswith(f"port {operator.port}: Address already in use")
         assert "another program has it" in taken.value.hint

@@ -12,11 +12,10 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from conftest import eventually
+from conftest import eventually, operator_pages
 from phalanx.cli.mission.files import read_plain
 from phalanx.config.builtin import built_in
 from phalanx.errors import UsageError
-from phalanx.gateway import OperatorPages
 from phalanx.gateway.missions.desk import MissionDesk, _read, parse_profile
 from phalanx.gateway.serve_pages import TEXT_MAX_BYTES
 from phalanx.mission import Profile
@@ -31,7 +30,7 @@ async def desk():
     swarm = Silent()
     desk = MissionDesk(swarm)
     async with (
-        OperatorPages(TOKEN, dict, lambda _address, _attack: None, desk) as pages,
+        operator_pages(TOKEN, desk=desk) as pages,
         aiohttp.ClientSession() as http,
     ):
 

@@ -16,7 +16,6 @@ from phalanx.bti.nodes import Refused
 from phalanx.bti.trusted import REASONS
 from phalanx.config import BtiConfig
 from phalanx.errors import Unavailable
-from phalanx.io.serial_node import SerialNodes
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire import lines, table
 from phalanx.wire.framing import framed
@@ -127,7 +126,9 @@ def test_a_robots_board_counts_the_time_and_stops_by_itself(tmp_path):
 @pytest.mark.long
 def test_a_flock_in_qemu_has_the_same_logs_audits_and_digest(tmp_path):
     with qemu.machines(tmp_path, "mps2-an385", SMALL.robots) as made:
-        there = played(lambda n, _profile, limits: SerialNodes([each.board() for each in made], n, limits), SMALL)
+        there = played(
+            lambda n, _profile, limits: boards.SerialNodes([each.board() for each in made], n, limits), SMALL
+        )
     here = played(scenario=SMALL)
     same(there, here)
     assert here.world.fleet.robot["audits_passed"].sum() > 0
@@ -137,5 +138,5 @@ def test_a_flock_in_qemu_has_the_same_logs_audits_and_digest(tmp_path):
 @pytest.mark.parametrize("machine", qemu.MACHINES)
 def test_a_liar_is_stopped_by_its_board_on_each_processor(machine, tmp_path):
     with qemu.machines(tmp_path, machine, FLOCK.robots) as made:
-        there = played(lambda n, _profile, limits: SerialNodes([each.board() for each in made], n, limits))
+        there = played(lambda n, _profile, limits: boards.SerialNodes([each.board() for each in made], n, limits))
     same(there, played())

@@ -9,8 +9,7 @@ import boards
 from phalanx.bti import elsewhere, trusted
 from phalanx.bti.nodes import Nodes
 from phalanx.config import BtiConfig
-from phalanx.errors import Unavailable, UsageError
-from phalanx.io.serial_node import SerialNodes
+from phalanx.errors import Unavailable
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
@@ -42,7 +41,7 @@ def same(run: Run, other: Run) -> None:
 
 def test_nodes_in_processes_give_the_same_logs_audits_and_digest(tmp_path):
     with boards.benches(tmp_path, FLOCK.robots) as made:
-        there = played(lambda n, _profile, limits: SerialNodes(made, n, limits))
+        there = played(lambda n, _profile, limits: boards.SerialNodes(made, n, limits))
     here = played()
     same(there, here)
     summary = here.summary()
@@ -54,21 +53,12 @@ def test_nodes_in_processes_give_the_same_logs_audits_and_digest(tmp_path):
 
 def test_a_board_that_goes_in_the_middle_of_a_run_ends_it_with_one_clear_error(tmp_path):
     with boards.benches(tmp_path, FLOCK.robots) as made:
-        run = Run(FLOCK, make_nodes=lambda n, _profile, limits: SerialNodes(made, n, limits))
+        run = Run(FLOCK, make_nodes=lambda n, _profile, limits: boards.SerialNodes(made, n, limits))
         run.advance(1.0)
         made[2]._line.process.kill()
         with pytest.raises(Unavailable, match="flash-2 is gone"):
             run.advance(2.0)
         assert elsewhere._failed == []
-
-
-def test_a_flock_needs_benches_and_as_many_as_robots(tmp_path):
-    with boards.benches(tmp_path, 1) as made, pytest.raises(UsageError, match="1 lines for 4 robots"):
-        Run(FLOCK, make_nodes=lambda n, _profile, limits: SerialNodes(made, n, limits))
-    board = boards.process(tmp_path / "own-clock")
-    with pytest.raises(UsageError, match="clock of its own"):
-        Run(FLOCK, make_nodes=lambda n, _profile, limits: SerialNodes([board] * n, n, limits))
-    board.close()
 
 
 def test_every_function_of_a_node_that_is_here_has_one_that_is_elsewhere():

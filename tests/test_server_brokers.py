@@ -33,7 +33,7 @@ from phalanx.io import ANY, Client, Login, Server, amqtt_broker
 from phalanx.io.broker import open_broker
 from phalanx.io.listeners import Listeners
 from phalanx.io.mosquitto import mosquitto, serves
-from phalanx.io.private_folder import private_folder
+from phalanx.io.private_file import private_folder
 from ports import free_port
 from test_cli_up import children_of
 from test_guard_floods import aside

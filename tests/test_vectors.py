@@ -14,10 +14,9 @@ from joserfc.jwk import OctKey
 from phalanx.config import LinkConfig
 from phalanx.crypto import Key, seal_jwe
 from phalanx.errors import OpenError, PeerError, PhalanxError
-from phalanx.link.envelope import Bound, Envelope, encode_envelope, open_envelope, seal
-from phalanx.link.keys import Epoch, derive_epoch
+from phalanx.link.envelope import Envelope, encode_envelope, open_envelope, seal
 from phalanx.link.parts import PartsInbox
-from phalanx.link.pin import Pin
+from phalanx.link.pin import Epoch, Pin, derive_epoch
 from phalanx.link.qrurl import Login, parse_qr_url
 from phalanx.link.replay import ReplayCache
 from phalanx.link.topics import CommandTopic, ReplyTopic, full_topic, split_topic
@@ -92,9 +91,9 @@ def test_what_clients_bind_into_an_envelope_is_read_again(case):
 
     assert outcome(open_it) == case["expect"]
     if case["expect"] == "ok":
-        bound = Bound(case["sub"], case["seen"])
-        assert open_it().bound == bound
-        plaintext = encode_envelope(case["payload"], case["now"], bound)
+        opened = open_it()
+        assert (opened.sub, opened.seen) == (case["sub"], case["seen"])
+        plaintext = encode_envelope(case["payload"], case["now"], case["sub"], case["seen"])
         assert seal(plaintext, epoch, bytes.fromhex(case["iv_hex"])) == token
 
 

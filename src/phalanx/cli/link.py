@@ -209,7 +209,7 @@ def serve(
 ) -> None:
     """Serves the link until it is stopped: every request is its own answer, and every command is told to everybody."""
     # Here, for it brings pages and missions along: a visitor need not wait for that.
-    from phalanx.gateway.waits import connected_within, for_at_most  # noqa: PLC0415
+    from phalanx.gateway.serving import connected_within, for_at_most  # noqa: PLC0415
 
     config, login = link_config(said), login_for(broker, broker_login)
     visitors = visitors_login_in(visitors_login, login)
@@ -253,7 +253,7 @@ def _echo(server: Server) -> None:
 
 
 def _tell(said: Happening, url: str, events: bool, *, ready: bool = False) -> None:
-    from phalanx.gateway.events import tell_event  # noqa: PLC0415  # as in serve
+    from phalanx.gateway.serving import tell_event  # noqa: PLC0415  # as in serve
 
     told = tell_event(said, lambda: url)
     if told is None:

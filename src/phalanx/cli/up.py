@@ -136,7 +136,7 @@ def _refuse_beside_real_robots(**said: Any) -> None:
 def keys_for_next_mission(file: Path, passphrase_file: Path | None, plan: Plan) -> SwarmKeys:
     """For its robots; the mission's number is used up. Raises: UsageError: they are not all in the swarm."""
     robots = plan.robots
-    if plan.protection.defence == "none":
+    if plan.defence == "none":
         raise UsageError("--keys, and robots that do not audit each other", "those have no keys: leave it out")
     with opened(file, passphrase_of(file, passphrase_file)) as keys:
         masters = {robot: keys.master(robot) for robot in range(1, robots + 1)}

@@ -14,6 +14,7 @@ import click
 from phalanx.errors import UsageError
 from phalanx.gateway import pages_are_built
 from phalanx.gateway.serve_view import ViewPages
+from phalanx.io.ports import LOOPBACK
 from phalanx.io.site import beside
 from phalanx.recording.recorded import is_recording
 from phalanx.scenarios.own import mistakes_in
@@ -83,7 +84,7 @@ async def _served(port: int, fill: Callable[[Put, Callable[[], None]], object]) 
             loop.call_soon_threadsafe(filled.set_exception, error)
 
     async with beside(ViewPages(port)) as pages:
-        click.echo(f"http://{pages.host}:{pages.port}/")
+        click.echo(f"http://{LOOPBACK}:{pages.port}/")
         talk("open it in a browser of this machine; Ctrl-C ends it")
         threading.Thread(target=work, args=(pages.put,), name="run", daemon=True).start()
         try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks import FloorPlan
@@ -19,22 +19,24 @@ DEFAULT_F_MAX = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Protection:
-    """How a swarm is protected, and what people should know about it: "" if it is as they asked."""
+class Plan:
+    """A swarm that can be: so many robots, so protected."""
 
+    robots: int
     defence: str
     f_max: int
-    note: str
+    note: str  # what people should know about its protection; "" if it is as they asked
+    protocol: str = ""  # the work of robots that nobody drives
 
 
-def choose_protection(robots: int, defence: str | None, f_max: int | None) -> Protection:
+def choose_protection(robots: int, defence: str | None, f_max: int | None) -> Plan:
     """The protection that so many robots can have; of no defence the best, of no f_max 3, or what so few robots allow.
 
     Raises: UsageError: not what was asked for. Source: docs/spec/rebound.md (P2).
     """
     f = DEFAULT_F_MAX if f_max is None else f_max
     if defence == "none" or (least_robots(f) <= robots <= MOST_ROBOTS):
-        return Protection(defence or "bound", f, "")
+        return Plan(robots, defence or "bound", f, "")
     insists = defence is not None or f_max is not None
     fewer = (robots - 2) // 2
     if robots > MOST_ROBOTS:
@@ -45,47 +47,34 @@ def choose_protection(robots: int, defence: str | None, f_max: int | None) -> Pr
         trouble = f"{robots} robots cannot do without {f} of them and still audit each other"
         hint = f"at least {least_robots(f)}, or --f-max {fewer}"
     else:
-        return Protection(defence or "bound", fewer, f"with {robots} robots f_max is {fewer}")
+        return Plan(robots, defence or "bound", fewer, f"with {robots} robots f_max is {fewer}")
     if insists:
         raise UsageError(trouble, f"{hint}; or --defence none")
-    return Protection("none", f, f"{trouble}: they run unprotected")
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """A swarm that can be: so many robots, so protected, with this work while nobody drives them, "" for none."""
-
-    robots: int
-    protection: Protection
-    protocol: str
+    return Plan(robots, "none", f, f"{trouble}: they run unprotected")
 
 
 def plan_swarm(robots: int, defence: str | None, f_max: int | None, protocol: str = "") -> Plan:
-    """What is asked for, if there can be such a swarm. For `defence` and `f_max` see `choose_protection`.
-
-    Raises: UsageError: a number is out of range, or no wheels do that.
-    """
-    protection = choose_protection(robots, defence, f_max)
+    """Return what is asked for. Raises: UsageError: there can be no such swarm; no wheels do that."""
+    plan = choose_protection(robots, defence, f_max)
     if protocol:
         check_work(protocol, robots)
-        if protection.defence == "none":
+        if plan.defence == "none":
             raise UsageError(f"{protocol}, and robots that do not audit each other", "leave one out")
     if not 1 <= robots <= MAX_ROBOTS:
         raise UsageError(f"a swarm of {robots} robots", f"1 to {MAX_ROBOTS}")
-    return Plan(robots, protection, protocol)
+    return replace(plan, protocol=protocol)
 
 
 def simulated_swarm(
     plan: Plan, seed: int, talk: Callable[[str], None], keys: SwarmKeys | None = None
 ) -> Dotbots | ProtectedSwarm:
     """Return the simulated robots of a plan. `talk` gets a line of what people should know about them."""
-    robots, protection = plan.robots, plan.protection
-    if protection.note:
-        talk(protection.note)
-    if protection.defence == "none":
-        return Dotbots(robots, seed, time.time, unprotected=protection.note)
+    if plan.note:
+        talk(plan.note)
+    if plan.defence == "none":
+        return Dotbots(plan.robots, seed, time.time, unprotected=plan.note)
     return ProtectedSwarm(
-        robots, seed, time.time, defence=protection.defence, f_max=protection.f_max, keys=keys, protocol=plan.protocol
+        plan.robots, seed, time.time, defence=plan.defence, f_max=plan.f_max, keys=keys, protocol=plan.protocol
     )
 
 
@@ -99,11 +88,7 @@ def mission_swarm(
     f_max: int | None,
     talk: Callable[[str], None],
 ) -> Iterator[MissionSwarm]:
-    """Yield simulated robots that live missions in a building; they begin with `orders`.
-
-    As `simulated_swarm`.
-    Raises: UsageError: too many robots, or a building without walls or a start.
-    """
+    """Yield simulated robots that live missions. Raises: UsageError: too many, or no walls or start in the building."""
     protection = choose_protection(robots, defence, f_max)
     if orders is not None:
         orders.run(robots=robots, defence=protection.defence, f_max=protection.f_max)  # refuses, if they cannot

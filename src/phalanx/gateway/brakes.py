@@ -7,21 +7,53 @@ comes over the link is handled in this thread.
 from __future__ import annotations
 
 import logging
+import os
 import threading
 import time
 from collections.abc import Callable
 from functools import partial
-from types import TracebackType
+from pathlib import Path
 from typing import Self
 
 from phalanx.errors import Held, Unknown
 from phalanx.robot import Swarm
 
-from .joystick import Joysticks
-
 log = logging.getLogger(__name__)
 
 AGAIN_S = 0.1
+EXPIRES_S = 0.3  # a joystick drives only as long as somebody keeps saying so
+
+
+class Joysticks:
+    """Which robots are being driven, and until when: a phone whose battery dies must not leave a robot running."""
+
+    def __init__(self) -> None:
+        self._until: dict[str, float] = {}  # all drive for equally long: whose time is up first is first
+
+    def drive(self, address: str, moving: bool, uptime_s: float) -> None:
+        """Note a wheel command."""
+        self._until.pop(address, None)
+        if moving:
+            self._until[address] = uptime_s + EXPIRES_S
+
+    def is_driven(self, address: str) -> bool:
+        """Return whether its time is not up, or nobody has asked."""
+        return address in self._until
+
+    def driven(self) -> list[str]:
+        """Return the robots whose time is not up."""
+        return list(self._until)
+
+    def expired(self, uptime_s: float) -> list[str]:
+        """Return the robots to be stopped now; each is named once."""
+        stop = [address for address, until_s in self._until.items() if until_s <= uptime_s]
+        for address in stop:
+            del self._until[address]
+        return stop
+
+    def next_due_s(self) -> float | None:
+        """Return the uptime of the next expiry."""
+        return next(iter(self._until.values()), None)
 
 
 class Brakes:
@@ -43,9 +75,7 @@ class Brakes:
             self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._entered -= 1
         if self._entered:
             return
@@ -53,29 +83,18 @@ class Brakes:
         self._wake.set()
         self._thread.join(1.0)  # a driver that hangs must not hold up the end
 
-    def hold(self) -> None:
-        """Every robot stands still, whatever it is told, until `release`: an emergency stop."""
-        self.held = True
-        self._wake.set()
-
-    def release(self) -> None:
-        """Robots may be told to move again."""
-        self.held = False
+    def hold(self, held: bool = True) -> None:
+        """Have every robot stand still, whatever it is told: an emergency stop. Or let robots move again."""
+        self.held = held
         self._wake.set()
 
     def refuse_if_held(self) -> None:
-        """Nothing, if robots may move.
-
-        Raises: Held.
-        """
+        """Raise `Held` while all robots are stopped."""
         if self.held:
             raise Held("the operator has stopped all robots")
 
     def drive(self, address: str, left_pct: int, right_pct: int) -> None:
-        """A joystick's word: the robot drives until its time is up, or stops.
-
-        Raises: Held. Unknown, and what a driver raises.
-        """
+        """Turn a robot's wheels until its time is up, or stop it. Raises: Held; Unknown, and what a driver raises."""
         if not (left_pct or right_pct):
             # Disarmed last: a driver that fails may have left the wheels turning.
             self._swarm.drive(address, 0, 0)
@@ -135,3 +154,29 @@ class Brakes:
             log.error("%s: cannot be stopped (%s); trying again", who, type(error).__name__)  # noqa: TRY400
             return False
         return True
+
+
+class KeptStop:
+    """A file that is there while all robots are stopped; without a path nothing is kept. For any thread."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self._lock = threading.Lock()
+
+    def was_held(self) -> bool:
+        """Whether the last gateway with this file ended, in whatever way, while all robots were stopped."""
+        return self._path is not None and os.path.lexists(self._path)
+
+    def keep(self, held: Callable[[], bool]) -> None:
+        """Put on disk what is so now; if that fails the log says what a restart would forget."""
+        if self._path is None:
+            return
+        with self._lock:  # whoever comes last asks last
+            try:
+                if held():
+                    os.close(os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW, 0o600))
+                else:
+                    self._path.unlink(missing_ok=True)
+            except OSError as error:
+                why = error.strerror
+                log.warning("%s: %s; a restart forgets that you stopped robots, or let them go", self._path, why)

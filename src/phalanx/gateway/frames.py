@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from phalanx.link.envelope import encode_json
 from phalanx.robot import Led, Point, Robot
 
 from .places import AROUND_CHARS, RECORD_CHARS, Places, in_places
-from .vocabulary import Notice, status, tell_led, tell_robot, tell_route
+from .vocabulary import Notice, status, tell_led, tell_places, tell_robot
 
 FULL_EVERY_S = 1.0
 QUIET_S = 0.25  # with the tick that follows: a page that hears nothing for 0.8 s tells its visitor
@@ -151,9 +151,8 @@ def _differ(rows: NDArray[np.int64], before: NDArray[np.int64]) -> NDArray[np.bo
     return differ
 
 
-@dataclass(frozen=True, slots=True)
-class _Slow:
-    """What changes seldom, of one robot, as it is compared: a route is the same tuple until it is another."""
+class _Slow(NamedTuple):
+    """Fields of one robot that change seldom. Equal ones stay the same tuple: that is soon compared."""
 
     led: Led
     route: tuple[Point, ...]
@@ -168,18 +167,8 @@ def _slow(robot: Robot, now_s: float, before: _Slow | None) -> _Slow:
     if before is not None and abs(battery_mv - before.battery_mv) < BATTERY_STEP_MV:
         battery_mv = before.battery_mv
     silent = int(status(robot, now_s))
-    trail = bool(robot.history)
-    if (
-        before is not None
-        and before.route is robot.route
-        and before.led is robot.led
-        and before.threshold_mm == robot.threshold_mm
-        and before.battery_mv == battery_mv
-        and before.status == silent
-        and before.has_trail == trail
-    ):
-        return before
-    return _Slow(robot.led, robot.route, robot.threshold_mm, battery_mv, silent, trail)
+    now = _Slow(robot.led, robot.route, robot.threshold_mm, battery_mv, silent, bool(robot.history))
+    return before if before is not None and now == before else now
 
 
 def _change(address: str, before: _Slow | None, now: _Slow) -> dict[str, Any] | None:
@@ -189,7 +178,7 @@ def _change(address: str, before: _Slow | None, now: _Slow) -> dict[str, Any] | 
     if now.led != before.led:
         change["rgb_led"] = tell_led(now.led)
     if now.route != before.route:
-        change["waypoints"] = tell_route(now.route)
+        change["waypoints"] = tell_places(now.route)
         if bool(now.route) != bool(before.route):
             change["mode"] = int(bool(now.route))
     if round(now.threshold_mm) != round(before.threshold_mm):

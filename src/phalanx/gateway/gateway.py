@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -18,14 +19,12 @@ from phalanx.robot.shield import Shielded, Unprotected
 from phalanx.robot.swarm import Routed
 
 from . import vocabulary
-from .brakes import Brakes
+from .brakes import EXPIRES_S, Brakes
 from .frames import Frames, Tick
-from .joystick import EXPIRES_S, LATE_S, Told
-from .missions.watch import MissionWatch
+from .missions.watch import MissionWatch, WorkWatch
 from .shields import ShieldWatch
 from .visitors import Drivers, Visitors
 from .vocabulary import Notice
-from .work import WorkWatch
 
 log = logging.getLogger(__name__)
 
@@ -39,13 +38,35 @@ LIST_FOR_S = 0.1
 OLDER_ANSWER_BYTES = 48 * 1024  # what mosquitto 2.0 sends a browser in about a second
 TRAIL_POINTS, TRAIL_POINTS_IN_ALL = 30, 3000
 ROUTE_POINTS_IN_ALL = 3000
+LATE_S = 1.0
+REMEMBERED = 256  # frames: more than are sent in that second
+
+
+class Told:
+    """When frames were sent, and so how long ago somebody spoke who had read up to one of them.
+
+    By the gateway's own clock: whoever speaks has not yet read the next frame.
+    """
+
+    def __init__(self) -> None:
+        self._sent: deque[tuple[int, float]] = deque(maxlen=REMEMBERED)
+
+    def sent(self, number: int, uptime_s: float) -> None:
+        """Frame `number` was sent."""
+        self._sent.append((number, uptime_s))
+
+    def age_s(self, seen: int, uptime_s: float) -> float:
+        """Seconds for which a word has been under way at least, if its speaker had read frame `seen` last."""
+        age_s = 0.0
+        for number, sent_at_s in reversed(self._sent):
+            if number <= seen:
+                break
+            age_s = uptime_s - sent_at_s
+        return age_s
 
 
 class Gateway:
-    """Serves one swarm over one link, whose handlers are registered here.
-
-    `say` is told what happens to shields and on missions (see ShieldWatch, MissionWatch).
-    """
+    """Serves one swarm over one link, whose handlers are registered here. `say` is told of shields and missions."""
 
     def __init__(
         self,

@@ -22,11 +22,7 @@ FARTHEST = 0xFFFF
 
 
 class Places:
-    """Some robots' places, to be cut into as many pieces as they need.
-
-    Args:
-        rows: int64 (robots, 4), by number: number, x and y in mm, direction in whole degrees.
-    """
+    """Places to be cut into pieces. `rows` are int64 (robots, 4), by number: number, x and y in mm, whole degrees."""
 
     def __init__(self, rows: NDArray[np.int64]) -> None:
         numbers, at = rows[:, 0], rows[:, 1:3]

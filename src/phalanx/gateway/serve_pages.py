@@ -13,15 +13,17 @@ import time
 from collections.abc import Callable, Coroutine
 from contextlib import AbstractAsyncContextManager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from aiohttp import web
 
-from phalanx.errors import PeerError, Unavailable, Unknown, UsageError
-from phalanx.io.page import page_apart
-from phalanx.io.site import COMMON_HEADERS, Handler, LoopbackSite
+from phalanx.errors import PeerError, Unavailable, UsageError
+from phalanx.io.site import COMMON_HEADERS, Handler, Site, page_apart
 
 from .missions.desk import TEXT_MAX_BYTES, MissionDesk, parse_profile
+
+if TYPE_CHECKING:
+    from .up import Running
 
 PAGES = Path(__file__).parent / "pages"
 VISITORS, OPERATORS = 1000, 200  # connections
@@ -45,47 +47,25 @@ def pages_are_built(*pages: str) -> bool:
 
 
 def visitors_page(host: str, port: int) -> AbstractAsyncContextManager[int]:
-    """The page that a QR code opens is served as long as the context lasts, which yields its port; 0 is any.
-
-    Raises: PortTaken. Unavailable: it cannot listen there.
-    """
+    """Serve the page that a QR code opens; yield its port, for 0 is any. Raises: PortTaken, Unavailable."""
     hint = "another program has it; choose another with --port, or --port 0 for any"
     return page_apart(PAGES / "visitor", VISITOR_POLICY, host, port, connections=VISITORS, if_taken=hint)
 
 
-class OperatorPages(LoopbackSite):
+class OperatorPages(Site):
     """The operator's page, on loopback, and its data for whoever has the token, as `Authorization: Bearer`.
 
-    Each answer calls `state`; `compromise` has a robot of this address run an attack of this name, or raises Unknown.
-    `rotate` makes a new code, or says that it is too soon; `watch` tells all that draws the swarm, until its result is
-    called. `connected` says whether the broker is reached.
-    `hold` stops all robots, or lets them go again, in whatever thread this is served; all else is done in the event
-    loop in which this is made.
+    `hold` of what is `running` is called in whatever thread this is served; all else in the event loop in which this is
+    made.
     """
 
     port_option = "--operator-port"
 
-    def __init__(
-        self,
-        token: str,
-        state: Callable[[], dict[str, Any]],
-        compromise: Callable[[str, str], None],
-        desk: MissionDesk | None = None,
-        hold: Callable[[bool], None] = lambda _: None,
-        rotate: Callable[[], Coroutine[Any, Any, bool]] | None = None,
-        watch: Callable[[Callable[[dict[str, Any]], None]], Callable[[], None]] = lambda _: lambda: None,
-        port: int = 0,
-        connected: Callable[[], bool] = lambda: False,
-    ) -> None:
+    def __init__(self, token: str, running: Running, desk: MissionDesk | None = None, port: int = 0) -> None:
         self._gateways = asyncio.get_running_loop()
-        self._hold = hold
         self._token = token
-        self._state = state
-        self._compromise = compromise
+        self._running = running
         self._desk = desk
-        self._rotate = rotate
-        self._watch = watch
-        self._connected = connected
         self._asking: asyncio.Future[bool] | None = None
         self._asked_at_s = 0.0
         # As JSON a text may be twice as long as it is.
@@ -93,22 +73,51 @@ class OperatorPages(LoopbackSite):
         super().__init__(PAGES / "operator", OPERATOR_POLICY, port, connections=OPERATORS, longest=longest)
 
     def _add_routes(self) -> None:
-        self.app.router.add_get("/healthz", self._tell_health)
-        self.app.router.add_get("/api/state", self._tell_state)
-        self.app.router.add_post("/api/compromise", self._do_compromise)
-        self.app.router.add_get("/api/frames", self._tell_frames)
-        if self._rotate:
-            self.app.router.add_post("/api/rotate", self._do_rotate)
-        self.app.router.add_post("/api/stop", self._do_stop)
-        self.app.router.add_post("/api/go", self._do_go)
-        if self._desk:
-            self.app.router.add_get("/api/mission/world", self._tell_world)
-            self.app.router.add_get("/api/mission/job", self._tell_job)
-            for name, act in (("read", self._read), ("compile", self._compile), ("send", self._send)):
-                self.app.router.add_post(f"/api/mission/{name}", self._asked_with(act))
+        routes = self.app.router
+        routes.add_get("/healthz", self._tell_health)
+        routes.add_get("/api/state", self._told(lambda: _soon(self._running.state)))
+        routes.add_get("/api/frames", self._tell_frames)
+        routes.add_post("/api/compromise", self._asked_with(self._do_compromise, refused=404))
+        routes.add_post("/api/stop", self._do_hold)
+        routes.add_post("/api/go", self._do_hold)
+        routes.add_post("/api/rotate", self._do_rotate)
+        if desk := self._desk:
+            routes.add_get("/api/mission/world", self._told(desk.world))
+            routes.add_get("/api/mission/job", self._told(lambda: _soon(desk.job)))
+            routes.add_post("/api/mission/read", self._asked_with(lambda words: desk.read(_text(words, "mission"))))
+            routes.add_post("/api/mission/compile", self._asked_with(self._do_compile))
+            routes.add_post(
+                "/api/mission/send", self._asked_with(lambda words: _soon(lambda: desk.send(_text(words, "id"))))
+            )
 
-    async def _tell_state(self, request: web.Request) -> web.Response:
-        return self._stranger(request) or _answer(await self._at_the_gateway(_soon(self._state)))
+    def _told(self, tell: Callable[[], Coroutine[Any, Any, dict[str, Any]]]) -> Handler:
+        """Return a handler of GETs, answered by the gateway."""
+
+        async def handle(request: web.Request) -> web.Response:
+            return self._stranger(request) or _answer(await self._at_the_gateway(tell()))
+
+        return handle
+
+    def _asked_with(
+        self, act: Callable[[Any], Coroutine[Any, Any, dict[str, Any] | None]], *, refused: int = 409
+    ) -> Handler:
+        """Return a handler of POSTs: it says in a line what went wrong, with a hint of what to do about it."""
+
+        async def handle(request: web.Request) -> web.Response:
+            if stranger := self._stranger(request):
+                return stranger
+            try:
+                words = json.loads(await request.text())
+                done = await self._at_the_gateway(act(words))
+                return _answer(done or {})
+            except (UsageError, Unavailable) as error:
+                return _answer({"error": str(error), "hint": error.hint}, 400)
+            except PeerError as error:
+                return _answer({"error": str(error), "hint": ""}, refused)
+            except (ValueError, KeyError, TypeError, RecursionError):
+                return _answer({"error": "that is not what this page asks", "hint": "reload the page"}, 400)
+
+        return handle
 
     async def _tell_health(self, request: web.Request) -> web.Response:
         """For whoever watches over the gateway; without a token, for it tells nothing else."""
@@ -117,7 +126,7 @@ class OperatorPages(LoopbackSite):
         # However many ask: the loop that drives robots is asked one question at a time, and a few in a second.
         now_s = time.monotonic()
         if self._asking is None or (self._asking.done() and now_s - self._asked_at_s >= HEALTH_FOR_S):
-            self._asking = asyncio.ensure_future(self._at_the_gateway(_soon(self._connected)))
+            self._asking = asyncio.ensure_future(self._at_the_gateway(_soon(lambda: self._running.server.connected)))
             self._asked_at_s = now_s
         turns = connected = False
         with contextlib.suppress(TimeoutError):
@@ -139,7 +148,8 @@ class OperatorPages(LoopbackSite):
                 lines.put_nowait(words if lines.qsize() < FRAMES_WAITING else None)
 
         response = web.StreamResponse(headers=COMMON_HEADERS | {"Content-Type": "application/x-ndjson"})
-        end = await self._at_the_gateway(_soon(lambda: self._watch(lambda words: _soon_at(loop, put, words))))
+        watch = self._running.gateway.watch
+        end = await self._at_the_gateway(_soon(lambda: watch(lambda words: _soon_at(loop, put, words))))
         try:
             await response.prepare(request)
             while (words := await lines.get()) is not None:
@@ -149,85 +159,30 @@ class OperatorPages(LoopbackSite):
         return response
 
     async def _do_rotate(self, request: web.Request) -> web.Response:
-        assert self._rotate is not None, "or there is no such route"
         if stranger := self._stranger(request):
             return stranger
-        if await self._at_the_gateway(self._rotate()):
+        if await self._at_the_gateway(self._running.server.rotate()):
             return _answer({})
         return _answer({"error": "the code has just changed; the one before it has to end first"}, 409)
 
-    async def _do_stop(self, request: web.Request) -> web.Response:
-        return self._stranger(request) or self._told(True)
-
-    async def _do_go(self, request: web.Request) -> web.Response:
-        return self._stranger(request) or self._told(False)
-
-    def _told(self, held: bool) -> web.Response:
-        self._hold(held)
+    async def _do_hold(self, request: web.Request) -> web.Response:
+        if stranger := self._stranger(request):
+            return stranger
+        self._running.hold(request.path == "/api/stop")
         return _answer({})
 
     async def _at_the_gateway(self, job: Coroutine[Any, Any, Told]) -> Told:
         return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(job, self._gateways))
 
-    async def _do_compromise(self, request: web.Request) -> web.Response:
-        if stranger := self._stranger(request):
-            return stranger
-        try:
-            words = json.loads(await request.text())
-            address, attack = words["address"], words["attack"]
-            await self._at_the_gateway(_soon(lambda: self._compromise(str(address), str(attack))))
-        except Unknown as error:
-            return _answer({"error": str(error)}, 404)
-        except (ValueError, KeyError, TypeError, RecursionError):
-            return _answer({"error": "an object with 'address' and 'attack'"}, 400)
-        return _answer({})
+    async def _do_compromise(self, words: Any) -> None:
+        self._running.compromise(str(words["address"]), str(words["attack"]))
 
-    async def _tell_world(self, request: web.Request) -> web.Response:
+    async def _do_compile(self, words: Any) -> None:
         assert self._desk is not None, "or there is no such route"
-        return self._stranger(request) or _answer(await self._at_the_gateway(self._desk.world()))
-
-    async def _tell_job(self, request: web.Request) -> web.Response:
-        assert self._desk is not None, "or there is no such route"
-        return self._stranger(request) or _answer(await self._at_the_gateway(_soon(self._desk.job)))
-
-    def _asked_with(self, act: Callable[[MissionDesk, Any], Coroutine[Any, Any, dict[str, Any]]]) -> Handler:
-        """A handler of POSTs: what went wrong is told in a line, with a hint of what to do about it."""
-
-        async def handle(request: web.Request) -> web.Response:
-            assert self._desk is not None, "or there is no such route"
-            if stranger := self._stranger(request):
-                return stranger
-            try:
-                words = json.loads(await request.text())
-                return _answer(await self._at_the_gateway(act(self._desk, words)))
-            except (UsageError, Unavailable) as error:
-                return _answer({"error": str(error), "hint": error.hint}, 400)
-            except PeerError as error:
-                return _answer({"error": str(error), "hint": ""}, 409)
-            except (ValueError, KeyError, TypeError, RecursionError):
-                return _answer({"error": "that is not what this page asks", "hint": "reload the page"}, 400)
-
-        return handle
-
-    @staticmethod
-    async def _read(desk: MissionDesk, words: Any) -> dict[str, Any]:
-        return await desk.read(_text(words, "mission"))
-
-    @staticmethod
-    async def _compile(desk: MissionDesk, words: Any) -> dict[str, Any]:
-        desk.compile(_text(words, "mission"), parse_profile(words["profile"]))
-        return {}
-
-    @staticmethod
-    async def _send(desk: MissionDesk, words: Any) -> dict[str, Any]:
-        desk.send(_text(words, "id"))
-        return {}
+        self._desk.compile(_text(words, "mission"), parse_profile(words["profile"]))
 
     def _stranger(self, request: web.Request) -> web.Response | None:
-        """An answer for whoever has not the token, or comes from another page.
-
-        No cookie carries the token, so that no page but ours can send it; the origin is a second lock.
-        """
+        """Return a refusal for whoever has not the token, which no cookie carries, or comes from another page."""
         given = request.headers.get("Authorization", "").encode(errors="replace")
         if not hmac.compare_digest(given, f"Bearer {self._token}".encode()):
             return _answer({"error": "open the operator link that the gateway printed"}, 401)

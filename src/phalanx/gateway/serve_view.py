@@ -10,7 +10,7 @@ from typing import Any
 
 from aiohttp import web
 
-from phalanx.io.site import LoopbackSite
+from phalanx.io.site import Site
 
 from .serve_pages import OPERATOR_POLICY, PAGES
 
@@ -19,7 +19,7 @@ AT_ONCE_BYTES = 1 << 21
 WAIT_S, LOOK_S = 1.0, 0.1  # a page that has all so far is answered when there is more, or after so long
 
 
-class ViewPages(LoopbackSite):
+class ViewPages(Site):
     """The page. `put` is told the run's lines, by any thread, and None at its end; pages ask for what they lack."""
 
     def __init__(self, port: int) -> None:

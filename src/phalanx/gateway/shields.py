@@ -13,8 +13,6 @@ from typing import Any
 
 from phalanx.robot.shield import Audit, Shield, Shielded
 
-from . import vocabulary
-
 LOOK_EVERY_S = 0.3
 # Pages let tokens drain by themselves: told again is what is off by more than anybody sees.
 SAME_WITHIN_S = 0.5
@@ -32,10 +30,7 @@ class _Lie:
 
 
 class ShieldWatch:
-    """Compares the shields with what visitors were told last, and keeps the newest refusals.
-
-    `say` is told, as `--events` prints them, of refused audits, of robots in Safe Mode and of those compromised.
-    """
+    """Compares shields with what visitors were told last. `say` is told what `--events` prints of them."""
 
     def __init__(self, swarm: Shielded, say: Callable[[dict[str, Any]], None]) -> None:
         self._swarm = swarm
@@ -64,11 +59,8 @@ class ShieldWatch:
             self._look_at_s = uptime_s + LOOK_EVERY_S
             changed = [shield for shield in self._swarm.shields() if self._is_news(shield, uptime_s)]
         return {
-            "shields": [
-                [number(shield.address), int(shield.safe_mode), vocabulary.tell_vouchers(shield, number)]
-                for shield in changed
-            ],
-            "audits": [vocabulary.tell_audit(audit, number) for audit in audits],
+            "shields": [[number(shield.address), *_tell_shield(shield, number)] for shield in changed],
+            "audits": [[number(audit.auditor), number(audit.auditee), audit.refusal] for audit in audits],
         }
 
     def _is_news(self, shield: Shield, uptime_s: float) -> bool:
@@ -88,8 +80,8 @@ class ShieldWatch:
         """What an answer to request 0 says of each robot beside the rest, by address."""
         return {
             shield.address: {
-                "shield": [int(shield.safe_mode), vocabulary.tell_vouchers(shield, number)],
-                "audited": vocabulary.tell_verdict(self._last.get(shield.address), number),
+                "shield": _tell_shield(shield, number),
+                "audited": [number(last.auditor), last.refusal] if (last := self._last.get(shield.address)) else None,
             }
             for shield in self._swarm.shields()
         }
@@ -105,10 +97,7 @@ class ShieldWatch:
         return self._terms
 
     def compromise(self, address: str, attack: str) -> None:
-        """The operator has a robot lie from now on.
-
-        Raises: Unknown: no such robot or attack, or it is compromised or stopped already.
-        """
+        """Have a robot lie. Raises: Unknown: no such robot or attack, or it is compromised or stopped already."""
         self._swarm.compromise(address, attack)
         self._lies[address] = _Lie(time.monotonic())
         self._say({"event": "compromised", "address": address, "attack": attack})
@@ -138,6 +127,11 @@ class ShieldWatch:
                 for shield in shields
             },
         }
+
+
+def _tell_shield(shield: Shield, number: Callable[[str], int]) -> list[Any]:
+    """Return `[safe mode, [[auditor, tenths of a second that it vouches for], ...]]`."""
+    return [int(shield.safe_mode), [[number(auditor), round(left_s * 10)] for auditor, left_s in shield.vouchers]]
 
 
 def _tell_lie(lie: _Lie | None, now_s: float) -> dict[str, float | None] | None:

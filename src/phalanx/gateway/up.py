@@ -22,9 +22,9 @@ from phalanx.errors import Unknown, UsageError
 from phalanx.io import Login, Server, parse_broker_url
 from phalanx.io.broker import RunningBroker, open_broker
 from phalanx.io.broker_url import on_host
-from phalanx.io.files import allow_files
 from phalanx.io.phones import PhonesDoor, no_way_from, warn_if_phones_are_locked_out
-from phalanx.io.ports import EVERYWHERE, LOOPBACK, PORT_TRIES, PortTaken, free_port, lan_address
+from phalanx.io.ports import EVERYWHERE, LOOPBACK, at_a_free_port, free_port, lan_address
+from phalanx.io.seats import allow_files
 from phalanx.io.server import Happening
 from phalanx.io.site import beside
 from phalanx.link import Request
@@ -34,12 +34,11 @@ from phalanx.robot.on_mission import OnMission
 from phalanx.robot.swarm import Stepped
 
 from . import vocabulary
-from .events import tell_event
+from .brakes import KeptStop
 from .gateway import Gateway
-from .kept_stop import KeptStop
 from .missions.desk import MissionDesk
 from .serve_pages import OperatorPages, visitors_page
-from .waits import for_at_most, until_connected
+from .serving import for_at_most, tell_event, until_connected
 
 log = logging.getLogger(__name__)
 
@@ -90,7 +89,7 @@ class Running:
         self.gateway = Gateway(swarm, server, say)
         self._options = options
         self._broker = broker
-        self._server = server
+        self.server = server
         self._loop = asyncio.get_running_loop()
         self._say = say
         self._started_at_s = time.monotonic()
@@ -109,7 +108,7 @@ class Running:
     @property
     def qr_url(self) -> str:
         """What the QR code says now."""
-        qr = self._server.qr()
+        qr = self.server.qr()
         return qr.for_foreign_page(self._options.frontend) if self._options.frontend else qr.for_page(self.page_url)
 
     def ready(self, operator_url: str) -> dict[str, Any]:
@@ -118,8 +117,8 @@ class Running:
             "event": "ready",
             "page_url": self.page_url,
             "qr_url": self.qr_url,
-            "pin": self._server.epoch.pin.digits,
-            "topic": self._server.epoch.topic,
+            "pin": self.server.epoch.pin.digits,
+            "topic": self.server.epoch.topic,
             "broker_host": self._broker.url.host,
             "broker_port": self._broker.url.port,
             "broker_ws_port": parse_broker_url(self._broker.websocket).port,
@@ -132,16 +131,16 @@ class Running:
             "robots": len(self.gateway.swarm.robots()),
             "visitors": len(self.gateway.visitors.present(time.monotonic())),
             "commands": self._count("commands"),
-            "refused": sum(self._server.rejected.values()),
-            "rotates_in_s": self._server.rotates_in_s,
-            "connected": self._server.connected,
+            "refused": sum(self.server.rejected.values()),
+            "rotates_in_s": self.server.rotates_in_s,
+            "connected": self.server.connected,
             "held": self.gateway.brakes.held,
         }
 
     def state(self) -> dict[str, Any]:
         """Everything the operator's page shows. Has the pin in it."""
         now_s, uptime_s = time.time(), time.monotonic()
-        config, server = self._server.config, self._server
+        config, server = self.server.config, self.server
         link = {vocabulary.Status.ACTIVE: "ok", vocabulary.Status.INACTIVE: "quiet", vocabulary.Status.LOST: "lost"}
         robots, here = self.gateway.swarm.robots(), self.gateway.visitors
         names = {robot.address: robot.name for robot in robots}
@@ -190,11 +189,7 @@ class Running:
         }
 
     def compromise(self, address: str, attack: str) -> None:
-        """A robot lies from now on.
-
-        Raises: Unknown: there is no such robot or attack, it is compromised or stopped already, or robots have no
-            shields.
-        """
+        """Have a robot lie. Raises: Unknown: see `ShieldWatch.compromise`; or robots have no shields."""
         if self.gateway.shields is None:
             raise Unknown("these robots do not audit each other: nothing would stop it")
         self.gateway.shields.compromise(address, attack)
@@ -204,10 +199,7 @@ class Running:
 
         For any thread, however busy the event loop is: that hears of it afterwards.
         """
-        if held:
-            self.gateway.brakes.hold()
-        else:
-            self.gateway.brakes.release()
+        self.gateway.brakes.hold(held)
         self._kept_stop.keep(lambda: self.gateway.brakes.held)  # last: a disk may take its time
         with contextlib.suppress(RuntimeError):  # it has ended
             self._loop.call_soon_threadsafe(self._say, {"event": "held" if held else "released"})
@@ -215,7 +207,7 @@ class Running:
     async def run(self) -> None:
         """Let the world turn, tell visitors, report refusals, until cancelled."""
         phones = self._ask_again_for_phones()
-        work = (self._turn(), self.gateway.run(), self._server.run(), self._report(), phones)
+        work = (self._turn(), self.gateway.run(), self.server.run(), self._report(), phones)
         tasks = [asyncio.ensure_future(job) for job in work]
         try:
             await asyncio.gather(*tasks)  # not a TaskGroup: the one error that ends it should arrive as itself
@@ -233,15 +225,15 @@ class Running:
 
     def _count(self, what: str) -> int:
         """How often that came, but for what we asked ourselves through the phones' door."""
-        return max(0, self._server.counters[what] - (self._door.counters[what] if self._door else 0))
+        return max(0, self.server.counters[what] - (self._door.counters[what] if self._door else 0))
 
     async def _ask_again_for_phones(self) -> None:
-        asked_at_s, reconnects = time.monotonic(), self._server.reconnects
+        asked_at_s, reconnects = time.monotonic(), self.server.reconnects
         while self._door:
             await asyncio.sleep(REPORT_S)
-            is_due = time.monotonic() - asked_at_s >= ASK_FOR_PHONES_S or self._server.reconnects != reconnects
-            if self._server.connected and is_due:
-                reconnects = self._server.reconnects
+            is_due = time.monotonic() - asked_at_s >= ASK_FOR_PHONES_S or self.server.reconnects != reconnects
+            if self.server.connected and is_due:
+                reconnects = self.server.reconnects
                 await self.ask_for_phones()
                 asked_at_s = time.monotonic()
 
@@ -265,13 +257,13 @@ class Running:
         connected = True
         while True:
             await asyncio.sleep(REPORT_S)
-            for reason, count in list(self._server.rejected.items()):
+            for reason, count in list(self.server.rejected.items()):
                 if count != self._told[reason]:
                     self._told[reason] = count
                     self._say({"event": "rejected", "reason": reason, "count": count})
-            if self._server.connected != connected:
-                connected = self._server.connected
-                self._say({"event": "broker", "connected": connected, "trouble": self._server.trouble})
+            if self.server.connected != connected:
+                connected = self.server.connected
+                self._say({"event": "broker", "connected": connected, "trouble": self.server.trouble})
 
     def _on_event(self, said: Happening) -> None:
         # Of refusals the first of its kind at once; the others are added up, for they may come in thousands.
@@ -282,20 +274,8 @@ class Running:
         if event is None or isinstance(said, Request) or (self._door and self._door.is_knocking(said)):
             return
         if isinstance(said, Rejected):
-            self._told[said.reason] = event["count"] = self._server.rejected[said.reason]
+            self._told[said.reason] = event["count"] = self.server.rejected[said.reason]
         self._say(event)
-
-
-async def _visitors_page(stack: contextlib.AsyncExitStack, options: UpOptions, preferred: int) -> int:
-    """Its port: where it was asked for, else `preferred` or any that is free, also when it is listened on."""
-    for left in reversed(range(PORT_TRIES)):
-        port = free_port(preferred, options.host) if options.port is None else options.port
-        try:
-            return await stack.enter_async_context(visitors_page(options.host, port))
-        except PortTaken:
-            if options.port is not None or not left:
-                raise
-    raise AssertionError
 
 
 async def up(
@@ -323,7 +303,12 @@ async def up(
         host = urlsplit(options.frontend).hostname
         log.warning("links to %s hold no login: pages of the published kind take it from their form alone", host)
     async with contextlib.AsyncExitStack() as stack:
-        page_port = await _visitors_page(stack, options, preferred)
+
+        async def serve_page() -> int:
+            port = free_port(preferred, options.host) if options.port is None else options.port
+            return await stack.enter_async_context(visitors_page(options.host, port))
+
+        page_port = await (at_a_free_port(serve_page) if options.port is None else serve_page())
         broker = await stack.enter_async_context(
             open_broker(
                 options.broker,
@@ -350,17 +335,7 @@ async def up(
             stack.callback(desk.stop)
         # Before the page that has the button: a stop must not wait until the broker is reached.
         stack.enter_context(running.gateway.brakes)
-        operators = OperatorPages(
-            token,
-            running.state,
-            running.compromise,
-            desk,
-            running.hold,
-            server.rotate,
-            running.gateway.watch,
-            options.operator_port,
-            connected=lambda: server.connected,
-        )
+        operators = OperatorPages(token, running, desk, options.operator_port)
         operator = await stack.enter_async_context(beside(operators))
         started(running)
         await stack.enter_async_context(server)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import islice
@@ -17,7 +17,6 @@ from typing import Any
 
 from phalanx.errors import BadPayload
 from phalanx.robot import Led, Point, Robot
-from phalanx.robot.shield import Audit, Shield
 
 APPLICATION = "0"
 REQUEST_ROBOTS = 0
@@ -124,9 +123,9 @@ def tell_robot(robot: Robot, now_s: float, history: int | None = None) -> dict[s
         "direction": robot.direction_deg,
         "lh2_position": _tell_place(robot.at),
         "rgb_led": tell_led(robot.led),
-        "waypoints": tell_route(robot.route),
+        "waypoints": tell_places(robot.route),
         "waypoints_threshold": round(robot.threshold_mm),
-        "position_history": _tell_places(trail),
+        "position_history": tell_places(trail),
         "calibrated": 1,
         "battery": round(robot.battery_v, 3),
     }
@@ -162,11 +161,6 @@ def tell_led(led: Led) -> dict[str, int]:
     return {"red": led.red, "green": led.green, "blue": led.blue}
 
 
-def tell_route(route: Sequence[Point]) -> list[dict[str, float]]:
-    """A route, its first point where the robot stood."""
-    return _tell_places(route)
-
-
 def tell_update(robot: Robot) -> dict[str, Any]:
     """One robot's move, as pages of PyDotBot read it."""
     return {
@@ -184,20 +178,6 @@ def _tell_place(place: Point) -> dict[str, float] | None:
     return {"x": round(place.x_mm, 1), "y": round(place.y_mm, 1), "z": 0}
 
 
-def _tell_places(places: Iterable[Point]) -> list[dict[str, float]]:
+def tell_places(places: Iterable[Point]) -> list[dict[str, float]]:
+    """Return a trail, or a route, whose first point is where the robot stood."""
     return [told for place in places if (told := _tell_place(place))]
-
-
-def tell_vouchers(shield: Shield, number: Callable[[str], int]) -> list[list[int]]:
-    """Who vouches for a robot and for how many tenths of a second more, auditors by their numbers."""
-    return [[number(auditor), round(left_s * 10)] for auditor, left_s in shield.vouchers]
-
-
-def tell_verdict(audit: Audit | None, number: Callable[[str], int]) -> list[int | str] | None:
-    """How a robot's last audit ended, the auditor by its number; None before the first."""
-    return [number(audit.auditor), audit.refusal] if audit else None
-
-
-def tell_audit(audit: Audit, number: Callable[[str], int]) -> list[int | str]:
-    """An audit that has ended, robots by their numbers."""
-    return [number(audit.auditor), number(audit.auditee), audit.refusal]

@@ -27,13 +27,13 @@ from amqtt.errors import BrokerError
 from phalanx.link.qrurl import Login
 
 from .children import a_python_child, end_with, kept
-from .files import a_share
 from .guarding import guarded
 from .heard import Heard
 from .listeners import Listeners
 from .mosquitto import serves, until_it_serves
 from .ports import LOOPBACK
-from .private_folder import private_folder
+from .private_file import private_folder
+from .seats import a_share
 
 VISITORS, GUARD = "visitors", "the guard"  # the listener for whom the guard lets in, and the address that all have
 PROGRAMS = 200  # connections at the gateway's own door

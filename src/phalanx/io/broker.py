@@ -7,7 +7,6 @@ import importlib.util
 import logging
 import secrets
 from collections.abc import AsyncIterator
-from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, replace
 
 from phalanx.errors import Unavailable, UsageError, did_you_mean
@@ -17,8 +16,8 @@ from .broker_url import BrokerUrl, parse_broker_url, websocket_of
 from .heard import Heard
 from .listeners import Listeners
 from .mosquitto import find_mosquitto, mosquitto
-from .ports import EVERYWHERE, LOOPBACK, PORT_TRIES, PortTaken, free_port
-from .private_folder import sweep
+from .ports import EVERYWHERE, LOOPBACK, at_a_free_port, free_port
+from .private_file import sweep
 
 log = logging.getLogger(__name__)
 
@@ -87,8 +86,9 @@ async def open_broker(
         log.warning(
             "mosquitto is not installed: the broker is amqtt, %s; hint: %s", AMQTT_LACKS, "apt-get install mosquitto"
         )
+    own_login = Login("gateway", secrets.token_hex(16))
     async with contextlib.AsyncExitStack() as stack:
-        at, heard = await _start(stack, name, Listeners(tcp_port, 0, ws_host, ws_port, _own_login(), root))
+        at, heard = await _start(stack, name, Listeners(tcp_port, 0, ws_host, ws_port, own_login, root))
         visitors = BrokerUrl("mqtt", LOOPBACK, at.visitors_port)
         ws = str(BrokerUrl("ws", LOOPBACK if ws_host in EVERYWHERE else ws_host, at.ws_port, "/mqtt"))
         yield RunningBroker(name, visitors, at.gateway, ws, 4 if name == "amqtt" else 5, heard=heard)
@@ -104,31 +104,17 @@ def for_browsers(websocket: str) -> str:
     return str(at)
 
 
-def _own_login() -> Login:
-    return Login("gateway", secrets.token_hex(16))
-
-
 async def _start(stack: contextlib.AsyncExitStack, name: str, asked: Listeners) -> tuple[Listeners, Heard]:
-    """Where it listens, a port 0 that was asked for is a free one; and what the gateway shall tell its guard.
+    """Return where it listens, and what the gateway shall tell its guard. A port 0 stands for a free one."""
 
-    A port that was free can be taken by the time the broker listens, by a gateway that starts beside this one, say.
-    """
-    for _ in range(PORT_TRIES - 1):
-        with contextlib.suppress(PortTaken):
-            return await _start_once(stack, name, asked)
-    return await _start_once(stack, name, asked)
+    async def start() -> tuple[Listeners, Heard]:
+        port = asked.visitors_port or free_port(1883)
+        ws_port = asked.ws_port or free_port(9001, asked.ws_host)
+        at = replace(asked, visitors_port=port, gateway_port=free_port(), ws_port=ws_port)
+        if name == "mosquitto":
+            return at, await stack.enter_async_context(mosquitto(at))
+        from .amqtt_broker import amqtt  # noqa: PLC0415 - an extra
 
+        return at, await stack.enter_async_context(amqtt(at))
 
-async def _start_once(stack: contextlib.AsyncExitStack, name: str, asked: Listeners) -> tuple[Listeners, Heard]:
-    port = asked.visitors_port or free_port(1883)
-    ws_port = asked.ws_port or free_port(9001, asked.ws_host)
-    at = replace(asked, visitors_port=port, gateway_port=free_port(), ws_port=ws_port)
-    return at, await stack.enter_async_context(_run(name, at))
-
-
-def _run(name: str, at: Listeners) -> AbstractAsyncContextManager[Heard]:
-    if name == "mosquitto":
-        return mosquitto(at)
-    from .amqtt_broker import amqtt  # noqa: PLC0415 - an extra
-
-    return amqtt(at)
+    return await at_a_free_port(start)

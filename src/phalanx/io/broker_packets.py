@@ -59,10 +59,7 @@ class BrokerPackets:
         self._came += data[skipped:] if skipped else data
 
     def next(self) -> Arrived | Answer | None:
-        """The next packet, or None if there is none that is whole.
-
-        Raises: TooLarge, WrongTopic: a message is dropped. BrokerFaultError.
-        """
+        """Return the next whole packet, if any. Raises: TooLarge, WrongTopic: one is dropped; BrokerFaultError."""
         came, at = self._came, self._at
         body = self._body(at)
         if body is None:

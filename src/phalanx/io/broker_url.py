@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from urllib.parse import urlsplit
 
 from phalanx.errors import UsageError, did_you_mean
@@ -38,10 +37,7 @@ class BrokerUrl:
 
 
 def parse_broker_url(url: str, login: Login | None = None) -> BrokerUrl:
-    """The broker at `url`: mqtt://, mqtts://, ws:// or wss://.
-
-    Raises: UsageError: not such a URL, or one with a login in it (command lines are readable by every user).
-    """
+    """Parse an mqtt://, mqtts://, ws:// or wss:// URL. Raises: UsageError: none of these, or a login in it."""
     try:
         parts = urlsplit(url if "://" in url else f"mqtt://{url}")
         port = parts.port
@@ -66,12 +62,7 @@ def parse_broker_url(url: str, login: Login | None = None) -> BrokerUrl:
 
 
 def websocket_of(broker: BrokerUrl) -> str:
-    """The websocket URL that browsers use for `broker`.
-
-    A broker by mqtt:// usually has its websockets one port further (1883, 1884), as the published packages assume.
-
-    Source: the published packages' default ports.
-    """
+    """Return its URL for browsers: of mqtt:// one port further (1883, 1884), as the published packages assume."""
     if broker.websockets:
         return str(broker)
     scheme = "wss" if broker.tls else "ws"
@@ -79,11 +70,6 @@ def websocket_of(broker: BrokerUrl) -> str:
 
 
 def on_host(websocket: str, host: str) -> str:
-    """`websocket` as it is reached from other machines: a loopback address in it becomes `host`."""
-    parts = urlsplit(websocket)
-    if parts.hostname not in ("127.0.0.1", "localhost", "::1"):
-        return websocket
-    with contextlib.suppress(ValueError):
-        if parts.port:
-            return f"{parts.scheme}://{f'[{host}]' if ':' in host else host}:{parts.port}{parts.path}"
-    return websocket
+    """Return `websocket` as it is reached from other machines: a loopback address in it becomes `host`."""
+    at = parse_broker_url(websocket)
+    return str(replace(at, host=host)) if at.host in ("127.0.0.1", "localhost", "::1") else websocket

@@ -31,10 +31,7 @@ BEGINS_WITHIN_S = 20.0  # on a busy machine it takes its time to begin; one that
 
 
 def die_with_parent(most_bytes: int = 0) -> None:
-    """Called in a child before its program starts: it is sent SIGTERM when we end, even if we are killed outright.
-
-    `most_bytes` is what it may have of memory, if that is limited.
-    """
+    """Have the calling child end when we do, even if we are killed outright; limit its memory to `most_bytes`."""
     if most_bytes:
         resource.setrlimit(resource.RLIMIT_DATA, (most_bytes, most_bytes))
     if sys.platform == "linux":
@@ -87,12 +84,9 @@ async def a_child(
 
 
 async def answer(where: tuple[str, int] | Path, said: bytes, length: int) -> bytes | None:
-    """So many bytes that come there after `said`; b"" if they do not come in time, None if we could not even ask.
-
-    By hand, for nothing of it may outlive a cancellation.
-    """
+    """Return so many bytes that answer `said`; b"" if they do not come in time, None if we could not even ask."""
     writer = None
-    try:
+    try:  # by hand, for nothing of it may outlive a cancellation
         async with asyncio.timeout(PROBE_TIMEOUT_S):
             if isinstance(where, Path):
                 reader, writer = await asyncio.open_unix_connection(where)
@@ -117,10 +111,7 @@ Begins = Callable[[asyncio.subprocess.Process], Awaitable[None]]
 async def kept(
     name: str, child: Callable[[], Child], serves: Probe, begins: Begins | None = None
 ) -> AsyncIterator[None]:
-    """A child that is started, and started again when it ends or serves no longer, for as long as the context lasts.
-
-    `begins` waits until it serves, or else it begins meanwhile. Raises: Unavailable: the first does not begin.
-    """
+    """Keep a child running; `begins`, if given, waits until it serves. Raises: Unavailable: it does not begin."""
     begun: asyncio.Future[None] = asyncio.get_running_loop().create_future()
     keeper = asyncio.create_task(_keep(name, child, serves, begins, begun))
     try:

@@ -10,13 +10,12 @@ import random
 import time
 from collections import Counter
 from collections.abc import AsyncIterator, Callable
-from types import TracebackType
 from typing import Any, Self
 
 from phalanx.config import LinkConfig
-from phalanx.errors import OpenError, PeerError, Stale, Unavailable, UsageError
+from phalanx.errors import OpenError, Stale, Unavailable, UsageError
 from phalanx.link.client_side import ClientSide
-from phalanx.link.messages import Moved, Notification, Rejected, Reply, ReplyPart
+from phalanx.link.messages import Moved, Notification, Rejected, Reply
 from phalanx.link.qrurl import Login, QrUrl, parse_qr_url
 from phalanx.link.topics import CommandTopic
 
@@ -98,24 +97,22 @@ class Client:
             self.client_id,
             self._side.subscriptions,
             self._on_message,
-            self._on_connect,
+            None,
             self.qr.mqtt,
-            self._on_dropped,
+            self._side.reject,
         )
         self._running = self._link.start()
         try:
             await self._link.wait_connected(self._timeout_s)
         except BaseException as error:
-            await self.__aexit__(None, None, None)
+            await self.__aexit__()
             if isinstance(error, TimeoutError):
                 raise Unavailable(str(error), "is the swarm up, and does this machine reach it?") from error
             raise
         self._waits_since_s = time.monotonic()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         assert self._running is not None
         self._running.cancel()
         await asyncio.gather(self._running, return_exceptions=True)
@@ -191,12 +188,6 @@ class Client:
             raise UsageError("the client is not entered", "async with client: …")
         return self._link
 
-    def _on_dropped(self, error: PeerError) -> None:
-        self._side.reject(error)
-
-    async def _on_connect(self, again: bool) -> None:
-        log.debug("%s: %s", self.client_id, "reconnected" if again else "connected")
-
     async def _on_message(self, topic: str, token: bytes) -> None:
         said = self._side.receive(topic, token, self._clock())
         if isinstance(said, Rejected):
@@ -225,10 +216,10 @@ class Client:
             self._unread_bytes -= self._unread.get_nowait()[1]
             self.dropped += 1
 
-    def _on_answer(self, said: Reply | ReplyPart) -> None:
+    def _on_answer(self, said: Reply) -> None:
         if said.number not in self._waiting:
             return
-        if isinstance(said, ReplyPart):
+        if not said.is_whole:
             self._part_at_s[said.number] = time.monotonic()
             return
         for answer in self._waiting[said.number]:

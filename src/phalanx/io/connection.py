@@ -82,9 +82,9 @@ class Connection:
         name: str,
         subscriptions: Callable[[], Iterable[str]],
         on_message: Callable[[str, bytes], Awaitable[None]],
-        on_connect: Callable[[bool], Awaitable[None]],
+        on_connect: Callable[[bool], Awaitable[None]] | None,
         mqtt: int = 5,
-        on_dropped: Callable[[PeerError], None] = lambda _: None,
+        on_dropped: Callable[[PeerError], object] = lambda _: None,
         stale_s: float = math.inf,
     ) -> None:
         self._stale_s = stale_s
@@ -230,7 +230,8 @@ class Connection:
             again, self._ever = self._ever, True
             watching = asyncio.create_task(emptied.watch())
             try:
-                await self._on_connect(again)
+                if self._on_connect:
+                    await self._on_connect(again)
                 async for first in client.messages:
                     until_s, message = time.monotonic() + READ_FOR_S, cast("Arrived", first)
                     await self._on_message(*message)

@@ -21,10 +21,9 @@ import time
 from pathlib import Path
 
 from .children import end_with
-from .files import allow_files
 from .heard import Heard
 from .house import AT_ONCE_S, House
-from .seats import place_of
+from .seats import allow_files, place_of
 from .visitor import Visitor
 
 VISITORS = 1000

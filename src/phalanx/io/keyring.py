@@ -75,10 +75,7 @@ class Keys:
         return self._master(robot)
 
     def master(self, robot: int) -> bytes:
-        """The master key that a robot's nodes were given, to check what they said.
-
-        Raises: UsageError: it was given none.
-        """
+        """Return the master key that a robot's nodes were given. Raises: UsageError: it was given none."""
         if robot not in self.robots:
             raise UsageError(f"robot {robot} has no master key", "phalanx keys list shows who has")
         return self._master(robot)
@@ -165,11 +162,7 @@ def create(path: Path, name: str, passphrase: str) -> Keys:
 
 @contextlib.contextmanager
 def opened(path: Path, passphrase: str, new_passphrase: str = "") -> Iterator[Keys]:
-    """The keys in a file, for one process at a time; what the body changed is on disk when it ends without an error.
-
-    Raises: UsageError: it is no such file, others may read it, it is damaged, or the passphrase is another;
-    Unavailable: it cannot be written.
-    """
+    """Yield a file's keys; save what the body changed. Raises: UsageError: not ours alone, or damaged; Unavailable."""
     with _alone(path):
         try:
             lock, plain = unlock(read_sealed(path), passphrase)
@@ -201,10 +194,7 @@ def _alone(path: Path) -> Iterator[None]:
 
 
 def read_sealed(path: Path) -> bytes:
-    """What a file of keys holds, still sealed.
-
-    Raises: UsageError: there is none, or others may read it.
-    """
+    """Return a file of keys, still sealed. Raises: UsageError: there is none, or others may read it."""
     try:
         with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
             status = os.fstat(file.fileno())

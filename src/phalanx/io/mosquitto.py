@@ -23,7 +23,7 @@ from .guarding import guarded
 from .heard import Heard
 from .listeners import READ, WRITE, Listeners
 from .ports import LOOPBACK, PortTaken
-from .private_folder import CONFIG, private_folder
+from .private_file import private_folder
 from .visitor_packets import MAX_KEEPALIVE_S
 
 # Our own packets are small, an older page's list the largest; one of these holds up a phone's websocket for seconds.
@@ -33,6 +33,7 @@ EMBEDDED_PACKET_BYTES = 512 * 1024
 MEMORY_BYTES = 256 * 1024 * 1024
 QUEUED_MESSAGES = 500  # a thousand robots' list is 167 parts, twice in an overlap
 ROUNDS = 101
+CONFIG = "mosquitto.conf"
 SOCKET = "run/visitors"
 PROBE_BYTES = 64 * 1024
 START_TIMEOUT_S = 20.0  # one that fails ends by itself; amqtt takes a second of processor time
@@ -101,10 +102,7 @@ def _whose() -> str | None:
 
 @contextlib.asynccontextmanager
 async def mosquitto(at: Listeners) -> AsyncIterator[Heard]:
-    """A running mosquitto, for as long as the context lasts; yields what the gateway shall tell the guard before it.
-
-    Raises: Unavailable: not installed, or it does not start (a port taken, say).
-    """
+    """Run mosquitto; yield what the gateway shall tell the guard before it. Raises: Unavailable: it does not start."""
     program = find_mosquitto()
     if program is None:
         raise Unavailable("mosquitto is not installed", "apt-get install mosquitto, or --broker amqtt")
@@ -141,10 +139,7 @@ def _write(folder: Path, at: Listeners) -> str | None:
 
 
 async def serves(url: BrokerUrl) -> bool | None:
-    """Whether the broker takes a connection and passes on a message as long as a visitor's longest, in time.
-
-    None if we do not know. Source: MQTT 3.1.1 §3.
-    """
+    """Return whether the broker takes a connection and passes on a long message in time; None if we do not know."""
     assert url.login is not None
     topic = _string(f"phalanx/probe/{os.urandom(8).hex()}")
     hello = _string("MQTT") + b"\x04\xc2\x00\x0a" + b"".join(map(_string, ("", url.login.username, url.login.password)))
@@ -168,10 +163,7 @@ def _packet(kind: int, body: bytes) -> bytes:
 
 
 async def until_it_serves(name: str, url: BrokerUrl, process: asyncio.subprocess.Process) -> None:
-    """Listening is not enough: it listens at one port, finds the next one taken, and ends.
-
-    Raises: PortTaken. Unavailable: it does not start.
-    """
+    """Wait until it serves: one that listens may yet end. Raises: PortTaken. Unavailable: it does not start."""
     deadline, does = asyncio.get_running_loop().time() + START_TIMEOUT_S, None
     while process.returncode is None and asyncio.get_running_loop().time() < deadline:
         if does := await serves(url):

@@ -74,10 +74,7 @@ class Frames:
         sock.recv, sock.pending = self.recv, self.pending
 
     def recv(self, length: int) -> bytes:
-        """At most so many bytes; b"" at the end.
-
-        Raises: BlockingIOError: there are none now, or some frames that carry nothing were read: there may be more.
-        """
+        """Return at most so many bytes; b"" at the end. Raises: BlockingIOError: none now, or only empty frames."""
         if self._at == len(self._carried):
             self.is_dry = False
             if self._websocket.closed or not self._read():
@@ -123,7 +120,7 @@ class CheckedClient(aiomqtt.Client):
         self,
         *where: Any,
         arrived: Callable[[Arrived], None],
-        on_dropped: Callable[[PeerError], None],
+        on_dropped: Callable[[PeerError], object],
         emptied: Emptied,
         **more: Any,
     ) -> None:

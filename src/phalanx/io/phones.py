@@ -50,10 +50,7 @@ class PhonesDoor:
         server.on_command(COMMAND.name)(self._told)
 
     async def trouble(self) -> tuple[str, str]:
-        """Why phones do not get in, or what does not get through; and a hint. Empty if all is well.
-
-        While the server is without its broker, only whether they get in.
-        """
+        """Return why phones do not get in, or what is lost on the way, and a hint; two empty texts if all is well."""
         qr = self._server.qr()
         at = parse_broker_url(qr.broker, qr.login)
         unread = self._server.rejected["overrun"]

@@ -6,13 +6,15 @@ import contextlib
 import errno
 import logging
 import socket
-from collections.abc import Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 from random import SystemRandom  # whoever seeds the other one draws what all who do so draw
+from typing import TypeVar
 
 from phalanx.errors import Unavailable
 
 log = logging.getLogger(__name__)
+Started = TypeVar("Started")
 
 LOOPBACK = "127.0.0.1"
 # Below what systems give to outgoing connections: one of those is soon some flood's, before anybody listens there.
@@ -43,10 +45,7 @@ def is_free(port: int, host: str = LOOPBACK) -> bool:
 
 
 def free_port(preferred: int = 0, host: str = LOOPBACK) -> int:
-    """`preferred` if it is free, else any free port, which is said.
-
-    Raises: Unavailable: this machine has no such address.
-    """
+    """Return `preferred` if it is free, else any free port. Raises: Unavailable: this machine has no such address."""
     if is_free(preferred, host) and preferred:
         return preferred
     port = next((port for port in SystemRandom().sample(QUIET, 20) if is_free(port, host)), 0)
@@ -59,11 +58,16 @@ def free_port(preferred: int = 0, host: str = LOOPBACK) -> int:
     return port
 
 
-def listen(host: str, port: int, if_taken: str = "phalanx doctor") -> socket.socket:
-    """A socket that listens there; `if_taken` is a hint.
+async def at_a_free_port(start: Callable[[], Awaitable[Started]]) -> Started:
+    """Return what `start` returns; call it again when a port that was free is taken by the time it listens there."""
+    for _ in range(PORT_TRIES - 1):
+        with contextlib.suppress(PortTaken):
+            return await start()
+    return await start()
 
-    Raises: PortTaken. Unavailable: it cannot.
-    """
+
+def listen(host: str, port: int, if_taken: str = "phalanx doctor") -> socket.socket:
+    """Return a socket that listens there. Raises: PortTaken, with the hint `if_taken`. Unavailable: it cannot."""
     family, both = _family(host), host == "::"
     try:
         return socket.create_server((host, port), family=family, backlog=BACKLOG, dualstack_ipv6=both)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ipaddress
 import itertools
+import resource
 from collections.abc import Iterator
 from typing import Generic, Protocol, TypeVar
 
@@ -166,3 +167,26 @@ def place_of(address: str) -> str:
     if isinstance(ip, ipaddress.IPv6Address):
         return str(ip.ipv4_mapped or ipaddress.ip_network((ip, 64), strict=False))
     return str(ip)
+
+
+def allow_files(wanted: int) -> int:
+    """How many we may open from now on: at least `wanted`, if the system lets us.
+
+    The usual soft limit of 1024 is a classroom of phones, or one idler with a script.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
+    if soft != resource.RLIM_INFINITY and soft < most:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+    return files()
+
+
+def files() -> int:
+    """How many we may open."""
+    soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    return 2**31 if soft == resource.RLIM_INFINITY else soft
+
+
+def a_share(wanted: int, files_each: int = 1) -> int:
+    """Return as many connections as wanted, of so many files each, or what fits a quarter of all files."""
+    return max(1, min(wanted, files() // 4 // files_each))

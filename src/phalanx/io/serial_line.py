@@ -49,12 +49,7 @@ class SerialLine:
         os.set_blocking(fd, False)
 
     def send(self, raw: bytes, until_s: float) -> None:
-        """The bytes are on their way.
-
-        Args:
-            until_s: of time.monotonic, when they must be.
-        Raises: Unavailable: the other end is gone, or takes nothing.
-        """
+        """Send bytes before `until_s` of time.monotonic. Raises: Unavailable: the other end is gone, or takes none."""
         while raw:
             can_read, can_write, _ = select.select([self._fd], [self._fd], [], max(0.0, until_s - time.monotonic()))
             if can_write:
@@ -67,10 +62,7 @@ class SerialLine:
                 raise Unavailable(f"{self.where} takes no bytes")
 
     def receive(self, until_s: float) -> bytes:
-        """What has come, as soon as something has; nothing if that is not before `until_s`.
-
-        Raises: Unavailable: the other end is gone.
-        """
+        """Return what has come by `until_s`, as soon as something has. Raises: Unavailable: the other end is gone."""
         if self._came:
             came, self._came = self._came, b""
             return came
@@ -105,10 +97,7 @@ class SerialLine:
 
 
 def open_line(where: str, *more: str) -> SerialLine:
-    """The line there, as HINT says it; `more` are further words of a process.
-
-    Raises: UsageError: no such kind of line. Unavailable: nobody is there.
-    """
+    """Open a line; see HINT. `more` are words of a process. Raises: UsageError: no such kind; Unavailable."""
     kind, _, rest = where.partition(":")
     try:
         if kind == "process":

@@ -8,14 +8,13 @@ it was done. Source: docs/spec/serial.md.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from phalanx.bti import elsewhere, trusted
+from phalanx.bti import trusted
 from phalanx.bti.elsewhere import FORWARDED, made_by
 from phalanx.bti.nodes import Limits, MissionKey, Refused
-from phalanx.errors import PeerError, Unavailable, UsageError
+from phalanx.errors import PeerError, Unavailable
 from phalanx.wire import Record, lines
 from phalanx.wire.framing import Frames, framed
 from phalanx.wire.table import ENTRY_HEADER_BYTES, FRAME_MAX, SEAL
@@ -175,39 +174,6 @@ class SerialNode:
         self._ended = why
         self._line.close()
         return Unavailable(why)
-
-
-class SerialNodes:
-    """The trusted nodes of n robots at the ends of as many lines: bti.nodes.Nodes for `sim`, on a bench.
-
-    Raises: UsageError: another number of lines, or a board with a clock of its own. Refused: a board has its keys.
-    """
-
-    def __init__(self, nodes: Sequence[SerialNode], n: int, limits: Limits) -> None:
-        if len(nodes) != n:
-            raise UsageError(f"{len(nodes)} lines for {n} robots", "one for each")
-        if not all(node.about.told_clock for node in nodes):
-            raise UsageError("a board with a clock of its own, in a simulation", "benches, which are told the time")
-        self.profile = trusted.BOUND
-        self._nodes = nodes
-        for node in nodes:
-            node.make(limits)
-        self.snode = elsewhere.place(nodes)
-        self.anode = self.snode
-
-    def load_master(self, i: int, key: bytes, robot_id: int) -> None:
-        """See bti.nodes.Nodes."""
-        self._nodes[i].load_master(key, robot_id)
-
-    def load_mission(self, i: int, now: int, sealed: MissionKey) -> None:
-        """See bti.nodes.Nodes."""
-        self._nodes[i].load_mission(now, sealed)
-
-    def close(self) -> None:
-        """All lines are closed, and kernels know these nodes no longer."""
-        elsewhere.forget(self.snode)
-        for node in self._nodes:
-            node.close()
 
 
 def _checked(answered: tuple[int, bytes]) -> None:

@@ -1,7 +1,7 @@
 """A page over HTTP: who may connect, for how long, and with which headers it is served.
 
 The operator's is served beside the gateway's event loop (`beside`): what holds that up does not hold up an emergency
-stop. The visitors', which strangers reach, by a process of its own (`page.py`): threads share one interpreter, and a
+stop. The visitors', which strangers reach, by a process of its own (`page_apart`): threads share one interpreter, and a
 few who asked for pages without end cost a third of all moves.
 """
 
@@ -10,20 +10,24 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import signal
 import socket
+import sys
 import threading
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Sequence
+from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self, TypeVar, cast
 
 from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
+from aiohttp.web_protocol import RequestHandler
 
-from .files import a_share
-from .ports import LOOPBACK, listen
-from .seats import Seats, place_of
+from .children import a_python_child, answer, end_with, kept
+from .ports import LOOPBACK, listen, listening_to_us
+from .private_file import private_folder
+from .seats import Seats, a_share, allow_files, place_of
 
 # A page is some 600 KB: a phone that cannot load it within this cannot drive a robot either.
 HANG_UP_AFTER_S = 30.0
@@ -32,6 +36,7 @@ CHECK_S = 1.0
 LINE_BYTES, HEADERS, HEAD_BYTES = 4096, 64, 16 * 1024
 AT_ONCE = 100  # let in before any is heard: fewer than there are seats, or who just came is pushed out unheard
 FILES_EACH = 2  # a connection, and what is read for it
+QUESTION, WELL = b"GET / HTTP/1.1\r\nHost: us\r\nConnection: close\r\n\r\n", b"HTTP/1.1 "
 # aiohttp logs a trace for every request that is no HTTP, and quotes it; and for whoever goes before the file is sent.
 _FAULTS = logging.getLogger(f"{__name__}.aiohttp")
 _FAULTS.addFilter(lambda record: not (record.exc_info and _is_theirs(record.exc_info[1])))
@@ -54,7 +59,7 @@ def _is_theirs(error: BaseException | None) -> bool:
 class Site:
     """An HTTP server for the page in `folder`, and for so many connections.
 
-    It listens at host and port, or is given `doors` that listen already.
+    It listens on loopback, for people at this machine alone, or is given `doors` that listen already.
     """
 
     port_option = "--port"
@@ -63,28 +68,26 @@ class Site:
         self,
         folder: Path,
         policy: str,
-        host: str = LOOPBACK,
         port: int = 0,
         *,
         connections: int,
         longest: int = 4096,
         doors: Sequence[socket.socket] = (),
     ) -> None:
-        self.host, self.port = host, port
+        self.port = port
         self._folder = folder
         self._doors = doors
         self._listening: list[asyncio.Server] = []
         self._seats = Seats[_Connection](a_share(connections, FILES_EACH))
-        self._by_handler: dict[object, _Connection] = {}
         headers = COMMON_HEADERS | {"Content-Security-Policy": policy}
 
         @web.middleware
         async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
-            if connection := self._by_handler.get(request.protocol):
-                connection.asks(asyncio.current_task())
-            refusal = self.refuse(request)
+            _connection(request).asks(asyncio.current_task())
+            # A foreign page that rebinds its name to loopback sends its own.
+            is_rebound = not doors and request.host.rsplit(":", 1)[0] not in (LOOPBACK, "localhost")
             try:
-                response = refusal or await handler(request)
+                response = await (_for_this_machine_only if is_rebound else handler)(request)
             except web.HTTPException as error:  # aiohttp's way of saying 404
                 response = web.Response(status=error.status, text=f"{error.reason}\n")
             except OSError:  # a name longer than any file's
@@ -110,14 +113,9 @@ class Site:
     def _add_routes(self) -> None:
         """Routes that come before the page's files."""
 
-    def refuse(self, request: web.Request) -> web.Response | None:  # noqa: ARG002
-        """An answer to give instead, or None."""
-        return None
-
     def know(self, request: web.Request) -> None:
-        """Whoever asks this keeps its seat, however many strangers come."""
-        if connection := self._by_handler.get(request.protocol):
-            self._seats.know(connection)
+        """Keep the seat of whoever asks this, however many strangers come."""
+        self._seats.know(_connection(request))
 
     async def _index(self, _: web.Request) -> web.StreamResponse:
         index = self._folder / "index.html"
@@ -127,73 +125,46 @@ class Site:
 
     async def __aenter__(self) -> Self:
         hint = f"another program has it; choose another with {self.port_option}, or {self.port_option} 0 for any"
-        doors = self._doors or (listen(self.host, self.port, hint),)
+        doors = self._doors or (listen(LOOPBACK, self.port, hint),)
         self.port = int(doors[0].getsockname()[1])
         await self._runner.setup()
         loop = asyncio.get_running_loop()
+        server = cast("web.Server", self._runner.server)
+        connection = partial(_Connection, server, self._seats, self._longest)
         for door in doors:
-            self._listening.append(await loop.create_server(self._connection, sock=door, backlog=AT_ONCE))
+            self._listening.append(await loop.create_server(connection, sock=door, backlog=AT_ONCE))
         self._hanging_up = asyncio.create_task(self._hang_up_on_idlers())
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         self._hanging_up.cancel()
         for listening in self._listening:
             listening.close()
         await self._runner.cleanup()
 
     async def _hang_up_on_idlers(self) -> None:
-        """A connection is closed soon after its last request; one that asks nothing, soon after it began.
-
-        aiohttp waits for ever for a first request, for half of one, and for whoever does not read the answer.
-        """
+        """Hang up on whoever asks nothing for a while, or does not read the answer: aiohttp waits for them for ever."""
         while True:
             await asyncio.sleep(CHECK_S)
             now_s = time.monotonic()
             for connection in [each for each in self._seats if now_s - each.heard_at_s >= HANG_UP_AFTER_S]:
                 connection.leave()
 
-    def _connection(self) -> _Connection:
-        assert self._runner.server is not None
-        return _Connection(self._runner.server(), self._seats, self._by_handler, self._longest)
 
+class _Connection(RequestHandler):
+    """A connection of aiohttp's that has a seat."""
 
-class LoopbackSite(Site):
-    """A page for people at this machine alone."""
-
-    def __init__(self, folder: Path, policy: str, port: int, *, connections: int, longest: int = 4096) -> None:
-        super().__init__(folder, policy, LOOPBACK, port, connections=connections, longest=longest)
-
-    def refuse(self, request: web.Request) -> web.Response | None:
-        """Refuse a host name that is not ours: a foreign page that rebinds its name to loopback sends its own."""
-        if request.host.rsplit(":", 1)[0] not in (LOOPBACK, "localhost"):
-            return web.json_response({"error": "this page is for this machine only"}, status=403)
-        return None
-
-
-class _Connection(asyncio.Protocol):
-    """One connection: it has a seat, and aiohttp does the rest."""
-
-    def __init__(
-        self,
-        handler: asyncio.Protocol,
-        seats: Seats[_Connection],
-        by_handler: dict[object, _Connection],
-        longest: int,
-    ) -> None:
+    def __init__(self, server: web.Server, seats: Seats[_Connection], longest: int) -> None:
+        super().__init__(server, loop=asyncio.get_running_loop(), **server._kwargs)  # noqa: SLF001  # as it makes its own
         self.place = ""
         self.heard_at_s = time.monotonic()
-        self._handler = handler
         self._seats = seats
-        self._by_handler = by_handler
         self._answering: asyncio.Task[Any] | None = None
         self._longest = longest
         self._unanswered = 0  # bytes since its last request was taken up
 
     def asks(self, answering: asyncio.Task[Any] | None) -> None:
-        """A request came, which this works on."""
+        """Note a request, on which this task works."""
         self.heard_at_s = time.monotonic()
         self._answering = answering
         self._unanswered = 0
@@ -201,48 +172,39 @@ class _Connection(asyncio.Protocol):
 
     def leave(self) -> None:
         """Hang up."""
-        self._forget()
+        self._seats.gone(self)
         if self._answering:
             self._answering.cancel()
         # Nobody tells a sendfile that its socket is closed: it must have ended before.
-        asyncio.get_running_loop().call_soon(self._transport.abort)
-
-    def _forget(self) -> None:
-        self._seats.gone(self)
-        self._by_handler.pop(self._handler, None)
+        if self.transport:
+            asyncio.get_running_loop().call_soon(self.transport.abort)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """It came."""
-        self._transport = cast("asyncio.Transport", transport)
+        """Take a seat."""
         self.place = place_of((transport.get_extra_info("peername") or ("",))[0])
-        self._by_handler[self._handler] = self
-        self._handler.connection_made(transport)
+        super().connection_made(transport)
         self._seats.take(self)
 
     def data_received(self, data: bytes) -> None:
-        """It said something; whoever says more than a request is, before that is answered, is hung up on."""
+        """Hang up on whoever sends more than a request may be before that is answered."""
         self._unanswered += len(data)
         if self._unanswered > self._longest:
             self.leave()
         else:
-            self._handler.data_received(data)
+            super().data_received(data)
 
-    def eof_received(self) -> bool | None:
-        """It says nothing more."""
-        return self._handler.eof_received()
+    def connection_lost(self, error: BaseException | None) -> None:
+        """Free the seat."""
+        self._seats.gone(self)
+        super().connection_lost(error)
 
-    def pause_writing(self) -> None:
-        """It does not keep up."""
-        self._handler.pause_writing()
 
-    def resume_writing(self) -> None:
-        """It does again."""
-        self._handler.resume_writing()
+def _connection(request: web.Request) -> _Connection:
+    return cast("_Connection", request.protocol)
 
-    def connection_lost(self, error: Exception | None) -> None:
-        """It has gone."""
-        self._forget()
-        self._handler.connection_lost(error)
+
+async def _for_this_machine_only(_: web.Request) -> web.StreamResponse:
+    return web.json_response({"error": "this page is for this machine only"}, status=403)
 
 
 @contextlib.asynccontextmanager
@@ -261,8 +223,47 @@ async def beside(pages: Served) -> AsyncIterator[Served]:
         try:
             yield pages
         finally:
-            await there(pages.__aexit__(None, None, None))
+            await there(pages.__aexit__())
     finally:
         loop.call_soon_threadsafe(loop.stop)
         await asyncio.to_thread(thread.join)
         await asyncio.to_thread(runner.close)  # what is under way there ends with it
+
+
+@contextlib.asynccontextmanager
+async def page_apart(
+    folder: Path, policy: str, host: str, port: int, *, connections: int, if_taken: str
+) -> AsyncIterator[int]:
+    """Serve the page in `folder` there, in a process of its own, while the context lasts; yield its port, for 0 is any.
+
+    The process is started again when it ends or serves no longer. We listen, not it: who comes while it starts waits.
+
+    Raises: PortTaken, with the hint `if_taken`. Unavailable: it cannot listen there.
+    """
+    with private_folder() as ours, listening_to_us(ours / "watched") as us, listen(host, port, if_taken) as door:
+        numbers = (door.fileno(), us.fileno())
+        words = ("phalanx.io.site", str(folder), policy, str(connections), *map(str, numbers))
+        child, serves = partial(a_python_child, *words, pass_fds=numbers), partial(_serves, ours / "watched")
+        async with kept("the page", child, serves):
+            yield int(door.getsockname()[1])
+
+
+async def _serves(watched: Path) -> bool | None:
+    """Return whether we are answered in time; None if we do not know."""
+    said = await answer(watched, QUESTION, len(WELL))
+    return None if said is None else said == WELL
+
+
+async def _serve_until_told(words: list[str]) -> None:
+    """Serve a page. `words` are its folder, policy and connections, and the numbers of sockets that listen."""
+    folder, policy, connections, *numbers = words
+    allow_files(4 * FILES_EACH * int(connections))
+    doors = [socket.socket(fileno=int(number)) for number in numbers]
+    async with Site(Path(folder), policy, connections=int(connections), doors=doors):
+        await asyncio.Event().wait()
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the gateway, which ends us
+    end_with(int(sys.argv[1]))
+    asyncio.run(_serve_until_told(sys.argv[2:]))

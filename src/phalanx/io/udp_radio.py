@@ -45,19 +45,15 @@ class Radio(Protocol):
     @property
     def refused(self) -> Mapping[str, int]:
         """Frames that were dropped, by reason."""
-        ...
 
     def send(self, frame: bytes) -> None:
         """The frame goes out to all who hear this robot, or is lost."""
-        ...
 
     def take(self) -> bytes:
         """The next frame that waits, of each sender in its turn; b"" if there is none."""
-        ...
 
     def fileno(self) -> int:
         """A file that can be read while some wait."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,11 +30,7 @@ class NoWebsocketError(PeerError):
 
 
 class Websocket:
-    """One connection. After each `read`, `replies` is to be sent to the other end and emptied, and it may be `closed`.
-
-    The server's end, which agrees to a request first, and reads on later if it `has_more`; or a client's that was
-    agreed to already.
-    """
+    """A server's end, or a client's that was agreed to. After each `read`, send `replies`, and see `closed`."""
 
     def __init__(self, *, server: bool = True) -> None:
         self.replies = b""
@@ -60,10 +56,7 @@ class Websocket:
         return len(self._unread)
 
     def read(self, data: bytes = b"") -> bytes:
-        """What `data` carries of the stream that the other end sends, after what was left of it before.
-
-        Raises: NoWebsocketError: it is to be hung up on.
-        """
+        """Return what is carried by `data`, after what was left. Raises: NoWebsocketError: it is to be hung up on."""
         data, self._unread, self.frames = self._unread + data, b"", 0
         if not self._is_open:
             self._head += data

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from phalanx.loading import loaded_when_used
 
 from .client_side import ClientSide
-from .keys import Epoch, derive_epoch
 from .messages import Command, Request, SharedAnswer
-from .pin import BadPin, Pin, new_pin
+from .pin import BadPin, Epoch, Pin, derive_epoch, new_pin
 from .qrurl import BadQrUrl, QrUrl, parse_qr_url
 from .server_side import ServerSide
 
@@ -34,8 +34,5 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    # The one door upwards (ADR 0003): people look for `link.Server`, and the protocol must not import sockets.
-    if name in ("Client", "Server"):
-        return getattr(import_module("phalanx.io"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+# The one door upwards (ADR 0003): people look for `link.Server`, and the protocol must not import sockets.
+__getattr__ = loaded_when_used(__name__, {"Client": ".io", "Server": ".io"})

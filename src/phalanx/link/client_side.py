@@ -13,11 +13,10 @@ from phalanx.config import LinkConfig
 from phalanx.crypto import IV_BYTES
 from phalanx.errors import BadPayload, PeerError, UsageError, WrongTopic
 
-from .envelope import Bound, encode_to_send, open_envelope, seal
-from .keys import Epoch, derive_epoch
-from .messages import Moved, Notification, Publish, Rejected, Reply, ReplyPart, Subscribe, Unsubscribe
+from .envelope import encode_to_send, open_envelope, seal
+from .messages import Moved, Notification, Publish, Rejected, Reply, Subscribe, Unsubscribe
 from .parts import MAX_PART_BYTES, PartsInbox
-from .pin import Pin
+from .pin import Epoch, Pin, derive_epoch
 from .replay import ReplayCache
 from .topics import CommandTopic, ReplyTopic, SubTopic, below_epoch, full_topic, split_topic
 
@@ -39,23 +38,14 @@ class ClientSide:
         except WrongTopic as error:
             raise UsageError(str(error), "letters, digits and _.:- only") from error
         self.config = config
+        self.client_id = client_id
         self.rejected: Counter[str] = Counter()
         self._random_bytes = random_bytes
         self._cache = ReplayCache(config.replay_capacity, config.tolerance_s)
         self._inbox = PartsInbox()
-        self._epoch = derive_epoch(pin)
+        self.epoch = derive_epoch(pin)
         self._seen: int | None = None
         self._left: Epoch | None = None  # the last epoch in which something was heard, if nothing was in this one
-
-    @property
-    def epoch(self) -> Epoch:
-        """The epoch this client lives in."""
-        return self._epoch
-
-    @property
-    def client_id(self) -> str:
-        """Name under which answers come."""
-        return self._reply.client_id
 
     @property
     def has_seen(self) -> bool:
@@ -64,10 +54,10 @@ class ClientSide:
 
     def subscriptions(self) -> tuple[str, ...]:
         """Every topic to be subscribed to now."""
-        root, topic = self.config.root, self._epoch.topic
+        root, topic = self.config.root, self.epoch.topic
         return full_topic(root, topic, "notify"), full_topic(root, topic, self._reply)
 
-    def receive(self, topic: str, token: bytes, now_s: float) -> Notification | Reply | ReplyPart | Moved | Rejected:
+    def receive(self, topic: str, token: bytes, now_s: float) -> Notification | Reply | Moved | Rejected:
         """What a message from the broker says. Never raises: what is refused is counted."""
         try:
             return self._receive(topic, token, now_s)
@@ -92,18 +82,18 @@ class ClientSide:
 
         Somebody may have forged the pin message that led here. If nobody did, the server tells the way again.
         """
-        if self._left is None or asked is not self._epoch:
+        if self._left is None or asked is not self.epoch:
             return None
         epoch, self._left = self._left, None
         return self._go(epoch)
 
-    def _receive(self, topic: str, token: bytes, now_s: float) -> Notification | Reply | ReplyPart | Moved:
-        sub = split_topic(self.config.root, self._epoch.topic, topic)
+    def _receive(self, topic: str, token: bytes, now_s: float) -> Notification | Reply | Moved:
+        sub = split_topic(self.config.root, self.epoch.topic, topic)
         if sub not in ("notify", self._reply):
             raise WrongTopic("not a topic that this client reads")
         opened = open_envelope(
             token,
-            self._epoch,
+            self.epoch,
             now_s,
             self._cache,
             self.config.max_to_client_bytes,
@@ -119,24 +109,24 @@ class ClientSide:
 
     def _move(self, pin: Pin) -> Moved:
         # Whoever has the pin can forge this (docs/threat-model.md): the mode has no key that only the server knows.
-        if pin == self._epoch.pin:
+        if pin == self.epoch.pin:
             raise BadPayload("a move to the current pin")
-        self._left = self._epoch
+        self._left = self.epoch
         return self._go(derive_epoch(pin))
 
     def _go(self, epoch: Epoch) -> Moved:
         left = self.subscriptions()
-        self._epoch = epoch
+        self.epoch = epoch
         joined = self.subscriptions()
-        return Moved(self._epoch, (*map(Subscribe, joined), *(Unsubscribe(t) for t in left if t not in joined)))
+        return Moved(self.epoch, (*map(Subscribe, joined), *(Unsubscribe(t) for t in left if t not in joined)))
 
     def _publish(self, sub: SubTopic, payload: Any, now_s: float) -> Publish:
-        bound = Bound(below_epoch(sub), self._seen)
-        plaintext = encode_to_send(payload, now_s, self.config.max_to_server_bytes, "servers", bound)
-        token = seal(plaintext, self._epoch, self._random_bytes(IV_BYTES))
-        return Publish(full_topic(self.config.root, self._epoch.topic, sub), token)
+        limit = self.config.max_to_server_bytes
+        plaintext = encode_to_send(payload, now_s, limit, "servers", below_epoch(sub), self._seen)
+        token = seal(plaintext, self.epoch, self._random_bytes(IV_BYTES))
+        return Publish(full_topic(self.config.root, self.epoch.topic, sub), token)
 
-    def _parse_reply(self, payload: Any, sealed_bytes: int) -> Reply | ReplyPart:
+    def _parse_reply(self, payload: Any, sealed_bytes: int) -> Reply:
         if not isinstance(payload, dict):
             raise BadPayload("a reply is an object")
         number = payload.get("request")
@@ -147,7 +137,7 @@ class ClientSide:
         if sealed_bytes > MAX_PART_BYTES:
             raise BadPayload("a part that should have been split")
         whole = self._inbox.take(number, payload)
-        return ReplyPart(number) if whole is None else Reply(number, whole)
+        return Reply(number, whole, is_whole=whole is not None)
 
 
 def _frame_number(payload: Any, before: int | None) -> int | None:

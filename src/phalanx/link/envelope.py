@@ -13,28 +13,20 @@ from typing import Any, NoReturn
 from phalanx.crypto import open_jwe, seal_jwe
 from phalanx.errors import MalformedEnvelope, OpenError, PeerError, UsageError
 
-from .keys import Epoch
-from .pin import BadPin, Pin
+from .pin import BadPin, Epoch, Pin
 from .replay import ReplayCache
 
 PIN_MESSAGE_CMD = 255
 
 
 @dataclass(frozen=True, slots=True)
-class Bound:
-    """What a client of ours seals beside its payload. Published peers neither say nor read it."""
-
-    sub: str | None = None  # topic below the epoch that it was sealed for, or None
-    seen: int | None = None  # number of the last frame that its sender had read, or None
-
-
-@dataclass(frozen=True, slots=True)
 class Envelope:
-    """An authentic, fresh message that was not seen before."""
+    """An authentic, fresh message that was not seen before. Published peers neither say nor read `sub` and `seen`."""
 
     timestamp_s: float
     payload: Any
-    bound: Bound
+    sub: str | None  # topic below the epoch that it was sealed for
+    seen: int | None  # number of the last frame that its sender had read
 
 
 def encode_json(value: Any) -> bytes:
@@ -42,19 +34,18 @@ def encode_json(value: Any) -> bytes:
     return _ENCODER.encode(value).encode()
 
 
-def encode_envelope(payload: Any, now_s: float, bound: Bound = Bound()) -> bytes:
-    """The plaintext of an envelope. Raises: ValueError, TypeError: the payload is not JSON (NaN included)."""
-    words = {"sub": bound.sub, "seen": bound.seen}
+def encode_envelope(payload: Any, now_s: float, sub: str | None = None, seen: int | None = None) -> bytes:
+    """Return the plaintext of an envelope. Raises: ValueError, TypeError: the payload is not JSON (NaN included)."""
+    words = {"sub": sub, "seen": seen}
     return encode_json({"timestamp": now_s, "payload": payload, **{k: v for k, v in words.items() if v is not None}})
 
 
-def encode_to_send(payload: Any, now_s: float, max_bytes: int, readers: str, bound: Bound = Bound()) -> bytes:
-    """The plaintext of an envelope that `readers` will not refuse for its size.
-
-    Raises: UsageError: the payload is not JSON, or longer than `max_bytes`.
-    """
+def encode_to_send(
+    payload: Any, now_s: float, max_bytes: int, readers: str, sub: str | None = None, seen: int | None = None
+) -> bytes:
+    """Return an envelope's plaintext. Raises: UsageError: not JSON, or more than `max_bytes`, which `readers` read."""
     try:
-        plaintext = encode_envelope(payload, now_s, bound)
+        plaintext = encode_envelope(payload, now_s, sub, seen)
     except (TypeError, ValueError, RecursionError) as error:
         raise UsageError(f"payload is not JSON: {error}") from error
     if len(plaintext) > max_bytes:
@@ -63,10 +54,7 @@ def encode_to_send(payload: Any, now_s: float, max_bytes: int, readers: str, bou
 
 
 def encode_pin_message(pin: Pin) -> bytes:
-    """The plaintext of a pin message. It is no envelope, and has the pin as a string.
-
-    Source: Qrkey §III-D; as published.
-    """
+    """Return the plaintext of a pin message: no envelope, the pin a string. Source: Qrkey §III-D; as published."""
     return encode_json({"cmd": PIN_MESSAGE_CMD, "pin_code": pin.digits})
 
 
@@ -92,9 +80,9 @@ def open_envelope(
         timestamp_s = _timestamp(words)
         if "payload" not in words:
             raise MalformedEnvelope("no payload")
-        bound = _bound(words)
+        sub, seen = _bound(words)
         cache.enter(epoch.topic, iv, timestamp_s, now_s)
-        return Envelope(timestamp_s, words["payload"], bound)
+        return Envelope(timestamp_s, words["payload"], sub, seen)
     except PeerError as error:
         raise OpenError(error) from error
 
@@ -139,21 +127,18 @@ def _timestamp(words: dict[str, Any]) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise MalformedEnvelope("no timestamp, or not a number")
     try:
-        timestamp_s = float(value)
+        return float(value)
     except OverflowError as error:
         raise MalformedEnvelope("timestamp is not finite") from error
-    if not math.isfinite(timestamp_s):
-        raise MalformedEnvelope("timestamp is not finite")
-    return timestamp_s
 
 
-def _bound(words: dict[str, Any]) -> Bound:
+def _bound(words: dict[str, Any]) -> tuple[str | None, int | None]:
     sub, seen = words.get("sub"), words.get("seen")
     if not (sub is None or isinstance(sub, str)):
         raise MalformedEnvelope("sealed for a topic that is none")
     if seen is not None and (isinstance(seen, bool) or not isinstance(seen, int) or not 0 <= seen < 1 << 53):
         raise MalformedEnvelope("the number of a frame is a whole number")
-    return Bound(sub, seen)
+    return sub, seen
 
 
 def _announced_pin(words: dict[str, Any]) -> Pin:

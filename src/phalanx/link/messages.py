@@ -10,7 +10,7 @@ from typing import Any
 
 from phalanx.errors import PeerError
 
-from .keys import Epoch
+from .pin import Epoch
 from .topics import CommandTopic
 
 
@@ -101,17 +101,11 @@ class Notification:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """The answer to a request of ours."""
+    """The answer to a request of ours; before it may come parts of it, without data. Source: docs/adr/0009."""
 
     number: int
     data: Any = field(repr=False)
-
-
-@dataclass(frozen=True, slots=True)
-class ReplyPart:
-    """A part of an answer; the `Reply` comes with the last one. Source: docs/adr/0009."""
-
-    number: int
+    is_whole: bool = True
 
 
 @dataclass(frozen=True, slots=True)

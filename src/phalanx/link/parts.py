@@ -22,10 +22,7 @@ MAX_PART_BYTES = 16 * 1024  # sealed
 
 
 def split_list(data: Sequence[Any], limit_bytes: int) -> list[list[Any]]:
-    """`data` in order, in pieces of at most `limit_bytes` of JSON each; a longer element makes a piece of its own.
-
-    Raises: ValueError, TypeError: an element is not JSON.
-    """
+    """Split `data` into pieces of at most `limit_bytes` of JSON, or one element. Raises: ValueError, TypeError."""
     pieces: list[list[Any]] = [[]]
     used = 0
     for element in data:
@@ -51,23 +48,17 @@ class PartsInbox:
         self._open: dict[tuple[int, int], _Open] = {}
 
     def take(self, number: int, words: dict[str, Any]) -> list[Any] | None:
-        """The whole list once its last part is here, else None; a reply has `data`, `answer`, `part` and `parts`.
-
-        Raises: BadPayload.
-        """
-        answer, part, parts = (words.get(key) for key in ("answer", "part", "parts"))
-        if not all(type(value) is int for value in (answer, part, parts)) or not isinstance(words.get("data"), list):
+        """Return the list of `data` once its last part is here, else None. Raises: BadPayload."""
+        answer, part, parts, data = (words.get(key) for key in ("answer", "part", "parts", "data"))
+        if type(answer) is not int or type(part) is not int or type(parts) is not int or not isinstance(data, list):
             raise BadPayload("a part of an answer has whole numbers 'answer', 'part' and 'parts', and a list")
-        assert isinstance(answer, int)
-        assert isinstance(part, int)
-        assert isinstance(parts, int)
         if not (1 <= parts <= MAX_PARTS and 0 <= part < parts):
             raise BadPayload("a part that cannot be")
         key = (number, answer)
         unfinished = self._open.setdefault(key, _Open(parts))
         if unfinished.parts != parts:
             raise BadPayload("an answer that changes its number of parts")
-        unfinished.got[part] = words["data"]
+        unfinished.got[part] = data
         if len(unfinished.got) == parts:
             del self._open[key]
             return [element for i in range(parts) for element in unfinished.got[i]]

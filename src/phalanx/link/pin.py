@@ -1,13 +1,20 @@
-"""The pin: the one secret that a QR code carries (Qrkey §III-D)."""
+"""The pin, which is the one secret that a QR code carries, and the topic and key derived from it (Qrkey §III-D)."""
 
 from __future__ import annotations
 
+import base64
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from phalanx.crypto import Key, hkdf_sha256
 from phalanx.errors import UsageError
 
+# A protocol version of its own, taken by the published packages from their own version's first two numbers.
+TOPIC_INFO = b"secret_topic_0.12"
+KEY_INFO = b"secret_key_0.12"
+TOPIC_BYTES = 16
+KEY_BYTES = 32
 _DIGITS = re.compile(r"[0-9]{4,64}", re.ASCII)
 
 
@@ -39,3 +46,19 @@ def new_pin(digits: int, random_bytes: Callable[[int], bytes]) -> Pin:
         # 250 is the last multiple of 10 in a byte; keeping 250..255 would favour the digits 0 to 5.
         chosen += "".join(str(byte % 10) for byte in random_bytes(digits) if byte < 250)
     return Pin(chosen[:digits])
+
+
+@dataclass(frozen=True, slots=True)
+class Epoch:
+    """A pin with what is derived from it."""
+
+    pin: Pin
+    topic: str  # 24 characters; public, for every message travels under it
+    key: Key  # AES-256-GCM key
+
+
+def derive_epoch(pin: Pin) -> Epoch:
+    """The epoch of `pin`. Source: Qrkey §III-D; the info strings are those of the published packages."""
+    secret = pin.digits.encode("ascii")
+    topic = base64.urlsafe_b64encode(hkdf_sha256(secret, TOPIC_INFO, TOPIC_BYTES)).decode("ascii")
+    return Epoch(pin, topic, Key(hkdf_sha256(secret, KEY_INFO, KEY_BYTES)))

@@ -17,6 +17,7 @@ from .pin import Pin
 VERSION = "1"
 DEFAULT_ROOT = "/qrkey"
 DEFAULT_MQTT = 5
+MQTT = {"4": 4, "5": 5}
 LOGIN_LONGEST = 128  # bytes of UTF-8
 _BROKER = re.compile(
     r"wss?://([0-9a-z._-]+|\[[0-9a-f:.]+\])(:[0-9]{1,5})?(/[^?#\s]*)?",  # no login in it: it would be in every QR code
@@ -56,7 +57,7 @@ class QrUrl:
             urlsplit(self.broker).port  # noqa: B018  # raises for a port out of range
         except ValueError:
             raise BadQrUrl("the broker's port is not a port") from None
-        if self.mqtt not in (4, 5):
+        if self.mqtt not in MQTT.values():
             raise BadQrUrl("MQTT version is 4 or 5")
         try:
             LinkConfig(root=self.root)
@@ -97,10 +98,7 @@ class QrUrl:
 
 
 def parse_qr_url(url: str, root: str = DEFAULT_ROOT) -> QrUrl:
-    """What a scanned link says, in either form; `root` is used for the published one, which does not name one.
-
-    Raises: BadQrUrl, BadPin.
-    """
+    """Parse a scanned link; the published form has no root, and gets this. Raises: BadQrUrl, BadPin."""
     try:
         parts = urlsplit(url.strip())
         given = parse_qs(parts.fragment or parts.query, max_num_fields=32)
@@ -119,13 +117,13 @@ def parse_qr_url(url: str, root: str = DEFAULT_ROOT) -> QrUrl:
             Pin(words["pin"]),
             words.get("broker", ""),
             words.get("root", DEFAULT_ROOT),
-            _mqtt(words.get("mqtt", str(DEFAULT_MQTT))),
+            MQTT.get(words.get("mqtt", "5"), 0),
             _login(words.get("user", ""), words.get("password", "")),
         )
     scheme = "wss" if words.get("mqtt_use_ssl", "False").lower() == "true" else "ws"
     broker = f"{scheme}://{words.get('mqtt_host', '')}:{words.get('mqtt_port', '')}/mqtt"
     login = _login(words.get("mqtt_username", ""), words.get("mqtt_password", ""))
-    return QrUrl(Pin(words["pin"]), broker, root, _mqtt(words.get("mqtt_version", "5")), login)
+    return QrUrl(Pin(words["pin"]), broker, root, MQTT.get(words.get("mqtt_version", "5"), 0), login)
 
 
 def _login(username: str, password: str) -> Login | None:
@@ -134,9 +132,3 @@ def _login(username: str, password: str) -> Login | None:
     if max(len(username.encode()), len(password.encode())) > LOGIN_LONGEST or not (username + password).isprintable():
         raise BadQrUrl("a login that is none")
     return Login(username, password) if username else None
-
-
-def _mqtt(text: str) -> int:
-    if text not in ("4", "5"):
-        raise BadQrUrl("MQTT version is 4 or 5")
-    return int(text)

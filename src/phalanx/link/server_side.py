@@ -17,10 +17,9 @@ from phalanx.crypto import IV_BYTES
 from phalanx.errors import BadPayload, PeerError, UsageError, WrongTopic
 
 from .envelope import Envelope, encode_pin_message, encode_to_send, open_envelope, seal
-from .keys import Epoch, derive_epoch
 from .messages import Ask, Command, Knock, Publish, Rejected, Request, SharedAnswer, Subscribe, Unsubscribe
 from .parts import split_list
-from .pin import Pin, new_pin
+from .pin import Epoch, Pin, derive_epoch, new_pin
 from .replay import ReplayCache
 from .rotation import Act, Event, State, step
 from .topics import CLIENT_ID, CommandTopic, ReplyTopic, SubTopic, below_epoch, command_filter, full_topic, split_topic
@@ -41,25 +40,15 @@ class ServerSide:
         self.rejected: Counter[str] = Counter()
         self._random_bytes = random_bytes
         self._cache = ReplayCache(config.replay_capacity, config.tolerance_s)
-        self._epoch = derive_epoch(pin or new_pin(config.pin_digits, random_bytes))
+        self.epoch = derive_epoch(pin or new_pin(config.pin_digits, random_bytes))  # what a QR code shows
         self._old: Epoch | None = None
         self._answers = 0
-        self._rotated_at_s = uptime_s
+        self.rotated_at_s = uptime_s  # when the current epoch began
         self._knocked_at_s = -config.knock_gap_s
-
-    @property
-    def epoch(self) -> Epoch:
-        """The current epoch: what a QR code shows."""
-        return self._epoch
-
-    @property
-    def rotated_at_s(self) -> float:
-        """Uptime at which the current epoch began, seconds."""
-        return self._rotated_at_s
 
     def live_epochs(self) -> tuple[Epoch, ...]:
         """Epochs under which messages are accepted and published, the current one first."""
-        return (self._epoch, self._old) if self.state is State.OVERLAP and self._old else (self._epoch,)
+        return (self.epoch, self._old) if self.state is State.OVERLAP and self._old else (self.epoch,)
 
     def subscriptions(self) -> tuple[str, ...]:
         """Every filter to be subscribed to now; after a reconnect the broker has forgotten them."""
@@ -81,10 +70,7 @@ class ServerSide:
         return Rejected(error)
 
     def notify(self, payload: Any, now_s: float) -> tuple[Publish, ...]:
-        """Sealed once per live epoch, whatever the number of visitors.
-
-        Raises: UsageError: the payload is not JSON, or more than a client reads.
-        """
+        """Seal once per live epoch. Raises: UsageError: the payload is not JSON, or more than a client reads."""
         return self._sealed("notify", self._plaintext(payload, now_s))
 
     def reply(self, request: Request, data: Any, now_s: float) -> tuple[Publish, ...]:
@@ -119,7 +105,7 @@ class ServerSide:
     def advance(self, uptime_s: float) -> tuple[Ask, ...]:
         """Rotate, or end an overlap, if it is due."""
         config = self.config
-        since_s = uptime_s - self._rotated_at_s
+        since_s = uptime_s - self.rotated_at_s
         asks: tuple[Ask, ...] = ()
         if self.state is State.OVERLAP and since_s >= config.overlap_s:
             asks += self._step(Event.OVERLAP_OVER, uptime_s)
@@ -133,12 +119,12 @@ class ServerSide:
 
     def restart_clock(self, uptime_s: float) -> None:
         """The current epoch begins now; for a server that was not reachable before."""
-        self._rotated_at_s = uptime_s
+        self.rotated_at_s = uptime_s
 
     def next_due_s(self) -> float:
         """Uptime at which `advance` has something to do."""
         wait = self.config.overlap_s if self.state is State.OVERLAP else self.config.rotate_s
-        return self._rotated_at_s + wait
+        return self.rotated_at_s + wait
 
     def reconnected(self, uptime_s: float) -> tuple[Ask, ...]:
         """What to say again after the broker was away."""
@@ -148,16 +134,16 @@ class ServerSide:
         epoch, sub = self._locate(topic)
         opened = open_envelope(token, epoch, now_s, self._cache, self.config.max_to_server_bytes)
         assert isinstance(opened, Envelope)
-        if opened.bound.sub not in (None, below_epoch(sub)):
+        if opened.sub not in (None, below_epoch(sub)):
             raise WrongTopic("sealed for another topic")
         if epoch not in self.live_epochs():
             return self._knock(uptime_s)
         if isinstance(sub, CommandTopic):
-            return Command(sub, opened.payload, opened.bound.seen, bound=opened.bound.sub is not None)
+            return Command(sub, opened.payload, opened.seen, bound=opened.sub is not None)
         return _parse_request(opened.payload, len(token))
 
     def _locate(self, topic: str) -> tuple[Epoch, SubTopic]:
-        known = (self._epoch, self._old) if self._old else (self._epoch,)
+        known = (self.epoch, self._old) if self._old else (self.epoch,)
         for epoch in known:
             if f"/{epoch.topic}/" in topic:
                 sub = split_topic(self.config.root, epoch.topic, topic)
@@ -177,14 +163,14 @@ class ServerSide:
 
     def _act(self, act: Act, uptime_s: float) -> list[Ask]:
         if act is Act.NEW_EPOCH:
-            self._old, self._epoch = self._epoch, self._fresh_epoch()
-            self._rotated_at_s = uptime_s
-            return [Subscribe(f) for f in self._filters(self._epoch)]
+            self._old, self.epoch = self.epoch, self._fresh_epoch()
+            self.rotated_at_s = uptime_s
+            return [Subscribe(f) for f in self._filters(self.epoch)]
         if self._old is None:  # cannot happen: the table leaves FIRST by NEW_EPOCH only
             return []
         request = full_topic(self.config.root, self._old.topic, "request")
         if act is Act.SEND_PIN:
-            token = seal(encode_pin_message(self._epoch.pin), self._old, self._random_bytes(IV_BYTES))
+            token = seal(encode_pin_message(self.epoch.pin), self._old, self._random_bytes(IV_BYTES))
             return [Publish(full_topic(self.config.root, self._old.topic, "notify"), token)]
         if act is Act.DROP_OLD:
             return [Unsubscribe(f) for f in self._filters(self._old) if f != request]
@@ -192,7 +178,7 @@ class ServerSide:
         return [Unsubscribe(request)]
 
     def _fresh_epoch(self) -> Epoch:
-        taken = {self._epoch.topic, self._old.topic if self._old else ""}
+        taken = {self.epoch.topic, self._old.topic if self._old else ""}
         while (epoch := derive_epoch(new_pin(self.config.pin_digits, self._random_bytes))).topic in taken:
             pass
         return epoch

@@ -17,7 +17,7 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
-from phalanx.errors import PhalanxError, Unavailable, Unknown, UsageError
+from phalanx.errors import PhalanxError, Unknown, UsageError
 from phalanx.mission import BuildOptions, Landmark, Mission, Node, Profile, build
 from phalanx.mission.authoring.apart import apart_in
 from phalanx.mission.authoring.written import WrittenMission
@@ -59,21 +59,19 @@ class MissionDesk:
     def __init__(self, swarm: OnMission) -> None:
         self._swarm = swarm
         self._job: _Job | None = None
-        self._world: dict[str, Any] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def world(self) -> dict[str, Any]:
         """The building, metres in the map's frame: its walls, where robots begin, and all the landmarks it shows."""
-        if self._world is None:
-            self._world = await asyncio.to_thread(self._look)
-        return self._world
+        return await asyncio.to_thread(lambda: self._world)
 
     @cached_property
     def _sites(self) -> Sequence[Site]:
         """All the landmarks of the building: seconds of work, if it is a large one."""
         return landmarks_of(self._swarm.plan)
 
-    def _look(self) -> dict[str, Any]:
+    @cached_property
+    def _world(self) -> dict[str, Any]:
         plan = self._swarm.plan
         return {
             "name": plan.name,
@@ -85,10 +83,7 @@ class MissionDesk:
         }
 
     async def read(self, text: str) -> dict[str, Any]:
-        """A mission's YAML, as an editor needs it: its words, and where its nodes are.
-
-        Raises: UsageError: it describes no mission; the message says where.
-        """
+        """Return a mission's YAML as an editor needs it. Raises: UsageError: it describes no mission; says where."""
         return await asyncio.to_thread(_read, text)
 
     def compile(self, text: str, profile: Profile) -> None:
@@ -109,10 +104,8 @@ class MissionDesk:
             job.told = await asyncio.to_thread(self._work, job, text, profile)
         except _Replaced:
             pass
-        except (UsageError, Unavailable) as error:
-            job.told = {"state": "failed", "error": str(error), "hint": error.hint}
         except PhalanxError as error:
-            job.told = {"state": "failed", "error": str(error), "hint": ""}
+            job.told = {"state": "failed", "error": str(error), "hint": getattr(error, "hint", "")}
         except Exception as error:
             log.exception("a mission cannot be compiled (%s)", type(error).__name__)
             job.told = {"state": "failed", "error": f"the compiler broke ({type(error).__name__})", "hint": ""}
@@ -157,10 +150,7 @@ class MissionDesk:
         return self._job.told or {"state": "compiling", "done": self._job.done, "of": self._job.locks}
 
     def send(self, mission_id: str) -> None:
-        """The robots begin the compiled mission of this id.
-
-        Raises: Unknown: another was compiled meanwhile, or none. PeerError: robots refuse it.
-        """
+        """Have robots begin a compiled mission. Raises: Unknown: there is no such one. PeerError: robots refuse it."""
         if self._job is None or self._job.begin is None or self._job.id != mission_id:
             raise Unknown("no such mission is compiled")
         self._job.begin()

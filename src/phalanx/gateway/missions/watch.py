@@ -6,19 +6,18 @@ Nothing here knows what no robot has decoded.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
+from phalanx.robot.at_work import AtWork
 from phalanx.robot.on_mission import Decoded, Lit, News, NotValidated, OnMission, Progress, Walk
 
-TELL_EVERY_S = 1.0
+TELL_EVERY_S = LOOK_EVERY_S = 1.0
+MOST_THINGS = 32
 
 
 class MissionWatch:
-    """Compares the mission with what visitors were told last.
-
-    `say` is told, as `--events` prints it, of what begins, is decoded, is not validated and why, and is completed.
-    """
+    """Compares the mission with what visitors were told last. `say` is told what `--events` prints of it."""
 
     def __init__(self, swarm: OnMission, say: Callable[[dict[str, Any]], None]) -> None:
         self._swarm = swarm
@@ -76,20 +75,38 @@ class MissionWatch:
         progress = self._swarm.progress()
         return {
             "world": self._swarm.plan.name,
-            "running": None
-            if progress is None
-            else {
-                "id": progress.id,
-                "name": progress.name,
-                "nodes": progress.nodes,
-                "left": progress.left,
-                "completed": progress.completed,
-            },
+            "running": None if progress is None else asdict(progress),
             "robots": {
                 walk.address: dict(zip(("phase", "decoded", "of", "why", "drift"), tell_walk(walk), strict=True))
                 for walk in self._swarm.walks()
             },
         }
+
+
+class WorkWatch:
+    """Looks at the work once a second, and at its things in every tick."""
+
+    def __init__(self, swarm: AtWork) -> None:
+        self._swarm = swarm
+        self._look_at_s = 0.0
+        self._things: list[list[int]] = []
+
+    def news(self, _number: Callable[[str], int], uptime_s: float) -> dict[str, list[Any]]:
+        """`work` and `things` of the next frame; the uptime is monotonic."""
+        told: dict[str, list[Any]] = {}
+        things = [[round(x_mm), round(y_mm)] for x_mm, y_mm in self._places()]
+        is_due = uptime_s >= self._look_at_s
+        if is_due and (done := self._swarm.done()):
+            self._look_at_s = uptime_s + LOOK_EVERY_S
+            score = None if done.score is None else round(done.score)
+            told["work"] = [[done.name, score, done.counts, round(done.lately_s)]]
+        if things != self._things or (things and is_due):
+            self._things = things
+            told["things"] = [things]
+        return told
+
+    def _places(self) -> list[tuple[float, float]]:
+        return [(each.x_mm, each.y_mm) for each in self._swarm.things()[:MOST_THINGS]]
 
 
 def _differs(walk: Walk, told: Walk | None, in_drift: bool) -> bool:

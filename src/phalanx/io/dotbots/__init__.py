@@ -1,6 +1,6 @@
 """DotBots, the papers' own robots, behind PyDotBot's controller."""
 
+from .line import DotbotUrl, parse_dotbot_url
 from .swarm import DotbotSwarm
-from .url import DotbotUrl, parse_dotbot_url
 
 __all__ = ["DotbotSwarm", "DotbotUrl", "parse_dotbot_url"]

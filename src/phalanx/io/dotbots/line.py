@@ -9,25 +9,28 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import math
 import os
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import AbstractAsyncContextManager
-from types import TracebackType
-from typing import Self
+from dataclasses import dataclass
+from ipaddress import ip_address
+from typing import Any, Self
+from urllib.parse import urlsplit
 
 import aiohttp
 
-from phalanx.errors import PeerError, TooLarge, Unavailable
+from phalanx.errors import PeerError, TooLarge, Unavailable, UsageError, did_you_mean
 from phalanx.io.pace import Pace
 
-from .orders import Orders
 from .told import ANY_AREA_MM, TRAIL_POINTS, Dotbot, Fleet, area_of
-from .url import DotbotUrl
 
 log = logging.getLogger(__name__)
 
+DEFAULT_PORT = 8000
+HINT = f"dotbot://HOST:PORT, where `dotbot run controller` serves its API: dotbot://127.0.0.1:{DEFAULT_PORT}"
 STREAM = f"/controller/ws/stream?hz=10&trail={TRAIL_POINTS}"
 ORDERS = "/controller/ws/dotbots"
 SITE = "/controller/site"
@@ -39,6 +42,66 @@ ALIVE_EVERY_S = 4.0  # half of that without an answer, and the controller is gon
 AGAIN_S = (0.2, 3.0)  # the first and the longest wait before the next try
 FLUSH_S = 1.0
 REFUSALS = (0.1, 5.0)  # of those that are logged: a second, and at once
+
+
+@dataclass(frozen=True, slots=True)
+class DotbotUrl:
+    """A controller's address."""
+
+    host: str  # name or address, IPv6 without brackets
+    port: int
+
+    @property
+    def is_here(self) -> bool:
+        """Whether only this machine reaches it."""
+        try:
+            return ip_address(self.host).is_loopback
+        except ValueError:
+            return self.host == "localhost"
+
+    @property
+    def http(self) -> str:
+        """Where its API is."""
+        return f"http{str(self).removeprefix('dotbot')}"
+
+    def __str__(self) -> str:
+        return f"dotbot://{f'[{self.host}]' if ':' in self.host else self.host}:{self.port}"
+
+
+def parse_dotbot_url(url: str) -> DotbotUrl:
+    """Parse a controller's URL. Raises: UsageError: not such a URL."""
+    try:
+        parts = urlsplit(url)
+        port = parts.port
+    except ValueError as error:
+        raise UsageError("the swarm's URL has a bad host or port", HINT) from error
+    if parts.scheme != "dotbot":
+        raise UsageError(f"a swarm at {url!r} is not known", did_you_mean(f"{parts.scheme}://", ["dotbot://"]) + HINT)
+    more = (parts.username, parts.password, parts.path.strip("/"), parts.query, parts.fragment)
+    if not parts.hostname or port == 0 or any(more):
+        raise UsageError("the swarm's URL has no host, or more than host and port", HINT)
+    return DotbotUrl(parts.hostname, port or DEFAULT_PORT)
+
+
+class Orders:
+    """For any thread. `wake` is called, in the thread that orders, when something is to be sent."""
+
+    def __init__(self) -> None:
+        self.wake: Callable[[], None] = lambda: None
+        self._lock = threading.Lock()
+        self._due: dict[tuple[str, str], tuple[tuple[Any, ...], float]] = {}
+
+    def put(self, address: str, about: str, *words: Any, until_s: float = math.inf) -> None:
+        """These, in this order, instead of what still waits about the same; nothing after `until_s` of uptime."""
+        with self._lock:
+            self._due[address, about] = words, until_s
+        self.wake()
+
+    def take(self, uptime_s: float) -> list[Any]:
+        """What is due, oldest first; it waits no longer."""
+        with self._lock:
+            due, self._due = self._due, {}
+        return [said for words, until_s in due.values() if uptime_s <= until_s for said in words]
 
 
 class Line:
@@ -64,18 +127,13 @@ class Line:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._over.set()
         self.orders.wake()
         self._thread.join(2 * FLUSH_S)
 
     def wait(self, timeout_s: float) -> None:
-        """Until all robots are known.
-
-        Raises: Unavailable: they are not in that time.
-        """
+        """Wait until all robots are known. Raises: Unavailable: they are not in that time."""
         if not self._reached.wait(timeout_s):
             raise Unavailable(
                 f"no controller of DotBots at {self.url} within {timeout_s:g} s ({self.trouble or 'no answer'})",

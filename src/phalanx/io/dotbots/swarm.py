@@ -5,15 +5,13 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Sequence
-from types import TracebackType
 from typing import Any, Self
 
 from phalanx.errors import Held, Unknown, UsageError
 from phalanx.robot import Led, Point, Robot
 
-from .line import Line
+from .line import DotbotUrl, Line
 from .told import DOTBOT
-from .url import DotbotUrl
 
 LONGEST_ROUTE = 16  # points that a DotBot's firmware keeps
 OLD_S = 0.3  # a joystick's word is good for so long, and the firmware stops by itself after 0.5 s
@@ -47,17 +45,15 @@ class DotbotSwarm:
         try:
             self._line.wait(self._wait_s)
         except BaseException:
-            self._line.__exit__(None, None, None)
+            self._line.__exit__()
             raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         with self._lock:
             for address in self._under_way:
                 self._line.orders.put(address, "wheels", *_standing(address))
-        self._line.__exit__(kind, error, trace)
+        self._line.__exit__()
 
     @property
     def area_mm(self) -> tuple[int, int]:

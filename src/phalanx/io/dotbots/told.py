@@ -63,10 +63,7 @@ class _Known:
 
 
 class Fleet:
-    """The robots of one connection. `robots` is None until all have been told of; each value of it never changes.
-
-    Source: PyDotBot 0.33, dotbot/stream.py.
-    """
+    """The robots of one connection; None until all have come. Source: PyDotBot 0.33, dotbot/stream.py."""
 
     def __init__(self) -> None:
         self.robots: Mapping[str, Dotbot] | None = None
@@ -74,10 +71,7 @@ class Fleet:
         self._coming: _Known | None = None  # of a snapshot whose parts are not all here
 
     def hear(self, text: str, now_s: float) -> int | None:
-        """Take in a message; the number to acknowledge, if it has one.
-
-        Raises: BadPayload.
-        """
+        """Take in a message; return the number to acknowledge, if it has one. Raises: BadPayload."""
         try:
             said = json.loads(text)
         except (ValueError, RecursionError) as error:
@@ -128,10 +122,7 @@ class Fleet:
 
 
 def area_of(site: bytes) -> tuple[int, int]:
-    """Width and height of a site, mm, from the controller's answer.
-
-    Raises: BadPayload.
-    """
+    """Return width and height of a site, mm, from the controller's answer. Raises: BadPayload."""
     try:
         extent = _object(json.loads(site)).get("extent_mm")
     except (ValueError, RecursionError) as error:
@@ -172,10 +163,7 @@ def _changed(before: Dotbot, patch: dict[str, Any], now_s: float) -> Dotbot:
 
 
 def _at(words: Mapping[str, Any]) -> Point:
-    """The middle of the axle, which waypoints steer; of a robot that never drove, what the lighthouse sees.
-
-    Source: PyDotBot 0.33, `_axle_position` in dotbot/server.py.
-    """
+    """Return the middle of the axle, which waypoints steer, or what the lighthouse sees. Source: PyDotBot 0.33."""
     return words.get("axle_position") or words.get("pose") or words.get("lh2_position") or NOWHERE
 
 
