@@ -56,6 +56,15 @@ class BuildExt(build_ext):
         super().finalize_options()
         self.extensions.sort(key=lambda each: each.name == KERNELS.name)
 
+    def run(self) -> None:
+        """Compile. Raises: SystemExit: there is no C compiler."""
+        compiler = os.environ.get("CC", sysconfig.get_config_var("CC")).split()[0]
+        if not shutil.which(compiler):
+            raise SystemExit(
+                f"error: no C compiler: {compiler} is not here; hint: apt-get install gcc libc6-dev, or set CC"
+            )
+        super().run()
+
     def build_extension(self, ext: Extension) -> None:
         """Translate the kernels first. Raises: SystemExit: a kernel is outside the subset; its line was printed."""
         if ext.name == KERNELS.name:

@@ -86,6 +86,16 @@ def test_lock_files_name_no_registry():
         assert not re.search(r"^--|file:|index-url|\"resolved\"", lock.read_text(), re.MULTILINE), lock.name
 
 
+def test_without_a_c_compiler_the_build_fails_in_a_line(tmp_path):
+    env = os.environ | {"CC": "none-such -O2"}
+    build = [sys.executable, "setup.py", "--quiet", "build_ext", "--build-lib", str(tmp_path)]
+    done = subprocess.run(build, cwd=ROOT, env=env, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.splitlines() == [
+        "error: no C compiler: none-such is not here; hint: apt-get install gcc libc6-dev, or set CC"
+    ]
+
+
 def test_without_a_new_enough_node_the_build_fails_in_a_line(tmp_path, monkeypatch):
     checkout = tmp_path / "release"
     shutil.copytree(ROOT / "release", checkout)
