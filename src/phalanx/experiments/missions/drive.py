@@ -29,9 +29,8 @@ from phalanx.mission.landmarks import FloorPlan, LaserScan, extract
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.walk.fix import begun_at, fixed, moved
 from phalanx.mission.walk.walker import State, Walker
-from phalanx.sim.building.diffdrive import DiffDrive
 from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
-from phalanx.sim.building.odometry import Odometry, OdometryNoise, Pose
+from phalanx.sim.building.odometry import DiffDrive, Odometry, OdometryNoise, Pose
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,7 +13,7 @@ import numpy as np
 from phalanx.arrays import F64x2, I64x2
 from phalanx.kernel import kernel
 
-from .view import Limits, View
+from .scan import Limits, View
 from .walls import ALONG_X, ALONG_Y, ROUND, X, Y, bow
 
 # As many silent beams may lie at an edge; behind more it is not trusted.

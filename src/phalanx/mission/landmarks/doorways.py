@@ -14,7 +14,7 @@ from phalanx.arrays import BOOLx1, F64x2, I64x1
 from phalanx.kernel import kernel
 
 from .corners import AFTER, BEAM, BEFORE, CONVEX, CORNER_X, CORNER_Y, next_beam
-from .view import Limits, View
+from .scan import Limits, View
 from .walls import ALONG_X, ALONG_Y, FROM_X, FROM_Y, TO_X, TO_Y
 
 Pair = tuple[float, float]

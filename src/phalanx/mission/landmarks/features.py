@@ -15,8 +15,7 @@ from phalanx.mission.observable import InSight, Landmark
 
 from .corners import AFTER, BEFORE, CONVEX, CORNER_X, CORNER_Y, corners_of
 from .doorways import DOOR_ALONG_X, DOOR_ALONG_Y, DOOR_X, DOOR_Y, doorways_of, rooms_of
-from .scan import LaserScan
-from .view import Limits, View, limits_of
+from .scan import LaserScan, Limits, View, limits_of
 from .walls import ALONG_X, ALONG_Y, breaks_of, points_of, walls_of
 
 # Instead of a corner's wall that is not seen.

@@ -20,8 +20,7 @@ from phalanx.config.lidar import ExtractionConfig
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
 
-from .dust import without_dust
-from .floorplan import FloorPlan, extraction_of, numbers, read_yaml, start_pose
+from .floorplan import PASS_M, FloorPlan, extraction_of, numbers, read_yaml, start_pose
 from .outlines import Outline, ways_around
 from .walls import fit_line, split_run
 
@@ -33,6 +32,10 @@ UNKNOWN_GREY = 205
 SPLIT_CELLS = 1.5
 # Specks of a few cells are noise of whoever made the map: they stop rays, but have no corners.
 SPECK_CELLS = 8
+# A cell with a longer edge is no dust.
+DUST_M = 0.1
+# A robot's middle goes around in so many places, PASS_M from the speck's own edge, and as far from all else.
+PLACES = 24
 _PGM = re.compile(
     rb"P([25])\s(?:\s*#[^\n]*\n)*\s*(\d{1,6})\s+(?:#[^\n]*\n\s*)*(\d{1,6})\s+(?:#[^\n]*\n\s*)*(\d{1,5})\s"
 )
@@ -119,12 +122,12 @@ def floorplan_of_map(yaml_data: bytes, pgm_data: bytes, name: str, *, swept: boo
     """The floor plan of a map_server map.
 
     Args:
-        swept: without dust (dust.py).
+        swept: without dust (`without_dust`).
     Raises: UsageError: one of the files is wrong; the message says how.
     """
     words = map_words(yaml_data, name)
     drawn = cells_of(read_pgm(pgm_data, words.image), words)
-    cells, dust = without_dust(drawn, words.resolution_m, FREE) if swept else (drawn, 0)
+    cells, dust = without_dust(drawn, words.resolution_m) if swept else (drawn, 0)
     height, width = cells.shape[0] - 2, cells.shape[1] - 2
     outlines = _outlines(cells, words)
     frame = _to_map(np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]]), words)
@@ -280,3 +283,37 @@ def _pieces(x: F64x1, y: F64x1, of_wall: BOOLx1) -> tuple[F64x2, BOOLx1]:
         if abs(meet_x - x[i]) + abs(meet_y - y[i]) < 2.0:
             corners[p, 0], corners[p, 1] = meet_x, meet_y
     return corners, seen
+
+
+def without_dust(cells: NDArray[np.uint8], edge_m: float) -> tuple[NDArray[np.uint8], int]:
+    """Return a map's `cells_of` without dust: lone cells that a robot gets around made free; and how many those were.
+
+    SLAM leaves single black cells where it saw reflections and passers-by. A survey that took each for a pillar would
+    find no way. But a lone cell may be the leg of a chair as well: so none is dropped that narrows a way. Who surveys
+    and who judges a mission leave them out; who simulates a building does not.
+    """
+    if edge_m > DUST_M:
+        return cells, 0
+    solid = cells != FREE
+    around = sum(np.roll(solid, (i, j), (0, 1)).astype(np.uint8) for i in (-1, 0, 1) for j in (-1, 0, 1))
+    lone = solid & (around == 1)
+    dust = [(i, j) for i, j in np.argwhere(lone).tolist() if _is_passed(solid, i, j, edge_m)]
+    swept = cells.copy()
+    for i, j in dust:
+        swept[i, j] = FREE
+    return swept, len(dust)
+
+
+def _is_passed(solid: NDArray[np.bool_], row: int, column: int, edge_m: float) -> bool:
+    """Whether a robot gets from each place beside a speck to each other beside it: it parts nothing."""
+    away = PASS_M / edge_m + 0.5  # in cells, of a robot's middle from the middles of what it passes
+    reach = math.ceil(2 * away)
+    window = solid[max(0, row - reach) : row + reach + 1, max(0, column - reach) : column + reach + 1]
+    others = np.argwhere(window) - (min(row, reach), min(column, reach))
+    others = others[np.any(others != 0, axis=1)]
+    turns = math.tau * np.arange(PLACES) / PLACES
+    y, x = away * np.sin(turns), away * np.cos(turns)
+    nearest = np.hypot(y[:, None] - others[:, 0], x[:, None] - others[:, 1]).min(axis=1, initial=np.inf)
+    has_room = nearest >= away
+    gaps = int(np.count_nonzero(has_room & ~np.roll(has_room, 1)))
+    return bool(has_room.all() or (gaps == 1 and has_room.any()))
