@@ -25,7 +25,7 @@ from phalanx.mission import (
     parse_start_key,
 )
 from phalanx.mission.authoring.apart import apart_in
-from phalanx.mission.authoring.written import WrittenMission
+from phalanx.mission.authoring.document import WrittenMission
 from phalanx.mission.file.records import FILE_LIMIT, FOREVER_S, OPEN_START
 from phalanx.mission.landmarks.floorplan import FloorPlan, of_doors
 from phalanx.mission.refused import MalformedMission
