@@ -21,7 +21,7 @@ import numpy as np
 from rows import Row, print_table, timed
 
 from phalanx.config.mission import CodingConfig
-from phalanx.crypto.scrypt import scrypt
+from phalanx.crypto.keys import scrypt
 from phalanx.crypto.sha3 import Targets, find_patched, sha3_256_many
 from phalanx.mission import (
     BuildOptions,

@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from phalanx.crypto.scrypt import scrypt
+from phalanx.crypto.keys import scrypt
 from phalanx.crypto.sha3 import Targets, find_patched, sha3_256, sha3_256_many
 
 

@@ -12,7 +12,7 @@ from cryptography.exceptions import InvalidTag
 
 from phalanx.errors import MalformedJwe, NotAuthentic, TooLarge
 
-from .secret import Key
+from .keys import Key
 
 IV_BYTES = 12
 TAG_BYTES = 16

@@ -13,7 +13,7 @@ from cryptography.hazmat.primitives.ciphers.aead import AESGCM
 
 from phalanx.errors import NotAuthentic, PeerError
 
-from .scrypt import scrypt
+from .keys import scrypt
 
 FORM = "phalanx keys, version 1"
 SALT_BYTES, NONCE_BYTES, KEY_BYTES = 16, 12, 32

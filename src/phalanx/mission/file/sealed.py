@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.ciphers.aead import AESGCM
 
-from phalanx.crypto.hkdf import hkdf_sha256
-from phalanx.crypto.scrypt import scrypt
+from phalanx.crypto.keys import hkdf_sha256, scrypt
 from phalanx.crypto.sha3 import sha3_256
 from phalanx.mission.observable import MM_PER_M, Action
 from phalanx.mission.refused import Altered, MalformedMission
