@@ -20,8 +20,7 @@ from phalanx.mission.refused import Altered, MalformedMission
 from phalanx.mission.walk.gate import Gate, Hint, parse_gate
 from phalanx.wire import missions as table
 
-from .canonical import action_bytes, parse_action
-from .reader import Reader, text_of
+from .canonical import Reader, action_bytes, parse_action, text_of
 from .records import SECRET_BYTES, TAG_BYTES, Header, NodeRecord, Profile
 
 NONCE = bytes(12)
