@@ -37,8 +37,7 @@ class Box:
 class FlockConfig:
     """Parameters of Olfati-Saber flocking; the paper's values where it has one.
 
-    Raises: UsageError: a value is out of range.
-    Source: RoboRebound appendix A, Table 3; §4 (the limit, the periods).
+    Raises: UsageError: a value is out of range. Source: RoboRebound appendix A, Table 3; §4 (the limit, the periods).
     """
 
     goal_m: tuple[float, float] = (500.0, 500.0)  # where the flock goes, x and y
