@@ -66,18 +66,9 @@ class Camera:
         return self.config.intrinsics, self.config.mount
 
     def picture(
-        self,
-        pose: Pose,
-        random: np.random.Generator,
-        people: NDArray[np.float64] = _NOBODY,
-        turn_radps: float = 0.0,
+        self, pose: Pose, random: np.random.Generator, people: NDArray[np.float64] = _NOBODY, turn_radps: float = 0.0
     ) -> NDArray[np.uint8]:
-        """(height, width) grey picture from a pose.
-
-        Args:
-            pose: of the robot: x, y in metres and heading in radians, map frame.
-            people: (m, 3) centre and radius of discs that hide what is behind them.
-        """
+        """Return a (height, width) grey picture from the robot's pose; people, (m, 3) discs, hide what is behind."""
         return self._picture(self._shown(pose, people), self._shift(random), turn_radps)
 
     def look(

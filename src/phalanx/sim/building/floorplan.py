@@ -43,11 +43,10 @@ _NAME = re.compile(r"drawn:(?:([a-z]+):)?(\d{1,10})")
 
 
 def load_floorplan(name_or_path: str | Path = DEFAULT, *, swept: bool = False) -> FloorPlan:
-    """A floor plan by the name of a built-in map, of a drawn building (`drawn:7`), or from a YAML file.
+    """Return a floor plan by the name of a built-in map, of a drawn building (`drawn:7`), or from a YAML file.
 
-    Args:
-        name_or_path: the picture of a map_server map lies beside its YAML file, as it is or compressed (.gz).
-        swept: without the dust of such a map, for who makes missions of it or judges them.
+    The picture of a map_server map lies beside its YAML file, as it is or compressed (.gz). `swept` leaves out the dust
+    of such a map, for who makes missions of it or judges them.
     Raises: UsageError: there is no such map, or it is none; the message says why. Unavailable: it cannot be read.
     """
     if str(name_or_path).startswith(PREFIX):

@@ -37,8 +37,7 @@ class NoiseModel(StrEnum):
 class OdometryNoise:
     """How wrong odometry is.
 
-    Raises: UsageError: a sigma is negative or above 1.
-    Source: Encoded graphs §VI-B, Fig. 8.
+    Raises: UsageError: a sigma is negative or above 1. Source: Encoded graphs §VI-B, Fig. 8.
     """
 
     sigma_t: float = within(0.03, 0, 1)  # for the way; (0.03, 0.05) is the paper's, and others
@@ -74,11 +73,7 @@ class OdometryNoise:
 
 
 class Odometry:
-    """One robot's estimate of its pose, from the motion of its wheels alone.
-
-    Attributes:
-        factors: by which it counts ways and turns, true ones being 1.
-    """
+    """One robot's estimate of its pose, from its wheels alone; `factors` multiply ways and turns, true ones are 1."""
 
     def __init__(self, start: Pose, noise: OdometryNoise, random: np.random.Generator) -> None:
         self.pose = start
@@ -184,10 +179,7 @@ class DiffDrive:
         return wheels_of(float(speed_mps), float(turn_radps), self.body)
 
     def step(self, left_mps: float, right_mps: float, dt_s: float) -> tuple[float, float]:
-        """Drives for a moment; a wall in the way stops it there, still turning.
-
-        Returns: (way, turn) by which the wheels turned: what odometry measures, whether or not the robot moved so.
-        """
+        """Drive for a moment; a wall in the way stops it there, still turning. Return (way, turn) of the wheels."""
         speeds = float(left_mps), float(right_mps)
         self.pose, motion = stepped(self.pose, speeds, float(dt_s), self.body, self._plan.walls)
         return motion
