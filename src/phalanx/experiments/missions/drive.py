@@ -24,7 +24,7 @@ from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.experiments.plot import banded, draw_walls
 from phalanx.experiments.table import Rows, Table, seed_of
 from phalanx.mission import BuildOptions, EncodedMission, Experience, Landmark, Mission, Profile, build, plain_mission
-from phalanx.mission.authoring.apart import apart_in
+from phalanx.mission.authoring.findable import apart_in
 from phalanx.mission.landmarks import FloorPlan, LaserScan, extract
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.walk.fix import begun_at, fixed, moved

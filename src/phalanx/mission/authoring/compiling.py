@@ -1,46 +1,223 @@
-"""A plain mission becomes an encoded one. Random bytes are an argument; the slow step can be spread over threads."""
+"""A plain mission becomes an encoded one, in either profile.
+
+Random bytes are an argument; the slow step can be spread over threads.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from collections import defaultdict
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
+from typing import Any
 
+from phalanx.config.mission import CodingConfig
+from phalanx.crypto.sha3 import sha3_256
 from phalanx.errors import UsageError
-from phalanx.mission.file import paper, sealed
-from phalanx.mission.file.canonical import Shape, shape_of
+from phalanx.mission.file import sealed
+from phalanx.mission.file.canonical import (
+    Shape,
+    action_hash,
+    canonical,
+    direction_hash,
+    message_of,
+    place_bytes,
+    shape_of,
+)
 from phalanx.mission.file.records import (
+    FINAL,
+    FOREVER_S,
+    JOIN,
+    OPEN_START,
     PAYLOAD_LIMIT,
+    REPEATABLE,
+    ROAM,
+    START,
     TAG_BYTES,
     Alias,
     EncodedMission,
+    Header,
     NodeRecord,
     Profile,
     Way,
     WayKind,
 )
 from phalanx.mission.graph import Mission, Node, PlainWay
-from phalanx.mission.observable import Observable, Offset, sector_of
+from phalanx.mission.observable import (
+    Action,
+    Landmark,
+    Message,
+    Observable,
+    Offset,
+    Position,
+    Sensor,
+    Time,
+    cell_of,
+    offset_of,
+    sector_of,
+    window_of,
+)
 from phalanx.mission.walk.gate import Gate, Hint, StartKey, join_shares
 
-from .apart import told_apart
-from .making import BuildOptions, Built, Maker, Random, Spread, direction_of, observed_bytes, place_of
+from .findable import told_apart
+
+Random = Callable[[int], bytes]
+Spread = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+Seen = tuple[Offset, bytes, tuple[Observable, ...]]  # an alias: its offset, canonical bytes, and what they are of
+PAPER_CODING = CodingConfig()
+# Sealed cells are large, for every try costs 10 ms: 9 of them cover +-0.6 m.
+SEALED_CODING = CodingConfig(delta_mm=400)
+# A robot takes what it knows of places for exact to `MissionConfig.sight_m`; with more fixes are false.
+OFFSET_LIMIT_MM = 50
 
 
-def build(
-    mission: Mission,
-    options: BuildOptions,
-    random: Random,
-    spread: Spread = map,
-) -> list[Built]:
-    """The encoded mission: one file for every part.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BuildOptions:
+    """Who may run a mission, and when."""
 
-    Args:
-        random: so many unpredictable bytes.
-        spread: like `map`; a thread pool's, to try several slow hashes at once.
+    profile: Profile = Profile.SEALED
+    robots: tuple[int, ...] = ()  # ids; empty is any
+    valid_from_s: int = 0  # on the mission's clock
+    valid_to_s: int = FOREVER_S  # likewise
+    open_start: bool = False  # put the start key into the file (sealed profile): anybody may begin
+    offset_mm: int = 1  # offsets of places are rounded to multiples of so much
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.valid_from_s < self.valid_to_s <= FOREVER_S:
+            raise UsageError(f"valid from {self.valid_from_s} to {self.valid_to_s}", "the end after the beginning")
+        if any(not 0 <= robot < 1 << 16 for robot in self.robots) or len(set(self.robots)) > 255:
+            raise UsageError(f"robots {self.robots}", "at most 255 ids of 0 to 65535")
+        if self.open_start and self.profile is Profile.PAPER:
+            raise UsageError("an open start in the paper profile", "it has no start key: every node can be tried")
+        if not 1 <= self.offset_mm <= OFFSET_LIMIT_MM:
+            raise UsageError(f"offsets rounded to {self.offset_mm} mm", f"1 to {OFFSET_LIMIT_MM}")
+
+
+@dataclass(frozen=True, slots=True)
+class Built:
+    """One robot's half of a mission: the file (unsigned yet), and the key that starts it."""
+
+    part: str
+    mission: EncodedMission
+    key: StartKey
+
+
+class Maker:
+    """What both profiles share: numbering, headers, offsets."""
+
+    def __init__(self, mission: Mission, options: BuildOptions, random: Random) -> None:
+        default = PAPER_CODING if options.profile is Profile.PAPER else SEALED_CODING
+        self.coding = mission.coding or default
+        self.mission = mission
+        self.options = options
+        self.random = random
+        self.sent = {name: node for node in mission.nodes for name in node.send}
+        self.before, self.after = defaultdict[str, list[PlainWay]](list), defaultdict[str, list[PlainWay]](list)
+        for way in mission.ways:
+            self.before[way.target].append(way)
+            self.after[way.source].append(way)
+        waited = dict.fromkeys(name for node in mission.nodes for name in node.wait)
+        # Nobody in the mission sends these: a controller does, and finds them in the key file.
+        self.external = {name: random(32) for name in waited if name not in self.sent}
+
+    def header(self, nodes: list[Node], shapes: Iterable[Shape] = ()) -> Header:
+        """The header of a part, with an id of its own."""
+        flags = REPEATABLE * self.mission.repeatable | ROAM * self.mission.roam | OPEN_START * self.options.open_start
+        return Header(
+            self.options.profile,
+            self.random(16),
+            self.coding,
+            len(nodes),
+            flags,
+            self.options.valid_from_s,
+            self.options.valid_to_s,
+            tuple(sorted(set(self.options.robots))),
+            tuple(sorted(set(shapes), key=lambda shape: shape.code)),
+        )
+
+    def numbered(self, part: str) -> tuple[list[Node], dict[str, int], list[list[PlainWay]]]:
+        """(nodes, number by name, ways out of each node by ascending target) of a part."""
+        nodes = [node for node in self.mission.nodes if node.part == part]
+        number = {node.name: i for i, node in enumerate(nodes)}
+        return nodes, number, [sorted(self.after[name], key=lambda way: number[way.target]) for name in number]
+
+    def offset(self, alias: tuple[Observable, ...]) -> Offset:
+        """Where the cells of an alias are counted from."""
+        return alias_offset(self.coding, alias, self.options.offset_mm)
+
+    @staticmethod
+    def common(node: Node) -> tuple[int, int, int, int]:
+        """Return flags, timeout_s, reach_dm and sends of a record."""
+        flags = START * node.start | FINAL * node.final | JOIN * node.join
+        return flags, node.timeout_s, math.ceil(node.within_m * 10), len(node.send)
+
+
+def place_of(alias: tuple[Observable, ...]) -> Landmark | Position | None:
+    """The one place in a conjunction, if it has one."""
+    return next((thing for thing in alias if isinstance(thing, Landmark | Position)), None)
+
+
+def observed_bytes(
+    coding: CodingConfig,
+    alias: tuple[Observable, ...],
+    offset: Offset,
+    *,
+    do: Action | None = None,
+    messages: Iterable[bytes] = (),
+    previous: bytes | None = None,
+) -> bytes:
+    """Canonical bytes of what the author says will be experienced."""
+    place = place_of(alias)
+    where = b""
+    if place is not None:
+        landmark = place if isinstance(place, Landmark) else None
+        cell = cell_of(coding, offset, place.x_m, place.y_m, landmark)
+        where = place_bytes(shape_of((place,)), cell, landmark.text if landmark else None)
+    actions = [thing for thing in alias if isinstance(thing, Action)] or ([] if do is None else [do])
+    windows = [window_of(coding, thing.t_s) for thing in alias if isinstance(thing, Time)]
+    return canonical(
+        where,
+        sensors=[thing.value for thing in alias if isinstance(thing, Sensor)],
+        action=actions[0] if actions else None,
+        window=windows[0] if windows else None,
+        messages=[*messages, *(thing.value for thing in alias if isinstance(thing, Message))],
+        previous=previous,
+    )
+
+
+def alias_offset(coding: CodingConfig, alias: tuple[Observable, ...], rounded_mm: int = 1) -> Offset:
+    """Where the cells of an alias are counted from, rounded to multiples within half a cell."""
+    place = place_of(alias)
+    if place is None:
+        return Offset()
+    exact = offset_of(coding, place)
+    most = (coding.delta_mm + 1) // 2 // rounded_mm * rounded_mm
+    x, y = (max(-most, min(most, round(value / rounded_mm) * rounded_mm)) for value in exact[:2])
+    return exact._replace(x=x, y=y)
+
+
+def direction_of(way: PlainWay, source: tuple[float, float] | None, target: tuple[float, float] | None) -> float | None:
+    """The way's direction, map frame, or None if it has none."""
+    if way.direction_rad is not None:
+        return way.direction_rad
+    if source is None or target is None:
+        return None
+    dx, dy = target[0] - source[0], target[1] - source[1]
+    return math.atan2(dy, dx) if dx or dy else None
+
+
+def build(mission: Mission, options: BuildOptions, random: Random, spread: Spread = map) -> list[Built]:
+    """Return the encoded mission: one file for every part.
+
+    `random` returns so many unpredictable bytes; `spread` is like `map`: a thread pool's tries slow hashes at once.
     Raises: UsageError: the mission cannot be said in this profile.
     Source: Encoded graphs §III, §IV-A; docs/spec/mission.md.
     """
-    maker = (PaperMaker if options.profile is Profile.PAPER else SealedMaker)(told_apart(mission), options, random)
+    mission = told_apart(mission)
+    if options.profile is Profile.PAPER:
+        return [PaperMaker(mission, options, random).part(part) for part in mission.parts]
+    maker = SealedMaker(mission, options, random)
     return [maker.part(part, spread) for part in mission.parts]
 
 
@@ -97,7 +274,7 @@ class SealedMaker(Maker):
     def _gate(self, node: Node, shares: dict[tuple[str, str], bytes]) -> bytes:
         """The node's gate; its shares are left with every way that leads there."""
         gate = self.random(32)
-        before = [way.source for way in self.before.get(node.name, [])]
+        before = [way.source for way in self.before[node.name]]
         for source in before:
             shares[source, node.name] = self.random(32) if node.join else gate
         if node.join and before:
@@ -119,22 +296,16 @@ class SealedMaker(Maker):
         return Way(number[way.target], (tag,))
 
 
-Seen = tuple[Offset, bytes, tuple[Observable, ...]]  # an alias: its offset, canonical bytes, and what they are of
-
-
 class PaperMaker(Maker):
     """Hashes of what will be seen (Encoded graphs §III-A, §IV-A)."""
 
-    def part(self, part: str, spread: Spread) -> Built:
-        """One robot's half."""
-        del spread  # nothing here is slow
+    def part(self, part: str) -> Built:
+        """Return one robot's half."""
         nodes, number, ways = self.numbered(part)
         marks: dict[str, list[bytes]] = {}
         by_name: dict[str, list[Seen]] = {}
         for node in self._chain_order(nodes):
-            before = (
-                [mark for way in self.before.get(node.name, []) for mark in marks[way.source]] if node.chained else []
-            )
+            before = [mark for way in self.before[node.name] for mark in marks[way.source]] if node.chained else []
             previous: list[bytes | None] = [*before] or [None]
             by_name[node.name] = [
                 (offset := self.offset(alias), self._bytes(node, alias, offset, mark), alias)
@@ -143,7 +314,7 @@ class PaperMaker(Maker):
             ]
             if len(by_name[node.name]) > 255 or (node.chained and not before):
                 raise UsageError(f"node {node.name!r} is chained to {len(before)} experiences", "1 to 255; or seal it")
-            marks[node.name] = [paper.node_hash(observed) for _, observed, _ in by_name[node.name]]
+            marks[node.name] = [sha3_256(observed) for _, observed, _ in by_name[node.name]]
         seen = [by_name[node.name] for node in nodes]
         header = self.header(nodes, (self._shape(node, alias) for node in nodes for alias in node.see))
         if len(header.shapes) > 255:
@@ -153,10 +324,10 @@ class PaperMaker(Maker):
         for i, node in enumerate(nodes):
             record = NodeRecord(
                 *self.common(node),
-                aliases=tuple(Alias(paper.node_hash(observed), offset) for offset, observed, _ in seen[i]),
+                aliases=tuple(Alias(sha3_256(observed), offset) for offset, observed, _ in seen[i]),
                 ways=tuple(self._way(way, number[way.target], seen[i], places[number[way.target]]) for way in ways[i]),
             )
-            bindings = tuple(paper.binding(header, i, record, observed) for _, observed, _ in seen[i])
+            bindings = tuple(record.binding(header, i, observed) for _, observed, _ in seen[i])
             records.append(replace(record, bindings=bindings))
         key = StartKey(header.mission_id, {}, self.external)
         return Built(part, EncodedMission(header, tuple(records)), key)
@@ -166,7 +337,7 @@ class PaperMaker(Maker):
         by_name = {node.name: node for node in nodes}
         sorter: TopologicalSorter[str] = TopologicalSorter()
         for node in nodes:
-            sorter.add(node.name, *(way.source for way in self.before.get(node.name, []) if node.chained))
+            sorter.add(node.name, *(way.source for way in self.before[node.name] if node.chained))
         try:
             return [by_name[name] for name in sorter.static_order()]
         except CycleError as error:
@@ -188,7 +359,7 @@ class PaperMaker(Maker):
                 )
             offset = self.offset(sender.see[0])
             observed = self._bytes(sender, sender.see[0], offset, None)
-            out.append(paper.message_of(observed, sender.send.index(name)))
+            out.append(message_of(observed, sender.send.index(name)))
         return out
 
     def _bytes(self, node: Node, alias: tuple[Observable, ...], offset: Offset, previous: bytes | None) -> bytes:
@@ -202,16 +373,9 @@ class PaperMaker(Maker):
             previous=int(node.chained),
         )
 
-    def _way(
-        self,
-        way: PlainWay,
-        target: int,
-        seen: list[Seen],
-        to: tuple[float, float] | None,
-    ) -> Way:
-        if way.do is not None:
-            action = way.do
-            hashes = tuple(paper.action_hash(paper.node_hash(observed), action) for _, observed, _ in seen)
+    def _way(self, way: PlainWay, target: int, seen: list[Seen], to: tuple[float, float] | None) -> Way:
+        if (action := way.do) is not None:
+            hashes = tuple(action_hash(sha3_256(observed), action) for _, observed, _ in seen)
             return Way(target, hashes, WayKind.ACTION)
         out = []
         for _, observed, alias in seen:
@@ -220,5 +384,5 @@ class PaperMaker(Maker):
             if direction is None:
                 return Way(target, tuple(bytes(32) for _ in seen), WayKind.EMPTY)
             sectors = self.coding.sectors
-            out.append(paper.direction_hash(observed, sector_of(direction, sectors), sectors))
+            out.append(direction_hash(observed, sector_of(direction, sectors), sectors))
         return Way(target, tuple(out))

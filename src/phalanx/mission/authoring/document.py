@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import re
 import reprlib
-from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
@@ -35,10 +34,7 @@ TOKEN = re.compile(r"[0-9a-f]{32,200}")  # at least 128 random bits
 
 
 class WrittenMission:
-    """What a file says, and where.
-
-    Raises: UsageError: it is not YAML.
-    """
+    """What a file says, and where. Raises: UsageError: it is not YAML."""
 
     def __init__(self, data: bytes, source: str) -> None:
         self._source = source
@@ -298,8 +294,7 @@ def _flag(words: dict[str, Any], key: str, where: str) -> bool:
 
 
 def _names(words: Any, where: str) -> tuple[str, ...]:
-    one: Callable[[Any], str] = lambda value: _text(value, where)
-    return tuple(map(one, words if isinstance(words, list) else [words]))
+    return tuple(_text(value, where) for value in (words if isinstance(words, list) else [words]))
 
 
 def _shown(words: Any) -> str:

@@ -84,12 +84,9 @@ def text_of(raw: bytes) -> str:
 
 
 class Shape(NamedTuple):
-    """Which observables a node is made of, without their values: what a robot needs to know to try.
+    """Which observables a node is made of, by presence or count: what a robot needs to know to try."""
 
-    place: 0 none, 1 + index in LANDMARK_TYPES, or AT_POSITION. The rest: presence, or how many.
-    """
-
-    place: int = 0
+    place: int = 0  # 0 none, 1 + index in LANDMARK_TYPES, or AT_POSITION
     oriented: int = 0
     area: int = 0
     text: int = 0
@@ -248,3 +245,22 @@ def canonical(
 def with_direction(node: bytes, direction: Direction) -> bytes:
     """A node's canonical bytes with a direction after them: what an edge is the hash of (paper profile)."""
     return node + _tlv(table.OF_DIRECTION, table.DIRECTION.form.pack(direction.sector, direction.of))
+
+
+# The hashes of the paper profile, as printed. They commit to what they encode and hide nothing from whoever tries all
+# of it (docs/spec/mission.md says how long that takes). H_i, a node's own, is the SHA3-256 of its canonical bytes.
+
+
+def direction_hash(observed: bytes, sector: int, sectors: int) -> bytes:
+    """Return H_ij of a way that is a direction: of the node, and the direction. Source: Encoded graphs §IV-A."""
+    return sha3_256(with_direction(observed, Direction(sector, sectors)))
+
+
+def action_hash(mark: bytes, action: Action) -> bytes:
+    """Return H_ij of a way that is an action: H(H_i + action). Source: Encoded graphs §III-A, Fig. 2."""
+    return sha3_256(canonical(previous=mark, action=action))
+
+
+def message_of(observed: bytes, index: int) -> bytes:
+    """Return C_ij, the message of a node's `index`-th send, made of what it sensed. Source: Encoded graphs §III-B-3."""
+    return sha3_256(table.MESSAGE + table.NTH.form.pack(index) + observed)

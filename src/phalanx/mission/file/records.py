@@ -136,6 +136,14 @@ class NodeRecord:
             out.append(self.visited)
         return b"".join(out)
 
+    def binding(self, header: Header, node: int, observed: bytes) -> bytes:
+        """Return what ties this record, its number and the header to what is observed there (paper).
+
+        The paper does not have it: a file that is changed anywhere does not decode there, signed or not.
+        """
+        bound = header.digest + table.BOUND.form.pack(node, len(observed)) + observed
+        return sha3_256(table.BINDING + bound + self.core(Profile.PAPER))
+
     def encode(self, profile: Profile) -> bytes:
         """As stored."""
         if profile is Profile.PAPER:
@@ -258,11 +266,9 @@ def sign(mission: EncodedMission, key: Ed25519PrivateKey) -> EncodedMission:
 
 
 def check_signature(mission: EncodedMission, trusted: Collection[bytes] | None) -> None:
-    """Nothing, if the mission was signed by somebody trusted and is unaltered.
+    """Check that the mission was signed by one of the `trusted` public keys (32 bytes each) and is unaltered.
 
-    Args:
-        trusted: public keys, 32 bytes each; None takes whoever signed, and proves only that nothing was altered since.
-    Raises: Unsigned, NotAuthentic.
+    None trusts whoever signed, and proves only that nothing was altered since. Raises: Unsigned, NotAuthentic.
     """
     if not mission.signer:
         raise Unsigned("nobody signed this mission")
@@ -275,13 +281,9 @@ def check_signature(mission: EncodedMission, trusted: Collection[bytes] | None) 
 
 
 def admit(mission: EncodedMission, robot: int, now_s: float, started: Collection[bytes]) -> None:
-    """Nothing, if this robot may start the mission now.
+    """Check that this robot may start the mission at `now_s` on its clock; `started` are ids that it started before.
 
-    Args:
-        now_s: on the mission's clock.
-        started: ids of missions that it has started before; a robot keeps them where it forgets nothing.
-    Raises: NotForUs, OutsideWindow, AlreadyStarted.
-    Source: Encoded graphs §VI-G (replay).
+    Raises: NotForUs, OutsideWindow, AlreadyStarted. Source: Encoded graphs §VI-G (replay).
     """
     header = mission.header
     if header.robots and robot not in header.robots:

@@ -53,10 +53,9 @@ def node_salt(gate: bytes, messages: tuple[bytes, ...], header: Header, node: in
 
 
 def onward(gate: bytes, share: bytes, header: Header, node: int, target: int) -> bytes:
-    """The share of a gate as the payload before it has it, or back: only who held that node's own gate can use it.
+    """Return the share of a gate as the payload before it has it, or back: only who held that node's gate can use it.
 
-    An auditor of a decode makes the same scrypt as the robot and opens the payload. It has the salt, which is made of
-    the gate, and not the gate.
+    An auditor of a decode, which opens the payload too, has the salt, which is made of the gate, and not the gate.
     """
     info = b"phalanx mission onward" + header.mission_id + table.OF_WAY.form.pack(node, target)
     pad = hkdf_sha256(gate, info, SECRET_BYTES)

@@ -7,10 +7,9 @@ free rays between. A room is three consecutive convex corners, joined by two wal
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from phalanx.arrays import BOOLx1, F64x1, F64x2, I64x1
 from phalanx.config.lidar import ExtractionConfig
@@ -69,10 +68,7 @@ def _is_open(v: View, from_beam: int, to_beam: int, a: Pair, b: Pair, clear_m: f
 
 @kernel
 def _depth_behind(v: View, i: int, step: int, jamb: Pair, along: Pair, limit_m: float) -> float:
-    """How deep the jamb's face goes that begins at point i, straight behind the jamb; 0 if there is none.
-
-    HIDDEN if something before it hides its end: how thick the wall is cannot be told.
-    """
+    """Return how deep the jamb's face goes, straight behind it from point i; 0: not at all; HIDDEN: its end is."""
     (jamb_x, jamb_y), (along_x, along_y) = jamb, along
     robot = jamb_x * along_y - jamb_y * along_x
     deepest = 0.0
@@ -203,23 +199,14 @@ def rooms_of(corners: F64x2, room_min_m2: float) -> F64x2:
     return rooms[:found]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Features:
-    """What a scan shows; all in the robot's frame, metres and radians, in the order of the bearings.
+class Features(NamedTuple):
+    """What a scan shows; all in the robot's frame, metres and radians, in the order of the bearings."""
 
-    Args:
-        walls: (w, 8): a point on it, unit direction (robot on the left), first end, last end.
-        corners: (c, 6): position, beam, wall before, wall after (-1: not seen), 1 if convex.
-        is_jamb: (c,) whether the corner belongs to a doorway.
-        doorways: (d, 6): middle, unit vector along the wall, width, thickness of the wall as far as it was seen.
-        rooms: (r, 3): centroid and area of three consecutive convex corners.
-    """
-
-    walls: NDArray[np.float64]
-    corners: NDArray[np.float64]
-    is_jamb: NDArray[np.bool_]
-    doorways: NDArray[np.float64]
-    rooms: NDArray[np.float64]
+    walls: F64x2  # (w, 8): a point on it, unit direction (robot on the left), first end, last end
+    corners: F64x2  # (c, 6): position, beam, wall before, wall after (-1: not seen), 1 if convex
+    is_jamb: BOOLx1  # (c,) whether the corner belongs to a doorway
+    doorways: F64x2  # (d, 6): middle, unit vector along the wall, width, thickness of the wall as far as it was seen
+    rooms: F64x2  # (r, 3): centroid and area of three consecutive convex corners
 
     def in_sight(self, x_m: float, y_m: float, heading_rad: float) -> InSight:
         """Return the features as landmarks in the map frame, if the robot is where it believes to be.
@@ -227,8 +214,7 @@ class Features:
         A concave corner comes once for each wall of it that is seen, with that wall's normal: from another side
         another one is seen. A convex corner has the direction halfway between its walls' normals.
         """
-        pose = float(x_m), float(y_m), float(heading_rad)
-        return InSight(_placed(self.walls, self.corners, self.is_jamb, self.doorways, self.rooms, *pose))
+        return InSight(_placed(self, float(x_m), float(y_m), float(heading_rad)))
 
     def landmarks(self, x_m: float, y_m: float, heading_rad: float) -> tuple[Landmark, ...]:
         """Return the landmarks of `in_sight`."""
@@ -254,12 +240,8 @@ def _seam(ranges: F64x1) -> int:
     best, at = -1.0, 0
     for k in range(n):
         a, b = ranges[(k - 1) % n], ranges[k]
-        if np.isfinite(a) and np.isfinite(b):
-            step = abs(b - a)
-        elif np.isfinite(a) or np.isfinite(b):
-            step = 1e6
-        else:
-            step = 0.0
+        one_hits = np.isfinite(a) or np.isfinite(b)
+        step = abs(b - a) if np.isfinite(a) and np.isfinite(b) else (1e6 if one_hits else 0.0)
         if step > best:
             best, at = step, k
     return at
@@ -275,7 +257,7 @@ def _extract(
     range_max_m: float,
     feature_range_m: float,
     limits: Limits,
-) -> tuple[F64x2, F64x2, BOOLx1, F64x2, F64x2]:
+) -> tuple[F64x2, F64x2, BOOLx1, F64x2, F64x2]:  # as Features has them
     x, y, beam = points_of(ranges, cosines, sines, feature_range_m)
     new_run = breaks_of(ranges, beam, step_rad, limits.jump_m, limits.graze_slope)
     view = View(ranges, cosines, sines, full_turn, range_max_m, x, y, beam, new_run)
@@ -288,17 +270,9 @@ def _extract(
 
 
 @kernel
-def _placed(
-    walls: F64x2,
-    corners: F64x2,
-    is_jamb: BOOLx1,
-    doorways: F64x2,
-    rooms: F64x2,
-    x_m: float,
-    y_m: float,
-    heading_rad: float,
-) -> F64x2:
+def _placed(features: Features, x_m: float, y_m: float, heading_rad: float) -> F64x2:
     """(k, 5): type, x, y, orientation and area of each landmark, as `rows_of` has them, map frame; doorways first."""
+    walls, corners, is_jamb, doorways, rooms = features
     sine, cosine = sin_cos(heading_rad)
     rows = np.full((len(doorways) + 2 * len(corners) + len(rooms), 5), np.nan)
     found = 0

@@ -1,15 +1,7 @@
 """A floor plan: the walls of a building as line segments, and the outlines that a robot in it can walk along.
 
-From a YAML file of ours, metres and radians in the map frame; maps of ROS's map_server come from `gridmap`.
-
-    name: an_office
-    size: [40.0, 40.0]            # of the space; walls are not seen from outside of it
-    origin: [0.0, 0.0]            # its lower left corner
-    start_pose: [3.0, 1.5, 1.57]  # where robots begin; what cannot be reached from there has no landmarks
-    walls: [[0, 0, 2, 0], ...]    # x, y of both ends
-    door_width: [0.7, 1.3]        # between jambs of what counts as a doorway; without, 1.2 to 2.5 as in the paper
-    codes: [{text: a, at: [x, y, z], facing: 0.0, edge: 0.12}, ...]   # QR codes on the walls
-Other words are for other readers, and not looked at.
+From a YAML file of ours (docs/maps.md), metres and radians in the map frame; maps of ROS's map_server come from
+`gridmap`. Files of both kinds may name what robots' other sensors read. Words for other readers are not looked at.
 """
 
 from __future__ import annotations
@@ -38,6 +30,9 @@ WALLS_MAX = 2000
 PASS_M = 0.25
 # An edge of 0.12 m was read with so much on it, and not with 1300.
 TEXT_MAX_BYTES = 900
+READING_MAX_BYTES = 64
+SOURCES_MAX = 1000
+LARGEST = 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,29 +49,18 @@ class WallCode:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorPlan:
-    """Walls, and what follows from them.
-
-    Args:
-        walls: (n, 4) ends of segments, metres, map frame.
-        outlines: the walls as a robot inside passes them, free space on the left.
-        bounds: x and y of the lower left and the upper right corner, metres.
-        start: x, y, heading where robots begin, or None.
-        codes: QR codes on the walls.
-        extraction: how scans are read in this building.
-        sources: what other sensors tell of.
-        dust: specks of the map that were left out.
-        drawn: the walls with those, where there are any: a speck in a doorway may stand there, and hides that.
-    """
+    """Walls, and what follows from them."""
 
     name: str
-    walls: NDArray[np.float64]
-    outlines: tuple[Outline, ...]
-    bounds: tuple[float, float, float, float]
-    start: tuple[float, float, float] | None = None
+    walls: NDArray[np.float64]  # (n, 4) ends of segments, metres, map frame
+    outlines: tuple[Outline, ...]  # the walls as a robot inside passes them, free space on the left
+    bounds: tuple[float, float, float, float]  # x and y of the lower left and the upper right corner, metres
+    start: tuple[float, float, float] | None = None  # x, y, heading where robots begin
     codes: tuple[WallCode, ...] = ()
-    extraction: ExtractionConfig = ExtractionConfig()  # noqa: RUF009  # frozen
-    sources: tuple[Source, ...] = ()
-    dust: int = 0
+    extraction: ExtractionConfig = ExtractionConfig()  # noqa: RUF009  # frozen; how scans are read in this building
+    sources: tuple[Source, ...] = ()  # what other sensors read
+    dust: int = 0  # specks of the map that were left out
+    # The walls with those, where there are any: a speck in a doorway may stand there, and hides that.
     drawn: NDArray[np.float64] | None = None
 
     def clearance_m(self, x_m: float, y_m: float) -> float:
@@ -152,10 +136,8 @@ def _is_crossed(walls: F64x2, x: float, y: float, way_x: float, way_y: float, ma
 
 
 def floorplan_of_yaml(data: bytes, name: str = "map") -> FloorPlan:
-    """The floor plan that a YAML file describes.
+    """Return the floor plan of a YAML file; `name` is its name if the file has none.
 
-    Args:
-        name: if the file does not tell one.
     Raises: UsageError: it does not describe one; the message says where.
     """
     words = read_yaml(data, name)
@@ -166,7 +148,7 @@ def floorplan_of_yaml(data: bytes, name: str = "map") -> FloorPlan:
         raise UsageError(f"{name} has {len(walls)} walls", f"up to {WALLS_MAX}; larger ones as a map_server map")
     if len(walls) and np.any(np.hypot(walls[:, 0] - walls[:, 2], walls[:, 1] - walls[:, 3]) < 1e-3):
         raise UsageError(f"{name}: a wall has no length", "x, y of both ends")
-    start = start_pose(words["start_pose"], name) if "start_pose" in words else None
+    start = start_pose(words, name)
     x0, y0 = numbers(words.get("origin", [0.0, 0.0]), f"{name}: origin", 2)
     if "size" in words:
         width, height = numbers(words["size"], f"{name}: size", 2)
@@ -181,8 +163,7 @@ def floorplan_of_yaml(data: bytes, name: str = "map") -> FloorPlan:
     )
     outlines = outlines_of(walls, bounds, None if start is None else start[:2])
     walls.setflags(write=False)
-    extraction = extraction_of(words.get("door_width"), name)
-    return FloorPlan(str(words.get("name", name)), walls, outlines, bounds, start, codes, extraction)
+    return FloorPlan(str(words.get("name", name)), walls, outlines, bounds, start, codes, extraction_of(words, name))
 
 
 def read_yaml(data: bytes, name: str) -> dict[Any, Any]:
@@ -215,19 +196,19 @@ def numbers(value: Any, where: str, count: int) -> tuple[float, ...]:
     return tuple(float(item) for item in value)
 
 
-def start_pose(value: Any, name: str) -> tuple[float, float, float]:
-    """x, y, heading where robots begin. Raises: UsageError: it is something else."""
-    x, y, heading = numbers(value, f"{name}: start_pose", 3)
+def start_pose(words: Mapping[Any, Any], name: str) -> tuple[float, float, float] | None:
+    """Return x, y, heading where robots begin, if a map's file has it. Raises: UsageError: it is something else."""
+    if "start_pose" not in words:
+        return None
+    x, y, heading = numbers(words["start_pose"], f"{name}: start_pose", 3)
     return x, y, heading
 
 
-def extraction_of(door_width: Any, name: str) -> ExtractionConfig:
-    """How scans are read in a building, as its file says. Raises: UsageError: it says something else."""
-    return ExtractionConfig() if door_width is None else of_doors(*numbers(door_width, f"{name}: door_width", 2))
-
-
-def of_doors(least_m: float, most_m: float) -> ExtractionConfig:
-    """How scans are read where jambs of doors are so far apart. Raises: UsageError: no doors are."""
+def extraction_of(words: Mapping[Any, Any], name: str) -> ExtractionConfig:
+    """Return how scans are read in a building, by its file. Raises: UsageError: it says something else."""
+    if words.get("door_width") is None:
+        return ExtractionConfig()
+    least_m, most_m = numbers(words["door_width"], f"{name}: door_width", 2)
     return ExtractionConfig(door_min_m=least_m, door_max_m=most_m)
 
 
@@ -245,17 +226,9 @@ def _code(value: Any, where: str) -> WallCode:
     return WallCode(value["text"], x, y, z, facing, size)
 
 
-READING_MAX_BYTES = 64
-SOURCES_MAX = 1000
-LARGEST = 1e6
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Beacon:
-    """A radio beacon. Robots measure how far off it is, through walls, and read its id while that is within its range.
-
-    Bluetooth is one with much noise, UWB one with little. Source: Encoded graphs §IV-A.
-    """
+    """A radio beacon, which robots read in range, through walls: Bluetooth, UWB. Source: Encoded graphs §IV-A."""
 
     reading: str
     x_m: float = within(0.0, -LARGEST, LARGEST)  # map frame
@@ -275,10 +248,7 @@ class Beacon:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quantity:
-    """Something that is strongest at its place, and that robots read of where they measure more than a level of it.
-
-    Half of it is left `half_m` off, a fifth twice as far; walls keep it.
-    """
+    """What robots read where they measure more than a level of it; half is left `half_m` off; walls keep it."""
 
     reading: str
     x_m: float = within(0.0, -LARGEST, LARGEST)  # map frame
@@ -308,20 +278,21 @@ _QUANTITY = {"reading": "reading", "peak": "peak", "half": "half_m", "over": "ov
 
 
 def sources_of(words: Mapping[Any, Any], name: str) -> tuple[Source, ...]:
-    """The beacons and quantities of a map's file.
+    """Return the beacons and quantities of a map's file.
 
     Raises: UsageError: they are something else; the message says where.
     """
-    beacons = (_source(Beacon, _BEACON, each, where) for where, each in _listed(words, "beacons", name))
-    quantities = (_source(Quantity, _QUANTITY, each, where) for where, each in _listed(words, "quantities", name))
-    return *beacons, *quantities
-
-
-def _listed(words: Mapping[Any, Any], key: str, name: str) -> list[tuple[str, Any]]:
-    value = words.get(key) or []
-    if not isinstance(value, list) or len(value) > SOURCES_MAX:
-        raise UsageError(f"{name}: {key} is no list of them", f"at most {SOURCES_MAX}; docs/maps.md shows them")
-    return [(f"{name}: {key}, number {i + 1}", each) for i, each in enumerate(value)]
+    sources: list[Source] = []
+    kinds: tuple[tuple[str, Callable[..., Source], Mapping[str, str]], ...] = (
+        ("beacons", Beacon, _BEACON),
+        ("quantities", Quantity, _QUANTITY),
+    )
+    for key, kind, fields in kinds:
+        listed = words.get(key) or []
+        if not isinstance(listed, list) or len(listed) > SOURCES_MAX:
+            raise UsageError(f"{name}: {key} is no list of them", f"at most {SOURCES_MAX}; docs/maps.md shows them")
+        sources += (_source(kind, fields, each, f"{name}: {key}, number {i}") for i, each in enumerate(listed, 1))
+    return tuple(sources)
 
 
 def _source(kind: Callable[..., Source], known: Mapping[str, str], words: Any, where: str) -> Source:

@@ -155,12 +155,9 @@ def _nearest_first(x: float, y: float, circles: F64x2, range_max_m: float) -> I6
 
 @kernel
 def cast(pose: tuple[float, float, float], tiles: Tiles, discs: F64x2, beams: Beams, ranges: F64x1) -> None:
-    """Writes to `ranges` the distance to the first thing in each beam's way, +inf beyond the farthest.
+    """Write to `ranges` the distance to the first thing in each beam's way, +inf beyond the farthest.
 
-    Args:
-        pose: x, y, heading of the sensor, map frame.
-        tiles, beams: packed.
-        discs: (m, 3) centre and radius, map frame.
+    The sensor's pose is x, y, heading, discs are (m, 3) centres and radii, in the map frame; tiles and beams packed.
     """
     x, y, heading = pose
     ranges[:] = np.inf
@@ -230,18 +227,8 @@ class Lidar:
         cast((float(pose[0]), float(pose[1]), float(pose[2])), self._tiles, people, self._beams, ranges)
         return ranges
 
-    def sweep(
-        self,
-        pose: Pose,
-        random: np.random.Generator,
-        people: NDArray[np.float64] = _NOBODY,
-    ) -> LaserScan:
-        """A scan from a pose.
-
-        Args:
-            pose: x, y in metres and heading in radians, map frame.
-            people: (m, 3) centre and radius in metres.
-        """
+    def sweep(self, pose: Pose, random: np.random.Generator, people: NDArray[np.float64] = _NOBODY) -> LaserScan:
+        """Return a scan from x, y, heading, map frame; people are (m, 3) centres and radii, metres."""
         config = self.config
         x, y, heading = pose
         ranges = np.empty(config.beams)

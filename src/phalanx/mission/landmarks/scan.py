@@ -38,19 +38,14 @@ def sort_out(ranges: F64x1, least_m: float, most_m: float) -> None:
 class LaserScan:
     """A sweep; valid by construction.
 
-    Args:
-        ranges_m: (n,) float64, n of 2..8192; finite and within the limits, +inf or NaN.
-        angle_min_rad: of the first beam, robot frame.
-        angle_increment_rad: from one beam to the next; positive, at most one turn in all.
-        range_min_m, range_max_m: outside of these the sensor knows nothing.
     Raises: UsageError: a value is out of range. Ranges are never refused: what is no range becomes NaN.
     Source: sensor_msgs/LaserScan, REP 117.
     """
 
-    ranges_m: NDArray[np.float64]
-    angle_min_rad: float
-    angle_increment_rad: float
-    range_min_m: float = 0.02
+    ranges_m: NDArray[np.float64]  # (n,), n of 2..8192; finite and within the limits, +inf or NaN
+    angle_min_rad: float  # of the first beam, robot frame
+    angle_increment_rad: float  # from one beam to the next; positive, at most one turn in all
+    range_min_m: float = 0.02  # outside of these limits the sensor knows nothing
     range_max_m: float = 30.0
 
     def __post_init__(self) -> None:

@@ -7,8 +7,8 @@ from functools import lru_cache
 
 from phalanx.crypto.sha3 import sha3_256
 from phalanx.mission.angles import TWO_PI, wrap_rad
-from phalanx.mission.file import paper, sealed
-from phalanx.mission.file.canonical import AT_POSITION, with_direction
+from phalanx.mission.file import sealed
+from phalanx.mission.file.canonical import AT_POSITION, action_hash, message_of, with_direction
 from phalanx.mission.file.records import EncodedMission, NodeRecord, Way, WayKind
 from phalanx.mission.observable import LANDMARK_TYPES, Action, Direction, Experience, Landmark, middle_of
 from phalanx.mission.refused import Altered
@@ -72,7 +72,7 @@ def open_found(mission: EncodedMission, found: Found, seen: Experience) -> Opene
     if found.key:
         return _open_sealed(mission, found, record)
     header = mission.header
-    if record.bindings[claim.alias] != paper.binding(header, claim.node, record, claim.observed):
+    if record.bindings[claim.alias] != record.binding(header, claim.node, claim.observed):
         raise Altered("a node matches, and its record is bound to another")
     mark = record.aliases[claim.alias].mark
     place, landmark = _where(mission, found)
@@ -83,7 +83,7 @@ def open_found(mission: EncodedMission, found: Found, seen: Experience) -> Opene
         place,
         landmark,
         found.action,
-        tuple(paper.message_of(claim.observed, i) for i in range(record.sends)),
+        tuple(message_of(claim.observed, i) for i in range(record.sends)),
         tuple(_paper_way(mission, way, found, mark, seen.actions) for way in record.ways),
         sha3_256(table.VISITED + claim.observed),
         found.claim,
@@ -143,7 +143,7 @@ def _directions(sectors: int) -> tuple[bytes, ...]:
 def _paper_way(mission: EncodedMission, way: Way, found: Found, mark: bytes, pool: tuple[Action, ...]) -> OpenWay:
     wanted = way.hashes[found.claim.alias]
     if way.kind is WayKind.ACTION:
-        return OpenWay(way.target, do=next((a for a in pool if paper.action_hash(mark, a) == wanted), None))
+        return OpenWay(way.target, do=next((a for a in pool if action_hash(mark, a) == wanted), None))
     if way.kind is WayKind.EMPTY:
         return OpenWay(way.target)
     sectors = mission.header.coding.sectors
