@@ -50,11 +50,10 @@ def apart_in(plan: FloorPlan, mission: Mission) -> Mission:
 
 
 def told_apart(mission: Mission, look_alikes: Iterable[Landmark] | None = None) -> Mission:
-    """The mission whose landmarks say how far it is to the next thing that looks the same.
+    """Return the mission whose landmarks say how far it is to the next thing that looks the same.
 
-    Args:
-        look_alikes: what else there is to be seen in the building; None: nobody knows, and what the landmarks say
-            already holds, or UNTOLD_M, but for codes, which have a text of their own.
+    `look_alikes` is what else robots see in the building. Where nobody knows (None), what landmarks say already holds,
+    or UNTOLD_M, but for codes, which have a text of their own.
     """
     own = [thing for node in mission.nodes for alias in node.see for thing in alias if isinstance(thing, Landmark)]
     tables = _tables((*own, *(look_alikes or ())))

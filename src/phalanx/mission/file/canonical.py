@@ -221,13 +221,9 @@ def canonical(
     previous: bytes | None = None,
     direction: Direction | None = None,
 ) -> bytes:
-    """The canonical bytes of a conjunction.
+    """Return the canonical bytes of a conjunction; sensors and messages are sorted, `place` is from `place_bytes`.
 
-    Args:
-        place: from `place_bytes`.
-        sensors, messages: in any order; they are sorted.
-        previous: released by the node before.
-        direction: of a way.
+    `previous` is released by the node before, `direction` is a way's.
     Source: docs/spec/mission.md; Encoded graphs §III-A, Fig. 2, with tags for the paper's "+".
     """
     out = [_BEGIN, place]

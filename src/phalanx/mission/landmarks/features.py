@@ -208,29 +208,46 @@ class Features(NamedTuple):
     doorways: F64x2  # (d, 6): middle, unit vector along the wall, width, thickness of the wall as far as it was seen
     rooms: F64x2  # (r, 3): centroid and area of three consecutive convex corners
 
-    def in_sight(self, x_m: float, y_m: float, heading_rad: float) -> InSight:
+    def landmarks(self, x_m: float, y_m: float, heading_rad: float) -> tuple[Landmark, ...]:
         """Return the features as landmarks in the map frame, if the robot is where it believes to be.
 
         A concave corner comes once for each wall of it that is seen, with that wall's normal: from another side
         another one is seen. A convex corner has the direction halfway between its walls' normals.
         """
-        return InSight(_placed(self, float(x_m), float(y_m), float(heading_rad)))
+        return InSight(_placed(self, float(x_m), float(y_m), float(heading_rad))).told
 
-    def landmarks(self, x_m: float, y_m: float, heading_rad: float) -> tuple[Landmark, ...]:
-        """Return the landmarks of `in_sight`."""
-        return self.in_sight(x_m, y_m, heading_rad).told
+
+class Sweep(NamedTuple):
+    """A scan as `_extract` takes it, a full turn cut open where no wall is."""
+
+    ranges: F64x1
+    cosines: F64x1
+    sines: F64x1
+    full_turn: bool
+    step_rad: float
+    range_max_m: float
+    feature_range_m: float
 
 
 def extract(scan: LaserScan, config: ExtractionConfig | None = None) -> Features:
     """Return the features of a scan; none is refused, an empty scan shows nothing. Source: Encoded graphs Alg. 1."""
     config = config or ExtractionConfig()
+    return Features(*_extract(_sweep_of(scan, config), limits_of(config)))
+
+
+def landmarks_in(scan: LaserScan, config: ExtractionConfig, x_m: float, y_m: float, heading_rad: float) -> InSight:
+    """Return `extract(scan, config).landmarks(...)`, in one call: robots ask ten times a second."""
+    pose = float(x_m), float(y_m), float(heading_rad)
+    return InSight(_sighted(_sweep_of(scan, config), limits_of(config), *pose))
+
+
+def _sweep_of(scan: LaserScan, config: ExtractionConfig) -> Sweep:
     ranges, (cosines, sines) = scan.ranges_m, scan.beams
     if scan.full_turn:
         seam = _seam(ranges)
         ranges, cosines, sines = (np.roll(array, -seam) for array in (ranges, cosines, sines))
     farthest_m = scan.range_max_m, min(config.feature_range_m, scan.range_max_m)
-    step_rad, limits = scan.angle_increment_rad, limits_of(config)
-    return Features(*_extract(ranges, cosines, sines, scan.full_turn, step_rad, *farthest_m, limits))
+    return Sweep(ranges, cosines, sines, scan.full_turn, scan.angle_increment_rad, *farthest_m)
 
 
 @kernel
@@ -248,16 +265,8 @@ def _seam(ranges: F64x1) -> int:
 
 
 @kernel
-def _extract(
-    ranges: F64x1,
-    cosines: F64x1,
-    sines: F64x1,
-    full_turn: bool,
-    step_rad: float,
-    range_max_m: float,
-    feature_range_m: float,
-    limits: Limits,
-) -> tuple[F64x2, F64x2, BOOLx1, F64x2, F64x2]:  # as Features has them
+def _extract(sweep: Sweep, limits: Limits) -> tuple[F64x2, F64x2, BOOLx1, F64x2, F64x2]:  # as Features has them
+    ranges, cosines, sines, full_turn, step_rad, range_max_m, feature_range_m = sweep
     x, y, beam = points_of(ranges, cosines, sines, feature_range_m)
     new_run = breaks_of(ranges, beam, step_rad, limits.jump_m, limits.graze_slope)
     view = View(ranges, cosines, sines, full_turn, range_max_m, x, y, beam, new_run)
@@ -314,3 +323,9 @@ def _placed(features: Features, x_m: float, y_m: float, heading_rad: float) -> F
         rows[i, 1] = x_m + (cosine * x - sine * y)
         rows[i, 2] = y_m + (sine * x + cosine * y)
     return rows[:found]
+
+
+@kernel
+def _sighted(sweep: Sweep, limits: Limits, x_m: float, y_m: float, heading_rad: float) -> F64x2:
+    walls, corners, is_jamb, doorways, rooms = _extract(sweep, limits)
+    return _placed(Features(walls, corners, is_jamb, doorways, rooms), x_m, y_m, heading_rad)

@@ -194,11 +194,9 @@ def _sensed(
     wrong: tuple[float, float, float],
     ranges: F64x1,
 ) -> None:
-    """What a lidar tells: with noise, and some beams say nothing; either where there are draws for it.
+    """Write to `ranges` what a lidar measures: with noise, and some beams silent; each where there are draws for it.
 
-    Args:
-        draws: normal, and uniform below 1, for each beam or for none.
-        wrong: noise in metres, share of beams that say nothing, and the nearest range that is told.
+    `draws` are normal, and uniform below 1; `wrong` is noise in metres, share of silent beams, the nearest range.
     """
     (normals, chances), (noise_m, drop_out, least_m) = draws, wrong
     cast(pose, tiles, people, beams, ranges)

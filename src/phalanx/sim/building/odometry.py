@@ -154,11 +154,9 @@ class Body(NamedTuple):
 
 
 class DiffDrive:
-    """A robot that drives in a floor plan.
+    """A robot that drives in a floor plan, from a pose: x, y, heading, map frame.
 
-    Args:
-        pose: x, y in metres and heading in radians, map frame.
-        left, right: share of a wheel's turn that moves the robot; 1 is a sound wheel, less one that slips or is broken.
+    `left` and `right` are the shares of a wheel's turn that move it: 1 is a sound wheel, less one that slips.
     """
 
     def __init__(self, plan: FloorPlan, pose: Pose, config: DiffDriveConfig | None = None) -> None:

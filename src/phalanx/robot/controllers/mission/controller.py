@@ -24,7 +24,7 @@ from phalanx.mission import Action, EncodedMission, Experience, Kind, Landmark, 
 from phalanx.mission.angles import sin_cos, wrap
 from phalanx.mission.file.canonical import AT_POSITION, Reader, action_bytes
 from phalanx.mission.file.records import SECRET_BYTES
-from phalanx.mission.landmarks.features import extract
+from phalanx.mission.landmarks.features import landmarks_in
 from phalanx.mission.observable import LONGEST_S
 from phalanx.mission.pose.belief import NUMBERS, Belief, of_numbers
 from phalanx.mission.refused import MalformedMission
@@ -252,7 +252,7 @@ class MissionController(EvidenceController):
 
     def landmarks(self, scan: bytes, pose: Pose) -> Sequence[Landmark]:
         """What a scan shows."""
-        return extract(self.missions.sensors.scan_of(scan), self._extraction).in_sight(*pose)
+        return landmarks_in(self.missions.sensors.scan_of(scan), self._extraction, *pose)
 
     def _waits(self, seen: Experience) -> bool:
         return seen.t_s < self.given.begin_s + self.given.wait_s
