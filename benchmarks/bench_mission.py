@@ -21,8 +21,8 @@ import numpy as np
 from rows import Row, print_table, timed
 
 from phalanx.config.mission import CodingConfig
-from phalanx.crypto.scrypt import scrypt
-from phalanx.crypto.sha3 import Targets, find_patched, sha3_256_many
+from phalanx.crypto.keys import scrypt
+from phalanx.crypto.sha3 import Targets, find_patched
 from phalanx.mission import (
     BuildOptions,
     Draft,
@@ -38,7 +38,6 @@ from phalanx.mission import (
 from phalanx.mission.walk.searched import spiral
 
 MESSAGE_BYTES = 40
-MANY = 4096
 FINE_RINGS = 20  # ±0.5 m at 2.5 cm: 1681 cells
 MISSION_NODES = 10_000
 
@@ -69,8 +68,6 @@ def in_turn(jobs: dict[str, Callable[[], object]], repetitions: int, count: int)
 
 
 def bench_hashes(repetitions: int, count: int) -> list[Row]:
-    messages = np.random.default_rng(1).integers(0, 256, (MANY, MESSAGE_BYTES), dtype=np.uint8)
-    rows = [row.tobytes() for row in messages]
     steps = spiral(FINE_RINGS)
     before, after = bytes(9), bytes(MESSAGE_BYTES - 17)
     targets = Targets([os.urandom(32) for _ in range(32)])
@@ -89,8 +86,6 @@ def bench_hashes(repetitions: int, count: int) -> list[Row]:
 
     times = in_turn(
         {
-            "many": lambda: sha3_256_many(messages),
-            "loop": lambda: [hashlib.sha3_256(row).digest() for row in rows],
             "search": search,
             "plain": search_with_hashlib,
         },
@@ -98,7 +93,6 @@ def bench_hashes(repetitions: int, count: int) -> list[Row]:
         count,
     )
     return [
-        faster(1, f"SHA3-256 of {MESSAGE_BYTES} bytes, batched", times["many"], times["loop"], 2.0, MANY),
         faster(1, "search of 1681 cells without a match", times["search"], times["plain"], 2.5, len(steps)),
         Row(
             section=0,

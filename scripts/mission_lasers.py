@@ -41,7 +41,7 @@ from phalanx.mission import (
     Walker,
     build,
 )
-from phalanx.mission.authoring.apart import ALIKE_RAD, alone, told_apart
+from phalanx.mission.authoring.findable import ALIKE_RAD, alone, told_apart
 from phalanx.mission.landmarks import LaserScan, extract
 from phalanx.mission.observable import HALF_TURN_TYPES, number_or_nan
 from phalanx.mission.walk.chart import turn_to

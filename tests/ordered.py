@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from phalanx.config.wheels import WheelsConfig
+from phalanx.config.flock import WheelsConfig
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.bundled.wheels import wheels_params
 from phalanx.robot.controllers.compiled import compiled

@@ -30,7 +30,7 @@ from phalanx.crypto import jwe
 from phalanx.gateway import vocabulary
 from phalanx.link import Client, Pin, QrUrl, derive_epoch, pin, topics
 from phalanx.link.rotation import State
-from phalanx.mission.landmarks import floorplan, floorplan_of_yaml, sources
+from phalanx.mission.landmarks import floorplan, floorplan_of_yaml
 from phalanx.mission.landmarks.gridmap import map_words
 from ports import free_port
 
@@ -153,8 +153,9 @@ def test_the_building_that_is_shown_is_built_from_and_run_in(tmp_path, monkeypat
         assert told.exit_code == 0, told.output
     assert "1 of 1 robot completed" in told.stdout
     shown = {row[0] for row in table(page.read_text(), "key")}
-    reader = inspect.getsource(floorplan.floorplan_of_yaml) + inspect.getsource(sources.sources_of)
-    assert shown == set(re.findall(r'words(?:\.get\(|\[|, )"([a-z_]+)"', reader))
+    readers = floorplan.floorplan_of_yaml, floorplan.start_pose, floorplan.extraction_of, floorplan.sources_of
+    reader = "".join(map(inspect.getsource, readers))
+    assert shown == set(re.findall(r'(?:words(?:\.get\(|\[)|\((?="[a-z]+", [A-Z]))"([a-z_]+)"', reader))
 
 
 def test_the_index_names_every_command():

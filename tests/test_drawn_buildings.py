@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from phalanx.cli.commands.mission import mission as group
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks import FloorPlan, landmarks_of
-from phalanx.sim.building.drawn import KINDS, drawn
-from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.sim.building.floorplan import KINDS, drawn, load_floorplan
 from phalanx.sim.building.walkers import Walkers
 
 ROBOT_M = 0.175

@@ -22,7 +22,7 @@ from phalanx.bti import trusted
 from phalanx.bti.nodes import Limits, MissionKey
 from phalanx.cli.main import run_command
 from phalanx.config import BtiConfig
-from phalanx.crypto import passphrase as sealing
+from phalanx.crypto import keys as sealing
 from phalanx.errors import UsageError
 from phalanx.io.keyring import Keys, create, opened
 from phalanx.io.private_file import write_private

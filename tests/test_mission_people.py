@@ -14,6 +14,7 @@ from phalanx.cli.commands.mission import mission as group
 from phalanx.cli.mission.files import read_plain
 from phalanx.errors import UsageError
 from phalanx.mission import BuildOptions, Profile, build
+from phalanx.mission.landmarks.codes import read_codes
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.odometry import OdometryNoise
 from phalanx.sim.building.walkers import RADIUS_M
@@ -110,7 +111,7 @@ def test_a_lidar_and_a_camera_see_people() -> None:
     def seen() -> tuple[float, int]:
         draws = np.random.default_rng(0)
         ahead = world.lidar.sweep(pose, draws, world.people).ranges_m[540]
-        return float(ahead), len(world.camera.read(world.camera.picture(pose, draws, world.people)))
+        return float(ahead), len(read_codes(world.camera.picture(pose, draws, world.people)))
 
     away, codes = seen()
     world.people = np.array([[18.5, 5.0, RADIUS_M]])

@@ -27,12 +27,12 @@ from phalanx.mission import (
 )
 from phalanx.mission.file.canonical import action_bytes
 from phalanx.mission.landmarks import FloorPlan, WallCode, floorplan_of_yaml
-from phalanx.mission.landmarks.sources import Beacon, Quantity, sources_of
+from phalanx.mission.landmarks.floorplan import Beacon, Quantity, sources_of
 from phalanx.mission.walk.claims import Unshown
 from phalanx.robot.controllers.mission.controller import Assignment, MissionController, Missions
 from phalanx.robot.controllers.mission.evidence import BadEvidence, pack_evidence, unpack_evidence
 from phalanx.robot.controllers.mission.readings import SENSED_MAX_BYTES, Sensors
-from phalanx.robot.controllers.mission.sensed import code_entry, codes_at, parse_sensed, reading_entry
+from phalanx.robot.controllers.mission.sensed import code_entry, parse_sensed, reading_entry
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.odometry import OdometryNoise
 from phalanx.sim.missions import world as missions_world
@@ -311,5 +311,3 @@ def test_a_code_is_where_its_corners_say_and_they_are_in_the_hash() -> None:
         own.on_evidence(step, t_ms, reading, evidence)
     assert set(peer.memory.walk.opened) == {0, 1}
     assert peer.encode() == own.encode()
-    assert building.camera is not None
-    assert building.camera.landmarks(codes, (3.4, 5.1, 0.1)) == codes_at(building.eye, (3.4, 5.1, 0.1), codes)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import ordered
-from phalanx.config import bti
-from phalanx.config import wheels as config_wheels
+from phalanx.config import bti, flock
 from phalanx.robot.controllers.bundled import wheels
 from phalanx.wire import driven, table
 
@@ -83,4 +82,4 @@ def test_an_order_is_the_tables_record_and_ends_in_its_signature():
 def test_a_driven_robot_remembers_a_signer_for_each_key_that_its_mission_names():
     (signers,) = (field for field in driven.WHEELS_MEMORY.fields if field.name == "signers")
     assert signers.size == driven.SIGNERS * driven.SIGNER.size
-    assert driven.SIGNER.fields[0].size == driven.SIGNER_KEY_BYTES == config_wheels.KEY_BYTES
+    assert driven.SIGNER.fields[0].size == driven.SIGNER_KEY_BYTES == flock.KEY_BYTES

@@ -11,7 +11,7 @@ from conftest import called
 from phalanx.bti import trusted
 from phalanx.bti.fleet import START
 from phalanx.cli import up as command
-from phalanx.crypto import passphrase as sealing
+from phalanx.crypto import keys as sealing
 from phalanx.daemon.proofs import unsealed
 from phalanx.demo.simulated import plan_swarm
 from phalanx.errors import UsageError

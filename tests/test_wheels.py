@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from conftest import uncompiled
 from ordered import LONG_MS, MISSION, PUBLIC, led_order, order, robot, route_order, signed, signer, wheels_order
-from phalanx.config.wheels import WheelsConfig
+from phalanx.config.flock import WheelsConfig
 from phalanx.errors import PeerError, UsageError
 from phalanx.robot.controllers.orders import NEVER
 from phalanx.robot.controllers.python_controller import Act, Send, pack_outputs, unpack_outputs

@@ -17,8 +17,7 @@ from phalanx.config.lidar import ExtractionConfig
 from phalanx.errors import UsageError
 from phalanx.mission.authoring.survey import survey
 from phalanx.mission.landmarks import extract, floorplan_of_map, landmarks_of
-from phalanx.mission.landmarks.dust import without_dust
-from phalanx.mission.landmarks.gridmap import FREE, WALL, read_pgm
+from phalanx.mission.landmarks.gridmap import FREE, WALL, read_pgm, without_dust
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.worth.feasible import look_ahead
 from phalanx.sim.building.floorplan import MAPS, load_floorplan
@@ -215,7 +214,7 @@ class TestDust:
         for row, column in marks:
             cells[row, column] = WALL
         cells = np.pad(cells, 1, constant_values=WALL)
-        left, count = without_dust(cells, edge_m, FREE)
+        left, count = without_dust(cells, edge_m)
         return {(row, column) for row, column in marks if left[row + 1, column + 1] != FREE}, count
 
     @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ from phalanx.mission import (
     public_key,
     sign,
 )
-from phalanx.mission.authoring.making import Built, direction_of, place_of
+from phalanx.mission.authoring.compiling import Built, direction_of, place_of
 from phalanx.mission.file.records import FINAL, JOIN, START, NodeRecord
 
 OPERATOR = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))

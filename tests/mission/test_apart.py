@@ -13,7 +13,7 @@ from worlds import BOTH, built, cheap, until_decoded, walker_for
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.errors import PeerError
 from phalanx.mission import Draft, Experience, Landmark, Position, Reason, State, parse_mission, parse_start_key
-from phalanx.mission.authoring.apart import ALIKE_RAD, alone, apart_in, told_apart
+from phalanx.mission.authoring.findable import ALIKE_RAD, alone, apart_in, told_apart
 from phalanx.mission.landmarks import look_alikes_of
 from phalanx.mission.observable import APART_MAX, UNTOLD_M, Offset, offset_of
 from phalanx.mission.walk.fix import told

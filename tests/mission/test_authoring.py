@@ -25,7 +25,7 @@ from phalanx.mission import (
     build,
     plain_mission,
 )
-from phalanx.mission.authoring.written import WrittenMission
+from phalanx.mission.authoring.document import WrittenMission
 
 EVERYTHING = """
 mission: everything

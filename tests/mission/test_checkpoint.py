@@ -16,7 +16,7 @@ from phalanx.config.mission import MissionConfig
 from phalanx.errors import PeerError, UsageError
 from phalanx.mission import LANDMARK_TYPES, Action, Landmark, OpenWay, Phase, Profile, State
 from phalanx.mission.angles import TWO_PI, wrap_rad
-from phalanx.mission.file.reader import Reader
+from phalanx.mission.file.canonical import Reader
 from phalanx.mission.refused import MalformedMission
 from phalanx.mission.walk.checkpoint import encode_state, parse_state, state_capacity
 from phalanx.mission.walk.keyring import Keyring

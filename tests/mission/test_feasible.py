@@ -11,7 +11,7 @@ from phalanx.cli.mission.files import read_plain
 from phalanx.config.lidar import LidarConfig
 from phalanx.mission import Action, BuildOptions, Draft, Landmark, Position, Profile, Sensor, build
 from phalanx.mission.authoring import free
-from phalanx.mission.authoring.apart import apart_in, once
+from phalanx.mission.authoring.findable import apart_in, once
 from phalanx.mission.authoring.survey import survey
 from phalanx.mission.landmarks import FloorPlan, floorplan_of_yaml
 from phalanx.mission.landmarks.sites import landmarks_of

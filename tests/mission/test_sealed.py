@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from worlds import CHEAP, at, built, cheap, corridor, draws, until_decoded, walk, walker_of
 
-from phalanx.crypto import scrypt as scrypt_module
+from phalanx.crypto import keys as scrypt_module
 from phalanx.mission import (
     Action,
     BuildOptions,
@@ -22,12 +22,8 @@ from phalanx.mission import (
     Time,
     build,
 )
-from phalanx.mission.authoring import (
-    making_sealed,
-)
-from phalanx.mission.file import (
-    sealed,
-)
+from phalanx.mission.file import sealed
+from phalanx.mission.file.canonical import shape_of
 from phalanx.mission.file.records import Header, NodeRecord
 from phalanx.mission.refused import MalformedMission
 from phalanx.mission.walk.gate import Gate, Hint, StartKey, join_shares, parse_start_key
@@ -88,7 +84,7 @@ def test_no_stored_byte_depends_on_an_observation_except_through_scrypt(x, readi
         return scrypt_module.scrypt(b"", salt, log2_n=1, r=1, length=64)[:32], bytes(32)
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(making_sealed.sealed, "try_observation", blind)
+        patched.setattr(sealed, "try_observation", blind)
         files = [
             build(mission, BuildOptions(), draws(5))[0].mission
             for mission in (mission_of(0.0), mission_of(x, reading=reading, turn=turn, text=text, t_s=t_s))
@@ -160,9 +156,7 @@ def test_any_bytes_are_a_payload_or_refused(raw, framed):
 
 
 def test_a_start_key_comes_back_as_it_was_written():
-    key = StartKey(
-        bytes(16), {0: Gate(bytes(32), (Hint(making_sealed.shape_of([Position(0, 0)])),))}, {"go": bytes(32)}
-    )
+    key = StartKey(bytes(16), {0: Gate(bytes(32), (Hint(shape_of([Position(0, 0)])),))}, {"go": bytes(32)})
     assert parse_start_key(key.encode()) == key
     with pytest.raises(MalformedMission):
         parse_start_key(key.encode()[:-1])

@@ -29,7 +29,7 @@ from phalanx.mission import (
     build,
     plain_mission,
 )
-from phalanx.mission.authoring.making import direction_of
+from phalanx.mission.authoring.compiling import direction_of
 from phalanx.mission.file.records import FINAL, JOIN, START
 from phalanx.mission.observable import sector_of
 

@@ -13,7 +13,7 @@ from worlds import BOTH, CHEAP, built, cheap, corridor, decoded_of, walk, walker
 from phalanx.cli.mission.files import read_plain
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.mission import Draft, Landmark, Mission, Position, Profile, Sensor
-from phalanx.mission.authoring.making import alias_offset
+from phalanx.mission.authoring.compiling import alias_offset
 from phalanx.mission.file.canonical import shape_of
 from phalanx.mission.observable import Offset, cell_of, middle_of
 from phalanx.mission.worth.audit import Rates, audit

@@ -27,8 +27,7 @@ MOST_CHECKPOINT_BYTES = 65_535
 class BtiConfig:
     """Parameters of the audits; the paper's values where it gives one.
 
-    Raises: UsageError: a value is out of range.
-    Source: RoboRebound §4, §5.2; docs/spec/rebound.md.
+    Raises: UsageError: a value is out of range. Source: RoboRebound §4, §5.2; docs/spec/rebound.md.
     """
 
     f_max: int = within(3, 1, 15, "compromised robots that are tolerated; f_max + 1 fresh tokens keep a robot alive")

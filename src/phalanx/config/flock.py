@@ -1,4 +1,4 @@
-"""What a mission says of a flock: the paper's Table 3, and what it leaves to the mission."""
+"""What a mission says of a flock (the paper's Table 3), and of robots that visitors drive."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from .parameter import check_limits, check_within, within
 FARTHEST_M = 1e6
 # As the paper's law has it: as hard as it comes.
 NO_CROWD = 1e6
+KEY_BYTES = 32  # of an Ed25519 public key
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,8 +37,7 @@ class Box:
 class FlockConfig:
     """Parameters of Olfati-Saber flocking; the paper's values where it has one.
 
-    Raises: UsageError: a value is out of range.
-    Source: RoboRebound appendix A, Table 3; §4 (the limit, the periods).
+    Raises: UsageError: a value is out of range. Source: RoboRebound appendix A, Table 3; §4 (the limit, the periods).
     """
 
     goal_m: tuple[float, float] = (500.0, 500.0)  # where the flock goes, x and y
@@ -86,3 +86,27 @@ class FlockConfig:
             check_within("box's corner", max(abs(box.left_m), abs(box.bottom_m)), 0.0, FARTHEST_M)
         if (self.discs or self.boxes) and self.c1_beta == self.c2_beta == 0.0:
             raise UsageError("obstacles, but nobody avoids them", "set c1_beta and c2_beta above 0")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WheelsConfig:
+    """Parameters of robots on two wheels that visitors drive.
+
+    Raises: UsageError: a value is out of range.
+    Source: docs/spec/vocabulary.md (300 ms); RoboRebound §4 (the periods); docs/spec/orders.md (whom they obey).
+    """
+
+    good_ms: int = within(300, 1, 60_000)  # a joystick's word is obeyed for so long, then the wheels stop
+    state_every: int = within(6, 1, 1000)  # broadcast at each so manieth control step
+    mission: int = within(1, 1, 2**32 - 1)  # its number, as the mission key has it: orders of another are not obeyed
+    # Signatures looked at from one reading to the next: true ones are one or two. Of false ones a liar's a-node lets
+    # out two at once, and then not two a second (`bound`).
+    looks: int = within(16, 1, 255)
+    gateway_key: bytes = b""  # Ed25519, public: who may give orders; empty for nobody
+    operator_key: bytes = b""  # the same
+
+    def __post_init__(self) -> None:
+        check_limits(self)
+        for name in ("gateway_key", "operator_key"):
+            if len(getattr(self, name)) not in (0, KEY_BYTES):
+                raise UsageError(f"{name} has {len(getattr(self, name))} bytes", f"an Ed25519 public key, {KEY_BYTES}")

@@ -18,8 +18,7 @@ MOST_CORNERS = 500
 class GuardConfig:
     """Parameters of the guard: its envelope, and what it counts on.
 
-    Raises: UsageError: a value is out of range, or two contradict each other.
-    Source: docs/guard.md.
+    Raises: UsageError: a value is out of range, or two contradict each other. Source: docs/guard.md.
     """
 
     speed_mps: float = within(2.0, 0.01, 50.0, "no robot is faster; each counts on that of the others")
@@ -73,10 +72,7 @@ class GuardConfig:
                         check_within(f"a corner of {name}", value, -FARTHEST_M, FARTHEST_M)
 
     def check_start(self, point: Point) -> None:
-        """Nothing, if a robot may stand there at first.
-
-        Raises: UsageError: it is outside the fences, in what is to be kept out of, or too near to an edge.
-        """
+        """Raise UsageError if a robot starts outside the fences, in a place to keep out of, or too near to an edge."""
         x, y = point
         if self.fences and not any(_inside(point, polygon) for polygon in self.fences):
             raise UsageError(f"a robot starts at ({x:g}, {y:g}), outside its fences", "start inside one of fences")
@@ -98,8 +94,8 @@ class GuardConfig:
 
 
 def _corners(box: Box) -> Polygon:
-    left, right = (box.left_m, box.right_m)
-    return ((left, box.bottom_m), (right, box.bottom_m), (right, box.top_m), (left, box.top_m))
+    left, bottom, right, top = box.left_m, box.bottom_m, box.right_m, box.top_m
+    return ((left, bottom), (right, bottom), (right, top), (left, top))
 
 
 def _sides(polygon: Polygon) -> list[tuple[Point, Point]]:

@@ -57,11 +57,9 @@ class LidarConfig:
         Raises: UsageError: it is not written so, or no lidar is like that.
         """
         words = text.split(",")
-        if len(words) > len(PARSED):
-            raise UsageError(f"lidar {text!r}", LIKE)
         try:
-            said = {name: kind(word) for (name, kind), word in zip(PARSED.items(), words, strict=False)}
-        except ValueError as error:
+            said = {name: PARSED[name](word) for name, word in zip(list(PARSED)[: len(words)], words, strict=True)}
+        except ValueError as error:  # also of too many words
             raise UsageError(f"lidar {text!r}", LIKE) from error
         return cls(**said)
 

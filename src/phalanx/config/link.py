@@ -17,8 +17,7 @@ _ROOT = re.compile(r"/[0-9A-Za-z_-]{1,64}(/[0-9A-Za-z_-]{1,64}){0,7}")
 class LinkConfig:
     """Parameters of the link in mode qrkey; the paper's values, but for the longer pin.
 
-    Raises: UsageError: a value is out of range.
-    Source: Qrkey §III-D; docs/spec/link.md.
+    Raises: UsageError: a value is out of range. Source: Qrkey §III-D; docs/spec/link.md.
     """
 
     root: str = "/qrkey"  # first part of every topic, with its leading slash

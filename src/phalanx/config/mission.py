@@ -18,8 +18,7 @@ WORST_KDF_BYTES = 1 << 25  # what one try may take of a robot's memory: N = 2^15
 class CodingConfig:
     """How observations become whole numbers; stored in the mission's file.
 
-    Raises: UsageError: a value is out of range.
-    Source: Encoded graphs §IV-A, §VI-B; docs/spec/mission.md.
+    Raises: UsageError: a value is out of range. Source: Encoded graphs §IV-A, §VI-B; docs/spec/mission.md.
     """
 
     delta_mm: int = within(100, 1, 10_000)  # edge of a cell; the paper's simulations use 100, its camera 20

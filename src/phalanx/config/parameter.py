@@ -45,10 +45,7 @@ def check_within(name: str, value: float, low: float, high: float) -> None:
 
 
 def made_once(make: Callable[[Thing], Made]) -> Callable[[Thing], Made]:
-    """`make`, for things that never change and are asked of again and again: told apart as objects, by no hash.
-
-    To hash thirty fields takes longer than most that is made of them.
-    """
+    """Return `make` with a cache by identity: to hash thirty fields takes longer than most that is made of them."""
     known: dict[int, tuple[Thing, Made]] = {}
 
     @wraps(make)

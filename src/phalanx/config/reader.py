@@ -33,11 +33,7 @@ Keys = dict[str, dataclasses.Field[Any]]
 class Reader:
     """Walks the nodes of one file along the types of the dataclasses, so that its depth is theirs.
 
-    Args:
-        source: the file's name, for errors.
-        hint: where examples are.
-        derived: fields of a dataclass that no file says.
-        lone: what to write where a word stands in the place of a dataclass, by dataclass.
+    Errors begin with `source`. No file says the `derived` fields. A word in the place of a dataclass is met by `lone`.
     """
 
     def __init__(
@@ -97,9 +93,9 @@ class Reader:
             return self.read(kinds[0], node, name)
         if all(dataclasses.is_dataclass(kind) for kind in kinds):
             pairs = self._pairs(node, name)
-            fitting = next((kind for kind in kinds if set(pairs) == set(self._keys(kind))), None)
+            fitting = next((kind for kind in kinds if set(pairs) == set(keys_of(kind, self._derived))), None)
             if fitting is None:
-                shapes = " or ".join(", ".join(self._keys(kind)) for kind in kinds)
+                shapes = " or ".join(", ".join(keys_of(kind, self._derived)) for kind in kinds)
                 self._refuse(node, f"{name} has {', '.join(pairs) or 'nothing'}", shapes)
             return self._read_record(fitting, pairs, node, name)
         assert kinds == (float, str), "the only choice of scalars there is"
@@ -119,7 +115,7 @@ class Reader:
         return tuple(self.read(kind, entry, name) for kind, entry in zip(kinds, node.value, strict=True))
 
     def _read_record(self, kind: Any, pairs: dict[str, tuple[yaml.Node, yaml.Node]], node: yaml.Node, name: str) -> Any:
-        keys = self._keys(kind)
+        keys = keys_of(kind, self._derived)
         for key, (key_node, _) in pairs.items():
             if key not in keys:
                 self._refuse(key_node, f"{name} has no {key!r}", f"{did_you_mean(key, keys)}allowed: {', '.join(keys)}")
@@ -131,7 +127,7 @@ class Reader:
         try:
             return kind(**values)
         except UsageError as error:
-            self._refuse(_culprit(self._keys(kind), kind, values, pairs, str(error)) or node, str(error), error.hint)
+            self._refuse(_culprit(keys, kind, values, pairs, str(error)) or node, str(error), error.hint)
 
     def _pairs(self, node: yaml.Node, name: str) -> dict[str, tuple[yaml.Node, yaml.Node]]:
         """Key to its node and its value's."""
@@ -146,9 +142,6 @@ class Reader:
                 self._refuse(key_node, f"{name} has {key!r} twice", f"first in line {line_of(pairs[key][0])}")
             pairs[key] = key_node, value_node
         return pairs
-
-    def _keys(self, kind: Any) -> Keys:
-        return keys_of(kind, self._derived)
 
     def _refuse(self, node: yaml.Node, what: str, allowed: str) -> NoReturn:
         raise UsageError(f"{self._source}:{line_of(node)}: {what}", allowed)

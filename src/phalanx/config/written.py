@@ -22,10 +22,7 @@ Pair = tuple[yaml.Node, yaml.Node]
 
 
 def read_at_most(path: Path, most_bytes: int, hint: str) -> bytes:
-    """A file's bytes, and no more of them than there may be.
-
-    Raises: UsageError: no file there, or one that is longer. Unavailable: it cannot be read.
-    """
+    """Return a file's bytes. Raises: UsageError: no file there, or a longer one. Unavailable: it cannot be read."""
     try:
         with path.open("rb") as file:
             data = file.read(most_bytes + 1)
@@ -66,7 +63,7 @@ def compose(data: bytes, source: str, hint: str) -> yaml.Node | None:
 
 
 def words_of(node: yaml.Node | None, data: bytes, source: str, hint: str) -> Any:
-    """What `compose` made of `data`, as dicts, lists, texts and numbers; None of an empty file.
+    """Return what `compose` made of `data`, as dicts, lists, texts and numbers; None of an empty file.
 
     Raises: UsageError: a name is there twice, of which the second would silently replace the first; or a value is none.
     """
@@ -100,11 +97,9 @@ class _Words(yaml.constructor.SafeConstructor):  # type: ignore[misc]
         return mapping
 
 
-def _whole_mapping(words: _Words, node: Any) -> dict[Any, Any]:
-    return words.construct_mapping(node, deep=True)
-
-
-_Words.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _whole_mapping)
+_Words.add_constructor(
+    yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, lambda words, node: words.construct_mapping(node, deep=True)
+)
 
 
 @contextlib.contextmanager

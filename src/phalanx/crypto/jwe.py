@@ -12,7 +12,7 @@ from cryptography.exceptions import InvalidTag
 
 from phalanx.errors import MalformedJwe, NotAuthentic, TooLarge
 
-from .secret import Key
+from .keys import Key
 
 IV_BYTES = 12
 TAG_BYTES = 16
@@ -50,7 +50,11 @@ def seal_jwe(plaintext: bytes, key: Key, iv: bytes) -> bytes:
     return b".".join((HEADER_SEGMENT, b"", _encode(iv), _encode(sealed[:-TAG_BYTES]), _encode(sealed[-TAG_BYTES:])))
 
 
-def _segments(token: bytes, max_bytes: int) -> tuple[bytes, bytes]:
+def open_jwe(token: bytes, key: Key, max_bytes: int) -> tuple[bytes, bytes]:
+    """Return (IV, plaintext) of a compact JWE, of untrusted bytes; longer than `max_bytes` it is not even decrypted.
+
+    Raises: TooLarge, MalformedJwe, NotAuthentic. Source: RFC 7516 §5.2, restricted as docs/spec/link.md says.
+    """
     # Two bytes of slack for the base64 rounding, then the ciphertext is measured exactly.
     if len(token) > (max_bytes + IV_BYTES + TAG_BYTES + len(HEADER)) * 4 // 3 + 16:
         raise TooLarge(f"{len(token)} bytes sealed, limit {max_bytes} bytes of plaintext")
@@ -62,16 +66,7 @@ def _segments(token: bytes, max_bytes: int) -> tuple[bytes, bytes]:
         raise MalformedJwe("IV or tag of another length")
     if len(ciphertext) > max_bytes:
         raise TooLarge(f"{len(ciphertext)} bytes of plaintext, limit {max_bytes}")
-    return iv, ciphertext + tag
-
-
-def open_jwe(token: bytes, key: Key, max_bytes: int) -> tuple[bytes, bytes]:
-    """(IV, plaintext) of a compact JWE, of untrusted bytes; longer than `max_bytes` it is not even decrypted.
-
-    Raises: TooLarge, MalformedJwe, NotAuthentic. Source: RFC 7516 §5.2, restricted as docs/spec/link.md says.
-    """
-    iv, sealed = _segments(token, max_bytes)
     try:
-        return iv, key.cipher.decrypt(iv, sealed, HEADER_SEGMENT)
+        return iv, key.cipher.decrypt(iv, ciphertext + tag, HEADER_SEGMENT)
     except InvalidTag as error:
         raise NotAuthentic("the tag does not verify") from error

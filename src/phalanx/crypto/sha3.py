@@ -1,8 +1,7 @@
-"""SHA3-256 of many short messages at once: Keccak-f[1600] over eight of them side by side (FIPS 202).
+"""SHA3-256: hashlib for single messages; for a search, Keccak-f[1600] over eight messages side by side (FIPS 202).
 
 A hash search asks for thousands of digests of messages that differ in one place. hashlib takes 0.6 us for each, nearly
 all of it the call; here lane i of eight messages lies in one row, so that each step of the permutation is on vectors.
-hashlib stays the oracle: tests compare the two, and `sha3_256` is what single messages use.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ def _round_constants() -> list[int]:
 
 
 _IOTA = np.array(_round_constants(), dtype=np.uint64)
-_64, _LAST = np.uint64(64), np.uint64(1 << 63)
+_64 = np.uint64(64)
 
 
 @kernel
@@ -73,27 +72,6 @@ def _permute(a: U64x1) -> None:
 
 
 _permute = written(_permute, _rounds(), {"turn": _turn, "iota": _IOTA})
-
-
-@kernel
-def _hash_many(messages: U64x2, blocks: int, digests: U64x2) -> None:
-    """Digests (n, 4) of messages (n, lanes) that have their suffix; the last bit of the padding is put here."""
-    a = np.empty(200, np.uint64)
-    n, lanes = messages.shape
-    for first in range(0, n, 8):
-        a[:] = np.uint64(0)
-        wide = min(8, n - first)
-        for block in range(blocks):
-            for i in range(block * 17, min(block * 17 + 17, lanes)):
-                for j in range(wide):
-                    a[(i - block * 17) * 8 + j] ^= messages[first + j, i]
-            if block == blocks - 1:
-                for j in range(8):
-                    a[16 * 8 + j] ^= _LAST
-            _permute(a)
-        for j in range(wide):
-            for i in range(4):
-                digests[first + j, i] = a[i * 8 + j]
 
 
 @kernel
@@ -139,20 +117,6 @@ def find(  # noqa: C901, PLR0912  # a kernel is one function
 def sha3_256(message: bytes) -> bytes:
     """SHA3-256 of one message. Source: FIPS 202."""
     return hashlib.sha3_256(message).digest()
-
-
-def sha3_256_many(messages: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Digests, (n, 32), of messages of one length, (n, L).
-
-    Source: FIPS 202.
-    """
-    n, length = messages.shape
-    lanes = np.zeros((n, (length // 8 + 1) * 8), np.uint8)
-    lanes[:, :length] = messages
-    lanes[:, length] = SUFFIX
-    digests = np.empty((n, 4), np.uint64)
-    _hash_many(lanes.view("<u8").astype(np.uint64, copy=False), length // RATE_BYTES + 1, digests)
-    return digests.astype("<u8", copy=False).view(np.uint8)
 
 
 class Targets:

@@ -22,8 +22,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption,
 
 from phalanx.bti.nodes import MissionKey, seal_mission_key
 from phalanx.config.written import file_meant
-from phalanx.crypto.hkdf import hkdf_sha256
-from phalanx.crypto.passphrase import LIMIT, NONCE_BYTES, SALT_BYTES, Damaged, Lock, unlock
+from phalanx.crypto.keys import LIMIT, NONCE_BYTES, SALT_BYTES, Damaged, Lock, hkdf_sha256, unlock
 from phalanx.errors import NotAuthentic, UsageError
 from phalanx.wire.table import KEY_BYTES
 

@@ -4,12 +4,10 @@ Write one as a `Draft` or in YAML (`plain_mission`), `build` it, check it with `
 it: `Walker.step(state, experience)` gives the next state and an `Outcome`.
 """
 
-from .authoring.compiling import build
+from .authoring.compiling import BuildOptions, Built, build
 from .authoring.document import plain_mission
-from .authoring.making import BuildOptions, Built
 from .file.canonical import canonical
-from .file.records import EncodedMission, Header, Profile, parse_mission
-from .file.signing import admit, check_signature, public_key, sign
+from .file.records import EncodedMission, Header, Profile, admit, check_signature, parse_mission, public_key, sign
 from .graph import Draft, Mission, Node, PlainWay
 from .observable import (
     LANDMARK_TYPES,

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.config import BtiConfig
-from phalanx.config.flock import NO_CROWD, FlockConfig
+from phalanx.config.flock import NO_CROWD, FlockConfig, WheelsConfig
 from phalanx.config.guard import GuardConfig
-from phalanx.config.wheels import WheelsConfig
 from phalanx.errors import UsageError
 from phalanx.robot.attacks.liar import Plan
 from phalanx.robot.controllers import dispatch

@@ -24,10 +24,10 @@ from phalanx.mission import (
     parse_mission,
     parse_start_key,
 )
-from phalanx.mission.authoring.apart import apart_in
-from phalanx.mission.authoring.written import WrittenMission
+from phalanx.mission.authoring.document import WrittenMission
+from phalanx.mission.authoring.findable import apart_in
 from phalanx.mission.file.records import FILE_LIMIT, FOREVER_S, OPEN_START
-from phalanx.mission.landmarks.floorplan import FloorPlan, of_doors
+from phalanx.mission.landmarks.floorplan import FloorPlan
 from phalanx.mission.refused import MalformedMission
 from phalanx.sim.building.floorplan import drawn_like, load_floorplan
 from phalanx.sim.missions.orders import File
@@ -241,4 +241,4 @@ def doors_of(said: str) -> ExtractionConfig:
         least, most = map(float, said.split(","))
     except ValueError:
         raise UsageError(f"--door-width {said!r}", "like 0.7,1.3: metres") from None
-    return of_doors(least, most)
+    return ExtractionConfig(door_min_m=least, door_max_m=most)

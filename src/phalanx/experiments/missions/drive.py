@@ -24,14 +24,13 @@ from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.experiments.plot import banded, draw_walls
 from phalanx.experiments.table import Rows, Table, seed_of
 from phalanx.mission import BuildOptions, EncodedMission, Experience, Landmark, Mission, Profile, build, plain_mission
-from phalanx.mission.authoring.apart import apart_in
+from phalanx.mission.authoring.findable import apart_in
 from phalanx.mission.landmarks import FloorPlan, LaserScan, extract
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.walk.fix import begun_at, fixed, moved
 from phalanx.mission.walk.walker import State, Walker
-from phalanx.sim.building.diffdrive import DiffDrive
 from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
-from phalanx.sim.building.odometry import Odometry, OdometryNoise, Pose
+from phalanx.sim.building.odometry import DiffDrive, Odometry, OdometryNoise, Pose
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -21,10 +21,12 @@ from phalanx.experiments.statement import Statement, quantiles
 from phalanx.experiments.table import Rows, Table, by_seed, seed_of
 from phalanx.mission import BuildOptions, Draft, EncodedMission, Experience, Landmark, Position, Profile, build
 from phalanx.mission.landmarks import FloorPlan
+from phalanx.mission.landmarks.codes import read_codes
 from phalanx.mission.walk.fix import begun_at, fixed, moved
 from phalanx.mission.walk.search import Budget
 from phalanx.mission.walk.search_paper import PaperSearch
 from phalanx.mission.walk.walker import State, Walker
+from phalanx.robot.controllers.mission.sensed import codes_at
 from phalanx.sim.building.camera import Camera
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.odometry import NoiseModel, Odometry, OdometryNoise, Pose
@@ -102,10 +104,10 @@ def measure_case(case: str, _tell: object = None) -> Rows:
             continue
         picture = camera.picture(pose, chance, turn_radps=turn / TICK_S)
         started = time.perf_counter()
-        codes = camera.read(picture)
+        codes = read_codes(picture)
         read_s = time.perf_counter() - started
         t_s = tick * TICK_S
-        marks = tuple(_as_trusted(mark, belief.pose) for mark in camera.landmarks(codes, belief.pose))
+        marks = tuple(_as_trusted(mark, belief.pose) for mark in codes_at(camera.eye, belief.pose, codes))
         seen = Experience(t_s, *belief.pose, alone.travelled_m, marks, spread=belief.doubt)
         started = time.perf_counter()
         state, outcome = walker.step(state, seen)

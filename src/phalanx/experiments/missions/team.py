@@ -17,7 +17,7 @@ import numpy as np
 from phalanx.config.defence import Defence
 from phalanx.config.mission import CodingConfig
 from phalanx.mission import Action, BuildOptions, Built, Draft, Landmark, Mission, Position, Profile, build
-from phalanx.mission.authoring.apart import apart_in
+from phalanx.mission.authoring.findable import apart_in
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.walk.keyring import Keyring

@@ -19,8 +19,8 @@ from typing import Any
 
 from phalanx.errors import PhalanxError, Unknown, UsageError
 from phalanx.mission import BuildOptions, Landmark, Mission, Node, Profile, build
-from phalanx.mission.authoring.apart import apart_in
-from phalanx.mission.authoring.written import WrittenMission
+from phalanx.mission.authoring.document import WrittenMission
+from phalanx.mission.authoring.findable import apart_in
 from phalanx.mission.landmarks import Site, landmarks_of
 from phalanx.mission.landmarks.sites import is_shown
 from phalanx.mission.worth.audit import Rates, audit

@@ -1,4 +1,4 @@
-"""A mission's YAML file, already read into dicts and lists, becomes a `Mission`; every complaint says where.
+"""A mission's YAML file becomes a `Mission`; every complaint begins with the file and the line.
 
 The words of the file are tabled in docs/spec/mission.md.
 """
@@ -8,16 +8,19 @@ from __future__ import annotations
 import math
 import re
 import reprlib
-from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
+import yaml
+
 from phalanx.config.mission import CodingConfig
+from phalanx.config.written import compose, line_of, named, words_of
 from phalanx.errors import UsageError, did_you_mean
 from phalanx.mission.graph import Draft, Mission
 from phalanx.mission.misplaced import Misplaced, under
 from phalanx.mission.observable import LANDMARK_TYPES, Action, Landmark, Observable, Position, Sensor, Time
 
+HINT = "docs/spec/mission.md shows a mission"
 TOP = {"mission", "map", "area", "roam", "repeatable", "coding", "nodes", "ways"}
 NODE = {"see", "do", "start", "final", "join", "chained", "within_m", "timeout_s", "send", "wait", "part", "width"}
 SEE = {*LANDMARK_TYPES, "position", "sensor", "action", "time", "facing", "area", "text", "token"}
@@ -28,6 +31,59 @@ AT_NODE_M = 1.0
 _BRIEF = reprlib.Repr()
 _BRIEF.maxlevel = 1  # a YAML file of a few lines can name itself into lists of lists without end
 TOKEN = re.compile(r"[0-9a-f]{32,200}")  # at least 128 random bits
+
+
+class WrittenMission:
+    """What a file says, and where. Raises: UsageError: it is not YAML."""
+
+    def __init__(self, data: bytes, source: str) -> None:
+        self._source = source
+        self._root = compose(data, source, HINT)
+        self.words = words_of(self._root, data, source, HINT)
+
+    def mission(self) -> Mission:
+        """The mission that it describes. Raises: UsageError: it describes none."""
+        try:
+            return plain_mission(self.words)
+        except UsageError as error:
+            about = _about(self._root, str(error), error.place if isinstance(error, Misplaced) else ())
+            where = f"{self._source}:{line_of(about)}" if about else self._source
+            raise UsageError(f"{where}: {error}", error.hint) from error
+
+
+def _about(root: yaml.Node | None, complaint: str, place: tuple[str | int, ...]) -> yaml.Node | None:
+    """What a complaint is about: what stands at its place, or the key in there that it names; None: the whole file."""
+    about, inside = None, root
+    for step in place:
+        if not isinstance(inside, yaml.MappingNode | yaml.SequenceNode):
+            break
+        parts = [part if isinstance(part, tuple) else (part, part) for part in inside.value]
+        if isinstance(step, str):
+            parts = [part for part in parts if isinstance(part[0], yaml.ScalarNode) and part[0].value == step]
+        # A name may be there twice, as a number and as a text: it is the second that is one too many.
+        nth = step if isinstance(step, int) else -1
+        if not -len(parts) <= nth < len(parts):
+            break
+        about, inside = parts[nth]
+    if about is None:  # a key of the file itself, or no key at all
+        pair = named(root.value, complaint) if isinstance(root, yaml.MappingNode) else None
+        return pair[0] if pair else None
+    called = about.value if isinstance(about, yaml.ScalarNode) else ""
+    rest = complaint.removeprefix(f"node {called}: ").removeprefix(f"node {called!r} ")
+    # Not below all nodes: one may be called as what none of them has.
+    deeper = None if place == ("nodes",) else _within(inside, rest, set())
+    return deeper or about
+
+
+def _within(node: yaml.Node | None, complaint: str, seen: set[int]) -> yaml.Node | None:
+    """The key that it names, as deep as can be."""
+    if id(node) in seen or node is None or isinstance(node, yaml.ScalarNode):  # a list can name itself without end
+        return None
+    seen.add(id(node))
+    if isinstance(node, yaml.MappingNode) and (pair := named(node.value, complaint)):
+        return _within(pair[1], complaint, seen) or pair[0]
+    parts = (part[1] if isinstance(part, tuple) else part for part in node.value)
+    return next((found for part in parts if (found := _within(part, complaint, seen))), None)
 
 
 def plain_mission(words: Any) -> Mission:
@@ -238,8 +294,7 @@ def _flag(words: dict[str, Any], key: str, where: str) -> bool:
 
 
 def _names(words: Any, where: str) -> tuple[str, ...]:
-    one: Callable[[Any], str] = lambda value: _text(value, where)
-    return tuple(map(one, words if isinstance(words, list) else [words]))
+    return tuple(_text(value, where) for value in (words if isinstance(words, list) else [words]))
 
 
 def _shown(words: Any) -> str:

@@ -20,9 +20,8 @@ from phalanx.mission.landmarks.sites import Site, landmarks_of, look_alikes_of
 from phalanx.mission.observable import Landmark, Position
 from phalanx.mission.worth.feasible import ways_in_vain
 
-from .apart import alone, once, told_apart
+from .findable import alone, once, sighted, told_apart
 from .free import END_M, STAND_M, Free
-from .sighted import sighted
 
 # Landmarks further apart are not in each other's sight for certain; ways that long are not straight. Longer ones lead
 # to what no others lead to, as the far end of a bare corridor, if a robot can be expected to know it there.
@@ -107,10 +106,9 @@ def _made(
     ways: set[tuple[str, str]],
     order: Sequence[str] = (),
 ) -> Mission:
-    """The mission of the ways that lead on from the start, and of the places between them.
+    """Return the mission of the ways that lead on from the start, and of the places between them.
 
-    Args:
-        order: of the places. Of two that seem equally near robots try the first.
+    Of two places that seem equally near robots try the first in `order`.
     """
     draft, kept = replace(draft, nodes=[], ways=[]), _reached(START, ways)
     draft.node(START, Position(*start), start=True)
@@ -140,10 +138,9 @@ def begun_at(plan: FloorPlan, start: tuple[float, float, float]) -> FloorPlan:
 
 
 def roomiest(plan: FloorPlan) -> tuple[float, float, float]:
-    """Where robots begin in a map that does not say it: the free place farthest from all walls, facing north.
+    """Return where robots begin in a map that does not say it: the place farthest from all walls, facing north.
 
-    Of a map_server map, in its largest space. Whole centimetres, so that it can be told and typed again.
-
+    Of a map_server map, in its largest space; in whole centimetres, which people can type.
     Raises: UsageError: there is no such place, or the walls part the map into several spaces.
     """
     x0, y0, x1, y1 = _extent(plan)
@@ -167,9 +164,9 @@ def roomiest(plan: FloorPlan) -> tuple[float, float, float]:
 
 def _extent(plan: FloorPlan) -> tuple[float, float, float, float]:
     """The bounds, without what lies beyond all outlines: pictures of maps have wide margins."""
-    x0, y0, x1, y1 = plan.bounds
     if not plan.outlines:
         return plan.bounds
+    x0, y0, x1, y1 = plan.bounds
     points = np.vstack([outline.points for outline in plan.outlines])
     (left, low), (right, high) = points.min(0).tolist(), points.max(0).tolist()
     return max(x0, left), max(y0, low), min(x1, right), min(y1, high)
@@ -227,10 +224,9 @@ def _with_far(
     ways: set[tuple[str, str]],
     behind: set[tuple[str, str]],
 ) -> set[tuple[str, str]]:
-    """The ways; the shortest of the long ones to what they do not lead to, one after the other; and those back.
+    """Return the ways, with the shortest long ones to what they do not lead to, one after the other; and those back.
 
-    Likewise to what they lead to over the start alone: there may be nothing in sight, and who comes back would not know
-    that it is there.
+    Likewise to what they lead to over the start alone: who comes back there may have nothing in sight.
     """
     tried, unseen = set[tuple[str, str]](), list[tuple[float, str, str]]()
 
@@ -269,11 +265,7 @@ def _with_far(
 
 
 def _shows_itself(site: Site | None, free: Free, a: tuple[float, float], b: tuple[float, float], side: int) -> bool:
-    """Whether who comes to a site at b from a comes to where it is seen from: walls and codes have one side.
-
-    Args:
-        side: of the line on which the way is driven, where that runs along a wall.
-    """
+    """Return True if a robot on the way from a, on this side of its line, sees the site at b: walls have one side."""
     if site is None or site.type in TWO_SIDED:
         return True
     away_m = math.dist(a, b)
@@ -289,15 +281,12 @@ def _shows_itself(site: Site | None, free: Free, a: tuple[float, float], b: tupl
 
 
 def _side(plan: FloorPlan, free: Free, places: dict[str, tuple[float, float]], one: str, other: str) -> int | None:
-    """On which side of its line a robot gets straight from near one place to near another: 1 left, -1 right; or None.
-
-    So near each other there is no way, but for who begins there.
-    """
+    """Return on which side of its line a robot gets straight from near one place to near another: 1 left, -1 right."""
     a, b = places[one], places[other]
     away_m = math.dist(a, b)
     if away_m >= LONG_M:
         return free.side_of(a, b)
-    if away_m <= CLEARANCE_M:
+    if away_m <= CLEARANCE_M:  # no way leads from one to the other, but for who begins there
         return 1 if START in (one, other) and plan.sees(a, b) else None
     along_x, along_y = (b[0] - a[0]) / away_m, (b[1] - a[1]) / away_m
 

@@ -1,4 +1,4 @@
-"""Canonical bytes: one meaning, one spelling (docs/spec/mission.md).
+"""Canonical bytes: one meaning, one spelling (docs/spec/mission.md); and the cursor that reads such bytes.
 
 A version byte, then for every observable, in the order of the tags: tag u8, length u16, content; all little-endian.
 Texts and readings go in as their SHA3-256, so that the bytes of one shape always have one length.
@@ -7,7 +7,7 @@ Texts and readings go in as their SHA3-256, so that the bytes of one shape alway
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from phalanx.crypto.sha3 import sha3_256
 from phalanx.errors import UsageError
@@ -25,24 +25,68 @@ from phalanx.mission.observable import (
     Time,
 )
 from phalanx.mission.refused import MalformedMission
+from phalanx.wire import Record
 from phalanx.wire import missions as table
-
-from .reader import Reader, text_of
 
 LARGEST_ARGUMENT = 1e12
 AT_POSITION = 1 + len(LANDMARK_TYPES)  # Shape.place of a node that is the robot's own position
 ARG_LIMIT, NAME_LIMIT = 16, 200
 MILLI = 1000
+SEVERAL = 3  # sensors or messages in one node, at most
 _BEGIN = table.CANONICAL.encode(observables=b"")
+_SHAPE_BITS = (3, 1, 1, 1, 2, 2, 1, 1, 1)  # of each field of a Shape
+
+
+class Reader:
+    """A cursor over untrusted bytes: each call returns a value or raises MalformedMission."""
+
+    def __init__(self, raw: bytes) -> None:
+        self.raw = raw
+        self.at = 0
+
+    @property
+    def left(self) -> int:
+        """Bytes not read yet."""
+        return len(self.raw) - self.at
+
+    def take(self, count: int) -> bytes:
+        """The next `count` bytes."""
+        if count > self.left:
+            raise MalformedMission(f"{count} bytes wanted at {self.at}, {self.left} left")
+        self.at += count
+        return self.raw[self.at - count : self.at]
+
+    def unpack(self, record: Record) -> tuple[Any, ...]:
+        """The next record's fixed part."""
+        return record.form.unpack(self.take(record.size))
+
+    def number(self, record: Record) -> int:
+        """The next record's one number: a count, or what begins with it."""
+        (number,) = self.unpack(record)
+        return int(number)
+
+    def behind(self, length: Record) -> bytes:
+        """Bytes behind a length."""
+        return self.take(self.number(length))
+
+    def end(self) -> None:
+        """Nothing may follow."""
+        if self.left:
+            raise MalformedMission(f"{self.left} bytes too many")
+
+
+def text_of(raw: bytes) -> str:
+    """UTF-8. Raises: MalformedMission."""
+    try:
+        return raw.decode()
+    except UnicodeDecodeError as error:
+        raise MalformedMission("a text is not UTF-8") from error
 
 
 class Shape(NamedTuple):
-    """Which observables a node is made of, without their values: what a robot needs to know to try.
+    """Which observables a node is made of, by presence or count: what a robot needs to know to try."""
 
-    place: 0 none, 1 + index in LANDMARK_TYPES, or AT_POSITION. The rest: presence, or how many.
-    """
-
-    place: int = 0
+    place: int = 0  # 0 none, 1 + index in LANDMARK_TYPES, or AT_POSITION
     oriented: int = 0
     area: int = 0
     text: int = 0
@@ -56,29 +100,15 @@ class Shape(NamedTuple):
     def code(self) -> int:
         """Sixteen bits, as stored."""
         code = 0
-        for value, (_, bits) in zip(reversed(self), reversed(_SHAPE_BITS), strict=True):
+        for value, bits in zip(reversed(self), reversed(_SHAPE_BITS), strict=True):
             code = code << bits | value
         return code
-
-
-_SHAPE_BITS = (
-    ("place", 3),
-    ("oriented", 1),
-    ("area", 1),
-    ("text", 1),
-    ("sensors", 2),
-    ("messages", 2),
-    ("action", 1),
-    ("time", 1),
-    ("previous", 1),
-)
-SEVERAL = 3  # sensors or messages in one node, at most
 
 
 def parse_shape(code: int) -> Shape:
     """The shape with this code. Raises: MalformedMission: no shape has it."""
     values = []
-    for _, bits in _SHAPE_BITS:
+    for bits in _SHAPE_BITS:
         values.append(code & ((1 << bits) - 1))
         code >>= bits
     shape = Shape(*values)
@@ -144,11 +174,8 @@ def action_bytes(action: Action) -> bytes:
         if isinstance(value, str):
             out += [_short(name), table.ARGUMENT.form.pack(table.OF_TEXT), _short(value)]
         elif abs(value) < LARGEST_ARGUMENT:
-            out += [
-                _short(name),
-                table.ARGUMENT.form.pack(table.OF_NUMBER),
-                table.NUMBER.form.pack(round(value * MILLI)),
-            ]
+            thousandths = table.NUMBER.form.pack(round(value * MILLI))
+            out += [_short(name), table.ARGUMENT.form.pack(table.OF_NUMBER), thousandths]
         else:
             raise UsageError(f"argument {name!r} of {action.name!r} is {value}", "a text, or a number below 1e12")
     return b"".join(out)
@@ -194,16 +221,9 @@ def canonical(
     previous: bytes | None = None,
     direction: Direction | None = None,
 ) -> bytes:
-    """The canonical bytes of a conjunction.
+    """Return the canonical bytes of a conjunction; sensors and messages are sorted, `place` is from `place_bytes`.
 
-    Args:
-        place: from `place_bytes`.
-        sensors: in any order; they are sorted.
-        action: done, or to be done.
-        window: of time.
-        messages: in any order; they are sorted.
-        previous: released by the node before.
-        direction: of a way.
+    `previous` is released by the node before, `direction` is a way's.
     Source: docs/spec/mission.md; Encoded graphs §III-A, Fig. 2, with tags for the paper's "+".
     """
     out = [_BEGIN, place]
@@ -221,3 +241,22 @@ def canonical(
 def with_direction(node: bytes, direction: Direction) -> bytes:
     """A node's canonical bytes with a direction after them: what an edge is the hash of (paper profile)."""
     return node + _tlv(table.OF_DIRECTION, table.DIRECTION.form.pack(direction.sector, direction.of))
+
+
+# The hashes of the paper profile, as printed. They commit to what they encode and hide nothing from whoever tries all
+# of it (docs/spec/mission.md says how long that takes). H_i, a node's own, is the SHA3-256 of its canonical bytes.
+
+
+def direction_hash(observed: bytes, sector: int, sectors: int) -> bytes:
+    """Return H_ij of a way that is a direction: of the node, and the direction. Source: Encoded graphs §IV-A."""
+    return sha3_256(with_direction(observed, Direction(sector, sectors)))
+
+
+def action_hash(mark: bytes, action: Action) -> bytes:
+    """Return H_ij of a way that is an action: H(H_i + action). Source: Encoded graphs §III-A, Fig. 2."""
+    return sha3_256(canonical(previous=mark, action=action))
+
+
+def message_of(observed: bytes, index: int) -> bytes:
+    """Return C_ij, the message of a node's `index`-th send, made of what it sensed. Source: Encoded graphs §III-B-3."""
+    return sha3_256(table.MESSAGE + table.NTH.form.pack(index) + observed)

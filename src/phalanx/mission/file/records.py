@@ -1,4 +1,4 @@
-"""The file of an encoded mission: header, node records, perhaps a start key, and who signed it.
+"""The file of an encoded mission: header, node records, perhaps a start key; its signature, and when to start it.
 
 The parser is total: whatever the bytes, it returns a mission or raises a PeerError, and does work in proportion to the
 bytes that are there, not to the numbers they claim. One mission has one spelling: what is parsed encodes to the same
@@ -7,19 +7,21 @@ bytes again. The layout is tabled in docs/spec/mission.md.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from enum import IntEnum
+
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
 from phalanx.config.mission import CodingConfig
 from phalanx.crypto.sha3 import DIGEST_BYTES, sha3_256
-from phalanx.errors import TooLarge, UsageError
+from phalanx.errors import NotAuthentic, TooLarge, UsageError
 from phalanx.mission.observable import Offset
-from phalanx.mission.refused import MalformedMission
+from phalanx.mission.refused import AlreadyStarted, MalformedMission, NotForUs, OutsideWindow, Unsigned
 from phalanx.wire import missions as table
 
-from .canonical import Shape, parse_shape
-from .reader import Reader
+from .canonical import Reader, Shape, parse_shape
 
 MAGIC = b"PHXM"
 VERSION = 2
@@ -31,6 +33,8 @@ PAYLOAD_LIMIT = 60_000
 REPEATABLE, ROAM, OPEN_START = 1, 2, 4  # header flags
 START, FINAL, JOIN = 1, 2, 4  # node flags
 _FLAGS = 7
+# An Ed25519 key of the operator signs nothing else by accident.
+CONTEXT = b"phalanx mission file 1\x00"
 _CODING = tuple(each.name for each in table.HEADER.fields if each.name in CodingConfig.__dataclass_fields__)
 
 
@@ -132,6 +136,14 @@ class NodeRecord:
             out.append(self.visited)
         return b"".join(out)
 
+    def binding(self, header: Header, node: int, observed: bytes) -> bytes:
+        """Return what ties this record, its number and the header to what is observed there (paper).
+
+        The paper does not have it: a file that is changed anywhere does not decode there, signed or not.
+        """
+        bound = header.digest + table.BOUND.form.pack(node, len(observed)) + observed
+        return sha3_256(table.BINDING + bound + self.core(Profile.PAPER))
+
     def encode(self, profile: Profile) -> bytes:
         """As stored."""
         if profile is Profile.PAPER:
@@ -141,7 +153,7 @@ class NodeRecord:
 
 @dataclass(frozen=True, slots=True)
 class EncodedMission:
-    """A parsed file. That it parsed says nothing about who wrote it: see `signing`."""
+    """A parsed file. That it parsed says nothing about who wrote it: see `check_signature`."""
 
     header: Header
     nodes: tuple[NodeRecord, ...]
@@ -240,3 +252,44 @@ def _node(reader: Reader, header: Header) -> NodeRecord:
     if not TAG_BYTES < len(payload) <= PAYLOAD_LIMIT:
         raise MalformedMission("a payload of no possible length")
     return NodeRecord(*common, visited, payload)
+
+
+def public_key(key: Ed25519PrivateKey) -> bytes:
+    """The 32 bytes that robots trust."""
+    return key.public_key().public_bytes_raw()
+
+
+def sign(mission: EncodedMission, key: Ed25519PrivateKey) -> EncodedMission:
+    """The mission with a signature over all of it. Source: RFC 8032 (Ed25519)."""
+    bare = replace(mission, signer=b"", signature=b"")
+    return replace(bare, signer=public_key(key), signature=key.sign(CONTEXT + bare.signed_part()))
+
+
+def check_signature(mission: EncodedMission, trusted: Collection[bytes] | None) -> None:
+    """Check that the mission was signed by one of the `trusted` public keys (32 bytes each) and is unaltered.
+
+    None trusts whoever signed, and proves only that nothing was altered since. Raises: Unsigned, NotAuthentic.
+    """
+    if not mission.signer:
+        raise Unsigned("nobody signed this mission")
+    if trusted is not None and mission.signer not in trusted:
+        raise Unsigned(f"signed by {mission.signer.hex()}, who is not trusted")
+    try:
+        Ed25519PublicKey.from_public_bytes(mission.signer).verify(mission.signature, CONTEXT + mission.signed_part())
+    except (InvalidSignature, ValueError) as error:
+        raise NotAuthentic("the signature does not verify: another key, or altered on the way") from error
+
+
+def admit(mission: EncodedMission, robot: int, now_s: float, started: Collection[bytes]) -> None:
+    """Check that this robot may start the mission at `now_s` on its clock; `started` are ids that it started before.
+
+    Raises: NotForUs, OutsideWindow, AlreadyStarted. Source: Encoded graphs §VI-G (replay).
+    """
+    header = mission.header
+    if header.robots and robot not in header.robots:
+        raise NotForUs(f"the mission is for robots {', '.join(map(str, header.robots))}, this is {robot}")
+    ends = header.valid_to_s if header.valid_to_s < FOREVER_S else float("inf")
+    if not header.valid_from_s <= now_s < ends:
+        raise OutsideWindow(f"valid from {header.valid_from_s} s to {ends:g} s, now is {now_s:.0f} s")
+    if header.mission_id in started and not header.flags & REPEATABLE:
+        raise AlreadyStarted("this robot has started this mission before")

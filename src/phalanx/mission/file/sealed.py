@@ -13,16 +13,14 @@ from dataclasses import dataclass
 from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.ciphers.aead import AESGCM
 
-from phalanx.crypto.hkdf import hkdf_sha256
-from phalanx.crypto.scrypt import scrypt
+from phalanx.crypto.keys import hkdf_sha256, scrypt
 from phalanx.crypto.sha3 import sha3_256
 from phalanx.mission.observable import MM_PER_M, Action
 from phalanx.mission.refused import Altered, MalformedMission
 from phalanx.mission.walk.gate import Gate, Hint, parse_gate
 from phalanx.wire import missions as table
 
-from .canonical import action_bytes, parse_action
-from .reader import Reader, text_of
+from .canonical import Reader, action_bytes, parse_action, text_of
 from .records import SECRET_BYTES, TAG_BYTES, Header, NodeRecord, Profile
 
 NONCE = bytes(12)
@@ -55,10 +53,9 @@ def node_salt(gate: bytes, messages: tuple[bytes, ...], header: Header, node: in
 
 
 def onward(gate: bytes, share: bytes, header: Header, node: int, target: int) -> bytes:
-    """The share of a gate as the payload before it has it, or back: only who held that node's own gate can use it.
+    """Return the share of a gate as the payload before it has it, or back: only who held that node's gate can use it.
 
-    An auditor of a decode makes the same scrypt as the robot and opens the payload. It has the salt, which is made of
-    the gate, and not the gate.
+    An auditor of a decode, which opens the payload too, has the salt, which is made of the gate, and not the gate.
     """
     info = b"phalanx mission onward" + header.mission_id + table.OF_WAY.form.pack(node, target)
     pad = hkdf_sha256(gate, info, SECRET_BYTES)

@@ -18,11 +18,9 @@ from phalanx.mission.angles import atan2, sin_cos, wrap
 from phalanx.mission.observable import Landmark
 
 ROUNDS = 12
-# The other tilt's error exceeds the best one's by so much, or both normals are nearly the same (5 degrees); or else the
-# code's orientation is not told.
-SAME_COSINE = 0.9962
-SURE_TIMES = 2.0
-SURE_PX = 0.1
+# A code has an orientation where the other tilt's error exceeds the best one's by so much, or both normals are nearly
+# the same (5 degrees).
+SURE_TIMES, SURE_PX, SAME_COSINE = 2.0, 0.1, 0.9962
 _EMPTY = 1e-12
 
 
@@ -50,8 +48,8 @@ class Mount:
     """Where the camera sits on the robot; it looks horizontally."""
 
     x_m: float = 0.0  # robot frame (x forward, y left), z above the floor
-    y_m: float = 0.0  # likewise
-    z_m: float = 0.3  # likewise
+    y_m: float = 0.0
+    z_m: float = 0.3
     yaw_rad: float = 0.0  # of its optical axis, counter-clockwise from forward
 
 
@@ -62,10 +60,8 @@ class CodePose:
     at_m: tuple[float, float, float]  # the code's middle
     normal: tuple[float, float, float]  # unit vector into the wall
     error_px: float  # root mean square distance of the corners from where this pose puts them
-    # other_error_px, other_normal: the same for the pose that looks almost alike, tilted the other way against the line
-    # of sight
-    other_error_px: float
-    other_normal: tuple[float, float, float]
+    other_error_px: float  # of the pose that looks almost alike, tilted the other way against the line of sight
+    other_normal: tuple[float, float, float]  # likewise
 
     @property
     def sure(self) -> bool:
@@ -86,10 +82,9 @@ def code_pose(corners_px: NDArray[np.float64], size_m: float, camera: Intrinsics
     points = _normalised(corners, camera.fx, camera.fy, camera.cx, camera.cy, camera.k1, camera.k2)
     if not np.all(np.isfinite(points)):
         return None
-    found, pose, error, other = _pose(points, size_m)
-    if not found:
+    x, y, z, nx, ny, nz, ox, oy, oz, error, other = _pose(points, size_m).tolist()
+    if error == math.inf:
         return None
-    x, y, z, nx, ny, nz, ox, oy, oz = pose.tolist()
     pixels = math.sqrt(camera.fx * camera.fy)
     return CodePose((x, y, z), (nx, ny, nz), error * pixels, other * pixels, (ox, oy, oz))
 
@@ -266,13 +261,16 @@ def _turn(rotation: F64x2, wx: float, wy: float, wz: float) -> None:
 
 
 @kernel
-def _pose(points: F64x2, size_m: float) -> tuple[bool, F64x1, float, float]:
-    """(found, [position, normal into the wall, the other tilt's normal], error, the other's); in focal lengths."""
+def _pose(points: F64x2, size_m: float) -> F64x1:
+    """Return position, normal into the wall, the other tilt's normal; error and the other's, in focal lengths.
+
+    The error is inf if there is no such pose.
+    """
     half = 0.5 * size_m
-    best = np.zeros(9)
+    best = np.full(11, np.inf)
     rotation, at = np.empty((3, 3)), np.empty(3)
     if not _first_guess(points, rotation, at, half):
-        return False, best, np.inf, np.inf
+        return best
     # The square tilted the other way against the line of sight looks almost alike: half a turn about that line, and
     # half a turn of the square about its own normal.
     other = np.empty((3, 3))
@@ -291,8 +289,8 @@ def _pose(points: F64x2, size_m: float) -> tuple[bool, F64x1, float, float]:
         rotation, other = other, rotation
         at, other_at = other_at, at
         error, other_error = other_error, error
-    if not error < np.inf:
-        return False, best, error, other_error
     for k in range(3):
         best[k], best[3 + k], best[6 + k] = at[k], rotation[k, 2], other[k, 2]
-    return True, best, error, other_error
+    if error < np.inf:
+        best[9], best[10] = error, other_error
+    return best

@@ -13,9 +13,10 @@ import numpy as np
 from phalanx.arrays import F64x2, I64x2
 from phalanx.kernel import kernel
 
-from .view import Limits, View
+from .scan import Limits, View
 from .walls import ALONG_X, ALONG_Y, ROUND, X, Y, bow
 
+Edge = tuple[float, float, float]  # x, y and beam
 # As many silent beams may lie at an edge; behind more it is not trusted.
 SILENT_BEAMS = 1
 # Points that noise may have put on the wrong side of a bend.
@@ -132,9 +133,9 @@ def _slides(v: View, limits: Limits, walls: F64x2, w: int, i: int, step: int) ->
 
 
 @kernel
-def _edge(v: View, limits: Limits, walls: F64x2, w: int, at: int, step: int) -> tuple[bool, float, float, float]:
-    """(is one, x, y, beam): the edge at which wall `w` ends in the direction of `step`."""
-    nothing = (False, 0.0, 0.0, 0.0)
+def _edge(v: View, limits: Limits, walls: F64x2, w: int, at: int, step: int) -> tuple[bool, Edge]:
+    """(is one, (x, y, beam)): the edge at which wall `w` ends in the direction of `step`."""
+    nothing = (False, (0.0, 0.0, 0.0))
     ranges, cosines, sines, x, y = v.ranges, v.cosines, v.sines, v.x, v.y
     i = _outermost(v, walls, w, at, step, limits.line_m)
     ax, ay = walls[w, ALONG_X], walls[w, ALONG_Y]
@@ -148,7 +149,7 @@ def _edge(v: View, limits: Limits, walls: F64x2, w: int, at: int, step: int) -> 
         if abs(ax * (x[j] - x[i]) + ay * (y[j] - y[i])) > limits.edge_error_m:
             return nothing
         along = ax * (x[i] - walls[w, X]) + ay * (y[i] - walls[w, Y])
-        return True, walls[w, X] + along * ax, walls[w, Y] + along * ay, float(v.beam[i]) + 0.5 * step
+        return True, (walls[w, X] + along * ax, walls[w, Y] + along * ay, float(v.beam[i]) + 0.5 * step)
     here = v.beam[i]
     there = next_beam(v, here, step)
     if there < 0:
@@ -171,7 +172,7 @@ def _edge(v: View, limits: Limits, walls: F64x2, w: int, at: int, step: int) -> 
     dx, dy = edge_x - x[i], edge_y - y[i]
     if 2.0 * abs(ax * dx + ay * dy) > limits.edge_error_m:
         return nothing
-    return True, edge_x, edge_y, float(here) + 0.5 * step
+    return True, (edge_x, edge_y, float(here) + 0.5 * step)
 
 
 @kernel
@@ -184,19 +185,16 @@ def _bend(v: View, limits: Limits, walls: F64x2, spans: I64x2, w: int) -> tuple[
     """(whether walls w and w + 1 meet, x, y, sine of the angle between them)."""
     last, first = spans[w, 1], spans[w + 1, 0]
     meet_x, meet_y, sine = meet(walls, w, w + 1)
-    touching = True
-    for i in range(last + 1, first + 1):
-        if v.new_run[i]:
-            touching = False
-    near = (
-        _distance(meet_x, meet_y, v.x[last], v.y[last]) <= limits.corner_gap_m
+    meets = (
+        not np.any(v.new_run[last + 1 : first + 1])
+        and _distance(meet_x, meet_y, v.x[last], v.y[last]) <= limits.corner_gap_m
         and _distance(meet_x, meet_y, v.x[first], v.y[first]) <= limits.corner_gap_m
     )
-    return touching and near, meet_x, meet_y, sine
+    return meets, meet_x, meet_y, sine
 
 
 @kernel
-def _store(corners: F64x2, row: int, at: tuple[float, float, float], before: int, after: int, convex: float) -> int:
+def _store(corners: F64x2, row: int, at: Edge, before: int, after: int, convex: float) -> int:
     corners[row, CORNER_X], corners[row, CORNER_Y], corners[row, BEAM] = at
     corners[row, BEFORE], corners[row, AFTER], corners[row, CONVEX] = float(before), float(after), convex
     return row + 1
@@ -215,9 +213,9 @@ def corners_of(v: View, limits: Limits, walls: F64x2, spans: I64x2) -> F64x2:
         is_flat[w] = _runs_away(v, walls, spans, w, limits.graze_sine)
     for w in range(len(walls)):
         if not (met_before or is_round[w] or is_flat[w]):
-            is_one, edge_x, edge_y, at = _edge(v, limits, walls, w, spans[w, 0], -1)
+            is_one, edge = _edge(v, limits, walls, w, spans[w, 0], -1)
             if is_one:
-                found = _store(corners, found, (edge_x, edge_y, at), -1, w, 0.0)
+                found = _store(corners, found, edge, -1, w, 0.0)
         met_before = False
         if w + 1 < len(walls):
             met_before, meet_x, meet_y, sine = _bend(v, limits, walls, spans, w)
@@ -233,7 +231,7 @@ def corners_of(v: View, limits: Limits, walls: F64x2, spans: I64x2) -> F64x2:
                 at = 0.5 * float(v.beam[spans[w, 1]] + v.beam[spans[w + 1, 0]])
                 found = _store(corners, found, (meet_x, meet_y, at), w, w + 1, 1.0 if sine > 0.0 else 0.0)
         if not (met_before or is_round[w] or is_flat[w]):
-            is_one, edge_x, edge_y, at = _edge(v, limits, walls, w, spans[w, 1], 1)
+            is_one, edge = _edge(v, limits, walls, w, spans[w, 1], 1)
             if is_one:
-                found = _store(corners, found, (edge_x, edge_y, at), w, -1, 0.0)
+                found = _store(corners, found, edge, w, -1, 0.0)
     return corners[:found]

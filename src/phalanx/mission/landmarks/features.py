@@ -1,74 +1,253 @@
-"""A scan's walls, corners, doorways and rooms, in the robot's frame; and as landmarks, where a pose puts them."""
+"""A scan's walls, corners, doorways and rooms, in the robot's frame; and as landmarks, where a pose puts them.
+
+A doorway is two concave corners the right distance apart, in one line with the walls beside them, with nothing but
+free rays between. A room is three consecutive convex corners, joined by two walls seen from end to end.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from phalanx.arrays import BOOLx1, F64x1, F64x2
+from phalanx.arrays import BOOLx1, F64x1, F64x2, I64x1
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.kernel import kernel
 from phalanx.mission.angles import HALF_PI, PI, atan2, sin_cos, wrap
 from phalanx.mission.observable import InSight, Landmark
 
-from .corners import AFTER, BEFORE, CONVEX, CORNER_X, CORNER_Y, corners_of
-from .doorways import DOOR_ALONG_X, DOOR_ALONG_Y, DOOR_X, DOOR_Y, doorways_of, rooms_of
-from .scan import LaserScan
-from .view import Limits, View, limits_of
-from .walls import ALONG_X, ALONG_Y, breaks_of, points_of, walls_of
+from .corners import AFTER, BEAM, BEFORE, CONVEX, CORNER_X, CORNER_Y, corners_of, next_beam
+from .scan import LaserScan, Limits, View, limits_of
+from .walls import ALONG_X, ALONG_Y, FROM_X, FROM_Y, TO_X, TO_Y, breaks_of, points_of, walls_of
 
+Pair = tuple[float, float]
+
+# Hits so near to a jamb are the jamb's: its inner face, or its edge with the sensor's noise.
+JAMB_M = 0.1
+HIDDEN = -1.0
+# Jambs are found to within so much: a door exactly as narrow as the limit is one.
+WIDTH_SLACK_M = 0.05
+# Columns of an array of doorways: middle, a unit vector along the wall, distance of the jambs, thickness of the wall.
+DOOR_X, DOOR_Y, DOOR_ALONG_X, DOOR_ALONG_Y, WIDTH, DEPTH = range(6)
 # Instead of a corner's wall that is not seen.
 UNSEEN = -1.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Features:
-    """What a scan shows; all in the robot's frame, metres and radians, in the order of the bearings.
+@kernel
+def _is_open(v: View, from_beam: int, to_beam: int, a: Pair, b: Pair, clear_m: float) -> bool:
+    """Whether all beams from `from_beam` to `to_beam` pass between jambs a and b; half of them must say something.
 
-    Args:
-        walls: (w, 8): a point on it, unit direction (robot on the left), first end, last end.
-        corners: (c, 6): position, beam, wall before, wall after (-1: not seen), 1 if convex.
-        is_jamb: (c,) whether the corner belongs to a doorway.
-        doorways: (d, 6): middle, unit vector along the wall, width, thickness of the wall as far as it was seen.
-        rooms: (r, 3): centroid and area of three consecutive convex corners.
+    Nothing may be hit before the line of the jambs, nor behind it up to `clear_m`: a closed door, an alcove.
     """
+    ranges, n = v.ranges, len(v.ranges)
+    ax, ay = a
+    along_x, along_y = b[0] - ax, b[1] - ay
+    width = math.sqrt(along_x * along_x + along_y * along_y)
+    along_x, along_y = along_x / width, along_y / width
+    robot = ay * along_x - ax * along_y
+    said, asked = 0, 0
+    k = from_beam
+    while True:
+        asked += 1
+        if not np.isnan(ranges[k]):
+            said += 1
+        # A miss hits nothing.
+        if np.isfinite(ranges[k]):
+            dx, dy = ranges[k] * v.cosines[k] - ax, ranges[k] * v.sines[k] - ay
+            at = dx * along_x + dy * along_y
+            behind = dy * along_x - dx * along_y
+            if robot < 0.0:
+                behind = -behind
+            if behind < -JAMB_M or (behind < clear_m and JAMB_M < at < width - JAMB_M):
+                return False
+        if k == to_beam:
+            return 2 * said >= asked
+        k = (k + 1) % n
 
-    walls: NDArray[np.float64]
-    corners: NDArray[np.float64]
-    is_jamb: NDArray[np.bool_]
-    doorways: NDArray[np.float64]
-    rooms: NDArray[np.float64]
+
+@kernel
+def _depth_behind(v: View, i: int, step: int, jamb: Pair, along: Pair, limit_m: float) -> float:
+    """Return how deep the jamb's face goes, straight behind it from point i; 0: not at all; HIDDEN: its end is."""
+    (jamb_x, jamb_y), (along_x, along_y) = jamb, along
+    robot = jamb_x * along_y - jamb_y * along_x
+    deepest = 0.0
+    while 0 <= i + step < len(v.x) and not v.new_run[max(i, i + step)]:
+        i += step
+        dx, dy = v.x[i] - jamb_x, v.y[i] - jamb_y
+        off = dx * along_y - dy * along_x
+        if robot < 0.0:
+            off = -off
+        if abs(dx * along_x + dy * along_y) > JAMB_M:
+            return deepest
+        if off > limit_m:
+            # A wall that begins at the jamb: how thick the other one is cannot be seen.
+            return 0.0
+        deepest = max(deepest, off)
+    if deepest > JAMB_M:
+        beam = int(v.beam[i])
+        there = next_beam(v, beam, step)
+        if there < 0 or v.ranges[there] < v.ranges[beam]:
+            return HIDDEN
+    return deepest
+
+
+@kernel
+def _point_at(beam: I64x1, at: float) -> int:
+    """The first point whose beam is past `at`."""
+    low, high = 0, len(beam)
+    while low < high:
+        middle = (low + high) // 2
+        if beam[middle] > at:
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+@kernel
+def doorways_of(v: View, limits: Limits, walls: F64x2, corners: F64x2) -> tuple[F64x2, BOOLx1]:
+    """(d, 6) doorways, and which corners are jambs.
+
+    Source: Encoded graphs Alg. 1, Eq. 1; free rays, mid-wall: docs/adr/0019.
+    """
+    doors = np.empty((len(corners), 6))
+    is_jamb = np.zeros(len(corners), np.bool_)
+    n = len(v.ranges)
+    bend_cosine, depth_max_m = limits.bend_cosine, limits.door_depth_m
+    found = 0
+    for i in range(len(corners)):
+        # The wall ends at jamb i, then comes the opening, and at jamb j the wall goes on.
+        if corners[i, CONVEX] != 0.0 or corners[i, BEFORE] < 0.0:
+            continue
+        before = int(corners[i, BEFORE])
+        for j in range(len(corners)):
+            if corners[j, CONVEX] != 0.0 or corners[j, AFTER] < 0.0 or not (j > i or (v.full_turn and j < i)):
+                continue
+            after = int(corners[j, AFTER])
+            ax, ay, bx, by = corners[i, CORNER_X], corners[i, CORNER_Y], corners[j, CORNER_X], corners[j, CORNER_Y]
+            dx, dy = bx - ax, by - ay
+            width = math.sqrt(dx * dx + dy * dy)
+            if not limits.door_min_m - WIDTH_SLACK_M <= width <= limits.door_max_m + WIDTH_SLACK_M:
+                continue
+            if (
+                walls[before, ALONG_X] * dx + walls[before, ALONG_Y] * dy < bend_cosine * width
+                or walls[after, ALONG_X] * dx + walls[after, ALONG_Y] * dy < bend_cosine * width
+            ):
+                continue
+            from_beam = int(corners[i, BEAM] + 1.0) % n
+            to_beam = int(corners[j, BEAM] + n) % n
+            if not _is_open(v, from_beam, to_beam, (ax, ay), (bx, by), limits.door_clear_m):
+                continue
+            # The walls are longer than the opening, and so give its direction better than the jambs.
+            first = _length(walls, before)
+            second = _length(walls, after)
+            along_x = first * walls[before, ALONG_X] + second * walls[after, ALONG_X]
+            along_y = first * walls[before, ALONG_Y] + second * walls[after, ALONG_Y]
+            length = math.sqrt(along_x * along_x + along_y * along_y)
+            along_x, along_y = along_x / length, along_y / length
+            middle_x, middle_y = 0.5 * (ax + bx), 0.5 * (ay + by)
+            last = _point_at(v.beam, corners[i, BEAM]) - 1
+            first_after = _point_at(v.beam, corners[j, BEAM])
+            along = (along_x, along_y)
+            near = _depth_behind(v, last, 1, (ax, ay), along, depth_max_m) if last >= 0 else 0.0
+            far = _depth_behind(v, first_after, -1, (bx, by), along, depth_max_m) if first_after < len(v.beam) else 0.0
+            is_jamb[i] = True
+            is_jamb[j] = True
+            if min(near, far) == HIDDEN:
+                break
+            depth = max(near, far)
+            # Away from the robot, to the middle of the wall.
+            side = 0.5 * depth if middle_x * along_y - middle_y * along_x >= 0.0 else -0.5 * depth
+            doors[found, DOOR_X] = middle_x + side * along_y
+            doors[found, DOOR_Y] = middle_y - side * along_x
+            doors[found, DOOR_ALONG_X], doors[found, DOOR_ALONG_Y] = along_x, along_y
+            doors[found, WIDTH], doors[found, DEPTH] = width, depth
+            found += 1
+            break
+    return doors[:found], is_jamb
+
+
+@kernel
+def _length(walls: F64x2, w: int) -> float:
+    dx, dy = walls[w, TO_X] - walls[w, FROM_X], walls[w, TO_Y] - walls[w, FROM_Y]
+    return math.sqrt(dx * dx + dy * dy)
+
+
+@kernel
+def rooms_of(corners: F64x2, room_min_m2: float) -> F64x2:
+    """(r, 3): centroid and area of the triangle of each three consecutive convex corners.
+
+    Source: Encoded graphs Alg. 1, Eq. 3.
+    """
+    rooms = np.empty((len(corners), 3))
+    found = 0
+    for i in range(len(corners) - 2):
+        chained = True
+        for j in range(i, i + 3):
+            if corners[j, CONVEX] != 1.0 or (j > i and corners[j, BEFORE] != corners[j - 1, AFTER]):
+                chained = False
+        if not chained:
+            continue
+        ax, ay = corners[i, CORNER_X], corners[i, CORNER_Y]
+        bx, by = corners[i + 1, CORNER_X], corners[i + 1, CORNER_Y]
+        cx, cy = corners[i + 2, CORNER_X], corners[i + 2, CORNER_Y]
+        area = 0.5 * abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+        if area >= room_min_m2:
+            rooms[found, 0], rooms[found, 1], rooms[found, 2] = (ax + bx + cx) / 3.0, (ay + by + cy) / 3.0, area
+            found += 1
+    return rooms[:found]
+
+
+class Features(NamedTuple):
+    """What a scan shows; all in the robot's frame, metres and radians, in the order of the bearings."""
+
+    walls: F64x2  # (w, 8): a point on it, unit direction (robot on the left), first end, last end
+    corners: F64x2  # (c, 6): position, beam, wall before, wall after (-1: not seen), 1 if convex
+    is_jamb: BOOLx1  # (c,) whether the corner belongs to a doorway
+    doorways: F64x2  # (d, 6): middle, unit vector along the wall, width, thickness of the wall as far as it was seen
+    rooms: F64x2  # (r, 3): centroid and area of three consecutive convex corners
 
     def landmarks(self, x_m: float, y_m: float, heading_rad: float) -> tuple[Landmark, ...]:
-        """The features as landmarks in the map frame, if the robot is where it believes to be.
+        """Return the features as landmarks in the map frame, if the robot is where it believes to be.
 
         A concave corner comes once for each wall of it that is seen, with that wall's normal: from another side
         another one is seen. A convex corner has the direction halfway between its walls' normals.
         """
-        pose = float(x_m), float(y_m), float(heading_rad)
-        return InSight(_placed(self.walls, self.corners, self.is_jamb, self.doorways, self.rooms, *pose)).told
+        return InSight(_placed(self, float(x_m), float(y_m), float(heading_rad))).told
+
+
+class Sweep(NamedTuple):
+    """A scan as `_extract` takes it, a full turn cut open where no wall is."""
+
+    ranges: F64x1
+    cosines: F64x1
+    sines: F64x1
+    full_turn: bool
+    step_rad: float
+    range_max_m: float
+    feature_range_m: float
 
 
 def extract(scan: LaserScan, config: ExtractionConfig | None = None) -> Features:
-    """The features of a scan; none of it is refused, an empty scan shows nothing. Source: Encoded graphs Alg. 1."""
-    return Features(*_extract(*_swept(scan, config or ExtractionConfig())))
+    """Return the features of a scan; none is refused, an empty scan shows nothing. Source: Encoded graphs Alg. 1."""
+    config = config or ExtractionConfig()
+    return Features(*_extract(_sweep_of(scan, config), limits_of(config)))
 
 
 def landmarks_in(scan: LaserScan, config: ExtractionConfig, x_m: float, y_m: float, heading_rad: float) -> InSight:
-    """As `extract(scan, config).landmarks(x_m, y_m, heading_rad)`, in one call: robots ask ten times a second."""
-    return InSight(_sighted(*_swept(scan, config), float(x_m), float(y_m), float(heading_rad)))
+    """Return `extract(scan, config).landmarks(...)`, in one call: robots ask ten times a second."""
+    pose = float(x_m), float(y_m), float(heading_rad)
+    return InSight(_sighted(_sweep_of(scan, config), limits_of(config), *pose))
 
 
-def _swept(scan: LaserScan, config: ExtractionConfig) -> tuple[F64x1, F64x1, F64x1, bool, float, float, float, Limits]:
-    """What `_extract` takes."""
+def _sweep_of(scan: LaserScan, config: ExtractionConfig) -> Sweep:
     ranges, (cosines, sines) = scan.ranges_m, scan.beams
     if scan.full_turn:
         seam = _seam(ranges)
         ranges, cosines, sines = (np.roll(array, -seam) for array in (ranges, cosines, sines))
     farthest_m = scan.range_max_m, min(config.feature_range_m, scan.range_max_m)
-    return ranges, cosines, sines, scan.full_turn, scan.angle_increment_rad, *farthest_m, limits_of(config)
+    return Sweep(ranges, cosines, sines, scan.full_turn, scan.angle_increment_rad, *farthest_m)
 
 
 @kernel
@@ -78,28 +257,16 @@ def _seam(ranges: F64x1) -> int:
     best, at = -1.0, 0
     for k in range(n):
         a, b = ranges[(k - 1) % n], ranges[k]
-        if np.isfinite(a) and np.isfinite(b):
-            step = abs(b - a)
-        elif np.isfinite(a) or np.isfinite(b):
-            step = 1e6
-        else:
-            step = 0.0
+        one_hits = np.isfinite(a) or np.isfinite(b)
+        step = abs(b - a) if np.isfinite(a) and np.isfinite(b) else (1e6 if one_hits else 0.0)
         if step > best:
             best, at = step, k
     return at
 
 
 @kernel
-def _extract(
-    ranges: F64x1,
-    cosines: F64x1,
-    sines: F64x1,
-    full_turn: bool,
-    step_rad: float,
-    range_max_m: float,
-    feature_range_m: float,
-    limits: Limits,
-) -> tuple[F64x2, F64x2, BOOLx1, F64x2, F64x2]:
+def _extract(sweep: Sweep, limits: Limits) -> tuple[F64x2, F64x2, BOOLx1, F64x2, F64x2]:  # as Features has them
+    ranges, cosines, sines, full_turn, step_rad, range_max_m, feature_range_m = sweep
     x, y, beam = points_of(ranges, cosines, sines, feature_range_m)
     new_run = breaks_of(ranges, beam, step_rad, limits.jump_m, limits.graze_slope)
     view = View(ranges, cosines, sines, full_turn, range_max_m, x, y, beam, new_run)
@@ -112,17 +279,9 @@ def _extract(
 
 
 @kernel
-def _placed(
-    walls: F64x2,
-    corners: F64x2,
-    is_jamb: BOOLx1,
-    doorways: F64x2,
-    rooms: F64x2,
-    x_m: float,
-    y_m: float,
-    heading_rad: float,
-) -> F64x2:
+def _placed(features: Features, x_m: float, y_m: float, heading_rad: float) -> F64x2:
     """(k, 5): type, x, y, orientation and area of each landmark, as `rows_of` has them, map frame; doorways first."""
+    walls, corners, is_jamb, doorways, rooms = features
     sine, cosine = sin_cos(heading_rad)
     rows = np.full((len(doorways) + 2 * len(corners) + len(rooms), 5), np.nan)
     found = 0
@@ -167,20 +326,6 @@ def _placed(
 
 
 @kernel
-def _sighted(
-    ranges: F64x1,
-    cosines: F64x1,
-    sines: F64x1,
-    full_turn: bool,
-    step_rad: float,
-    range_max_m: float,
-    feature_range_m: float,
-    limits: Limits,
-    x_m: float,
-    y_m: float,
-    heading_rad: float,
-) -> F64x2:
-    walls, corners, is_jamb, doorways, rooms = _extract(
-        ranges, cosines, sines, full_turn, step_rad, range_max_m, feature_range_m, limits
-    )
-    return _placed(walls, corners, is_jamb, doorways, rooms, x_m, y_m, heading_rad)
+def _sighted(sweep: Sweep, limits: Limits, x_m: float, y_m: float, heading_rad: float) -> F64x2:
+    walls, corners, is_jamb, doorways, rooms = _extract(sweep, limits)
+    return _placed(Features(walls, corners, is_jamb, doorways, rooms), x_m, y_m, heading_rad)

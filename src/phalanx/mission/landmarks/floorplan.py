@@ -1,20 +1,13 @@
 """A floor plan: the walls of a building as line segments, and the outlines that a robot in it can walk along.
 
-From a YAML file of ours, metres and radians in the map frame; maps of ROS's map_server come from `gridmap`.
-
-    name: an_office
-    size: [40.0, 40.0]            # of the space; walls are not seen from outside of it
-    origin: [0.0, 0.0]            # its lower left corner
-    start_pose: [3.0, 1.5, 1.57]  # where robots begin; what cannot be reached from there has no landmarks
-    walls: [[0, 0, 2, 0], ...]    # x, y of both ends
-    door_width: [0.7, 1.3]        # between jambs of what counts as a doorway; without, 1.2 to 2.5 as in the paper
-    codes: [{text: a, at: [x, y, z], facing: 0.0, edge: 0.12}, ...]   # QR codes on the walls
-Other words are for other readers, and not looked at.
+From a YAML file of ours (docs/maps.md), metres and radians in the map frame; maps of ROS's map_server come from
+`gridmap`. Files of both kinds may name what robots' other sensors read. Words for other readers are not looked at.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,12 +16,12 @@ from numpy.typing import NDArray
 
 from phalanx.arrays import F64x2
 from phalanx.config.lidar import ExtractionConfig
+from phalanx.config.parameter import check_limits, within
 from phalanx.config.written import compose, words_of
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
 
 from .outlines import Outline, outlines_of
-from .sources import Source
 
 FILE_MAX_BYTES = 4_000_000
 # Outlines of plain walls are found by looking at every pair.
@@ -37,6 +30,9 @@ WALLS_MAX = 2000
 PASS_M = 0.25
 # An edge of 0.12 m was read with so much on it, and not with 1300.
 TEXT_MAX_BYTES = 900
+READING_MAX_BYTES = 64
+SOURCES_MAX = 1000
+LARGEST = 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,29 +49,18 @@ class WallCode:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorPlan:
-    """Walls, and what follows from them.
-
-    Args:
-        walls: (n, 4) ends of segments, metres, map frame.
-        outlines: the walls as a robot inside passes them, free space on the left.
-        bounds: x and y of the lower left and the upper right corner, metres.
-        start: x, y, heading where robots begin, or None.
-        codes: QR codes on the walls.
-        extraction: how scans are read in this building.
-        sources: what other sensors tell of.
-        dust: specks of the map that were left out.
-        drawn: the walls with those, where there are any: a speck in a doorway may stand there, and hides that.
-    """
+    """Walls, and what follows from them."""
 
     name: str
-    walls: NDArray[np.float64]
-    outlines: tuple[Outline, ...]
-    bounds: tuple[float, float, float, float]
-    start: tuple[float, float, float] | None = None
+    walls: NDArray[np.float64]  # (n, 4) ends of segments, metres, map frame
+    outlines: tuple[Outline, ...]  # the walls as a robot inside passes them, free space on the left
+    bounds: tuple[float, float, float, float]  # x and y of the lower left and the upper right corner, metres
+    start: tuple[float, float, float] | None = None  # x, y, heading where robots begin
     codes: tuple[WallCode, ...] = ()
-    extraction: ExtractionConfig = ExtractionConfig()  # noqa: RUF009  # frozen
-    sources: tuple[Source, ...] = ()
-    dust: int = 0
+    extraction: ExtractionConfig = ExtractionConfig()  # noqa: RUF009  # frozen; how scans are read in this building
+    sources: tuple[Source, ...] = ()  # what other sensors read
+    dust: int = 0  # specks of the map that were left out
+    # The walls with those, where there are any: a speck in a doorway may stand there, and hides that.
     drawn: NDArray[np.float64] | None = None
 
     def clearance_m(self, x_m: float, y_m: float) -> float:
@@ -151,10 +136,8 @@ def _is_crossed(walls: F64x2, x: float, y: float, way_x: float, way_y: float, ma
 
 
 def floorplan_of_yaml(data: bytes, name: str = "map") -> FloorPlan:
-    """The floor plan that a YAML file describes.
+    """Return the floor plan of a YAML file; `name` is its name if the file has none.
 
-    Args:
-        name: if the file does not tell one.
     Raises: UsageError: it does not describe one; the message says where.
     """
     words = read_yaml(data, name)
@@ -165,7 +148,7 @@ def floorplan_of_yaml(data: bytes, name: str = "map") -> FloorPlan:
         raise UsageError(f"{name} has {len(walls)} walls", f"up to {WALLS_MAX}; larger ones as a map_server map")
     if len(walls) and np.any(np.hypot(walls[:, 0] - walls[:, 2], walls[:, 1] - walls[:, 3]) < 1e-3):
         raise UsageError(f"{name}: a wall has no length", "x, y of both ends")
-    start = start_pose(words["start_pose"], name) if "start_pose" in words else None
+    start = start_pose(words, name)
     x0, y0 = numbers(words.get("origin", [0.0, 0.0]), f"{name}: origin", 2)
     if "size" in words:
         width, height = numbers(words["size"], f"{name}: size", 2)
@@ -180,8 +163,7 @@ def floorplan_of_yaml(data: bytes, name: str = "map") -> FloorPlan:
     )
     outlines = outlines_of(walls, bounds, None if start is None else start[:2])
     walls.setflags(write=False)
-    extraction = extraction_of(words.get("door_width"), name)
-    return FloorPlan(str(words.get("name", name)), walls, outlines, bounds, start, codes, extraction)
+    return FloorPlan(str(words.get("name", name)), walls, outlines, bounds, start, codes, extraction_of(words, name))
 
 
 def read_yaml(data: bytes, name: str) -> dict[Any, Any]:
@@ -214,19 +196,19 @@ def numbers(value: Any, where: str, count: int) -> tuple[float, ...]:
     return tuple(float(item) for item in value)
 
 
-def start_pose(value: Any, name: str) -> tuple[float, float, float]:
-    """x, y, heading where robots begin. Raises: UsageError: it is something else."""
-    x, y, heading = numbers(value, f"{name}: start_pose", 3)
+def start_pose(words: Mapping[Any, Any], name: str) -> tuple[float, float, float] | None:
+    """Return x, y, heading where robots begin, if a map's file has it. Raises: UsageError: it is something else."""
+    if "start_pose" not in words:
+        return None
+    x, y, heading = numbers(words["start_pose"], f"{name}: start_pose", 3)
     return x, y, heading
 
 
-def extraction_of(door_width: Any, name: str) -> ExtractionConfig:
-    """How scans are read in a building, as its file says. Raises: UsageError: it says something else."""
-    return ExtractionConfig() if door_width is None else of_doors(*numbers(door_width, f"{name}: door_width", 2))
-
-
-def of_doors(least_m: float, most_m: float) -> ExtractionConfig:
-    """How scans are read where jambs of doors are so far apart. Raises: UsageError: no doors are."""
+def extraction_of(words: Mapping[Any, Any], name: str) -> ExtractionConfig:
+    """Return how scans are read in a building, by its file. Raises: UsageError: it says something else."""
+    if words.get("door_width") is None:
+        return ExtractionConfig()
+    least_m, most_m = numbers(words["door_width"], f"{name}: door_width", 2)
     return ExtractionConfig(door_min_m=least_m, door_max_m=most_m)
 
 
@@ -242,3 +224,86 @@ def _code(value: Any, where: str) -> WallCode:
     if not 0 < length <= TEXT_MAX_BYTES:
         raise UsageError(f"{where}: a text of {length} bytes", f"1 to {TEXT_MAX_BYTES}: no camera reads another")
     return WallCode(value["text"], x, y, z, facing, size)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Beacon:
+    """A radio beacon, which robots read in range, through walls: Bluetooth, UWB. Source: Encoded graphs §IV-A."""
+
+    reading: str
+    x_m: float = within(0.0, -LARGEST, LARGEST)  # map frame
+    y_m: float = within(0.0, -LARGEST, LARGEST)
+    range_m: float = within(3.0, 0.1, 1000.0)
+    noise_m: float = within(0.1, 0.0, 100.0)  # standard deviation of a distance
+
+    stopped_by_walls = False
+
+    def __post_init__(self) -> None:
+        check_limits(self)
+
+    def is_read(self, away_m: float, chance: float) -> bool:
+        """Whether it is read from so far off, by a standard normal number."""
+        return away_m + self.noise_m * chance <= self.range_m
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quantity:
+    """What robots read where they measure more than a level of it; half is left `half_m` off; walls keep it."""
+
+    reading: str
+    x_m: float = within(0.0, -LARGEST, LARGEST)  # map frame
+    y_m: float = within(0.0, -LARGEST, LARGEST)
+    peak: float = within(100.0, 0.0, LARGEST)  # in whatever unit, like level and noise
+    half_m: float = within(1.0, 0.01, 1000.0)
+    over: float = within(50.0, 0.0, LARGEST)
+    noise: float = within(1.0, 0.0, LARGEST)  # standard deviation of what is measured
+
+    stopped_by_walls = True
+
+    def __post_init__(self) -> None:
+        check_limits(self)
+        if self.over >= self.peak:
+            raise UsageError(f"over {self.over:g} of a peak of {self.peak:g}", "below the peak, or nobody reads it")
+
+    def is_read(self, away_m: float, chance: float) -> bool:
+        """Whether it is read from so far off, by a standard normal number."""
+        halves = away_m / self.half_m
+        return self.peak / (1.0 + halves * halves) + self.noise * chance >= self.over
+
+
+Source = Beacon | Quantity
+# What the file calls the fields.
+_BEACON = {"id": "reading", "range": "range_m", "noise": "noise_m"}
+_QUANTITY = {"reading": "reading", "peak": "peak", "half": "half_m", "over": "over", "noise": "noise"}
+
+
+def sources_of(words: Mapping[Any, Any], name: str) -> tuple[Source, ...]:
+    """Return the beacons and quantities of a map's file.
+
+    Raises: UsageError: they are something else; the message says where.
+    """
+    sources: list[Source] = []
+    kinds: tuple[tuple[str, Callable[..., Source], Mapping[str, str]], ...] = (
+        ("beacons", Beacon, _BEACON),
+        ("quantities", Quantity, _QUANTITY),
+    )
+    for key, kind, fields in kinds:
+        listed = words.get(key) or []
+        if not isinstance(listed, list) or len(listed) > SOURCES_MAX:
+            raise UsageError(f"{name}: {key} is no list of them", f"at most {SOURCES_MAX}; docs/maps.md shows them")
+        sources += (_source(kind, fields, each, f"{name}: {key}, number {i}") for i, each in enumerate(listed, 1))
+    return tuple(sources)
+
+
+def _source(kind: Callable[..., Source], known: Mapping[str, str], words: Any, where: str) -> Source:
+    given = dict(words) if isinstance(words, dict) else {}
+    place = given.pop("at", None)
+    told = {known.get(key, ""): value for key, value in given.items()}
+    reading = told.pop("reading", None)
+    is_reading = isinstance(reading, str) and 0 < len(reading.encode(errors="replace")) <= READING_MAX_BYTES
+    if "" in told or not is_reading or not isinstance(place, list) or len(place) != 2:
+        raise UsageError(f"{where}, is {words!r:.80}", f"at: [x, y], {', '.join(known)}")
+    try:
+        return kind(reading=reading, x_m=place[0], y_m=place[1], **told)
+    except UsageError as error:
+        raise UsageError(f"{where}: {error}", error.hint) from error

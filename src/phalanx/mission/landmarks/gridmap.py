@@ -20,8 +20,8 @@ from phalanx.config.lidar import ExtractionConfig
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
 
-from .dust import without_dust
-from .floorplan import FloorPlan, extraction_of, numbers, read_yaml, start_pose
+from .corners import meet
+from .floorplan import PASS_M, FloorPlan, extraction_of, numbers, read_yaml, start_pose
 from .outlines import Outline, ways_around
 from .walls import fit_line, split_run
 
@@ -33,6 +33,10 @@ UNKNOWN_GREY = 205
 SPLIT_CELLS = 1.5
 # Specks of a few cells are noise of whoever made the map: they stop rays, but have no corners.
 SPECK_CELLS = 8
+# A cell with a longer edge is no dust.
+DUST_M = 0.1
+# A robot's middle goes around in so many places, PASS_M from the speck's own edge, and as far from all else.
+PLACES = 24
 _PGM = re.compile(
     rb"P([25])\s(?:\s*#[^\n]*\n)*\s*(\d{1,6})\s+(?:#[^\n]*\n\s*)*(\d{1,6})\s+(?:#[^\n]*\n\s*)*(\d{1,5})\s"
 )
@@ -56,8 +60,7 @@ class MapWords:
 def map_words(data: bytes, name: str) -> MapWords:
     """What a map_server YAML file says.
 
-    Raises: UsageError: it does not describe a map.
-    Source: ROS map_server, nav2_map_server.
+    Raises: UsageError: it does not describe a map. Source: ROS map_server, nav2_map_server.
     """
     words = read_yaml(data, name)
     image = words.get("image")
@@ -70,16 +73,14 @@ def map_words(data: bytes, name: str) -> MapWords:
         raise UsageError(f"{name}: resolution {resolution}, thresholds {free} and {occupied}", "metres; 0 to 1")
     x, y, turn = numbers(words.get("origin", [0.0, 0.0, 0.0]), f"{name}: origin", 3)
     negate = bool(words.get("negate", 0))
-    start = start_pose(words["start_pose"], name) if "start_pose" in words else None
-    extraction = extraction_of(words.get("door_width"), name)
+    start, extraction = start_pose(words, name), extraction_of(words, name)
     return MapWords(image, resolution, (x, y, turn), negate, occupied, free, start, extraction)
 
 
 def read_pgm(data: bytes, name: str) -> NDArray[np.uint8]:
     """(height, width) grey values 0..255, the first row on top.
 
-    Raises: UsageError: not a PGM picture (P5 or P2).
-    Source: netpbm's pgm(5).
+    Raises: UsageError: not a PGM picture (P5 or P2). Source: netpbm's pgm(5).
     """
     head = _PGM.match(data)
     if head is None:
@@ -116,15 +117,13 @@ def cells_of(grey: NDArray[np.uint8], words: MapWords) -> NDArray[np.uint8]:
 
 
 def floorplan_of_map(yaml_data: bytes, pgm_data: bytes, name: str, *, swept: bool = False) -> FloorPlan:
-    """The floor plan of a map_server map.
+    """Return the floor plan of a map_server map; `swept`: `without_dust`.
 
-    Args:
-        swept: without dust (dust.py).
     Raises: UsageError: one of the files is wrong; the message says how.
     """
     words = map_words(yaml_data, name)
     drawn = cells_of(read_pgm(pgm_data, words.image), words)
-    cells, dust = without_dust(drawn, words.resolution_m, FREE) if swept else (drawn, 0)
+    cells, dust = without_dust(drawn, words.resolution_m) if swept else (drawn, 0)
     height, width = cells.shape[0] - 2, cells.shape[1] - 2
     outlines = _outlines(cells, words)
     frame = _to_map(np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]]), words)
@@ -235,24 +234,25 @@ def _contours(cells: U8x2) -> tuple[F64x2, I64x1, BOOLx1]:  # noqa: C901  # one 
 
 def _straight(points: NDArray[np.float64], of_wall: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Corners of one contour, in cells: where the lines fitted to its straight pieces cross; and which are walls."""
-    # Begin at a corner: the point farthest from the middle is one.
-    away = points - points.mean(0)
-    order = np.roll(np.arange(len(points)), -int(np.argmax((away * away).sum(1))))
-    order = np.append(order, order[0])
-    return _pieces(points[order, 0].copy(), points[order, 1].copy(), of_wall[order])
+    # Begin at a corner: the point farthest from the middle is one. The farthest from that one is another.
+    first = _farthest(points, points.mean(0))
+    order = np.append(np.roll(np.arange(len(points)), -first), first)
+    x, y = points[order].T.copy()
+    return _pieces(x, y, of_wall[order], _farthest(points[order], points[first]))
+
+
+def _farthest(points: NDArray[np.float64], place: NDArray[np.float64]) -> int:
+    return int(np.argmax(((points - place) ** 2).sum(1)))
 
 
 @kernel
-def _pieces(x: F64x1, y: F64x1, of_wall: BOOLx1) -> tuple[F64x2, BOOLx1]:
-    """Corners of a closed contour whose last point is its first, and whether the piece after each is a wall."""
+def _pieces(x: F64x1, y: F64x1, of_wall: BOOLx1, middle: int) -> tuple[F64x2, BOOLx1]:
+    """Return the corners of a closed contour, and whether the piece after each is a wall.
+
+    The last point is the first again. The contour is cut there and at `middle`: a closed chord has no direction.
+    """
     last = len(x) - 1
     starts = np.empty(len(x) + 1, np.int64)
-    # A closed chord has no direction: cut at the point farthest from the first.
-    middle, worst = 0, -1.0
-    for i in range(len(x)):
-        away = (x[i] - x[0]) * (x[i] - x[0]) + (y[i] - y[0]) * (y[i] - y[0])
-        if away > worst:
-            middle, worst = i, away
     pieces = split_run(x, y, 0, middle, SPLIT_CELLS, starts)
     pieces += split_run(x, y, middle, last, SPLIT_CELLS, starts[pieces:])
     starts[pieces] = last
@@ -271,12 +271,41 @@ def _pieces(x: F64x1, y: F64x1, of_wall: BOOLx1) -> tuple[F64x2, BOOLx1]:
     for p in range(pieces):
         i, before = starts[p], (p - 1) % pieces
         corners[p, 0], corners[p, 1] = x[i], y[i]
-        ax, ay, bx, by = lines[before, 2], lines[before, 3], lines[p, 2], lines[p, 3]
-        sine = ax * by - ay * bx
-        if abs(sine) < 0.3:
-            continue
-        s = ((lines[p, 0] - lines[before, 0]) * by - (lines[p, 1] - lines[before, 1]) * bx) / sine
-        meet_x, meet_y = lines[before, 0] + s * ax, lines[before, 1] + s * ay
-        if abs(meet_x - x[i]) + abs(meet_y - y[i]) < 2.0:
+        meet_x, meet_y, sine = meet(lines, before, p)
+        if abs(sine) >= 0.3 and abs(meet_x - x[i]) + abs(meet_y - y[i]) < 2.0:
             corners[p, 0], corners[p, 1] = meet_x, meet_y
     return corners, seen
+
+
+def without_dust(cells: NDArray[np.uint8], edge_m: float) -> tuple[NDArray[np.uint8], int]:
+    """Return a map's `cells_of` without dust: lone cells that a robot gets around made free; and how many those were.
+
+    SLAM leaves single black cells where it saw reflections and passers-by. A survey that took each for a pillar would
+    find no way. But a lone cell may be the leg of a chair as well: so none is dropped that narrows a way. Who surveys
+    and who judges a mission leave them out; who simulates a building does not.
+    """
+    if edge_m > DUST_M:
+        return cells, 0
+    solid = cells != FREE
+    around = sum(np.roll(solid, (i, j), (0, 1)).astype(np.uint8) for i in (-1, 0, 1) for j in (-1, 0, 1))
+    lone = solid & (around == 1)
+    dust = [(i, j) for i, j in np.argwhere(lone).tolist() if _is_passed(solid, i, j, edge_m)]
+    swept = cells.copy()
+    for i, j in dust:
+        swept[i, j] = FREE
+    return swept, len(dust)
+
+
+def _is_passed(solid: NDArray[np.bool_], row: int, column: int, edge_m: float) -> bool:
+    """Whether a robot gets from each place beside a speck to each other beside it: it parts nothing."""
+    away = PASS_M / edge_m + 0.5  # in cells, of a robot's middle from the middles of what it passes
+    reach = math.ceil(2 * away)
+    window = solid[max(0, row - reach) : row + reach + 1, max(0, column - reach) : column + reach + 1]
+    others = np.argwhere(window) - (min(row, reach), min(column, reach))
+    others = others[np.any(others != 0, axis=1)]
+    turns = math.tau * np.arange(PLACES) / PLACES
+    y, x = away * np.sin(turns), away * np.cos(turns)
+    nearest = np.hypot(y[:, None] - others[:, 0], x[:, None] - others[:, 1]).min(axis=1, initial=np.inf)
+    has_room = nearest >= away
+    gaps = int(np.count_nonzero(has_room & ~np.roll(has_room, 1)))
+    return bool(has_room.all() or (gaps == 1 and has_room.any()))

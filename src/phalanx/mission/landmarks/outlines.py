@@ -50,12 +50,7 @@ class Outline:
 def outlines_of(
     walls: NDArray[np.float64], bounds: tuple[float, float, float, float], start: Point | None
 ) -> tuple[Outline, ...]:
-    """The outlines of the space that `start` lies in; of all spaces without a start.
-
-    Args:
-        walls: (n, 4) ends of segments.
-        bounds: walls are not seen from beyond these.
-    """
+    """Return the outlines of the space that `start` lies in, or of all; walls are not seen from beyond the bounds."""
     ways = [np.array(way) for way in _faces(_cut(walls))]
     if start is not None:
         ways = ways_around(ways, _face_of(_rings(ways), start))

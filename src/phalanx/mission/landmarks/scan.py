@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.arrays import F64x1
-from phalanx.config.lidar import LidarConfig
+from phalanx.arrays import BOOLx1, F64x1, I64x1
+from phalanx.config.lidar import ExtractionConfig, LidarConfig
+from phalanx.config.parameter import made_once
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
 from phalanx.mission.angles import TWO_PI, sin_cos
@@ -37,19 +38,14 @@ def sort_out(ranges: F64x1, least_m: float, most_m: float) -> None:
 class LaserScan:
     """A sweep; valid by construction.
 
-    Args:
-        ranges_m: (n,) float64, n of 2..8192; finite and within the limits, +inf or NaN.
-        angle_min_rad: of the first beam, robot frame.
-        angle_increment_rad: from one beam to the next; positive, at most one turn in all.
-        range_min_m, range_max_m: outside of these the sensor knows nothing.
     Raises: UsageError: a value is out of range. Ranges are never refused: what is no range becomes NaN.
     Source: sensor_msgs/LaserScan, REP 117.
     """
 
-    ranges_m: NDArray[np.float64]
-    angle_min_rad: float
-    angle_increment_rad: float
-    range_min_m: float = 0.02
+    ranges_m: NDArray[np.float64]  # (n,), n of 2..8192; finite and within the limits, +inf or NaN
+    angle_min_rad: float  # of the first beam, robot frame
+    angle_increment_rad: float  # from one beam to the next; positive, at most one turn in all
+    range_min_m: float = 0.02  # outside of these limits the sensor knows nothing
     range_max_m: float = 30.0
 
     def __post_init__(self) -> None:
@@ -100,3 +96,53 @@ def beam_table(first_rad: float, step_rad: float, count: int) -> tuple[NDArray[n
     cosines.setflags(write=False)
     sines.setflags(write=False)
     return cosines, sines
+
+
+class View(NamedTuple):
+    """A scan, and the points that it hits."""
+
+    ranges: F64x1  # (b,), of each beam; NaN where it says nothing, infinite where it misses
+    cosines: F64x1  # likewise
+    sines: F64x1  # likewise
+    full_turn: bool  # the last beam is beside the first
+    range_max_m: float  # what is farther is missed
+    x: F64x1  # (p,), each point and the beam that hit it; in the order of the beams
+    y: F64x1  # likewise
+    beam: I64x1  # likewise
+    new_run: BOOLx1  # (p,), whether the surface before a point is another
+
+
+class Limits(NamedTuple):
+    """`ExtractionConfig` as kernels need it: its lengths and areas, and sines, cosines and slopes of its angles."""
+
+    split_m: float
+    line_m: float
+    wall_min_m: float
+    wall_min_points: float
+    corner_sine: float
+    corner_gap_m: float
+    jump_m: float
+    graze_slope: float
+    graze_sine: float
+    edge_error_m: float
+    door_min_m: float
+    door_max_m: float
+    bend_cosine: float
+    door_depth_m: float
+    door_clear_m: float
+    room_min_m2: float
+
+
+@made_once
+def limits_of(config: ExtractionConfig) -> Limits:
+    """The limits of a configuration."""
+    corner_sine, _ = sin_cos(config.corner_min_rad)
+    graze_sine, graze_cosine = sin_cos(config.graze_rad)
+    _, bend_cosine = sin_cos(config.door_bend_rad)
+    return Limits(
+        corner_sine=corner_sine,
+        graze_slope=graze_cosine / graze_sine,
+        graze_sine=graze_sine,
+        bend_cosine=bend_cosine,
+        **{name: float(getattr(config, name)) for name in Limits._fields if hasattr(config, name)},
+    )

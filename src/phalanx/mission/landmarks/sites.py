@@ -1,6 +1,6 @@
 """The landmarks of a floor plan: what a robot that walks there will take its doorways, corners and rooms for.
 
-The same rules as for a scan (`corners`, `doorways`), on outlines instead of beams.
+The same rules as for a scan (`corners`, `features`), on outlines instead of beams.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import groupby, pairwise
 
 import numpy as np
 
@@ -92,23 +93,14 @@ def landmarks_of(plan: FloorPlan, config: ExtractionConfig | None = None) -> tup
 
 
 def _corners(outline: Outline) -> Iterator[_Corner]:
-    points, count = outline.points, len(outline.points)
-    for i in range(count):
-        before = points[i] - points[i - 1]
-        after = points[(i + 1) % count] - points[i]
-        before_m, after_m = max(math.hypot(*before), 1e-9), max(math.hypot(*after), 1e-9)
-        (bx, by), (ax, ay) = before / before_m, after / after_m
-        yield _Corner(
-            (float(points[i, 0]), float(points[i, 1])),
-            (float(bx), float(by)),
-            (float(ax), float(ay)),
-            before_m,
-            after_m,
-            bool(outline.seen[i - 1]),
-            bool(outline.seen[i]),
-            float(bx * ay - by * ax),
-            float(bx * ax + by * ay),
-        )
+    points, seen = outline.points.tolist(), outline.seen.tolist()
+    sides = []
+    for (x, y), (next_x, next_y) in pairwise([points[-1], *points, points[0]]):
+        length_m = max(math.hypot(next_x - x, next_y - y), 1e-9)
+        sides.append(((next_x - x) / length_m, (next_y - y) / length_m, length_m))
+    for i, ((bx, by, before_m), (ax, ay, after_m)) in enumerate(pairwise(sides)):
+        sine, cosine = bx * ay - by * ax, bx * ax + by * ay
+        yield _Corner(tuple(points[i]), (bx, by), (ax, ay), before_m, after_m, seen[i - 1], seen[i], sine, cosine)
 
 
 def _is_convex(corner: _Corner, config: ExtractionConfig) -> bool:
@@ -209,22 +201,12 @@ def _rooms(plan: FloorPlan, chain: list[_Corner], config: ExtractionConfig) -> I
         runs = [[*chain, *chain[:2]]] if chain else []
     else:
         first = convex.index(False)
-        turned = chain[first:] + chain[:first]
-        runs, run = [], []
-        for corner in [*turned, turned[0]]:
-            if _is_convex(corner, config):
-                run.append(corner)
-            else:
-                runs.append(run)
-                run = []
+        turned = groupby(chain[first:] + chain[:first], key=lambda corner: _is_convex(corner, config))
+        runs = [list(run) for are_convex, run in turned if are_convex]
     for run in runs:
-        aliases = [
-            alias
-            for i in range(len(run) - 2)
-            if (alias := _triangle(plan, run[i].at, run[i + 1].at, run[i + 2].at, config)) is not None
-        ]
-        if aliases:
-            yield Site(tuple(aliases))
+        places = [corner.at for corner in run]
+        triangles = (_triangle(plan, *three, config) for three in zip(places, places[1:], places[2:], strict=False))
+        yield Site(tuple(alias for alias in triangles if alias is not None))
 
 
 def _triangle(

@@ -28,19 +28,13 @@ X, Y, ALONG_X, ALONG_Y, FROM_X, FROM_Y, TO_X, TO_Y = range(8)
 @kernel
 def points_of(ranges: F64x1, cosines: F64x1, sines: F64x1, range_m: float) -> tuple[F64x1, F64x1, I64x1]:
     """(x, y, beam) of the beams that saw something nearer than `range_m`; robot frame, metres."""
+    x, y, beam = np.empty(len(ranges)), np.empty(len(ranges)), np.empty(len(ranges), np.int64)
     count = 0
     for k in range(len(ranges)):
         if ranges[k] <= range_m:
+            x[count], y[count], beam[count] = ranges[k] * cosines[k], ranges[k] * sines[k], k
             count += 1
-    x, y, beam = np.empty(count), np.empty(count), np.empty(count, np.int64)
-    i = 0
-    for k in range(len(ranges)):
-        if ranges[k] <= range_m:
-            x[i] = ranges[k] * cosines[k]
-            y[i] = ranges[k] * sines[k]
-            beam[i] = k
-            i += 1
-    return x, y, beam
+    return x[:count], y[:count], beam[:count]
 
 
 @kernel
@@ -83,10 +77,7 @@ def _farthest_from_chord(x: F64x1, y: F64x1, first: int, last: int) -> tuple[int
 
 @kernel
 def split_run(x: F64x1, y: F64x1, first: int, last: int, split_m: float, starts: I64x1) -> int:
-    """Writes the first points of the straight pieces of the run first..last to `starts`; returns how many.
-
-    A piece ends where the next one starts.
-    """
+    """Write the first points of the straight pieces of first..last to `starts`, where the one before ends; how many."""
     stack = np.empty((last - first + 2, 2), np.int64)
     stack[0, 0], stack[0, 1] = first, last
     depth, count = 1, 0
@@ -234,11 +225,7 @@ def _trimmed(first: int, last: int) -> tuple[int, int]:
 
 @kernel
 def _part(x: F64x1, y: F64x1, new_run: BOOLx1, walls: F64x2, spans: I64x2) -> F64x2:
-    """The walls, each fitted to its own points alone.
-
-    Who looks along one wall and straight at the next sees a few points of the first, and hundreds of the next within
-    `split_m` of their corner: those would turn the first one's line.
-    """
+    """Return the walls, each fitted to its own points alone: hundreds of the next within `split_m` would turn it."""
     parted = walls.copy()
     for w in range(len(walls)):
         first, last = _trimmed(spans[w, 0], spans[w, 1])

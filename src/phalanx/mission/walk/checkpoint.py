@@ -14,8 +14,7 @@ from phalanx.config.mission import TWO_PI, MissionConfig
 from phalanx.crypto.sha3 import DIGEST_BYTES
 from phalanx.errors import UsageError
 from phalanx.mission.angles import wrap_rad
-from phalanx.mission.file.canonical import action_bytes, parse_action
-from phalanx.mission.file.reader import Reader, text_of
+from phalanx.mission.file.canonical import Reader, action_bytes, parse_action, text_of
 from phalanx.mission.file.records import EncodedMission, NodeRecord, Profile
 from phalanx.mission.observable import LANDMARK_TYPES, LONGEST_S, Action, Landmark, sector_of
 from phalanx.mission.refused import MalformedMission

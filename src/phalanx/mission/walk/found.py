@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from phalanx.errors import TooLarge
-from phalanx.mission.file.canonical import Shape, parse_shape
-from phalanx.mission.file.reader import Reader
+from phalanx.mission.file.canonical import Reader, Shape, parse_shape
 from phalanx.mission.observable import Action, Cell, Landmark, Offset
 from phalanx.wire.missions import CLAIM
 

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from functools import reduce
 from operator import xor
 
-from phalanx.mission.file.canonical import Shape, parse_shape
-from phalanx.mission.file.reader import Reader, text_of
+from phalanx.mission.file.canonical import Reader, Shape, parse_shape, text_of
 from phalanx.mission.file.records import SECRET_BYTES
 from phalanx.mission.observable import Offset
 from phalanx.mission.refused import MalformedMission

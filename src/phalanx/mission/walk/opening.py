@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
-import numpy as np
-from numpy.typing import NDArray
-
-from phalanx.crypto.sha3 import sha3_256, sha3_256_many
+from phalanx.crypto.sha3 import sha3_256
 from phalanx.mission.angles import TWO_PI, wrap_rad
-from phalanx.mission.file import paper, sealed
-from phalanx.mission.file.canonical import AT_POSITION, with_direction
+from phalanx.mission.file import sealed
+from phalanx.mission.file.canonical import AT_POSITION, action_hash, message_of, with_direction
 from phalanx.mission.file.records import EncodedMission, NodeRecord, Way, WayKind
 from phalanx.mission.observable import LANDMARK_TYPES, Action, Direction, Experience, Landmark, middle_of
 from phalanx.mission.refused import Altered
@@ -75,7 +72,7 @@ def open_found(mission: EncodedMission, found: Found, seen: Experience) -> Opene
     if found.key:
         return _open_sealed(mission, found, record)
     header = mission.header
-    if record.bindings[claim.alias] != paper.binding(header, claim.node, record, claim.observed):
+    if record.bindings[claim.alias] != record.binding(header, claim.node, claim.observed):
         raise Altered("a node matches, and its record is bound to another")
     mark = record.aliases[claim.alias].mark
     place, landmark = _where(mission, found)
@@ -86,7 +83,7 @@ def open_found(mission: EncodedMission, found: Found, seen: Experience) -> Opene
         place,
         landmark,
         found.action,
-        tuple(paper.message_of(claim.observed, i) for i in range(record.sends)),
+        tuple(message_of(claim.observed, i) for i in range(record.sends)),
         tuple(_paper_way(mission, way, found, mark, seen.actions) for way in record.ways),
         sha3_256(table.VISITED + claim.observed),
         found.claim,
@@ -138,23 +135,21 @@ def _to_direction(sector: int, sectors: int) -> float:
 
 
 @lru_cache(maxsize=16)
-def _directions(sectors: int) -> NDArray[np.uint8]:
-    """(sectors, n): what stands behind a node's bytes for each direction."""
-    told = b"".join(with_direction(b"", Direction(sector, sectors)) for sector in range(sectors))
-    return np.frombuffer(told, np.uint8).reshape(sectors, -1)
+def _directions(sectors: int) -> tuple[bytes, ...]:
+    """Return what stands behind a node's bytes for each direction."""
+    return tuple(with_direction(b"", Direction(sector, sectors)) for sector in range(sectors))
 
 
 def _paper_way(mission: EncodedMission, way: Way, found: Found, mark: bytes, pool: tuple[Action, ...]) -> OpenWay:
     wanted = way.hashes[found.claim.alias]
     if way.kind is WayKind.ACTION:
-        return OpenWay(way.target, do=next((a for a in pool if paper.action_hash(mark, a) == wanted), None))
+        return OpenWay(way.target, do=next((a for a in pool if action_hash(mark, a) == wanted), None))
     if way.kind is WayKind.EMPTY:
         return OpenWay(way.target)
     sectors = mission.header.coding.sectors
-    observed = np.tile(np.frombuffer(found.claim.observed, np.uint8), (sectors, 1))
-    digests = sha3_256_many(np.hstack([observed, _directions(sectors)]))
-    hits = np.flatnonzero((digests == np.frombuffer(wanted, np.uint8)).all(axis=1))
-    return OpenWay(way.target, _to_direction(int(hits[0]), sectors) if len(hits) else None)
+    directions = enumerate(_directions(sectors))
+    hit = next((sector for sector, told in directions if sha3_256(found.claim.observed + told) == wanted), None)
+    return OpenWay(way.target, None if hit is None else _to_direction(hit, sectors))
 
 
 def _sealed_direction(mission: EncodedMission, secret: bytes, way: Way) -> float | None:

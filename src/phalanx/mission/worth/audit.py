@@ -14,7 +14,7 @@ from typing import Any
 
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.mission import CodingConfig, MissionConfig
-from phalanx.mission.authoring.making import PAPER_CODING, SEALED_CODING, alias_offset, place_of
+from phalanx.mission.authoring.compiling import PAPER_CODING, SEALED_CODING, alias_offset, place_of
 from phalanx.mission.file.canonical import Shape, shape_of
 from phalanx.mission.file.records import Profile
 from phalanx.mission.graph import Mission, Node

@@ -17,10 +17,9 @@ from itertools import islice
 from phalanx.config.lidar import LidarConfig
 from phalanx.config.mission import MissionConfig
 from phalanx.mission.angles import wrap_rad
-from phalanx.mission.authoring.apart import is_written_twice
+from phalanx.mission.authoring.compiling import direction_of
+from phalanx.mission.authoring.findable import Looks, is_written_twice
 from phalanx.mission.authoring.free import GRID_M, Free
-from phalanx.mission.authoring.making import direction_of
-from phalanx.mission.authoring.sighted import Looks
 from phalanx.mission.graph import Mission, Node, PlainWay
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.observable import Experience, Landmark, Position

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 from phalanx.config.mission import CodingConfig
 from phalanx.mission.angles import TWO_PI
+from phalanx.mission.authoring.compiling import alias_offset, direction_of, place_of
 from phalanx.mission.authoring.document import TOKEN
-from phalanx.mission.authoring.making import alias_offset, direction_of, place_of
 from phalanx.mission.file.canonical import shape_of
 from phalanx.mission.file.records import Profile
 from phalanx.mission.graph import Mission, Node, PlainWay

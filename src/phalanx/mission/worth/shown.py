@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.config.mission import CodingConfig
-from phalanx.mission.authoring.apart import told_apart
-from phalanx.mission.authoring.sighted import sighted
+from phalanx.mission.authoring.findable import sighted, told_apart
 from phalanx.mission.authoring.survey import roomiest
 from phalanx.mission.file.canonical import AT_POSITION, Shape, shape_of
 from phalanx.mission.graph import Draft

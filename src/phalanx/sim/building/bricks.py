@@ -48,16 +48,12 @@ class Door(NamedTuple):
 
 @dataclass(slots=True)
 class Site:
-    """A building that is being drawn.
-
-    Args:
-        thick_m: of its walls; 0 are walls without thickness.
-    """
+    """A building that is being drawn."""
 
     width_m: float
     height_m: float
     random: Random
-    thick_m: float = 0.0
+    thick_m: float = 0.0  # of its walls; 0 are walls without thickness
     rooms: list[Box] = field(default_factory=list)  # what can be furnished
     solids: list[Box] = field(default_factory=list)  # walls
     sheets: list[Box] = field(default_factory=list)  # walls without thickness: boxes without an inside
@@ -81,17 +77,17 @@ class Site:
         lies = a[1] == b[1]
         along, across = (0, 1) if lies else (1, 0)
         half = self.thick_m / 2
+
+        def box(first: float, last: float, deep: float) -> Box:
+            low, high = a[across] - deep, a[across] + deep
+            return Box(first, low, last, high) if lies else Box(low, first, high, last)
+
         gaps = [(round(door.at_m - door.width_m / 2, 3), round(door.at_m + door.width_m / 2, 3)) for door in doors]
         ends = [a[along] - half, *(end for gap in gaps for end in gap), b[along] + half]
         for first, last in zip(ends[::2], ends[1::2], strict=True):
             if last - first > 1e-3:
-                low, high = a[across] - half, a[across] + half
-                piece = Box(first, low, last, high) if lies else Box(low, first, high, last)
-                (self.solids if half else self.sheets).append(piece)
-        deep = half + DOOR_M
-        for first, last in gaps:
-            low, high = a[across] - deep, a[across] + deep
-            self.clear.append(Box(first, low, last, high) if lies else Box(low, first, high, last))
+                (self.solids if half else self.sheets).append(box(first, last, half))
+        self.clear += [box(first, last, half + DOOR_M) for first, last in gaps]
 
     def door(self, first_m: float, last_m: float, least_m: float = 0.8, most_m: float = 2.0) -> Door:
         """A random door in a wall from here to there."""
@@ -103,9 +99,7 @@ class Site:
     # --- things -------------------------------------------------------------------------------------------------------
 
     def put(self, thing: Box, room: Box) -> bool:
-        """Whether a thing could be put into a room: a robot gets past it on all sides, but for at most one wall each
-        way.
-        """
+        """Put a thing into a room, if robots get past it on all sides, but for at most one wall each way."""
         left, right = thing.x0 - room.x0, room.x1 - thing.x1
         low, high = thing.y0 - room.y0, room.y1 - thing.y1
         for one, other in ((left, right), (low, high)):

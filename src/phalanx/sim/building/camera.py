@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from phalanx.config.parameter import check_limits, within
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks import FloorPlan, WallCode
-from phalanx.mission.landmarks.codepose import Intrinsics, Mount, code_pose, qr_landmark
+from phalanx.mission.landmarks.codepose import Intrinsics, Mount
 from phalanx.mission.landmarks.codes import SeenCode, read_codes
-from phalanx.mission.observable import Landmark
 
 from .odometry import Pose
 
@@ -67,18 +66,9 @@ class Camera:
         return self.config.intrinsics, self.config.mount
 
     def picture(
-        self,
-        pose: Pose,
-        random: np.random.Generator,
-        people: NDArray[np.float64] = _NOBODY,
-        turn_radps: float = 0.0,
+        self, pose: Pose, random: np.random.Generator, people: NDArray[np.float64] = _NOBODY, turn_radps: float = 0.0
     ) -> NDArray[np.uint8]:
-        """(height, width) grey picture from a pose.
-
-        Args:
-            pose: of the robot: x, y in metres and heading in radians, map frame.
-            people: (m, 3) centre and radius of discs that hide what is behind them.
-        """
+        """Return a (height, width) grey picture from the robot's pose; people, (m, 3) discs, hide what is behind."""
         return self._picture(self._shown(pose, people), self._shift(random), turn_radps)
 
     def look(
@@ -86,7 +76,7 @@ class Camera:
     ) -> tuple[SeenCode, ...]:
         """What is read in a `picture` from a pose; one that shows no code is not made."""
         shown, shift = self._shown(pose, people), self._shift(random)
-        return self.read(self._picture(shown, shift, turn_radps)) if shown else ()
+        return read_codes(self._picture(shown, shift, turn_radps)) if shown else ()
 
     def _shown(self, pose: Pose, people: NDArray[np.float64]) -> list[_Shown]:
         """The codes in a picture from a pose, the farthest first."""
@@ -122,19 +112,6 @@ class Camera:
         if self._grain is None:
             self._grain = np.float32(self.config.noise_grey) * random.standard_normal(pixels, np.float32)
         return int(random.integers(pixels))
-
-    def landmarks(self, seen: tuple[SeenCode, ...], estimate: Pose, size_m: float = 0.12) -> tuple[Landmark, ...]:
-        """The codes read in a picture, where the robot's estimated pose puts them; codes are `size_m` wide."""
-        landmarks = []
-        for code in seen:
-            pose = code_pose(code.corners_px, size_m, self.config.intrinsics)
-            if pose is not None:
-                landmarks.append(qr_landmark(code.text, pose, self.config.mount, *estimate))
-        return tuple(landmarks)
-
-    def read(self, picture: NDArray[np.uint8]) -> tuple[SeenCode, ...]:
-        """The codes in a picture."""
-        return read_codes(picture)
 
     def _eye(self, pose: Pose) -> Pose:
         x, y, heading = pose

@@ -33,11 +33,6 @@ class Walkers:
         self._places = np.array([free_place(plan, ROOM_M, random) for _ in range(count)]).reshape(-1, 2)
         self._headings = random.uniform(-math.pi, math.pi, count)
         self._speeds = random.uniform(*SPEED_MPS, count)
-        self._ways = self._along()
-
-    def _along(self) -> NDArray[np.float64]:
-        """(count, 2): where each one looks."""
-        return np.column_stack([np.cos(self._headings), np.sin(self._headings)])
 
     @property
     def discs(self) -> NDArray[np.float64]:
@@ -52,8 +47,8 @@ class Walkers:
         self._step(dt_s)
 
     def _step(self, dt_s: float) -> None:
-        after = self._places + (self._speeds * dt_s)[:, None] * self._ways
-        turned = False
+        looks = np.column_stack([np.cos(self._headings), np.sin(self._headings)])
+        after = self._places + (self._speeds * dt_s)[:, None] * looks
         x0, y0, x1, y1 = self._plan.bounds
         for i, (x, y) in enumerate(after.tolist()):
             # A step is shorter than the room before a wall: nobody comes to its other side.
@@ -61,9 +56,6 @@ class Walkers:
                 self._places[i] = x, y
             else:
                 self._headings[i] = self._random.uniform(-math.pi, math.pi)
-                turned = True
-        if turned:
-            self._ways = self._along()
 
 
 def free_place(plan: FloorPlan, room_m: float, random: np.random.Generator) -> tuple[float, float]:

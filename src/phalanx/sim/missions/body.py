@@ -21,8 +21,7 @@ from phalanx.mission.refused import MalformedMission
 from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.robot.controllers.mission.sensed import Eye, code_entry, reading_entry
 from phalanx.sim.building.camera import Camera
-from phalanx.sim.building.diffdrive import Body, DiffDrive, stepped, wheels_of
-from phalanx.sim.building.odometry import Odometry, OdometryNoise, Pose, counted
+from phalanx.sim.building.odometry import Body, DiffDrive, Odometry, OdometryNoise, Pose, counted, stepped, wheels_of
 from phalanx.sim.building.walkers import Walkers
 from phalanx.wire.table import ACTION, DRIVE, KIND_ACTION, KIND_DRIVE
 

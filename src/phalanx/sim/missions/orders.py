@@ -10,10 +10,9 @@ from typing import Any
 from phalanx.errors import UsageError, did_you_mean
 from phalanx.mission import Action, Built, EncodedMission, Landmark, Mission, Position, Sensor, StartKey
 from phalanx.mission.landmarks import FloorPlan, WallCode
-from phalanx.mission.landmarks.sources import Beacon
+from phalanx.mission.landmarks.floorplan import Beacon
 from phalanx.mission.observable import Observable
-from phalanx.sim.building.diffdrive import DiffDriveConfig
-from phalanx.sim.building.odometry import Pose
+from phalanx.sim.building.odometry import DiffDriveConfig, Pose
 
 from .setup import DOES, MissionRun, Part, actions_of, doing, pool_of
 

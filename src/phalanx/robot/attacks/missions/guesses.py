@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from phalanx.crypto.sha3 import sha3_256
 from phalanx.mission import BuildOptions, Landmark, Mission, Profile, parse_mission, parse_start_key
-from phalanx.mission.authoring.making import alias_offset, observed_bytes
+from phalanx.mission.authoring.compiling import alias_offset, observed_bytes
 from phalanx.mission.file.records import SECRET_BYTES
 from phalanx.mission.file.sealed import node_salt, try_observation
 from phalanx.mission.landmarks import FloorPlan

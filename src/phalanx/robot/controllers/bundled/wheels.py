@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 
-from phalanx.config.wheels import WheelsConfig
+from phalanx.config.flock import WheelsConfig
 from phalanx.kernel import kernel
 from phalanx.robot.controllers import orders
 from phalanx.robot.controllers.declaration import Declaration

@@ -22,8 +22,7 @@ from phalanx.config import BtiConfig
 from phalanx.config.mission import MissionConfig
 from phalanx.mission import Action, EncodedMission, Experience, Kind, Landmark, Outcome, Phase, State, Walker
 from phalanx.mission.angles import sin_cos, wrap
-from phalanx.mission.file.canonical import AT_POSITION, action_bytes
-from phalanx.mission.file.reader import Reader
+from phalanx.mission.file.canonical import AT_POSITION, Reader, action_bytes
 from phalanx.mission.file.records import SECRET_BYTES
 from phalanx.mission.landmarks.features import landmarks_in
 from phalanx.mission.observable import LONGEST_S

@@ -11,7 +11,7 @@ import zlib
 import numpy as np
 
 from phalanx.errors import PeerError
-from phalanx.mission.file.reader import Reader
+from phalanx.mission.file.canonical import Reader
 from phalanx.mission.walk.found import Claim, parse_claim
 from phalanx.wire.table import KEPT, KEPT_CLAIM, RANGE
 

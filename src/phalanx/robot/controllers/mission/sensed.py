@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from phalanx.mission import Landmark
-from phalanx.mission.file.reader import Reader, text_of
+from phalanx.mission.file.canonical import Reader, text_of
 from phalanx.mission.landmarks.codepose import Intrinsics, Mount, code_pose, qr_landmark
 from phalanx.mission.landmarks.codes import PART_PX, SeenCode
 from phalanx.wire.missions import OF_CODE, OF_READING, SEEN_CODE, SENSED

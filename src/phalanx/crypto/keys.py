@@ -1,4 +1,4 @@
-"""Bytes that only who knows a passphrase can read: AES-256-GCM under a key that scrypt makes of it."""
+"""Keys: derived from a secret (HKDF) or a passphrase (scrypt), held so that printing is harmless, kept under a lock."""
 
 from __future__ import annotations
 
@@ -6,19 +6,47 @@ import base64
 import binascii
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.ciphers.aead import AESGCM
+from cryptography.hazmat.primitives.hashes import SHA256
+from cryptography.hazmat.primitives.kdf.hkdf import HKDF
 
 from phalanx.errors import NotAuthentic, PeerError
-
-from .scrypt import scrypt
 
 FORM = "phalanx keys, version 1"
 SALT_BYTES, NONCE_BYTES, KEY_BYTES = 16, 12, 32
 LOG2_N, R = 17, 8  # 128 MiB, and some tenths of a second, for each guess
 LIMIT = 1 << 20  # bytes of a sealed text
+
+
+@dataclass(frozen=True, slots=True, repr=False, eq=False)  # not a bytes subclass: str() of one prints the bytes
+class Key:
+    """32 bytes of AES-256 key, and the cipher made of them once: making it costs as much as a short message."""
+
+    raw: bytes
+    cipher: AESGCM = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cipher", AESGCM(self.raw))
+
+    def __repr__(self) -> str:
+        return "<Key>"  # no fingerprint: a key derived from a short pin could be searched for
+
+
+def hkdf_sha256(secret: bytes, info: bytes, length: int) -> bytes:
+    """Return `length` bytes derived from `secret` for the purpose `info`, without salt. Source: RFC 5869."""
+    return HKDF(algorithm=SHA256(), length=length, salt=None, info=info).derive(secret)
+
+
+def scrypt(password: bytes, salt: bytes, *, log2_n: int, r: int, length: int) -> bytes:
+    """Return `length` bytes derived from `password`, at a cost of 128 * r * 2^log2_n bytes of memory, passed twice.
+
+    Source: RFC 7914, p = 1.
+    """
+    n = 1 << log2_n
+    return hashlib.scrypt(password, salt=salt, n=n, r=r, p=1, maxmem=256 * r * n + (1 << 20), dklen=length)
 
 
 class Damaged(PeerError):
@@ -51,10 +79,9 @@ class Lock:
 
 
 def unlock(text: bytes, passphrase: str) -> tuple[Lock, bytes]:
-    """The lock that a text was sealed with, and what it says.
+    """Return the lock that a text was sealed with, and what it says; its form is checked before scrypt is run.
 
-    Size, form and checksum are looked at before scrypt is run. Raises: Damaged: it is none, or was changed;
-    NotAuthentic: the passphrase is another.
+    Raises: Damaged: it is none, or was changed. NotAuthentic: the passphrase is another.
     """
     whole = _whole(text)
     salt, rest = whole[:SALT_BYTES], whole[SALT_BYTES:]

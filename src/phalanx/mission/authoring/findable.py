@@ -1,7 +1,9 @@
-"""Which landmarks of a floor plan a lidar truly shows, and where: what no robot would find is not worth a node.
+"""Which landmarks robots find: those that a lidar truly shows, and that stand far from whatever looks the same.
 
-A map's corner may be a step of its grid, hide behind a cupboard, or lie a hand's breadth from where a scan puts it. So
-each landmark is looked at from places around it, with the lidar and the extraction that robots have.
+A robot holds hashes and no map: that there is a second pillar half a metre on, it cannot know. Whoever compiles the
+mission knows the building, and says of each landmark how far it stands alone. And a map's corner may be a step of its
+grid, hide behind a cupboard, or lie a hand's breadth from where a scan puts it. So each landmark is looked at from
+places around it, with the lidar and the extraction that robots have.
 """
 
 from __future__ import annotations
@@ -16,10 +18,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.config.lidar import LidarConfig
-from phalanx.mission.landmarks import FloorPlan, Site, extract
+from phalanx.config.mission import MissionConfig
+from phalanx.mission.graph import Mission, Node
+from phalanx.mission.landmarks import FloorPlan, Site, extract, look_alikes_of
 from phalanx.mission.landmarks.lidar import Lidar
-from phalanx.mission.observable import HALF_TURN_TYPES, Landmark
+from phalanx.mission.observable import HALF_TURN_TYPES, UNTOLD_M, Landmark, Observable, number_or_nan
+from phalanx.mission.walk.finding import MIDDLE_M
 
+Rows = np.ndarray[tuple[int, int], np.dtype[np.float64]]
+
+Pose = tuple[float, float, float]
+# Orientations that differ by less may be taken for one another: two bins of headings.
+ALIKE_RAD = math.radians(30)
+# What is nearer is the same thing, drawn twice, or seen at two places of a ragged map: the walker takes it for one too.
+SAME_M = MissionConfig().agree_m / 2
 # A landmark is looked at from places so far away, in so many directions, and from no more than so many of them.
 AWAY_M = (0.8, 1.5, 2.5, 4.0, 6.0)
 DIRECTIONS, LOOKS = 12, 24
@@ -30,15 +42,95 @@ ROOM_M = 0.3  # that a robot needs around such a place
 NEAR_M, TURNED_RAD = 0.2, math.radians(10)
 # Seen from so many of those places, and from so many of these within so much of its middle place, it is a landmark.
 SEEN_SHARE, SEEN_LEAST, STEADY_SHARE, STEADY_M = 0.3, 3, 0.85, 0.1
-Pose = tuple[float, float, float]
+
+
+def apart_in(plan: FloorPlan, mission: Mission) -> Mission:
+    """The mission in a building that is known."""
+    return told_apart(mission, look_alikes_of(plan))
+
+
+def told_apart(mission: Mission, look_alikes: Iterable[Landmark] | None = None) -> Mission:
+    """Return the mission whose landmarks say how far it is to the next thing that looks the same.
+
+    `look_alikes` is what else robots see in the building. Where nobody knows (None), what landmarks say already holds,
+    or UNTOLD_M, but for codes, which have a text of their own.
+    """
+    own = [thing for node in mission.nodes for alias in node.see for thing in alias if isinstance(thing, Landmark)]
+    tables = _tables((*own, *(look_alikes or ())))
+
+    def seen(thing: Observable) -> Observable:
+        if not isinstance(thing, Landmark):
+            return thing
+        is_told = look_alikes is not None or thing.text is not None
+        told = math.inf if is_told and thing.apart_m == UNTOLD_M else thing.apart_m
+        return replace(thing, apart_m=min(told, _apart_m(thing, tables[thing.type, thing.text])))
+
+    def of(node: Node) -> Node:
+        return replace(node, see=tuple(tuple(seen(thing) for thing in alias) for alias in node.see))
+
+    return replace(mission, nodes=tuple(of(node) for node in mission.nodes))
+
+
+def alone(landmarks: Iterable[Landmark], others: Iterable[Landmark], least_m: float) -> list[Landmark]:
+    """Those of the landmarks that stand at least so far from whatever looks the same, among them or the others."""
+    landmarks = list(landmarks)
+    tables = _tables((*landmarks, *others))
+    return [each for each in landmarks if _apart_m(each, tables[each.type, each.text]) >= least_m]
+
+
+def once(landmarks: Iterable[Landmark]) -> list[Landmark]:
+    """The landmarks without those that are the same thing as one before: robots know it by the first name it has."""
+    kept: dict[tuple[str, str | None], list[Landmark]] = {}
+    for each in landmarks:
+        same = kept.setdefault((each.type, each.text), [])
+        if not any(_is_same(each, other) for other in same):
+            same.append(each)
+    return [each for alike in kept.values() for each in alike]
+
+
+def is_written_twice(one: Landmark, other: Landmark) -> bool:
+    """Whether these are the same thing, at two places: who knows the one takes the other for it, and never finds it."""
+    alike = (one.type, one.text) == (other.type, other.text) and _is_same(one, other)
+    return alike and math.hypot(one.x_m - other.x_m, one.y_m - other.y_m) > MIDDLE_M
+
+
+def _is_same(one: Landmark, other: Landmark) -> bool:
+    return _is_near(one, other, SAME_M, ALIKE_RAD)
+
+
+def _is_near(one: Landmark, other: Landmark, most_m: float, most_rad: float) -> bool:
+    """Return True if two landmarks are so near, and turned so little where both have an orientation."""
+    if math.hypot(one.x_m - other.x_m, one.y_m - other.y_m) > most_m:
+        return False
+    return one.orientation_rad is None or other.orientation_rad is None or abs(_turn_between(one, other)) <= most_rad
+
+
+def _turn_between(one: Landmark, other: Landmark) -> float:
+    """Return the turn from one landmark's orientation to the other's; none counts as 0."""
+    full = math.pi if one.type in HALF_TURN_TYPES else math.tau
+    return math.remainder((other.orientation_rad or 0.0) - (one.orientation_rad or 0.0), full)
+
+
+def _tables(landmarks: Iterable[Landmark]) -> dict[tuple[str, str | None], Rows]:
+    """(n, 3) for each kind and text: places and orientations."""
+    rows: dict[tuple[str, str | None], list[tuple[float, float, float]]] = {}
+    for each in landmarks:
+        row = (each.x_m, each.y_m, number_or_nan(each.orientation_rad))
+        rows.setdefault((each.type, each.text), []).append(row)
+    return {kind: np.array(table, np.float64) for kind, table in rows.items()}
+
+
+def _apart_m(landmark: Landmark, rows: Rows) -> float:
+    away = np.hypot(rows[:, 0] - landmark.x_m, rows[:, 1] - landmark.y_m)
+    full = math.pi if landmark.type in HALF_TURN_TYPES else math.tau
+    turn = rows[:, 2] - number_or_nan(landmark.orientation_rad)
+    turned = np.abs(turn - full * np.round(turn / full)) > ALIKE_RAD  # not so where one has no orientation
+    rivals = away[(away > SAME_M) & ~turned]
+    return float(rivals.min()) if len(rivals) else math.inf
 
 
 class Looks:
-    """What robots' lidar and extraction show in a building, without the noise, which is the robots' to bear.
-
-    Args:
-        as_drawn: the dust of a map stands there too.
-    """
+    """What robots' lidar and extraction show in a building, without noise; `as_drawn`, with the dust of its map."""
 
     def __init__(self, plan: FloorPlan, lidar: LidarConfig | None = None, *, as_drawn: bool = False) -> None:
         lidar = lidar or LidarConfig()
@@ -156,19 +248,11 @@ def _before(eye: tuple[float, float], place: tuple[float, float]) -> tuple[float
 
 
 def _is(found: Landmark, truth: Landmark) -> bool:
-    if found.type != truth.type or _away(found, truth) > NEAR_M:
-        return False
-    if found.orientation_rad is None or truth.orientation_rad is None:
-        return True
-    full = math.pi if truth.type in HALF_TURN_TYPES else math.tau
-    return abs(math.remainder(found.orientation_rad - truth.orientation_rad, full)) <= TURNED_RAD
+    return found.type == truth.type and _is_near(found, truth, NEAR_M, TURNED_RAD)
 
 
 def _as_seen(alias: Landmark, looks: Sequence[Sequence[Landmark]]) -> Landmark | None:
-    """The alias where most looks show it; None where they do not agree, or none does.
-
-    Where a ragged map shows it at two places, it is between them.
-    """
+    """Return the alias where most looks show it, or between two such places; None where they do not agree."""
     places = np.array([_nearest(alias, look) for look in looks if any(_is(found, alias) for found in look)])
     if not len(places):
         return None
@@ -187,12 +271,6 @@ def _is_steady(places: NDArray[np.float64], middle: NDArray[np.float64]) -> bool
 
 def _nearest(alias: Landmark, look: Sequence[Landmark]) -> tuple[float, float, float]:
     """(x, y, turn from the alias's orientation) of what is nearest to it among those that are it."""
-
-    def rows() -> Iterator[tuple[float, float, float, float]]:
-        full = math.pi if alias.type in HALF_TURN_TYPES else math.tau
-        for found in look:
-            if _is(found, alias):
-                turn = math.remainder((found.orientation_rad or 0.0) - (alias.orientation_rad or 0.0), full)
-                yield _away(found, alias), found.x_m, found.y_m, turn
-
-    return min(rows())[1:]
+    found = (each for each in look if _is(each, alias))
+    rows = ((_away(each, alias), each.x_m, each.y_m, _turn_between(alias, each)) for each in found)
+    return min(rows)[1:]
