@@ -10,19 +10,16 @@ import csv
 import importlib.resources
 from collections.abc import Callable, Iterable
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.experiments.plot import Axes
 from phalanx.experiments.statement import Statement, band
 from phalanx.experiments.table import Rows, Table
 from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 COLUMNS = (
     "app_bytes_per_s",  # sent, of the flock's own

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from phalanx.config import BtiConfig
-from phalanx.experiments.plot import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, legend_above
+from phalanx.experiments.plot import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, Picture, legend_above
 from phalanx.experiments.statement import Statement, quantiles
 from phalanx.experiments.table import Rows, Table, seed_of
 from phalanx.scenarios.scenario import Scenario
@@ -26,9 +25,6 @@ from .costs import (
     paper,
     paper_stored_bytes,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Picture
 
 __all__ = ["COLUMNS", "cases", "compare", "draw", "measure_case", "origin"]
 

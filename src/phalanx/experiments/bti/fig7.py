@@ -6,13 +6,12 @@ f_max is 2: at 64 m a robot in the corner hears three others, and three tokens k
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.config import BtiConfig
-from phalanx.experiments.plot import BLUE, GREEN, ORANGE, VERMILION, legend_above
+from phalanx.experiments.plot import BLUE, GREEN, ORANGE, VERMILION, Picture, legend_above
 from phalanx.experiments.statement import Statement
 from phalanx.experiments.table import Rows, Table, seed_of
 from phalanx.scenarios.scenario import Scenario
@@ -29,9 +28,6 @@ from .costs import (
     paper_log_bytes_per_s,
     paper_stored_bytes,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Picture
 
 __all__ = ["COLUMNS", "cases", "compare", "draw", "measure_case", "origin"]
 

@@ -10,23 +10,19 @@ import importlib.resources
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.errors import UsageError
-from phalanx.experiments.plot import BLUE, GREEN, GREY, VERMILION, banded, draw_obstacles, legend_above
+from phalanx.experiments.plot import BLUE, GREEN, GREY, VERMILION, Axes, Picture, banded, draw_obstacles, legend_above
 from phalanx.experiments.statement import Statement
 from phalanx.experiments.table import Rows, Table
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.play import ctrl_c_between_steps
 from phalanx.sim.scenarios.run import Run
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as Picture
 
 CASES = ("honest", "attacked")
 COLUMNS = ("t_s", "robot", "state", "x_m", "y_m")

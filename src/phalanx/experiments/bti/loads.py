@@ -8,18 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from phalanx.experiments.plot import BLUE, VERMILION
+from phalanx.experiments.plot import BLUE, VERMILION, Picture
 from phalanx.experiments.statement import Statement
 from phalanx.experiments.table import Rows, Table
 
 from .counted import TARGETS, instructions, milliseconds
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Picture
 
 # Where the bus is all of it, framing may be a little more than in the paper.
 NEAR = 1.05

@@ -4,16 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
-from phalanx.experiments.plot import BLUE, VERMILION, legend_above
+from phalanx.experiments.plot import BLUE, VERMILION, Axes, Picture, legend_above
 from phalanx.experiments.table import Table
 
 from .fig4_table import KINDS, PAPER, SLOW_MS, Kind, Packets, Row, Summary, is_slow, packets, summarize
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as Picture
 
 COLOUR: dict[Kind, str] = {"plain": BLUE, "sealed": VERMILION}
 SHAPE: dict[Kind, str] = {"plain": "s", "sealed": "D"}

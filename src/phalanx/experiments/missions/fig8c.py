@@ -16,7 +16,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from phalanx.arrays import U64x1, U64x2
 from phalanx.config.mission import MissionConfig
 from phalanx.errors import Unavailable
-from phalanx.experiments.plot import BLUE, VERMILION, boxes
+from phalanx.experiments.plot import BLUE, VERMILION, Picture, boxes
 from phalanx.experiments.statement import Statement
 from phalanx.experiments.table import Rows, Table, seed_of
 from phalanx.mission import Experience
@@ -36,9 +36,6 @@ from phalanx.mission.walk.search import Budget
 from phalanx.mission.walk.search_paper import PaperSearch
 
 from .drive import encoded, record
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Picture
 
 GRIDS_MM = (400, 200, 100, 50, 25)
 # (2 rings + 1)^2 for ±0.5 m, Encoded graphs §VI-B.

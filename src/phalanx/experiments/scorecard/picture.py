@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from phalanx.config.defence import DEFENCES
-from phalanx.experiments.plot import BLUE, ORANGE, VERMILION, blank, finish, legend_above
+from phalanx.experiments.plot import BLUE, ORANGE, VERMILION, Axes, blank, finish, legend_above
 
 from .card import Line
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 COLOURS: dict[str, str] = dict(zip(DEFENCES, (VERMILION, ORANGE, BLUE), strict=True))
 WORDS: dict[str, str] = dict(zip(DEFENCES, ("no defence", "as the paper prints it", "ours (bound)"), strict=True))
