@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from phalanx.experiments.bti import counted, loads
-from phalanx.experiments.library import FIGURES
+from phalanx.experiments.figure import FIGURES
 from phalanx.experiments.plot import draw
 from phalanx.experiments.statement import report
 from phalanx.experiments.table import measure, read_table

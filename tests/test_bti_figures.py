@@ -30,8 +30,7 @@ from phalanx.experiments.bti.flock import (
     read_reference,
     runs_of,
 )
-from phalanx.experiments.figure import Figure
-from phalanx.experiments.library import FIGURES
+from phalanx.experiments.figure import FIGURES, Figure
 from phalanx.experiments.plot import draw
 from phalanx.experiments.statement import band, last_line
 from phalanx.experiments.table import Head, TableFile, measure, read_table

@@ -18,7 +18,7 @@ import pytest
 
 from conftest import bare_mosquitto, child, eventually
 from phalanx.errors import Unavailable, UsageError
-from phalanx.experiments.library import FIGURES
+from phalanx.experiments.figure import FIGURES
 from phalanx.experiments.link.fig4 import CSV_NAME, Config, make_packet, measure
 from phalanx.experiments.link.fig4_table import KINDS, PAPER, Row, cells, head, packets, summarize
 from phalanx.experiments.plot import draw

@@ -16,8 +16,7 @@ from pyarrow import parquet
 
 from conftest import PHALANX
 from phalanx.errors import Unavailable, UsageError
-from phalanx.experiments.figure import Figure
-from phalanx.experiments.library import FIGURES
+from phalanx.experiments.figure import FIGURES, Figure
 from phalanx.experiments.sweep import dealing
 from phalanx.experiments.sweep.cluster import run_job
 from phalanx.experiments.sweep.dealing import deal_cases

@@ -10,7 +10,7 @@ from phalanx.experiments.scorecard.bout import OUTCOME, run_bout
 from phalanx.experiments.scorecard.card import Line, lines, write_csv
 from phalanx.experiments.scorecard.picture import draw_card
 from phalanx.experiments.scorecard.plan import Card, absolute
-from phalanx.experiments.version import version
+from phalanx.experiments.table import version
 
 from .sim import told
 from .sweep import make_runs

@@ -25,8 +25,7 @@ from typing import Any
 from phalanx.config import LinkConfig
 from phalanx.crypto import IV_BYTES
 from phalanx.errors import OpenError, Unavailable, UsageError
-from phalanx.experiments.table import TableFile
-from phalanx.experiments.version import version
+from phalanx.experiments.table import TableFile, version
 from phalanx.io import Login
 from phalanx.io.broker import RunningBroker, open_broker
 from phalanx.io.connection import Connection

@@ -18,8 +18,7 @@ from typing import Any
 
 from phalanx.errors import PhalanxError, Unavailable, UsageError
 from phalanx.experiments.figure import Figure
-from phalanx.experiments.table import EachCase
-from phalanx.experiments.version import version
+from phalanx.experiments.table import EachCase, version
 from phalanx.sim.signals import handled_by
 
 SWEEP_HINT = "pip install 'phalanx-swarm[sweep]'"
