@@ -128,10 +128,10 @@ _FIGURES = (
         size_in=(12.0, 8.6),
     ),
     _flock(
-        "bti-fig8", "bti.fig8:FLOCK", "One robot lies and nobody stops it: the flock stays away (RoboRebound Fig. 8)"
+        "bti-fig8", "bti.one_liar:FIG8", "One robot lies and nobody stops it: the flock stays away (RoboRebound Fig. 8)"
     ),
     _flock(
-        "bti-fig9", "bti.fig9:FLOCK", "One robot lies and the others stop it: the flock arrives (RoboRebound Fig. 9)"
+        "bti-fig9", "bti.one_liar:FIG9", "One robot lies and the others stop it: the flock arrives (RoboRebound Fig. 9)"
     ),
     Figure(
         "mission-fig8a",

@@ -11,6 +11,7 @@ A crash or a full disk may cut the end short: that is ignored when reading, and 
 
 from __future__ import annotations
 
+import csv
 import fcntl
 import json
 import os
@@ -18,6 +19,7 @@ import shutil
 import subprocess
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, Self
 
@@ -186,6 +188,12 @@ def version() -> str:
     except (OSError, subprocess.SubprocessError):
         return __version__
     return f"{__version__} ({found.stdout.strip()})"
+
+
+def read_data(name: str) -> list[dict[str, str]]:
+    """Return the rows of a CSV that comes with the package, without the comments it begins with."""
+    lines = (files("phalanx") / "data" / name).read_text().splitlines()
+    return list(csv.DictReader(line for line in lines if not line.startswith("#")))
 
 
 def by_seed(seeds: int) -> list[str]:
