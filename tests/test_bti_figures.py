@@ -16,7 +16,7 @@ import phalanx
 from phalanx.errors import UsageError
 from phalanx.experiments.bti import flock as bti_flock
 from phalanx.experiments.bti import one_liar
-from phalanx.experiments.bti.attack_trial import FlockTrial, Stop, stop_bound_s, try_attack
+from phalanx.experiments.bti.attack_trial import FlockTrial, Stop, said_of, stop_bound_s, try_attack
 from phalanx.experiments.bti.flock import (
     COLUMNS,
     HONEST,
@@ -33,7 +33,6 @@ from phalanx.experiments.figure import FIGURES, Figure
 from phalanx.experiments.plot import draw
 from phalanx.experiments.statement import band, last_line
 from phalanx.experiments.table import Head, TableFile, measure, read_table
-from phalanx.experiments.trial import said_of
 from phalanx.robot.attacks import ATTACKS
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario

@@ -12,14 +12,11 @@ import pytest
 
 from phalanx.cli import scorecard as command
 from phalanx.errors import UsageError
-from phalanx.experiments.bti.attack_trial import FlockTrial, Stop
+from phalanx.experiments.bti.attack_trial import FlockTrial, Stop, said_of
 from phalanx.experiments.scorecard import bout as bouts
-from phalanx.experiments.scorecard.bout import OUTCOME, run_bout
-from phalanx.experiments.scorecard.card import lines
-from phalanx.experiments.scorecard.picture import draw_card
+from phalanx.experiments.scorecard.bout import OUTCOME, drive, run_bout, try_on_wheels
+from phalanx.experiments.scorecard.card import draw_card, lines
 from phalanx.experiments.scorecard.plan import AT_S, COMMON, MISSIONS, known_protocols, scorecard_plan
-from phalanx.experiments.scorecard.wheels import drive, try_on_wheels
-from phalanx.experiments.trial import said_of
 from phalanx.robot.attacks import ATTACKS, IN_FLOCKS
 from phalanx.scenarios.own import find_attack
 from phalanx.scenarios.scenario import in_scenarios

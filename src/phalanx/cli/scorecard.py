@@ -7,8 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from phalanx.experiments.scorecard.bout import OUTCOME, run_bout
-from phalanx.experiments.scorecard.card import Line, lines, write_csv
-from phalanx.experiments.scorecard.picture import draw_card
+from phalanx.experiments.scorecard.card import Line, draw_card, lines, write_csv
 from phalanx.experiments.scorecard.plan import absolute, scorecard_plan
 from phalanx.experiments.table import version
 

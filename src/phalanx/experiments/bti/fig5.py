@@ -13,7 +13,7 @@ from phalanx.experiments.statement import Statement, quantiles
 from phalanx.experiments.table import Rows, Table, by_seed
 from phalanx.wire.table import HASH_BYTES, KEY_BYTES
 
-from .counted import TARGETS, counts, instructions, milliseconds
+from .loads import TARGETS, counts, instructions, milliseconds
 
 __all__ = ["COLUMNS", "cases", "compare", "draw", "measure_case"]
 
