@@ -25,8 +25,7 @@ from pathlib import Path
 from phalanx.config.defence import DEFENCES
 from phalanx.errors import PhalanxError
 from phalanx.experiments.bti.attack_trial import airtime_since, sent, stop_bound_s
-from phalanx.experiments.table import Head, TableFile
-from phalanx.experiments.version import version
+from phalanx.experiments.table import Head, TableFile, version
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.robot.attacks.liar import Liar
 from phalanx.scenarios.attack_spec import AttackSpec

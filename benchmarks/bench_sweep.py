@@ -20,7 +20,7 @@ from pathlib import Path
 
 from rows import Row, print_table
 
-from phalanx.experiments.sweep.cluster import run_sweep
+from phalanx.experiments.sweep.dealing import run_sweep
 from phalanx.experiments.sweep.plan import read_sweep
 from phalanx.experiments.sweep.store import Store
 

@@ -33,8 +33,7 @@ from phalanx.config import BtiConfig
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import PhalanxError, UsageError
 from phalanx.experiments.bti.attack_trial import Sent, airtime_since
-from phalanx.experiments.table import Head, TableFile
-from phalanx.experiments.version import version
+from phalanx.experiments.table import Head, TableFile, version
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.robot.attacks.liar import Liar
 from phalanx.scenarios.attack_spec import AttackSpec

@@ -9,7 +9,7 @@ import pytest
 
 from phalanx.experiments.bti import costs, fig2, fig6, fig7
 from phalanx.experiments.bti.flock import HONEST, LIAR, FlockRun, FlockRuns
-from phalanx.experiments.library import FIGURES
+from phalanx.experiments.figure import FIGURES
 from phalanx.experiments.plot import draw
 from phalanx.experiments.table import Head, Table, TableFile
 from phalanx.scenarios.scenario import Scenario

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from phalanx.experiments.bti import counted, loads
-from phalanx.experiments.library import FIGURES
+from phalanx.experiments.bti import loads
+from phalanx.experiments.figure import FIGURES
 from phalanx.experiments.plot import draw
 from phalanx.experiments.statement import report
 from phalanx.experiments.table import measure, read_table
@@ -22,7 +22,7 @@ def figure(request, tmp_path):
 def test_fig5_has_the_paper_s_two_points_and_this_machine_s_times(figure):
     made, csv, (mac, hashed, *host) = figure
     assert (mac["paper"], mac["agrees"], hashed["paper"], hashed["agrees"]) == ("5.36", True, "0.144", False)
-    cycles = counted.instructions("cortex-m3", "mac", "39")
+    cycles = loads.instructions("cortex-m3", "mac", "39")
     assert mac["ours"].startswith(f"{cycles / 50e3:.3f} Cortex-M3")
     assert all(float(row["ours"].split()[0]) > 0 for row in host)
     assert all(path.stat().st_size > 10_000 for path in draw(csv, made))
@@ -52,4 +52,4 @@ def test_a_load_is_time_on_the_bus_and_instructions_so_and_so_often():
     assert call.bus_ms == pytest.approx((54 + 8 + 16) * 10 / 2e6 * 1000)
     table = loads.Loads((call,))
     rows = table.measure_case("issueToken", lambda _share: None)[0]
-    assert rows[2] == counted.instructions("cortex-m3", "calls", "issueToken")
+    assert rows[2] == loads.instructions("cortex-m3", "calls", "issueToken")

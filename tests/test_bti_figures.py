@@ -14,10 +14,9 @@ import pytest
 
 import phalanx
 from phalanx.errors import UsageError
-from phalanx.experiments.bti import fig8 as bti_fig8
-from phalanx.experiments.bti import fig9 as bti_fig9
 from phalanx.experiments.bti import flock as bti_flock
-from phalanx.experiments.bti.attack_trial import FlockTrial, Stop, stop_bound_s, try_attack
+from phalanx.experiments.bti import one_liar
+from phalanx.experiments.bti.attack_trial import FlockTrial, Stop, said_of, stop_bound_s, try_attack
 from phalanx.experiments.bti.flock import (
     COLUMNS,
     HONEST,
@@ -30,12 +29,10 @@ from phalanx.experiments.bti.flock import (
     read_reference,
     runs_of,
 )
-from phalanx.experiments.figure import Figure
-from phalanx.experiments.library import FIGURES
+from phalanx.experiments.figure import FIGURES, Figure
 from phalanx.experiments.plot import draw
 from phalanx.experiments.statement import band, last_line
 from phalanx.experiments.table import Head, TableFile, measure, read_table
-from phalanx.experiments.trial import said_of
 from phalanx.robot.attacks import ATTACKS
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
@@ -64,7 +61,7 @@ class SmallFlock(Flock):
 SMALL_FIGURE = Figure(
     name="bti-fig9",
     about="small",
-    made_by=SmallFlock(name="bti-fig9", reference=bti_fig9.FLOCK.reference, find=bti_fig9.compare_runs),
+    made_by=SmallFlock(name="bti-fig9", reference=one_liar.FIG9.reference, find=one_liar.compare_stopped),
 )
 
 
@@ -246,7 +243,7 @@ class TestComparison:
     """On tables made by hand, so that each statement is seen to agree and to disagree."""
 
     def fig8(self, honest=1.0, attacked=1.0, safe_s=None, contacts=0):
-        return bti_fig8.compare_runs(
+        return one_liar.compare_unstopped(
             table_of(
                 *(flock_run("honest", seed, as_reference("honest") * honest, contacts=contacts) for seed in range(3)),
                 *(
@@ -259,7 +256,7 @@ class TestComparison:
     def fig9(self, apart_m=0.0, safe_s=24.0, wronged=(), alone=()):
         more = {"correct_in_safe_mode": list(wronged), "without_quorum": list(alone)}
         honest = as_reference("stopped_at_25s")
-        return bti_fig9.compare_runs(
+        return one_liar.compare_stopped(
             table_of(
                 *(flock_run("honest", seed, honest) for seed in range(3)),
                 *(

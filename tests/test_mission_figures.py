@@ -9,8 +9,7 @@ import pytest
 
 from phalanx.crypto.sha3 import Targets, find, padded, sha3_256
 from phalanx.errors import UsageError
-from phalanx.experiments.figure import Figure
-from phalanx.experiments.library import FIGURES
+from phalanx.experiments.figure import FIGURES, Figure
 from phalanx.experiments.missions import fig8a as mission_fig8a
 from phalanx.experiments.missions import fig8c as mission_fig8c
 from phalanx.experiments.missions import fig9 as mission_fig9

@@ -14,7 +14,7 @@ import pytest
 
 from conftest import ROOT
 from phalanx.errors import KernelDefect, OutsideSubset, OwnDefect, UsageError
-from phalanx.experiments.sweep.cluster import run_sweep
+from phalanx.experiments.sweep.dealing import run_sweep
 from phalanx.experiments.sweep.plan import read_sweep
 from phalanx.experiments.sweep.store import Store
 from phalanx.robot.controllers import dispatch, own_kernels

@@ -10,10 +10,8 @@ import pytest
 
 from phalanx.cli import reproduce
 from phalanx.errors import Unavailable
-from phalanx.experiments.figure import Figure
-from phalanx.experiments.library import FIGURES
-from phalanx.experiments.page import NOT_MEASURED
-from phalanx.experiments.statement import Statement
+from phalanx.experiments.figure import FIGURES, Figure
+from phalanx.experiments.statement import NOT_MEASURED, Statement
 from phalanx.experiments.table import by_seed, read_table
 
 WORDS = ("reproduce", "all", "--quick")

@@ -12,14 +12,11 @@ import pytest
 
 from phalanx.cli import scorecard as command
 from phalanx.errors import UsageError
-from phalanx.experiments.bti.attack_trial import FlockTrial, Stop
+from phalanx.experiments.bti.attack_trial import FlockTrial, Stop, said_of
 from phalanx.experiments.scorecard import bout as bouts
-from phalanx.experiments.scorecard.bout import OUTCOME, run_bout
-from phalanx.experiments.scorecard.card import lines
-from phalanx.experiments.scorecard.picture import draw_card
-from phalanx.experiments.scorecard.plan import AT_S, COMMON, MISSIONS, Card, known_protocols
-from phalanx.experiments.scorecard.wheels import drive, try_on_wheels
-from phalanx.experiments.trial import said_of
+from phalanx.experiments.scorecard.bout import OUTCOME, drive, run_bout, try_on_wheels
+from phalanx.experiments.scorecard.card import draw_card, lines
+from phalanx.experiments.scorecard.plan import AT_S, COMMON, MISSIONS, known_protocols, scorecard_plan
 from phalanx.robot.attacks import ATTACKS, IN_FLOCKS
 from phalanx.scenarios.own import find_attack
 from phalanx.scenarios.scenario import in_scenarios
@@ -30,7 +27,7 @@ SHORT_S = 24.0
 
 class TestPlan:
     def test_every_attack_is_tried_wherever_it_can_be_under_every_defence_and_seed(self):
-        jobs = list(Card((), (), 2).jobs)
+        jobs = list(scorecard_plan((), (), 2).jobs)
         tried = {(dict(job.point)["protocol"], job.attack) for job in jobs}
         assert {attack for _, attack in tried} == set(ATTACKS)
         assert {protocol for protocol, _ in tried} == {*in_scenarios(), "wheels", *MISSIONS}
@@ -43,7 +40,7 @@ class TestPlan:
         assert [job.seed for job in jobs] == sorted(job.seed for job in jobs), "stopped, it is a smaller scorecard"
 
     def test_each_protocol_is_tried_in_a_scenario_of_its_own_with_time_to_stop_a_liar(self):
-        for job in Card(("hijack",), tuple(in_scenarios()), 1).jobs:
+        for job in scorecard_plan(("hijack",), tuple(in_scenarios()), 1).jobs:
             assert job.scenario.controller == dict(job.point)["protocol"]
             assert job.scenario.attacks == ()
             bound_s = job.scenario.bti.stop_bound_ms(output_missing=True) / 1000
@@ -53,11 +50,11 @@ class TestPlan:
     def test_a_file_that_was_changed_makes_other_runs(self, tmp_path):
         own = tmp_path / "own.py"
         own.write_text(re.search(r"```python\n(.*?)\n\n\nliar =", PAGE.read_text(), re.DOTALL)[1])
-        card = Card((f"{own}:Brake",), ("flock",), 1)
+        card = scorecard_plan((f"{own}:Brake",), ("flock",), 1)
         first = [job.key for job in card.jobs]
         assert [dict(job.point)["attack"] for job in card.jobs] == ["own.py:Brake"] * 3
         own.write_text(own.read_text() + "\n")
-        again = [job.key for job in Card((f"{own}:Brake",), ("flock",), 1).jobs]
+        again = [job.key for job in scorecard_plan((f"{own}:Brake",), ("flock",), 1).jobs]
         assert not set(first) & set(again)
 
     @pytest.mark.parametrize(
@@ -72,7 +69,7 @@ class TestPlan:
     )
     def test_a_mistake_is_one_line(self, attacks, protocols, told):
         with pytest.raises(UsageError, match=told):
-            list(Card(attacks, protocols, 1).jobs)
+            list(scorecard_plan(attacks, protocols, 1).jobs)
 
 
 STOPPED_IN_TIME = (Stop(1, 12.0, 20.0),)
@@ -105,7 +102,7 @@ class TestBout:
     def small(self, monkeypatch):
         def small(name, defence):
             monkeypatch.setattr(bouts, "AT_S", 5.0)
-            (job,) = (each for each in Card((name,), ("flock",), 1).jobs if each.defence == defence)
+            (job,) = (each for each in scorecard_plan((name,), ("flock",), 1).jobs if each.defence == defence)
             return replace(job, scenario=replace(job.scenario, robots=6, duration_s=SHORT_S))
 
         return small
@@ -126,7 +123,9 @@ class TestBout:
         assert (bouts._honest.cache_info().misses, bouts._honest.cache_info().hits) == (1, 1)
 
     def test_on_wheels_a_liar_is_stopped_in_time_and_nobody_else(self):
-        bare, kept = (run_bout(job) for job in Card(("hijack",), ("wheels",), 1).jobs if job.defence != "paper")
+        bare, kept = (
+            run_bout(job) for job in scorecard_plan(("hijack",), ("wheels",), 1).jobs if job.defence != "paper"
+        )
         assert (bare["stopped"], bare["bound_s"], bare["deviated"]) == (0, None, 1)
         assert (kept["stopped"], kept["correct_stopped"], kept["missed"]) == (1, 0, "")
         assert 0 < kept["slowest_stop_s"] <= kept["bound_s"]
@@ -142,7 +141,7 @@ class TestBout:
             try_on_wheels(spec, "none", 0, 2.0)
 
     def test_a_mission_s_row_says_whether_its_verdict_was_kept(self):
-        for job in Card(("replay-day",), (), 1).jobs:
+        for job in scorecard_plan(("replay-day",), (), 1).jobs:
             row = run_bout(job)
             assert (row["missed"], row["stopped"]) == ("", int(job.defence == "bound"))
             assert row["harm"] == (0 if job.defence == "bound" else 2)

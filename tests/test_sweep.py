@@ -16,11 +16,9 @@ from pyarrow import parquet
 
 from conftest import PHALANX
 from phalanx.errors import Unavailable, UsageError
-from phalanx.experiments.figure import Figure
-from phalanx.experiments.library import FIGURES
+from phalanx.experiments.figure import FIGURES, Figure
 from phalanx.experiments.sweep import dealing
-from phalanx.experiments.sweep.cluster import run_job
-from phalanx.experiments.sweep.dealing import deal_cases
+from phalanx.experiments.sweep.dealing import deal_cases, run_job
 from phalanx.experiments.sweep.plan import read_sweep
 from phalanx.experiments.sweep.store import OUTCOME, Store, points
 from phalanx.experiments.table import read_table
@@ -89,7 +87,7 @@ class TestPlan:
     def test_it_is_every_point_under_every_seed_and_each_has_a_key_of_its_own(self, written):
         sweep = read_sweep(written(SMALL))
         jobs = sweep.jobs
-        assert len(jobs) == sweep.count == len({job.key for job in jobs}) == 12
+        assert len(jobs) == len({job.key for job in jobs}) == 12
         assert [job.scenario.seed for job in jobs[:4]] == [0, 1, 2, 0]
         assert {len(job.scenario.attacks) for job in jobs} == {0, 1}
         again = read_sweep(written(SMALL.replace("seeds: 3", "seeds: [2]"))).jobs
@@ -400,7 +398,7 @@ class TestCluster:
         assert dealt.kept == alone.kept
 
     def test_a_case_that_cannot_be_measured_leaves_the_others(self, tmp_path):
-        figure = Figure(name="of-nothing", about="a test", made_by="bti.fig9:FLOCK")
+        figure = Figure(name="of-nothing", about="a test", made_by="bti.one_liar:FIG9")
         each, told = deal_cases(None, 1), []
         with pytest.raises(Unavailable, match="1 of 2 failed, as no such case: ValueError"):
             told.extend(each(figure, ["no such case", "honest seed 0"], print))

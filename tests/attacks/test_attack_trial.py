@@ -9,8 +9,7 @@ import pytest
 from trials import AT_S, F_MAX, scenario
 
 from phalanx.errors import UsageError
-from phalanx.experiments.bti.attack_trial import Airtime, FlockTrial, Stop, airtime_since, sent, try_attack
-from phalanx.experiments.trial import said_of
+from phalanx.experiments.bti.attack_trial import Airtime, FlockTrial, Stop, airtime_since, said_of, sent, try_attack
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.run import Run

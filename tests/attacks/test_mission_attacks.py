@@ -10,9 +10,16 @@ import pytest
 
 from phalanx.cli.main import run_command
 from phalanx.config.defence import DEFENCES
-from phalanx.experiments.missions.attacked import ROBOT, Operator, honest_errand, plan_of, walk
 from phalanx.experiments.missions.errand import errand
-from phalanx.experiments.missions.trial import is_kept, try_mission_attack
+from phalanx.experiments.missions.trial import (
+    ROBOT,
+    Operator,
+    honest_errand,
+    is_kept,
+    plan_of,
+    try_mission_attack,
+    walk,
+)
 from phalanx.robot.attacks import ATTACKS, ON_MISSIONS
 from phalanx.robot.attacks.missions.between import Between
 from phalanx.robot.attacks.missions.body import Slip

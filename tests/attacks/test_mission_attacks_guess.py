@@ -8,9 +8,8 @@ import pytest
 
 from phalanx.config.defence import DEFENCES
 from phalanx.config.mission import CodingConfig
-from phalanx.experiments.missions.attacked import ROBOT, Operator, plan_of
 from phalanx.experiments.missions.errand import TOKEN, errand
-from phalanx.experiments.missions.trial import try_guess, try_mission_attack
+from phalanx.experiments.missions.trial import ROBOT, Operator, plan_of, try_guess, try_mission_attack
 from phalanx.mission import parse_start_key
 from phalanx.robot.attacks import ATTACKS, ON_MISSIONS
 

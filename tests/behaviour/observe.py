@@ -37,10 +37,9 @@ from phalanx.bti import trusted
 from phalanx.bti.fleet import PAPER, PLAIN
 from phalanx.cli.mission.files import read_plain
 from phalanx.config import BtiConfig
-from phalanx.experiments.missions.attacked import ROBOT, Operator, plan_of, walk
 from phalanx.experiments.missions.errand import errand
 from phalanx.experiments.missions.team import try_in_team
-from phalanx.experiments.missions.trial import try_mission_attack
+from phalanx.experiments.missions.trial import ROBOT, Operator, plan_of, try_mission_attack, walk
 from phalanx.mission import BuildOptions, Profile, build
 from phalanx.robot import Led, Point
 from phalanx.robot.attacks.library import ATTACKS

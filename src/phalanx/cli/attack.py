@@ -7,10 +7,9 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from phalanx.errors import UsageError, did_you_mean
-from phalanx.experiments.bti.attack_trial import Airtime, FlockTrial, Stop, try_attack
+from phalanx.experiments.bti.attack_trial import Airtime, FlockTrial, Stop, Trial, try_attack
 from phalanx.experiments.missions.team import TeamTrial, try_in_team
 from phalanx.experiments.missions.trial import MissionTrial, try_mission_attack
-from phalanx.experiments.trial import Trial
 from phalanx.robot.attacks.attack import Attack
 from phalanx.robot.attacks.library import ATTACKS
 from phalanx.robot.attacks.missions.harm import Guessed, Walked

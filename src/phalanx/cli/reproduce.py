@@ -10,14 +10,11 @@ from typing import Any
 import click
 
 from phalanx.errors import PhalanxError, Unavailable
-from phalanx.experiments.figure import Figure
-from phalanx.experiments.library import FIGURES
-from phalanx.experiments.page import Shown, page
+from phalanx.experiments.figure import FIGURES, Figure
 from phalanx.experiments.plot import draw
-from phalanx.experiments.statement import report
+from phalanx.experiments.statement import Shown, page, report
 from phalanx.experiments.sweep.dealing import deal_cases
-from phalanx.experiments.table import EachCase, Table, measure, one_by_one, read_table
-from phalanx.experiments.version import version
+from phalanx.experiments.table import EachCase, Table, measure, one_by_one, read_table, version
 from phalanx.io.private_file import write_whole
 
 from .login import read_login

@@ -7,10 +7,9 @@ from dataclasses import asdict
 from pathlib import Path
 
 from phalanx.experiments.scorecard.bout import OUTCOME, run_bout
-from phalanx.experiments.scorecard.card import Line, lines, write_csv
-from phalanx.experiments.scorecard.picture import draw_card
-from phalanx.experiments.scorecard.plan import Card, absolute
-from phalanx.experiments.version import version
+from phalanx.experiments.scorecard.card import Line, draw_card, lines, write_csv
+from phalanx.experiments.scorecard.plan import absolute, scorecard_plan
+from phalanx.experiments.table import version
 
 from .sim import told
 from .sweep import make_runs
@@ -34,9 +33,9 @@ def scorecard(
 ) -> int:
     """Makes the runs that are not there, and the table of all; 1 if it was stopped, a run failed, or `bound` missed."""
     with said_aside():
-        card = Card(tuple(map(absolute, attacks)), tuple(map(absolute, controllers)), seeds)
+        plan = scorecard_plan([*map(absolute, attacks)], [*map(absolute, controllers)], seeds)
     warn_if_nothing_is_drawn()
-    store, failed, stopped = make_runs(card, out, scheduler, workers, OUTCOME, run=run_bout)
+    store, failed, stopped = make_runs(plan, out, scheduler, workers, OUTCOME, run=run_bout)
     table = lines(store.rows())
     write_csv(out / NAME, table)
     if as_json:

@@ -1,13 +1,14 @@
-"""What a figure of a paper is: one record for each.
+"""The figures and tables of the papers that are reproduced here, one record each.
 
-What is measured, compared and drawn is a module of this package, and only its name stands here until somebody asks: the
-list of figures loads none of them. Rows go to a CSV (table.py), and the figure is drawn from the CSV alone (plot.py).
+The module that measures, compares and draws a figure is loaded when it is needed: only its name stands here. Rows go
+to a CSV (table.py), and the figure is drawn from the CSV alone (plot.py).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
+from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
@@ -19,7 +20,7 @@ MATPLOTLIB_HINT = "make setup, or pip install 'phalanx-swarm[reproduce]'"
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """What can be asked of a figure."""
+    """An option of a figure's command."""
 
     name: str  # as typed, without the dashes
     default: float | str  # of the type that it takes
@@ -32,11 +33,11 @@ SEEDS = Option("seeds", 20, "Runs of each case.", 1, 10_000)
 QUICK = {"seeds": 2}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Figure:
     """One figure or table of a paper.
 
-    What it is made by has `draw(table, picture)`, which draws into an empty picture and returns the footer or None.
+    Its `body` has `draw(table, picture)`, which draws into an empty picture and returns the footer or None.
     Most figures are measured case by case. Those have
 
     - `COLUMNS`;
@@ -49,12 +50,13 @@ class Figure:
     """
 
     name: str  # as typed, and of its files
-    about: str  # what it shows, one line with its place in the paper
-    made_by: Any  # what has that: a module of this package, "module:name" in one, or anything else
-    example: str = "--seeds 5"  # options that somebody may want
-    options: tuple[Option, ...] = (SEEDS,)  # what can be asked of it
-    quick: Mapping[str, float | str] = field(default_factory=lambda: QUICK)  # what is asked for a small form of it
-    has_login: bool = False  # whether it asks for a broker's login
+    made_by: Any  # its body: a module of this package, "module:name" in one, or anything else
+    about: str  # one line with its place in the paper
+    _: KW_ONLY
+    example: str = "--seeds 5"
+    options: tuple[Option, ...] = (SEEDS,)
+    quick: Mapping[str, float | str] = field(default_factory=lambda: QUICK)  # values of options with --quick
+    has_login: bool = False  # whether it takes a broker's login
     # Whether it measures how long something takes: then nothing may run beside it.
     alone: bool = False
     counted: str = "cases"  # what is counted while it is measured
@@ -62,21 +64,110 @@ class Figure:
 
     @property
     def body(self) -> Any:
-        """What it is made by."""
+        """The module or object that measures, compares and draws it."""
         return resolve_name(f"{__package__}.{self.made_by}") if isinstance(self.made_by, str) else self.made_by
 
     def csv(self, folder: Path) -> Path:
-        """Where its rows are."""
+        """Return the path of its rows."""
         return folder / f"{self.name}.csv"
 
     def asked(self, said: Mapping[str, Any], *, quick: bool = False) -> dict[str, Any]:
-        """All that is asked of it: what was said, and where nothing was, the small form's or the default."""
+        """Return the values of all options: what was said, and where nothing was, the small form's or the default."""
         small = self.quick if quick else {}
         return {each.name: small.get(each.name, each.default) for each in self.options} | dict(said)
 
     def check(self, said: Mapping[str, Any]) -> None:
-        """Numbers are within their bounds. Raises: UsageError: one is not."""
+        """Raises: UsageError: a number is out of its bounds."""
         for option in self.options:
             value = said.get(option.name, option.default)
             if not isinstance(value, str) and not option.least <= value <= option.most:
                 raise UsageError(f"{value:g} {option.name}", f"{option.least:g} to {option.most:g}")
+
+
+_flock = partial(Figure, counted="runs", size_in=(11.0, 8.4))
+_FIGURES = (
+    Figure(
+        "link-fig4",
+        "link.fig4",
+        "Packets lost and late through a broker, plain and sealed (Qrkey Fig. 4)",
+        options=(
+            Option("broker", "auto", "auto, mosquitto, amqtt, or a mqtt(s):// or ws(s):// URL."),
+            Option(
+                "duration",
+                60.0,
+                "Seconds to measure for, earlier runs into the same folder included; the paper's is 54000.",
+                1.0,
+                30 * 86_400.0,
+            ),
+        ),
+        quick={"duration": 10.0},
+        has_login=True,
+        alone=True,
+        example="--broker mqtts://broker.hivemq.com:8883 --duration 54000 (the paper's)",
+        counted="packets of each kind",
+        size_in=(11.0, 5.4),
+    ),
+    _flock(
+        "bti-fig2",
+        "bti.fig2:FLOCK",
+        "Ten of 125 robots lie among obstacles, and the flock stays away (RoboRebound Fig. 2)",
+    ),
+    Figure("bti-fig5", "bti.fig5", "What a MAC and a hash cost on microcontrollers (RoboRebound Fig. 5a)", alone=True),
+    Figure("bti-table1", "bti.loads:TABLE1", "Worst load of the a-node, call by call (RoboRebound Table 1)"),
+    Figure("bti-table2", "bti.loads:TABLE2", "Worst load of the s-node, call by call (RoboRebound Table 2)"),
+    _flock(
+        "bti-fig6",
+        "bti.fig6",
+        "What audits send and keep, by f_max and T_audit (RoboRebound Fig. 6)",
+        size_in=(12.0, 5.8),
+    ),
+    _flock(
+        "bti-fig7",
+        "bti.fig7",
+        "What audits send and keep in denser flocks and in larger ones (RoboRebound Fig. 7)",
+        size_in=(12.0, 8.6),
+    ),
+    _flock(
+        "bti-fig8", "bti.one_liar:FIG8", "One robot lies and nobody stops it: the flock stays away (RoboRebound Fig. 8)"
+    ),
+    _flock(
+        "bti-fig9", "bti.one_liar:FIG9", "One robot lies and the others stop it: the flock arrives (RoboRebound Fig. 9)"
+    ),
+    Figure(
+        "mission-fig8a",
+        "missions.fig8a",
+        "A path of 150 s recovered by odometry and by encoded landmarks (Encoded graphs Fig. 8a)",
+        size_in=(12.0, 6.0),
+    ),
+    Figure(
+        "mission-fig8b",
+        "missions.fig8b",
+        "Localisation error for growing noise of the odometry (Encoded graphs Fig. 8b)",
+        size_in=(16.0, 5.5),
+    ),
+    Figure(
+        "mission-fig8c",
+        "missions.fig8c",
+        "Time to find landmarks in a scan and to search their hashes (Encoded graphs Fig. 8c)",
+        alone=True,
+    ),
+    Figure(
+        "mission-fig9",
+        "missions.fig9",
+        "Four robots explore together and share hashes alone (Encoded graphs Fig. 9)",
+        size_in=(12.0, 6.5),
+    ),
+    Figure(
+        "mission-table1",
+        "missions.table1",
+        "How knowledge is divided among four exploring robots (Encoded graphs Table I)",
+    ),
+    Figure(
+        "mission-fig10",
+        "missions.fig10",
+        "An office with QR codes, by camera (Encoded graphs Fig. 10)",
+        alone=True,
+        size_in=(16.0, 6.0),
+    ),
+)
+FIGURES = {figure.name: figure for figure in _FIGURES}

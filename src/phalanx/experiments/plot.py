@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,11 @@ from .statement import band
 from .table import read_table
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as Picture
+    import matplotlib.axes
+    import matplotlib.figure
+
+Axes: TypeAlias = "matplotlib.axes.Axes"
+Picture: TypeAlias = "matplotlib.figure.Figure"
 
 # Okabe and Ito's: told apart by every kind of eye, and in grey.
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#828282"
@@ -106,10 +109,10 @@ def blank(width_in: float, height_in: float) -> Picture:
     try:
         # Made without pyplot, and so without a display or any state that others could share.
         from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415  # optional
-        from matplotlib.figure import Figure as Picture  # noqa: PLC0415
+        from matplotlib.figure import Figure as Drawn  # noqa: PLC0415
     except ImportError as error:
         raise Unavailable("matplotlib is not installed: nothing drawn", MATPLOTLIB_HINT) from error
-    picture = Picture(figsize=(width_in, height_in))
+    picture = Drawn(figsize=(width_in, height_in))
     FigureCanvasAgg(picture)
     return picture
 

@@ -11,22 +11,26 @@ A crash or a full disk may cut the end short: that is ignored when reading, and 
 
 from __future__ import annotations
 
+import csv
 import fcntl
 import json
 import os
+import shutil
+import subprocess
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx import __version__
 from phalanx.config.written import read_at_most
 from phalanx.errors import Unavailable, UsageError
 
 from .figure import Figure
-from .version import version
 
 Rows = NDArray[np.float64]
 END = "# end "
@@ -168,6 +172,28 @@ class TableFile:
 
     def _unwritable(self, error: OSError) -> Unavailable:
         return Unavailable(f"cannot write {self.path}: {error.strerror}", "choose another folder with --out")
+
+
+def version() -> str:
+    """Return the version of this program; with the commit, if it runs from a checkout."""
+    root = Path(__file__).parents[3]
+    git = shutil.which("git")
+    if git is None or not ((root / ".git").exists() and (root / "pyproject.toml").exists()):
+        return __version__
+    command = [git, "-C", str(root), "describe", "--always", "--dirty"]
+    # Without the environment's word git would lock the index, and disturb whoever is committing.
+    quiet = os.environ | {"GIT_OPTIONAL_LOCKS": "0"}
+    try:
+        found = subprocess.run(command, capture_output=True, text=True, timeout=10, check=True, env=quiet)
+    except (OSError, subprocess.SubprocessError):
+        return __version__
+    return f"{__version__} ({found.stdout.strip()})"
+
+
+def read_data(name: str) -> list[dict[str, str]]:
+    """Return the rows of a CSV that comes with the package, without the comments it begins with."""
+    lines = (files("phalanx") / "data" / name).read_text().splitlines()
+    return list(csv.DictReader(line for line in lines if not line.startswith("#")))
 
 
 def by_seed(seeds: int) -> list[str]:

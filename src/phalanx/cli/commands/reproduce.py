@@ -8,8 +8,7 @@ from typing import Any
 import click
 
 from phalanx.cli.options import json_option, login_option, option, out_folder_option, together
-from phalanx.experiments.figure import SEEDS, Figure
-from phalanx.experiments.library import FIGURES
+from phalanx.experiments.figure import FIGURES, SEEDS, Figure
 
 from .runs import runs
 

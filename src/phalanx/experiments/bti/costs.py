@@ -6,23 +6,18 @@ A case is a point under a seed, and its row is the mean over the robots. The pap
 
 from __future__ import annotations
 
-import csv
-import importlib.resources
 from collections.abc import Callable, Iterable
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.experiments.plot import Axes
 from phalanx.experiments.statement import Statement, band
-from phalanx.experiments.table import Rows, Table
+from phalanx.experiments.table import Rows, Table, read_data
 from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 COLUMNS = (
     "app_bytes_per_s",  # sent, of the flock's own
@@ -43,9 +38,7 @@ NEIGHBOURS = 24  # of the paper's count
 @cache
 def paper() -> dict[str, float]:
     """The numbers of data/paper_costs.csv, by what they are of."""
-    text = (importlib.resources.files("phalanx") / "data" / "paper_costs.csv").read_text()
-    lines = [line for line in text.splitlines() if not line.startswith("#")]
-    return {row["what"]: float(row["value"]) for row in csv.DictReader(lines)}
+    return {row["what"]: float(row["value"]) for row in read_data("paper_costs.csv")}
 
 
 def paper_log_bytes_per_s(neighbours: float) -> float:

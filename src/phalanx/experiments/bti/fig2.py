@@ -26,14 +26,12 @@ MOST_PCT = 50.0
 
 def compare_runs(table: FlockRuns) -> list[Statement]:
     """What the paper says of Fig. 2, and ours. Source: RoboRebound §2.4."""
-    seeds = table.seeds()
-    honest, attacked = ([table.runs[case, seed] for seed in seeds] for case in ("honest", "attacked"))
+    honest, attacked = table.of("honest"), table.of("attacked")
     arrived = np.array([100 * (_to_goal_m(run)[-1] <= ARRIVED_M).mean() for run in honest])
     nearest = np.array([_to_goal_m(run)[_late(run)].min(axis=1).mean() for run in attacked])
-    means = {
-        case: np.array([_to_goal_m(run)[_late(run)].mean() for run in runs])
-        for case, runs in (("honest", honest), ("attacked", attacked))
-    }
+    means, attacked_means = (
+        np.array([_to_goal_m(run)[_late(run)].mean() for run in runs]) for runs in (honest, attacked)
+    )
     away = np.array([100 * (_to_goal_m(run)[_late(run)] > ARRIVED_M).mean() for run in attacked])
     hit = sum(int(_inside(run).any(axis=0).sum()) for run in honest)
     return [
@@ -54,8 +52,8 @@ def compare_runs(table: FlockRuns) -> list[Statement]:
         Statement(
             what=f"mean distance from {LATE_FROM_S:g} s on, m, all honest; ten liars",
             paper="correct robots stay away from the destination",
-            ours=f"{quantiles(means['honest'])}; {quantiles(means['attacked'])}",
-            agrees=bool((means["attacked"] >= 2 * means["honest"]).all()),
+            ours=f"{quantiles(means)}; {quantiles(attacked_means)}",
+            agrees=bool((attacked_means >= 2 * means).all()),
             why="with liars at least twice as far, every seed",
         ),
         Statement(

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from phalanx._firmware_bound import ffi, lib
-from phalanx.experiments.plot import BLUE, VERMILION
+from phalanx.experiments.plot import BLUE, VERMILION, Picture
 from phalanx.experiments.statement import Statement, quantiles
 from phalanx.experiments.table import Rows, Table, by_seed
 from phalanx.wire.table import HASH_BYTES, KEY_BYTES
 
-from .counted import TARGETS, counts, instructions, milliseconds
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Picture
+from .loads import TARGETS, counts, instructions, milliseconds
 
 __all__ = ["COLUMNS", "cases", "compare", "draw", "measure_case"]
 

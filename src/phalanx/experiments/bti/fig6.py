@@ -3,35 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from phalanx.config import BtiConfig
-from phalanx.experiments.plot import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, legend_above
+from phalanx.experiments.plot import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, Picture, legend_above
 from phalanx.experiments.statement import Statement, quantiles
 from phalanx.experiments.table import Rows, Table, seed_of
 from phalanx.scenarios.scenario import Scenario
 
-from .costs import (
-    COLUMNS,
-    DURATION_S,
-    cases_of,
-    footer,
-    line,
-    measure_costs,
-    medians,
-    nobody_was_hurt,
-    over_seeds,
-    paper,
-    paper_stored_bytes,
-)
+from . import costs
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Picture
-
-__all__ = ["COLUMNS", "cases", "compare", "draw", "measure_case", "origin"]
-
+COLUMNS = costs.COLUMNS
 ROBOTS, SPACING_M = 25, 4.0
 F_MAX, T_AUDIT_S = (1, 2, 3, 4, 5), (2, 4, 6, 8, 10)
 PAPERS_F_MAX, PAPERS_T_S = 3, 4
@@ -47,7 +30,7 @@ def _point(f_max: int, t_audit_s: int) -> str:
 
 def cases(seeds: int) -> list[str]:
     """Nobody audits; and each of the others."""
-    return cases_of([UNPROTECTED, *(_point(f_max, t_s) for f_max in F_MAX for t_s in T_AUDIT_S)], seeds)
+    return costs.cases_of([UNPROTECTED, *(_point(f_max, t_s) for f_max in F_MAX for t_s in T_AUDIT_S)], seeds)
 
 
 def scenario_of(case: str) -> Scenario:
@@ -60,7 +43,7 @@ def scenario_of(case: str) -> Scenario:
         robots=ROBOTS,
         grid_step_m=SPACING_M,
         d_m=SPACING_M,
-        duration_s=DURATION_S,
+        duration_s=costs.DURATION_S,
         defence="bound" if f_max else "none",
         bti=bti,
         seed=seed_of(case),
@@ -74,7 +57,7 @@ def origin() -> dict[str, str]:
 
 def measure_case(case: str, tell: Callable[[float], None]) -> Rows:
     """One run."""
-    return measure_costs(scenario_of(case), tell)
+    return costs.measure_costs(scenario_of(case), tell)
 
 
 def compare(table: Table) -> list[Statement]:
@@ -82,13 +65,13 @@ def compare(table: Table) -> list[Statement]:
     papers = _point(PAPERS_F_MAX, PAPERS_T_S)
     over_f = [_point(f_max, PAPERS_T_S) for f_max in F_MAX]
     over_t = [_point(PAPERS_F_MAX, t_s) for t_s in T_AUDIT_S]
-    app = medians(table, [UNPROTECTED, *over_f, *over_t], "app_bytes_per_s")
-    audit_f, audit_t = (medians(table, points, "audit_bytes_per_s") for points in (over_f, over_t))
-    logs_f, logs_t = (medians(table, points, "log_bytes") for points in (over_f, over_t))
-    growth = over_seeds(table, papers, "log_bytes_per_s")
+    app = costs.medians(table, [UNPROTECTED, *over_f, *over_t], "app_bytes_per_s")
+    audit_f, audit_t = (costs.medians(table, points, "audit_bytes_per_s") for points in (over_f, over_t))
+    logs_f, logs_t = (costs.medians(table, points, "log_bytes") for points in (over_f, over_t))
+    growth = costs.over_seeds(table, papers, "log_bytes_per_s")
     slope = float(np.polyfit(T_AUDIT_S, logs_t, 1)[0])
-    stored = medians(table, over_f, "stored_bytes")
-    the_log = paper()["the log"]
+    stored = costs.medians(table, over_f, "stored_bytes")
+    the_log = costs.paper()["the log"]
     return [
         Statement(
             what="states sent, with audits and without, B/s",
@@ -111,7 +94,7 @@ def compare(table: Table) -> list[Statement]:
             ours=" ".join(f"{each / 1000:.2f}" for each in audit_t),
             agrees=bool(audit_t.max() <= (1 + SAME) * audit_t.min() and (np.diff(audit_t) <= 0).all()),
             why=f"the greatest at most {SAME:.0%} above the least, never rising: each round sends a checkpoint too, "
-            f"of {paper()['a checkpoint']:g} B by the paper's count",
+            f"of {costs.paper()['a checkpoint']:g} B by the paper's count",
         ),
         Statement(
             what="growth of the log, B/s",
@@ -134,7 +117,7 @@ def compare(table: Table) -> list[Statement]:
             agrees=bool((logs_f <= (1 + NEAR) * logs_f[0]).all()),
             why=f"no log more than {NEAR:.0%} longer than with f_max 1: they are shorter",
         ),
-        nobody_was_hurt(table),
+        costs.nobody_was_hurt(table),
     ]
 
 
@@ -144,15 +127,15 @@ def draw(table: Table, picture: Picture) -> str:
     along = np.array(T_AUDIT_S, float)
     for f_max, colour in zip(F_MAX, COLOURS, strict=True):
         points = [_point(f_max, t_s) for t_s in T_AUDIT_S]
-        line(over_air, along, table, points, "audit_bytes_per_s", colour, f"audits, f_max {f_max}")
-        line(stored, along, table, points, "stored_bytes", colour, f"f_max {f_max}")
-        log_sent = np.full(len(along), (f_max + 1) * paper()["the log"] / 1000)
+        costs.line(over_air, along, table, points, "audit_bytes_per_s", colour, f"audits, f_max {f_max}")
+        costs.line(stored, along, table, points, "stored_bytes", colour, f"f_max {f_max}")
+        log_sent = np.full(len(along), (f_max + 1) * costs.paper()["the log"] / 1000)
         over_air.plot(along, log_sent, "s", mfc="none", color=colour, ms=4)
-    over_air.axhline(medians(table, [UNPROTECTED], "app_bytes_per_s")[0] / 1000, color=GREY, label="states")
+    over_air.axhline(costs.medians(table, [UNPROTECTED], "app_bytes_per_s")[0] / 1000, color=GREY, label="states")
     over_air.plot([], [], "s", mfc="none", color="black", ms=4, label="paper's log to f_max + 1 auditors")
     stored.plot(
         along,
-        paper_stored_bytes(along) / 1000,
+        costs.paper_stored_bytes(along) / 1000,
         "s",
         mfc="none",
         color="black",
@@ -163,4 +146,4 @@ def draw(table: Table, picture: Picture) -> str:
     stored.set(xlabel="T_audit (s)", ylabel="kept by a robot, at most (kB)", ylim=(0, None))
     for axes in (over_air, stored):
         legend_above(axes, columns=3)
-    return footer(table)
+    return costs.footer(table)

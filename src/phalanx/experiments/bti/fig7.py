@@ -6,35 +6,19 @@ f_max is 2: at 64 m a robot in the corner hears three others, and three tokens k
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.config import BtiConfig
-from phalanx.experiments.plot import BLUE, GREEN, ORANGE, VERMILION, legend_above
+from phalanx.experiments.plot import BLUE, GREEN, ORANGE, VERMILION, Picture, legend_above
 from phalanx.experiments.statement import Statement
 from phalanx.experiments.table import Rows, Table, seed_of
 from phalanx.scenarios.scenario import Scenario
 
-from .costs import (
-    COLUMNS,
-    DURATION_S,
-    cases_of,
-    footer,
-    line,
-    measure_costs,
-    medians,
-    nobody_was_hurt,
-    paper_log_bytes_per_s,
-    paper_stored_bytes,
-)
+from . import costs
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Picture
-
-__all__ = ["COLUMNS", "cases", "compare", "draw", "measure_case", "origin"]
-
+COLUMNS = costs.COLUMNS
 F_MAX = 2
 SPACINGS_M, SIZES = (4, 8, 16, 32, 64), (16, 36, 64, 100)
 LARGER = (144, 196, 256, 324)
@@ -51,13 +35,13 @@ def _point(robots: int, spacing_m: int) -> str:
 def cases(seeds: int) -> list[str]:
     """(a) and (b), and what (c) and (d) have beside."""
     dense = [_point(robots, spacing_m) for robots in SIZES for spacing_m in SPACINGS_M]
-    return cases_of([*dense, *(_point(robots, SPACINGS_M[-1]) for robots in LARGER)], seeds)
+    return costs.cases_of([*dense, *(_point(robots, SPACINGS_M[-1]) for robots in LARGER)], seeds)
 
 
 def scenario_of(case: str) -> Scenario:
     """So many robots at that spacing, as they set out for (500, 500)."""
     robots, spacing, _ = case.split(";")
-    base = Scenario(name="bti-fig7", duration_s=DURATION_S, bti=BtiConfig(f_max=F_MAX), seed=seed_of(case))
+    base = Scenario(name="bti-fig7", duration_s=costs.DURATION_S, bti=BtiConfig(f_max=F_MAX), seed=seed_of(case))
     return base.with_options(robots=int(robots.split()[0]), spacing_m=float(spacing.split()[0]))
 
 
@@ -68,7 +52,7 @@ def origin() -> dict[str, str]:
 
 def measure_case(case: str, tell: Callable[[float], None]) -> Rows:
     """One run."""
-    return measure_costs(scenario_of(case), tell)
+    return costs.measure_costs(scenario_of(case), tell)
 
 
 def compare(table: Table) -> list[Statement]:
@@ -77,7 +61,7 @@ def compare(table: Table) -> list[Statement]:
     sizes = [_point(robots, SPACINGS_M[-1]) for robots in (*SIZES, *LARGER)]
     told = []
     for column, words, parts in ((BANDWIDTH, "audits sent, kB/s", "a c"), (STORAGE, "kept, kB", "b d")):
-        of_near, of_far, of_sizes = (medians(table, points, column) for points in (near, far, sizes))
+        of_near, of_far, of_sizes = (costs.medians(table, points, column) for points in (near, far, sizes))
         dense, constant = parts.split()
         hundred = of_sizes[SIZES.index(100)]
         told += [
@@ -104,7 +88,7 @@ def compare(table: Table) -> list[Statement]:
             ),
         ]
     points = list(dict.fromkeys([*near, *far, *sizes]))
-    ratio = medians(table, points, "log_bytes_per_s") / _papers_log(table, points)
+    ratio = costs.medians(table, points, "log_bytes_per_s") / _papers_log(table, points)
     told.append(
         Statement(
             what="growth of the log, of the paper's sum for so many neighbours",
@@ -114,7 +98,7 @@ def compare(table: Table) -> list[Statement]:
             why=f"every median within {NEAR:.0%}: entries of 34, 26 and 34 bytes (§5.2)",
         )
     )
-    return [*told, nobody_was_hurt(table)]
+    return [*told, costs.nobody_was_hurt(table)]
 
 
 def _kilo(values: NDArray[np.float64]) -> str:
@@ -122,7 +106,7 @@ def _kilo(values: NDArray[np.float64]) -> str:
 
 
 def _papers_log(table: Table, points: list[str]) -> NDArray[np.float64]:
-    return np.array([paper_log_bytes_per_s(each) for each in medians(table, points, "neighbours")])
+    return np.array([costs.paper_log_bytes_per_s(each) for each in costs.medians(table, points, "neighbours")])
 
 
 def draw(table: Table, picture: Picture) -> str:
@@ -132,11 +116,11 @@ def draw(table: Table, picture: Picture) -> str:
         for robots, colour in zip(SIZES, COLOURS, strict=True):
             points = [_point(robots, spacing_m) for spacing_m in SPACINGS_M]
             along = np.array(SPACINGS_M, float)
-            line(dense, along, table, points, column, colour, f"{robots} robots")
+            costs.line(dense, along, table, points, column, colour, f"{robots} robots")
             dense.plot(along, _papers(table, points, column), "s", mfc="none", color=colour, ms=4)
         points = [_point(robots, SPACINGS_M[-1]) for robots in (*SIZES, *LARGER)]
         along = np.array((*SIZES, *LARGER), float)
-        line(constant, along, table, points, column, BLUE, f"{SPACINGS_M[-1]} m")
+        costs.line(constant, along, table, points, column, BLUE, f"{SPACINGS_M[-1]} m")
         constant.plot(along, _papers(table, points, column), "s", mfc="none", color="black", ms=4, label="paper's sum")
         what = "sent by a robot (kB/s)" if column == BANDWIDTH else "kept by a robot, at most (kB)"
         dense.set(xlabel="spacing (m)", ylabel=what, xscale="log", ylim=(0, None))
@@ -146,11 +130,11 @@ def draw(table: Table, picture: Picture) -> str:
     for axes, letter in ((a, "a"), (b, "b"), (c, "c"), (d, "d")):
         axes.set_ylabel(f"{letter}: {axes.get_ylabel()}")
         legend_above(axes, columns=4)
-    return footer(table)
+    return costs.footer(table)
 
 
 def _papers(table: Table, points: list[str], column: str) -> NDArray[np.float64]:
     """The log to f_max + 1 auditors; or a round's log and two checkpoints: kB, by the paper's sums."""
     if column == BANDWIDTH:
         return (F_MAX + 1) * _papers_log(table, points) / 1000
-    return np.array([paper_stored_bytes(T_AUDIT_S, n) for n in medians(table, points, "neighbours")]) / 1000
+    return np.array([costs.paper_stored_bytes(T_AUDIT_S, n) for n in costs.medians(table, points, "neighbours")]) / 1000

@@ -5,28 +5,22 @@ They are drawn from their CSV alone: distance to the goal over time, and where e
 
 from __future__ import annotations
 
-import csv
-import importlib.resources
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.errors import UsageError
-from phalanx.experiments.plot import BLUE, GREEN, GREY, VERMILION, banded, draw_obstacles, legend_above
+from phalanx.experiments.plot import BLUE, GREEN, GREY, VERMILION, Axes, Picture, banded, draw_obstacles, legend_above
 from phalanx.experiments.statement import Statement
-from phalanx.experiments.table import Rows, Table
+from phalanx.experiments.table import Rows, Table, read_data
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.play import ctrl_c_between_steps
 from phalanx.sim.scenarios.run import Run
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as Picture
 
 CASES = ("honest", "attacked")
 COLUMNS = ("t_s", "robot", "state", "x_m", "y_m")
@@ -96,6 +90,10 @@ class FlockRuns:
         seeds = {seed for _, seed in self.runs}
         return sorted(seed for seed in seeds if all((case, seed) in self.runs for case in cases))
 
+    def of(self, case: str) -> list[FlockRun]:
+        """Return the runs of a case, by ascending seed."""
+        return [self.runs[case, seed] for seed in self.seeds()]
+
 
 def runs_of(table: Table) -> FlockRuns:
     """The runs in a table. Raises: UsageError: a case of it is no run of a flock."""
@@ -120,17 +118,9 @@ def mean_distances_m(
     """(S, T): of each seed, the mean distance to the goal of the robots that are honest; by default of those that are
     so in both cases, so that the same robots are compared. Source: RoboRebound Fig. 8.
     """
-    rows = []
-    for seed in table.seeds():
-        run = table.runs[case, seed]
-        counted = ~table.runs["attacked" if of_the_honest_in_both else case, seed].liars
-        rows.append(run.distances_m(goal_m)[:, counted].mean(axis=1))
-    return np.array(rows)
-
-
-def at_times(values: NDArray[np.float64], times_s: NDArray[np.float64], t_s: float) -> NDArray[np.float64]:
-    """(S,): of (S, T) values those at `t_s`, between two samples in proportion."""
-    return np.array([float(np.interp(t_s, times_s, row)) for row in values])
+    counted = table.of("attacked" if of_the_honest_in_both else case)
+    runs = zip(table.of(case), counted, strict=True)
+    return np.array([run.distances_m(goal_m)[:, ~same.liars].mean(axis=1) for run, same in runs])
 
 
 def read_reference() -> dict[str, NDArray[np.float64]]:
@@ -138,9 +128,8 @@ def read_reference() -> dict[str, NDArray[np.float64]]:
 
     Source: an independent flocking script, see the file.
     """
-    text = (importlib.resources.files("phalanx") / "data" / "flock_reference.csv").read_text()
     series: dict[str, list[list[float]]] = {}
-    for row in csv.DictReader(line for line in text.splitlines() if not line.startswith("#")):
+    for row in read_data("flock_reference.csv"):
         numbers = [float(row[name]) for name in ("t_s", "mean_m", "least_m", "most_m")]
         series.setdefault(row["series"], []).append(numbers)
     return {name: np.array(rows) for name, rows in series.items()}

@@ -18,15 +18,13 @@ import logging
 import os
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from phalanx.config import LinkConfig
 from phalanx.crypto import IV_BYTES
-from phalanx.errors import OpenError, Unavailable, UsageError
-from phalanx.experiments.table import TableFile
-from phalanx.experiments.version import version
+from phalanx.errors import OpenError, Unavailable
+from phalanx.experiments.table import TableFile, version
 from phalanx.io import Login
 from phalanx.io.broker import RunningBroker, open_broker
 from phalanx.io.connection import Connection
@@ -36,39 +34,15 @@ from phalanx.link.messages import Publish
 from phalanx.link.replay import ReplayCache
 from phalanx.link.topics import full_topic
 
-from .fig4_plot import draw
-from .fig4_table import KINDS, Kind, Row, cells, compare, head, packets, report
+from .fig4_table import KINDS, Kind, Row, cells, compare, draw, head, packets, report
 
-__all__ = ["Config", "compare", "draw", "make_packet", "measure", "report"]
+__all__ = ["compare", "draw", "make_packet", "measure", "report"]
 
 log = logging.getLogger(__name__)
 
 CSV_NAME = "link-fig4.csv"
-MOST_PACKETS = 10**7
 LINK = LinkConfig()
 CLOSE_TIMEOUT_S = 1.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Config:
-    """Parameters of a measurement. Raises: UsageError: out of range."""
-
-    duration_s: float = 60.0  # the paper's is 15 h
-    interval_s: float = 0.5  # between two packets of one kind; the paper's
-    lost_after_s: float = 10.0  # a packet not back by then is lost. The paper does not say when it gave up.
-    connect_timeout_s: float = 15.0  # how long to wait for the broker at the start; later it is waited for without end
-
-    def __post_init__(self) -> None:
-        for name in ("duration_s", "interval_s", "lost_after_s", "connect_timeout_s"):
-            if not 0 < getattr(self, name) < float("inf"):
-                raise UsageError(f"{name} is {getattr(self, name)}", "a positive number of seconds")
-        if not 1 <= self.packets <= MOST_PACKETS:
-            raise UsageError(f"{self.packets} packets of each kind", f"1 to {MOST_PACKETS}: see --duration")
-
-    @property
-    def packets(self) -> int:
-        """How many of each kind."""
-        return round(self.duration_s / self.interval_s)
 
 
 async def measure(
@@ -78,45 +52,52 @@ async def measure(
     duration: float = 60.0,
     broker: str = "auto",
     login: Login | None = None,
-    config: Config | None = None,
+    interval_s: float = 0.5,
+    lost_after_s: float = 10.0,
+    connect_timeout_s: float = 15.0,
 ) -> Path:
-    """The CSV in `folder`, with all packets of `duration` seconds in it; goes on where an earlier run was stopped.
+    """Complete the CSV in `folder` with all packets of `duration` seconds; go on where an earlier run was stopped.
 
-    Before each packet `on_progress` is told its number and how many there will be. `config` takes the place of
-    `duration`.
-
+    Args:
+        on_progress: gets the number of each packet before it is sent, and how many there will be.
+        interval_s: between two packets of one kind; the paper's.
+        lost_after_s: a packet not back by then is lost. The paper does not say when it gave up.
+        connect_timeout_s: how long to wait for the broker at the start; later it is waited for without end.
+    Returns: the CSV's path.
     Raises: UsageError: a bad URL, or a CSV of another measurement. Unavailable: no broker, or the disk is full.
     """
-    config = config or Config(duration_s=duration)
     path = folder / CSV_NAME
     async with open_broker(broker, login=login) as running:
         begin = head(
             broker=str(running.url) if running.name == "external" else running.name,
-            interval_s=config.interval_s,
-            lost_after_s=config.lost_after_s,
+            interval_s=interval_s,
+            lost_after_s=lost_after_s,
             version=version(),
         )
         with TableFile(path, begin, packets) as file:
-            next_seq = {kind: rows[-1].seq + 1 if rows else 0 for kind, rows in packets(file.table).items()}
-            if min(next_seq.values()) < config.packets:
-                await _Probe(running, config, file, next_seq, on_progress).run()
+            probe = _Probe(running, file, round(duration / interval_s), connect_timeout_s, on_progress)
+            if min(probe.next_seq.values()) < probe.count:
+                await probe.run()
     return path
 
 
 class _Probe:
-    """Sends packets on time, whatever becomes of those before them, and writes down what does."""
+    """Sends `count` packets of each kind on time, whatever becomes of those before them, and records the outcomes."""
 
     def __init__(
         self,
         broker: RunningBroker,
-        config: Config,
         file: TableFile,
-        next_seq: dict[Kind, int],
+        count: int,
+        connect_timeout_s: float,
         on_progress: Callable[[int, int], None],
     ) -> None:
-        self._config = config
+        self.count = count
+        self.next_seq = {kind: rows[-1].seq + 1 if rows else 0 for kind, rows in packets(file.table).items()}
         self._file = file
-        self._next_seq = next_seq
+        self._interval_s: float = file.table.origin["interval_s"]
+        self._lost_after_s: float = file.table.origin["lost_after_s"]
+        self._connect_timeout_s = connect_timeout_s
         self._on_progress = on_progress
         self._epochs: dict[Kind, Epoch] = {kind: derive_epoch(new_pin(LINK.pin_digits, os.urandom)) for kind in KINDS}
         self._topics = {kind: full_topic(LINK.root, self._epochs[kind].topic, "notify") for kind in KINDS}
@@ -160,23 +141,22 @@ class _Probe:
 
     async def _pace(self) -> None:
         try:
-            await self._link.wait_connected(self._config.connect_timeout_s)
+            await self._link.wait_connected(self._connect_timeout_s)
         except TimeoutError as error:
             raise Unavailable(str(error), "check host, port and firewall") from error
-        config, next_seq = self._config, self._next_seq
         due_s = time.monotonic()
-        for seq in range(min(next_seq.values()), config.packets):
-            self._on_progress(seq, config.packets)
+        for seq in range(min(self.next_seq.values()), self.count):
+            self._on_progress(seq, self.count)
             for kind in KINDS:
-                if seq >= next_seq[kind]:
+                if seq >= self.next_seq[kind]:
                     await asyncio.sleep(max(0.0, due_s - time.monotonic()))
                     self._send(kind, seq)
                     self._give_up()
                 # A machine that slept does not make up for it in a burst: that would be another measurement.
-                due_s = max(due_s, time.monotonic() - config.interval_s) + config.interval_s / 2
-        self._on_progress(config.packets, config.packets)
+                due_s = max(due_s, time.monotonic() - self._interval_s) + self._interval_s / 2
+        self._on_progress(self.count, self.count)
         while self._under_way:
-            await asyncio.sleep(min(0.05, config.lost_after_s / 10))
+            await asyncio.sleep(min(0.05, self._lost_after_s / 10))
             self._give_up()
 
     def _send(self, kind: Kind, seq: int) -> None:
@@ -218,7 +198,7 @@ class _Probe:
         log.debug("%s", "reconnected" if again else "connected")
 
     def _give_up(self) -> None:
-        oldest_s = time.monotonic() - self._config.lost_after_s
+        oldest_s = time.monotonic() - self._lost_after_s
         for key in [key for key, sent in self._under_way.items() if sent[2] <= oldest_s]:
             sent = self._under_way.pop(key)
             self._write(Row(sent[0], key[0], sent[1], "lost"))

@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import islice
-from typing import TYPE_CHECKING
 
 import numpy as np
 import yaml
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.mission import CodingConfig, MissionConfig
-from phalanx.experiments.plot import banded, draw_walls
+from phalanx.experiments.plot import Axes, banded, draw_walls
 from phalanx.experiments.table import Rows, Table, seed_of
 from phalanx.mission import BuildOptions, EncodedMission, Experience, Landmark, Mission, Profile, build, plain_mission
 from phalanx.mission.authoring.findable import apart_in
@@ -31,9 +30,6 @@ from phalanx.mission.walk.fix import begun_at, fixed, moved
 from phalanx.mission.walk.walker import State, Walker
 from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
 from phalanx.sim.building.odometry import DiffDrive, Odometry, OdometryNoise, Pose
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 Motion = tuple[float, float]
 # Paths that are drawn: the columns' name, colour, words.

@@ -11,12 +11,11 @@ import random
 import time
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from phalanx.config.mission import CodingConfig, MissionConfig
-from phalanx.experiments.plot import BLUE, ORANGE, boxes
+from phalanx.experiments.plot import BLUE, ORANGE, Picture, boxes
 from phalanx.experiments.statement import Statement, quantiles
 from phalanx.experiments.table import Rows, Table, by_seed, seed_of
 from phalanx.mission import BuildOptions, Draft, EncodedMission, Experience, Landmark, Position, Profile, build
@@ -32,9 +31,6 @@ from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.odometry import NoiseModel, Odometry, OdometryNoise, Pose
 
 from .drive import PATIENT, TICK_S, draw_paths, driven, path_errors_m
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Picture
 
 MAP = "office_30x25"
 GRID_MM = 20  # Encoded graphs §VI-D

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from phalanx.experiments.plot import BLUE, GREEN, GREY, ORANGE
+from phalanx.experiments.plot import BLUE, GREEN, GREY, ORANGE, Picture
 from phalanx.experiments.statement import Statement, quantiles
 from phalanx.experiments.table import Rows, Table, by_seed, seed_of
 from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
 from phalanx.sim.building.odometry import NoiseModel, OdometryNoise
 
 from .drive import TICK_S, draw_paths, encoded, path_errors_m, record, replay
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Picture
 
 COLUMNS = (
     "t_s", "true_x_m", "true_y_m", "odometry_x_m", "odometry_y_m", "doorways_x_m", "doorways_y_m", "all_x_m", "all_y_m",

@@ -8,20 +8,14 @@ takes that for 10 more, and headings are searched up to 6. The factor that Stage
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from phalanx.experiments.plot import BLUE, ORANGE, lines_in
+from phalanx.experiments.plot import BLUE, ORANGE, Axes, Picture, lines_in
 from phalanx.experiments.statement import Statement, quantiles
 from phalanx.experiments.table import Rows, Table, seed_of
 from phalanx.sim.building.odometry import NoiseModel, OdometryNoise
 
 from .drive import encoded, errors_m, record, replay
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as Picture
 
 LEVELS = ((0.03, 0.0), (0.0, 0.05), (0.05, 0.0), (0.06, 0.0), (0.075, 0.0))
 # (model, reach of features in m); the first is nearest to the paper's cliff.

@@ -7,16 +7,14 @@ microseconds, so the ratio turns round; so both are measured compiled and as pla
 from __future__ import annotations
 
 import hashlib
-import io
-import json
 import math
 import os
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from multiprocessing import get_context
+from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -24,8 +22,7 @@ from numpy.typing import NDArray
 
 from phalanx.arrays import U64x1, U64x2
 from phalanx.config.mission import MissionConfig
-from phalanx.errors import Unavailable
-from phalanx.experiments.plot import BLUE, VERMILION, boxes
+from phalanx.experiments.plot import BLUE, VERMILION, Picture, boxes
 from phalanx.experiments.statement import Statement
 from phalanx.experiments.table import Rows, Table, seed_of
 from phalanx.mission import Experience
@@ -37,9 +34,6 @@ from phalanx.mission.walk.search_paper import PaperSearch
 
 from .drive import encoded, record
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Picture
-
 GRIDS_MM = (400, 200, 100, 50, 25)
 # (2 rings + 1)^2 for ±0.5 m, Encoded graphs §VI-B.
 PAPER_CELLS = (9, 25, 121, 441, 1681)
@@ -50,20 +44,6 @@ LOST = (1.0, 0.0, 0.0, 1.0, 0.0, 1e-4)
 DRIFT_M = 0.15  # standard deviation of the estimate on each axis, as between two fixes
 COLUMNS = ("compiled_s", "plain_s", "trials")
 EXTRACTION = "extraction"
-# Runs in a process of its own: whether kernels are compiled is decided when they are imported.
-PLAIN_EXTRACTION = """
-import io, json, sys, time
-import numpy as np
-from phalanx.mission.landmarks import LaserScan, extract
-took = []
-for row in np.load(io.BytesIO(sys.stdin.buffer.read())):
-    scan = LaserScan(row[3:], row[0], row[1], 0.1, row[2])
-    scan.beams
-    started = time.perf_counter()
-    extract(scan)
-    took.append(time.perf_counter() - started)
-print(json.dumps(took))
-"""
 
 
 def cases(seeds: int) -> list[str]:
@@ -103,20 +83,9 @@ def _extraction_s(scans: list[LaserScan]) -> Rows:
 
 
 def _plain_extraction_s(scans: list[LaserScan]) -> Rows:
-    rows = np.array([(s.angle_min_rad, s.angle_increment_rad, s.range_max_m, *s.ranges_m) for s in scans])
-    given = io.BytesIO()
-    np.save(given, rows)
-    try:
-        child = subprocess.run(
-            [sys.executable, "-c", PLAIN_EXTRACTION],
-            input=given.getvalue(),
-            stdout=subprocess.PIPE,
-            env=os.environ | {"PHALANX_PURE": "1"},
-            check=True,
-        )
-    except subprocess.CalledProcessError as error:
-        raise Unavailable("plain extraction failed", "its message is above") from error
-    return np.array(json.loads(child.stdout))
+    """The same, uncompiled: in a process of its own, for that is decided when kernels are imported."""
+    with mock.patch.dict(os.environ, PHALANX_PURE="1"), ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        return pool.submit(_extraction_s, scans).result()
 
 
 def _search_s(scans: list[LaserScan], poses: NDArray[np.float64], grid_mm: int) -> tuple[Rows, Rows]:
@@ -127,9 +96,8 @@ def _search_s(scans: list[LaserScan], poses: NDArray[np.float64], grid_mm: int) 
     for first, scan, pose in zip((True, *[False] * len(scans)), (scans[0], *scans), (poses[0], *poses), strict=True):
         x, y, heading = pose.tolist()
         search = PaperSearch(mission, config)
-        list(
-            search.run(nodes, Experience(0.0, x, y, heading, spread=LOST), (), b"", Budget(config.hash_tries))
-        )  # groups
+        nothing_seen = Experience(0.0, x, y, heading, spread=LOST)
+        list(search.run(nodes, nothing_seen, (), b"", Budget(config.hash_tries)))  # groups
         seen = Experience(0.0, x, y, heading, spread=LOST, landmarks=extract(scan).landmarks(x, y, heading))
         budget = Budget(config.hash_tries)
         started = time.perf_counter()

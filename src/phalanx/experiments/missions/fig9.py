@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from phalanx.experiments.plot import BLUE, GREEN, ORANGE, VERMILION, draw_walls
+from phalanx.experiments.plot import BLUE, GREEN, ORANGE, VERMILION, Picture, draw_walls
 from phalanx.experiments.statement import Statement, quantiles
 from phalanx.experiments.table import Table, seed_of
 from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
 
 from .drive import office
 from .explore import COLUMNS, LANDMARKS, ROBOTS, cases, ends, measure_case
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Picture
 
 __all__ = ["COLUMNS", "cases", "compare", "draw", "measure_case"]
 

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from phalanx.experiments.plot import BLUE, boxes
+from phalanx.experiments.plot import BLUE, Picture, boxes
 from phalanx.experiments.statement import Statement, quantiles
 from phalanx.experiments.table import Rows, Table
 
 from .explore import COLUMNS, KNOWS_M, LANDMARKS, ROBOTS, cases, ends, measure_case
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Picture
 
 __all__ = ["COLUMNS", "cases", "compare", "draw", "measure_case"]
 

@@ -9,19 +9,30 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
-from phalanx.experiments.bti.attack_trial import FlockTrial, try_attack
+import numpy as np
+
+from phalanx.config.defence import Defence
+from phalanx.errors import UsageError
+from phalanx.experiments.bti.attack_trial import FlockTrial, Stop, try_attack
 from phalanx.experiments.missions.team import TeamTrial, try_in_team
 from phalanx.experiments.missions.trial import MissionTrial, try_mission_attack
+from phalanx.robot import Point
 from phalanx.robot.attacks.attack import Attack
+from phalanx.robot.attacks.liar import Liar
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.own import find_attack, find_controller, mistakes_in
 from phalanx.scenarios.scenario import Scenario
+from phalanx.sim.audited.world import clock_ms
+from phalanx.sim.radio.channel import AUDIT_BROADCAST, BYTES
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
+from phalanx.sim.swarms.protected import DEMO, EDGE_MM, ProtectedSwarm
 
 from .plan import AT_S, HONEST_KEPT, WATCHED_S, WHEELS, Bout
-from .wheels import try_on_wheels
 
+ROBOTS = 12
+STEP_S, ORDERS_S = 0.05, 5.0  # each robot is sent somewhere else so often
+NEAR_MM = 60.0
 # What a run comes to; Arrow's types.
 OUTCOME = {
     "declared": "string",  # what the attack says that this defence makes of it
@@ -58,8 +69,9 @@ def run_bout(bout: Bout) -> dict[str, Any]:
         else:
             told = _on_errand(try_mission_attack(attack, bout.defence, bout.seed, spec.options))
     told["missed"] = "; ".join(words for words, is_so in told["missed"].items() if is_so)
-    harm = {"declared": attack.verdicts[bout.defence], "harm_unit": attack.harm.unit, "bites_from": attack.bites_from}
-    return dict.fromkeys(OUTCOME) | harm | told | {"cpu_s": time.thread_time() - begun_s}
+    usual = {"declared": attack.verdicts[bout.defence], "harm_unit": attack.harm.unit, "bites_from": attack.bites_from}
+    usual |= {"liars": 1, "deviated": 1, "correct_stopped": 0}
+    return dict.fromkeys(OUTCOME) | usual | told | {"cpu_s": time.thread_time() - begun_s}
 
 
 @lru_cache(HONEST_KEPT)
@@ -112,7 +124,6 @@ def _in_team(trial: TeamTrial) -> dict[str, Any]:
     return {
         "harm": float(trial.others - trial.completed),
         "harm_unit": "robots",  # whose mission was not completed
-        "liars": 1,
         "deviated": int(trial.deviated_s is not None),
         "stopped": int(both),
         "slowest_stop_s": (trial.stopped_s or 0.0) - (trial.deviated_s or 0.0) if both else None,
@@ -130,11 +141,61 @@ def _on_errand(trial: MissionTrial) -> dict[str, Any]:
     )
     return {
         "harm": trial.harm,
-        "harm_unit": trial.harm_unit,
-        "bites_from": trial.harm_bites_from,
-        "liars": 1,
-        "deviated": 1,
         "stopped": int(stopped),
-        "correct_stopped": 0,
         "missed": {f"not {trial.declared}": trial.defence != "none" and not trial.kept},
+    }
+
+
+def drive(defence: Defence, seed: int, seconds: float, spec: AttackSpec | None = None) -> ProtectedSwarm:
+    """The swarm after so many seconds; one that the seed chooses lies as `spec` says, if there is one."""
+    swarm = ProtectedSwarm(ROBOTS, seed, lambda: 0.0, defence=defence)
+    chance = np.random.default_rng([seed, 0x77686C])
+    addresses = [robot.address for robot in swarm.robots()]
+    liar = addresses[int(chance.integers(ROBOTS))]
+    low, high = np.full(2, EDGE_MM), np.array(swarm.area_mm) - EDGE_MM
+    for k in range(round(seconds / STEP_S)):
+        if k % round(ORDERS_S / STEP_S) == 0:
+            for address in addresses:
+                swarm.follow(address, [Point(*chance.uniform(low, high).tolist())], NEAR_MM)
+        if spec and k == round(spec.at_s / STEP_S):
+            swarm.compromise(liar, spec.name)
+        swarm.step(STEP_S)
+    return swarm
+
+
+@lru_cache(HONEST_KEPT)
+def _honest_drive(defence: Defence, seed: int, seconds: float) -> ProtectedSwarm:
+    return drive(defence, seed, seconds)
+
+
+def try_on_wheels(spec: AttackSpec, defence: Defence, seed: int, seconds: float) -> dict[str, Any]:
+    """Return the row of an attack on the demo's robots, beside the same drive in which nobody lies.
+
+    They do not make way for each other, so that damage is how often robots touch.
+    """
+    if spec.at_s >= seconds:
+        raise UsageError(f"{spec.name} begins at {spec.at_s:g} s, when the run is over", f"before {seconds:g} s")
+    swarm, honest = drive(defence, seed, seconds, spec), _honest_drive(defence, seed, seconds)
+    ((i, liar),) = swarm.liars.items()
+    assert isinstance(liar, Liar), "who was compromised lies"
+    world = swarm.world
+    boot_ms, safe_us = int(world.boot_us[i]) // 1000, int(world.safe_us[i])
+    promised = defence != "none" and spec.attack.verdicts[defence] == "stopped"
+    bound_s = DEMO.stop_bound_ms(output_missing=liar.output_missing) / 1000 if promised else None
+    began_s = None if liar.first_deviation_ms is None else (liar.first_deviation_ms - boot_ms) / 1000
+    stop = Stop(i + 1, began_s, None if safe_us < 0 else safe_us / 1e6, liar.output_missing)
+    in_time = stop.is_in_time(bound_s, (clock_ms(world, i) - boot_ms) / 1000)
+    wronged = int(world.safe[:ROBOTS].sum()) - int(world.safe[i])
+    rates = honest.world.air.counts[:ROBOTS, AUDIT_BROADCAST : AUDIT_BROADCAST + 2, BYTES]
+    return {
+        "harm": float(max(0, int(world.clock[0].contacts) - int(honest.world.clock[0].contacts))),
+        "harm_unit": "contacts",
+        "bites_from": 1.0,
+        "deviated": int(began_s is not None),
+        "stopped": int(stop.after_s is not None),
+        "slowest_stop_s": stop.after_s,
+        "bound_s": bound_s,
+        "correct_stopped": wronged,
+        "missed": {"stopped too late": not in_time, "correct robots stopped": promised and wronged > 0},
+        "audit_bytes_per_s": float(rates.sum()) / ROBOTS / seconds,
     }

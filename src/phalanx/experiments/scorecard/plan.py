@@ -6,17 +6,15 @@ comes with them if there is one; so are missions, of one robot and of a team; an
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 
 from phalanx.config import BtiConfig
 from phalanx.config.builtin import built_in
 from phalanx.config.defence import DEFENCES, Defence
 from phalanx.errors import UsageError, did_you_mean
-from phalanx.experiments.sweep.dealing import key_of
-from phalanx.experiments.sweep.plan import Cell, content_of
+from phalanx.experiments.sweep.plan import Job, Plan, content_of, key_of
 from phalanx.robot.attacks.attack import Attack, Scene
 from phalanx.robot.attacks.library import ATTACKS
 from phalanx.scenarios.file import find_scenario
@@ -44,22 +42,16 @@ COMMON = ("flock", "guard")  # controllers that many scenarios have: SMALL is th
 
 
 @dataclass(frozen=True, slots=True)
-class Bout:
-    """One run of an attack, beside the same without it. It can be sent elsewhere: own files go by their words."""
+class Bout(Job):
+    """One run of an attack, beside the same without it. Its scenario is honest; None on a mission and on wheels."""
 
-    key: str
-    point: tuple[tuple[str, Cell], ...]
-    seed: int
     attack: str  # as typed
     defence: Defence
     protocol: str
-    scenario: Scenario | None  # honest, of the seed and with the defence; None on a mission and on wheels
-    controller: str | None  # FILE.py:CLASS; None for the scenario's own
 
 
-@dataclass(frozen=True)
-class Card:
-    """All runs of a scorecard.
+def scorecard_plan(attacks: Sequence[str], protocols: Sequence[str], seeds: int) -> Plan:
+    """Return all runs of a scorecard, seed by seed: whatever there is when it is stopped is a smaller scorecard.
 
     Args:
         attacks: names, with options or not, and FILE.py:CLASS with the whole path; none for all of the library.
@@ -67,78 +59,42 @@ class Card:
         seeds: from 0 on.
     Raises: UsageError: no such protocol or attack, or attacks that none of the protocols has a place for.
     """
+    known = known_protocols()
+    for name in protocols:
+        if not is_file(name) and name not in known:
+            raise UsageError(
+                f"no protocol {name!r}", f"{did_you_mean(name, known)}{', '.join(known)}, or FILE.py:CLASS"
+            )
+    grounds = {_short(name): _ground(name) for name in protocols or known}
+    chosen = {words: _attack(words) for words in attacks or ATTACKS}
+    tried = [(name, words) for name in grounds for words, attack in chosen.items() if _is_tried(attack, name)]
+    if not tried:
+        raise UsageError("nothing to try", "these attacks are none on these protocols")
+    for protocol, words in tried:
+        for name in UNHEARD.get(protocol, ()):
+            if f"{name}=" in words:
+                raise UsageError(f"{words} on {protocol}, which takes no {name}", "another --controller, or without")
+    contents = {words: content_of(words) for words in (*protocols, *chosen) if is_file(words)}
 
-    attacks: tuple[str, ...]
-    protocols: tuple[str, ...]
-    seeds: int
-
-    def __post_init__(self) -> None:
-        for name in self.protocols:
-            if not is_file(name) and name not in known_protocols():
-                known = known_protocols()
-                raise UsageError(
-                    f"no protocol {name!r}", f"{did_you_mean(name, known)}{', '.join(known)}, or FILE.py:CLASS"
-                )
-        if not self._tried:
-            raise UsageError("nothing to try", "these attacks are none on these protocols")
-        for protocol, words in self._tried:
-            for name in UNHEARD.get(protocol, ()):
-                if f"{name}=" in words:
-                    raise UsageError(
-                        f"{words} on {protocol}, which takes no {name}", "another --controller, or without"
-                    )
-
-    @property
-    def axes(self) -> Mapping[str, tuple[Cell, ...]]:
-        """As in each run's point."""
-        return {"protocol": tuple(self._grounds), "attack": tuple(self._attacks), "defence": DEFENCES}
-
-    @cached_property
-    def jobs(self) -> tuple[Bout, ...]:
-        """All runs, seed by seed: whatever there is when it is stopped is a smaller scorecard."""
-        return tuple(
-            self._bout(protocol, attack, defence, seed)
-            for seed in range(self.seeds)
-            for protocol, attack in self._tried
-            for defence in DEFENCES
-        )
-
-    @cached_property
-    def _grounds(self) -> dict[str, tuple[Scenario | None, str | None]]:
-        return {_short(name): _ground(name) for name in self.protocols or known_protocols()}
-
-    @cached_property
-    def _attacks(self) -> dict[str, Attack]:
-        """By their words."""
-        found: dict[str, Attack] = {}
-        for words in self.attacks or tuple(ATTACKS):
-            spec = find_attack(words)
-            if not spec.own and spec.name not in ATTACKS:
-                raise UsageError(f"no attack {spec.name!r}", f"{did_you_mean(spec.name, ATTACKS)}phalanx attack list")
-            found[words] = spec.attack
-        return found
-
-    @cached_property
-    def _tried(self) -> list[tuple[str, str]]:
-        return [
-            (protocol, words)
-            for protocol in self._grounds
-            for words, attack in self._attacks.items()
-            if _is_tried(attack, protocol)
-        ]
-
-    @cached_property
-    def _contents(self) -> dict[str, str]:
-        files = [words for words in (*self.protocols, *self._attacks) if is_file(words)]
-        return {words: content_of(words) for words in files}
-
-    def _bout(self, protocol: str, attack: str, defence: Defence, seed: int) -> Bout:
-        scenario, controller = self._grounds[protocol]
+    def bout(protocol: str, attack: str, defence: Defence, seed: int) -> Bout:
+        scenario, controller = grounds[protocol]
         if scenario:
             scenario = replace(scenario, seed=seed, defence=defence)
-        said = (protocol, attack, defence, seed, repr(scenario), *map(self._contents.get, (attack, str(controller))))
+        said = (protocol, attack, defence, seed, repr(scenario), *map(contents.get, (attack, str(controller))))
         point = (("protocol", protocol), ("attack", _short(attack)), ("defence", defence))
-        return Bout(key_of(*said), point, seed, attack, defence, protocol, scenario, controller)
+        return Bout(key_of(*said), point, seed, scenario, attack, controller, defence, protocol)
+
+    return Plan(
+        {"protocol": tuple(grounds), "attack": tuple(chosen), "defence": DEFENCES},
+        tuple(bout(*pair, defence, seed) for seed in range(seeds) for pair in tried for defence in DEFENCES),
+    )
+
+
+def _attack(words: str) -> Attack:
+    spec = find_attack(words)
+    if not spec.own and spec.name not in ATTACKS:
+        raise UsageError(f"no attack {spec.name!r}", f"{did_you_mean(spec.name, ATTACKS)}phalanx attack list")
+    return spec.attack
 
 
 def _is_tried(attack: Attack, protocol: str) -> bool:

@@ -1,12 +1,12 @@
-"""Jobs dealt out by dask to processes of this machine, or of a cluster that there is; a figure's cases among them."""
+"""Jobs dealt out by dask to processes of this machine or of a cluster: a sweep's runs, and a figure's cases."""
 
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import logging
 import os
 import signal
+import sys
 import time
 import warnings
 from collections import deque
@@ -18,11 +18,15 @@ from typing import Any
 
 from phalanx.errors import PhalanxError, Unavailable, UsageError
 from phalanx.experiments.figure import Figure
-from phalanx.experiments.table import EachCase
-from phalanx.experiments.version import version
+from phalanx.experiments.table import EachCase, version
+from phalanx.scenarios.own import find_attacks, find_controller, mistakes_in
+from phalanx.sim.scenarios.play import play
+from phalanx.sim.scenarios.run import Run
 from phalanx.sim.signals import handled_by
 
-SWEEP_HINT = "pip install 'phalanx-swarm[sweep]'"
+from .plan import SWEEP_HINT, Job, Plan, key_of
+from .store import Store, outcome
+
 CONNECT_S = 15.0
 # Of a worker that dies, dask gives its run to another; whose death comes so often again is not by chance.
 DEATHS = 5
@@ -47,9 +51,68 @@ class Failed:
     why: str
 
 
-def key_of(*said: object) -> str:
-    """Of a run that this is all of: two of the same key are one."""
-    return hashlib.sha256(repr(said).encode()).hexdigest()[:24]
+def run_sweep(
+    sweep: Plan,
+    store: Store,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    on_progress: Callable[[int, int], None] = lambda _done, _of: None,
+    *,
+    run: Callable[[Any], dict[str, Any]] | None = None,
+) -> list[str]:
+    """All runs that the store does not have are made and added to it.
+
+    Args:
+        scheduler: address of a dask scheduler; None for processes of this machine, which nobody else can reach.
+        workers: how many of these; None for one a processor.
+        on_progress: is told how many runs are there, and of how many.
+        run: makes a job's row, in whichever process.
+    Returns: a line for each run that failed; the others are there.
+    Raises: UsageError: of the sweep. Unavailable: dask is not installed; no scheduler there, or it went away; a disk
+        is full. Ctrl-C: KeyboardInterrupt. Whatever it is, what came until then is in the store.
+    """
+    jobs = {job.key: job for job in sweep.jobs}
+    todo = [job for key, job in jobs.items() if key not in store.done]
+    on_progress(len(jobs) - len(todo), len(jobs))
+    if not todo:
+        return []
+    if scheduler is None:
+        get_ready()
+        _refuse_early(todo[0])
+    failed: list[str] = []
+    left = len(todo)
+    for key, row in dealt({job.key: job for job in todo}, run or run_job, scheduler, workers):
+        if isinstance(row, Failed):
+            failed.append(f"{_named(jobs[key])}: {row.why}")
+        else:
+            store.add(jobs[key], row)
+        left -= 1
+        on_progress(len(jobs) - left, len(jobs))
+    return failed
+
+
+def run_job(job: Job) -> dict[str, Any]:
+    """What a run comes to, as a row of the store. What a researcher's own file prints goes to stderr."""
+    assert job.scenario, "a sweep's runs have one"
+    with contextlib.redirect_stdout(sys.stderr), mistakes_in(job.attack, job.controller):
+        scenario, own = find_controller(job.controller, job.scenario)
+        if job.attack:
+            scenario = scenario.with_options(attacks=find_attacks([job.attack]))
+        begun_s = time.thread_time()
+        run = play(scenario, controller=own)
+        return outcome(run.summary(), time.thread_time() - begun_s)
+
+
+def _refuse_early(job: Job) -> None:
+    """Refuse here and once what can be refused, before processes start."""
+    if not job.scenario:  # what a scorecard tries beside flocks
+        return
+    with mistakes_in(job.attack, job.controller):
+        Run(*find_controller(job.controller, job.scenario))
+
+
+def _named(job: Job) -> str:
+    return ", ".join(f"{name} {value}" for name, value in (*job.point, ("seed", job.seed)))
 
 
 def deal_cases(scheduler: str | None, workers: int | None) -> EachCase:
@@ -146,7 +209,7 @@ def why_not(error: BaseException | None) -> str:
 def get_ready() -> None:
     """What processes of this machine are forked from begins to import what they need, while we do something else."""
     context = get_context("forkserver")
-    context.set_forkserver_preload(["distributed", f"{__package__}.cluster"])
+    context.set_forkserver_preload(["distributed", __name__])
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update({name: one for name, one in ONE_THREAD.items() if not before[name]})
     try:

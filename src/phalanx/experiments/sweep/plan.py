@@ -7,9 +7,9 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import cached_property
+from functools import cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import yaml
 
@@ -20,42 +20,13 @@ from phalanx.scenarios.file import DERIVED, find_scenario
 from phalanx.scenarios.own import find_attack, is_file, no_controller
 from phalanx.scenarios.scenario import Scenario, in_scenarios
 
-from .dealing import key_of
-
 Cell = str | int | float
-
-
-class Planned(Protocol):
-    """One run that is to be made, as far as dealing it out and keeping its row need to know it."""
-
-    @property
-    def key(self) -> str:
-        """Two with the same come to the same row."""
-
-    @property
-    def point(self) -> tuple[tuple[str, Cell], ...]:
-        """The axes' names, and where on each it is."""
-
-    @property
-    def seed(self) -> int:
-        """Of its dice."""
-
-
-class Plan(Protocol):
-    """Runs that are to be made: a `Sweep` is one."""
-
-    @property
-    def axes(self) -> Mapping[str, tuple[Cell, ...]]:
-        """What is varied, with a value of each at least."""
-
-    @property
-    def jobs(self) -> tuple[Any, ...]:
-        """All runs, each `Planned`."""
 
 
 MOST_BYTES = 1 << 16
 MOST_RUNS = 1_000_000
 HINT = "docs/sweeps.md has an example"
+SWEEP_HINT = "pip install 'phalanx-swarm[sweep]'"
 KEYS = ("scenario", "seeds", "grid")
 # What `phalanx sim run` has an option for is called as there.
 OPTIONS = ("robots", "spacing_m", "duration_s", "defence", "f_max", "t_audit_s", "t_val_s")
@@ -70,47 +41,77 @@ class Job:
 
     key: str  # two jobs with the same come to the same row
     point: tuple[tuple[str, Cell], ...]  # the axes' names, and where on each it is
-    scenario: Scenario
+    seed: int
+    scenario: Scenario | None  # of the seed; None where a scorecard tries something else than a flock
     attack: str | None  # None for the scenario's own
     controller: str | None  # None for the scenario's own
 
-    @property
-    def seed(self) -> int:
-        """The scenario's."""
-        return self.scenario.seed
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """All runs of a sweep or of a scorecard."""
+
+    axes: Mapping[str, tuple[Cell, ...]]  # what is varied, with a value of each at least
+    jobs: tuple[Job, ...]
 
 
-@dataclass(frozen=True)
-class Sweep:
-    """All runs of a file. Axes are in the order of the file; a single scenario is an axis of one value."""
+def key_of(*said: object) -> str:
+    """Of a run that this is all of: two of the same key are one."""
+    return hashlib.sha256(repr(said).encode()).hexdigest()[:24]
 
-    source: str
-    axes: Mapping[str, tuple[Cell, ...]]
-    seeds: tuple[int, ...]
-    folder: Path  # that of the file, where those that it names are
 
-    @property
-    def count(self) -> int:
-        """Of runs."""
-        return math.prod(map(len, self.axes.values())) * len(self.seeds)
+def content_of(words: str) -> str:
+    """Of the file in "FILE.py:CLASS", a digest. Raises: UsageError: no such file. Unavailable: it cannot be read."""
+    return hashlib.sha256(read_at_most(Path(words.partition(":")[0]), own.MOST_BYTES, "FILE.py:CLASS")).hexdigest()
 
-    @cached_property
-    def jobs(self) -> tuple[Job, ...]:
+
+def read_sweep(path: Path) -> Plan:
+    """Return the sweep in a file: axes in the order of the file; a single scenario is an axis of one value.
+
+    Raises: UsageError: no such file, or not a sweep. Unavailable: it cannot be read.
+    """
+    data = read_at_most(path, MOST_BYTES, HINT)
+    root = compose(data, str(path), HINT)
+    return _Reader(path, root, words_of(root, data, str(path), HINT)).plan()
+
+
+class _Reader:
+    def __init__(self, path: Path, root: yaml.Node | None, words: Any) -> None:
+        self._source, self._folder, self._root, self._words = str(path), path.parent, root, words
+
+    def plan(self) -> Plan:
+        words = self._mapping((), self._words)
+        for name in words:
+            if name not in KEYS:
+                raise self._wrong((name,), f"no {name!r} in a sweep", did_you_mean(str(name), KEYS) + ", ".join(KEYS))
+        if "scenario" not in words:
+            raise self._wrong((), "no scenario", HINT)
+        grid = self._mapping(("grid",), words.get("grid") or {})
+        axes = {"scenario": self._values(("scenario",), "scenario", words["scenario"])}
+        for name, values in grid.items():
+            axis = self._axis(name)
+            axes[axis] = self._values(("grid", name), axis, values)
+        seeds = self._seeds(words.get("seeds", 1))
+        count = math.prod(map(len, axes.values())) * len(seeds)
+        if count > MOST_RUNS:
+            raise self._wrong(("grid",), f"{count} runs", f"at most {MOST_RUNS}")
+        return Plan(axes, tuple(self._jobs(axes, seeds)))
+
+    def _jobs(self, axes: Mapping[str, tuple[Cell, ...]], seeds: tuple[int, ...]) -> Iterator[Job]:
         """All runs, those of one point one after the other. Raises: UsageError: of a point that is no scenario."""
-        return tuple(self._jobs())
-
-    def _jobs(self) -> Iterator[Job]:
-        for values in itertools.product(*self.axes.values()):
-            point = tuple(zip(self.axes, values, strict=True))
+        content = cache(content_of)
+        for values in itertools.product(*axes.values()):
+            point = tuple(zip(axes, values, strict=True))
             try:
                 scenario, attack, controller = self._at(dict(point))
             except UsageError as error:
                 where = ", ".join(f"{name} {value}" for name, value in point)
-                raise UsageError(f"{self.source}: at {where}: {error}", error.hint) from error
-            for seed in self.seeds:
+                raise UsageError(f"{self._source}: at {where}: {error}", error.hint) from error
+            contents = [content(words) if words and is_file(words) else "" for words in (attack, controller)]
+            for seed in seeds:
                 chosen = replace(scenario, seed=seed)
-                said = (repr(chosen), attack, controller, *map(self._content, (attack, controller)))
-                yield Job(key_of(*said), point, chosen, attack, controller)
+                key = key_of(repr(chosen), attack, controller, *contents)
+                yield Job(key, point, seed, chosen, attack, controller)
 
     def _at(self, point: dict[str, Any]) -> tuple[Scenario, str | None, str | None]:
         scenario = find_scenario(self._path(point.pop("scenario")))
@@ -134,51 +135,10 @@ class Sweep:
         return scenario, attack, controller
 
     def _path(self, name: str) -> str:
-        return str(self.folder / name) if Path(name).suffix in (".yaml", ".yml") else name
+        return str(self._folder / name) if Path(name).suffix in (".yaml", ".yml") else name
 
     def _own(self, words: str | None) -> str | None:
-        return str((self.folder / words).resolve()) if words and is_file(words) else words
-
-    def _content(self, words: str | None) -> str:
-        return self._digests.setdefault(words, content_of(words)) if words and is_file(words) else ""
-
-    @cached_property
-    def _digests(self) -> dict[str, str]:
-        return {}
-
-
-def content_of(words: str) -> str:
-    """Of the file in "FILE.py:CLASS", a digest. Raises: UsageError: no such file. Unavailable: it cannot be read."""
-    return hashlib.sha256(read_at_most(Path(words.partition(":")[0]), own.MOST_BYTES, "FILE.py:CLASS")).hexdigest()
-
-
-def read_sweep(path: Path) -> Sweep:
-    """The sweep in a file. Raises: UsageError: no such file, or not a sweep. Unavailable: it cannot be read."""
-    data = read_at_most(path, MOST_BYTES, HINT)
-    root = compose(data, str(path), HINT)
-    return _Reader(str(path), root, words_of(root, data, str(path), HINT)).sweep(path.parent)
-
-
-class _Reader:
-    def __init__(self, source: str, root: yaml.Node | None, words: Any) -> None:
-        self._source, self._root, self._words = source, root, words
-
-    def sweep(self, folder: Path) -> Sweep:
-        words = self._mapping((), self._words)
-        for name in words:
-            if name not in KEYS:
-                raise self._wrong((name,), f"no {name!r} in a sweep", did_you_mean(str(name), KEYS) + ", ".join(KEYS))
-        if "scenario" not in words:
-            raise self._wrong((), "no scenario", HINT)
-        grid = self._mapping(("grid",), words.get("grid") or {})
-        axes = {"scenario": self._values(("scenario",), "scenario", words["scenario"])}
-        for name, values in grid.items():
-            axis = self._axis(name)
-            axes[axis] = self._values(("grid", name), axis, values)
-        sweep = Sweep(self._source, axes, self._seeds(words.get("seeds", 1)), folder)
-        if sweep.count > MOST_RUNS:
-            raise self._wrong(("grid",), f"{sweep.count} runs", f"at most {MOST_RUNS}")
-        return sweep
+        return str((self._folder / words).resolve()) if words and is_file(words) else words
 
     def _axis(self, name: Any) -> str:
         known = _axes()

@@ -20,8 +20,7 @@ from typing import Any, Self
 from phalanx.errors import Unavailable, UsageError
 from phalanx.io.private_file import write_whole
 
-from .dealing import SWEEP_HINT
-from .plan import Cell, Plan, Planned, Sweep
+from .plan import SWEEP_HINT, Cell, Job, Plan
 
 ELSEWHERE = "choose another folder with --out, or move this one away"
 WRITE_S, WRITE_ROWS = 1.0, 500  # a part has what came in a second, or so many
@@ -137,7 +136,7 @@ class Store:
                 os.close(self._lock)
                 self._lock = -1
 
-    def add(self, job: Planned, row: Mapping[str, Any]) -> None:
+    def add(self, job: Job, row: Mapping[str, Any]) -> None:
         """A run's row, unless it is there. It is on disk a second before the next one, or when this ends."""
         if job.key in self.done:
             return
@@ -223,12 +222,10 @@ def _type(values: tuple[Cell, ...]) -> str:
     )
 
 
-def points(sweep: Sweep, rows: Iterator[dict[str, Any]]) -> list[dict[str, Any]]:
+def points(sweep: Plan, rows: Iterator[dict[str, Any]]) -> list[dict[str, Any]]:
     """What the runs of each point came to, in the order of the grid; rows of other points are left out."""
     at: dict[tuple[Cell, ...], list[dict[str, Any]]] = {}
-    of_job: dict[str, list[dict[str, Any]]] = {}
-    for job in sweep.jobs:
-        of_job[job.key] = at.setdefault(tuple(value for _, value in job.point), [])
+    of_job = {job.key: at.setdefault(tuple(value for _, value in job.point), []) for job in sweep.jobs}
     for row in rows:
         if row["key"] in of_job:
             of_job[row["key"]].append(row)
