@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from phalanx.arrays import F64x1, I64x2, Records, U8x2, U8x3, U16x2
 from phalanx.bundle import bundled
 from phalanx.config import BtiConfig
-from phalanx.pages import PAGE_BYTES, lines, sparse
-from phalanx.pool import NO_ROW, Pool, make_pool
+from phalanx.pool import NO_ROW, PAGE_BYTES, Pool, lines, make_pool, sparse
 from phalanx.wire import table
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 

@@ -17,7 +17,7 @@ import numpy as np
 from phalanx.arrays import Records, U8x2, U8x3
 from phalanx.bundle import bundled
 from phalanx.kernel import kernel
-from phalanx.pages import sparse
+from phalanx.pool import sparse
 from phalanx.wire import table
 from phalanx.wire.fields import Row, copy, same
 from phalanx.wire.table import HASH_BYTES

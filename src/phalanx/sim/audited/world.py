@@ -17,7 +17,9 @@ from phalanx.bti.work import Work
 from phalanx.bundle import bundled
 from phalanx.kernel import kernel
 from phalanx.sim.radio.channel import Air
+from phalanx.sim.radio.nic import NIC
 from phalanx.sim.radio.reach import Reach
+from phalanx.wire.fields import prefetch
 
 from .events import Queue
 
@@ -25,6 +27,10 @@ from .events import Queue
 # trace, which does exactly what compiled code does.
 COMPILED, PYTHON, TRACED = 0, 1, 2
 VERDICTS = 4096
+# Fields that every event reads lie at the front of a robot's rows; most controllers' states are this long.
+HOT_BYTES, STATE_BYTES, NIC_BYTES = 192, 256, NIC.itemsize
+# Swarms of up to so many robots fit into the caches: there prefetching would cost 2 %.
+CACHED_ROBOTS = 500
 
 CLOCK = np.dtype(
     [
@@ -67,7 +73,7 @@ class World(NamedTuple):
     last: F64x2  # (M, 2), `pos` at the last look at contacts
     led: U8x2  # (M, 3)
     area: F64x1  # (2,), m, what wheels stay within
-    discs: F64x2  # (D, 3), obstacles (motion.obstacle_contacts)
+    discs: F64x2  # (D, 3), obstacles (body.obstacle_contacts)
     boxes: F64x2  # (B, 4), the same
     moved_us: I64x1  # (M,), the moment for which `pos` and `vel` hold
     boot_us: I64x1  # (N,), by how much a robot's clock is ahead of the world's
@@ -94,3 +100,42 @@ def clock_ms(world: World, i: int) -> int:
 def make_clock() -> NDArray[Any]:
     """A clock at 0."""
     return records(1, CLOCK)
+
+
+# --- prefetching: ask the caches for the rows that the next event reads; of a large swarm they do not hold all ---
+
+
+@kernel
+def prefetch_receiver(world: World, i: int) -> None:
+    """Prefetch the rows that robot i reads when it receives a packet."""
+    f = world.fleet
+    if len(f.robot) > CACHED_ROBOTS and 0 <= i < len(f.robot):
+        prefetch(f.robot, i, 0, HOT_BYTES)
+        prefetch(f.anode, i, 0, HOT_BYTES)
+        prefetch(f.state, i, 0, STATE_BYTES)
+        prefetch(f.peer_id, i, 0, 1)
+
+
+@kernel
+def prefetch_event(world: World, i: int) -> None:
+    """Prefetch the rows that any event of robot i reads: also its sensors, actuators and radio."""
+    robots = len(world.fleet.robot)
+    if robots > CACHED_ROBOTS and 0 <= i < robots:
+        prefetch_receiver(world, i)
+        prefetch(world.fleet.snode, i, 0, HOT_BYTES)
+        prefetch(world.pos, i, 0, 1)
+        prefetch(world.vel, i, 0, 1)
+        prefetch(world.acc, i, 0, 1)
+        prefetch(world.air.nic, i, 0, NIC_BYTES)
+
+
+@kernel
+def prefetch_log(world: World, i: int) -> None:
+    """Prefetch where robot i logs next."""
+    f = world.fleet
+    if len(f.robot) > CACHED_ROBOTS:
+        at, front = f.robot[i].log_len, f.log.shape[1]
+        if at < front:
+            prefetch(f.log, i, at, 1)
+        else:
+            prefetch(f.log_rest, i, at - front, 1)
