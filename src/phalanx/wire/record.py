@@ -140,6 +140,30 @@ class Record:
         return values
 
 
+def fields(*declared: str | Field) -> tuple[Field, ...]:
+    """Return the fields that are declared, each as "NAME TYPE: what it is, with its unit".
+
+    Several names before a type are as many fields, and what they are is the first one's. "= NUMBER" behind a type is
+    the field's `value`.
+    """
+    made: list[Field] = []
+    for each in declared:
+        if isinstance(each, Field):
+            made.append(each)
+            continue
+        words, _, doc = each.partition(": ")
+        words, _, value = words.partition(" = ")
+        *names, kind = words.split()
+        made += [Field(name, kind, "" if n else doc, int(value) if value else None) for n, name in enumerate(names)]
+    return tuple(made)
+
+
+def record(head: str, *declared: str | Field, tag: int | None = None) -> Record:
+    """Return a record of `fields`; its head is "NAME: what it is"."""
+    name, _, doc = head.partition(": ")
+    return Record(name, fields(*declared), doc, tag)
+
+
 def _encode(field: Field, value: Any) -> bytes:
     if field.type in INTEGERS:
         return int.to_bytes(value, field.size, "little", signed=field.type[0] == "i")
