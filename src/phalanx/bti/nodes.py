@@ -27,8 +27,6 @@ from . import trusted
 class Refused(PeerError):
     """A trusted node refused what its c-node asked for, with a code of trusted.REASONS; nothing has happened."""
 
-    reason = "refused"
-
     def __init__(self, code: int) -> None:
         super().__init__(f"a trusted node refused: {trusted.REASONS[code]}")
         self.code = code

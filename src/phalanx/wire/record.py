@@ -25,8 +25,6 @@ LARGEST_F32 = 3.4028234663852886e38  # that there is
 class MalformedRecord(PeerError):
     """Too short, too long, another tag, or a number out of range."""
 
-    reason = "malformed_record"
-
 
 @dataclass(frozen=True, slots=True)
 class Field:
