@@ -31,8 +31,12 @@ _TEE = "tee u16: auditee"
 _T = "t u32: ms, of the token request"
 
 
+_calls: list[Record] = []
+
+
 def _call(tag: int, head: str, *declared: str) -> Record:
-    return record(f"call_{head}", _NUMBER, *declared, tag=tag)
+    _calls.append(record(f"call_{head}", _NUMBER, *declared, tag=tag))
+    return _calls[-1]
 
 
 HELLO = _call(0x40, "hello: handshake; answered with `about`", "version u8: of whoever asks")
@@ -80,23 +84,5 @@ ABOUT = record(
     "seq u32: of the last mission key",
 )
 
-CALLS = (
-    HELLO,
-    LIMITS,
-    LOAD_MASTER,
-    LOAD_MISSION,
-    CLOCK,
-    POLL,
-    RECV,
-    SEND,
-    ACTUATE,
-    MAKE_AUTH,
-    CHECK_AUTH,
-    TOKEN_REQUEST,
-    ISSUE_TOKEN,
-    CHECK_TOKEN,
-    INSTALL_TOKEN,
-    CHECK,
-    SEAL,
-)
+CALLS = tuple(_calls)
 RECORDS = (*CALLS, ANSWER, ABOUT)
