@@ -13,7 +13,7 @@ from conftest import PHALANX, ROOT
 from phalanx.cli.main import run_command
 from phalanx.errors import UsageError
 from phalanx.robot.controllers.python_controller import OwnMistake
-from phalanx.sim.determinism import calls, check, watch
+from phalanx.sim.determinism import calls, check
 from phalanx.sim.determinism.calls import ADVICE, ROBOT, calls_of, maker
 from phalanx.sim.determinism.check import Report, check_controller
 from phalanx.sim.determinism.trace import LIVES, live
@@ -270,7 +270,7 @@ def test_what_fails_without_liars_is_told_with_its_line(checked):
 
 
 def test_what_does_not_return_is_told(checked, monkeypatch):
-    monkeypatch.setattr(watch, "LONGEST_CALL_S", 0.3)
+    monkeypatch.setattr(calls, "LONGEST_CALL_S", 0.3)
     with pytest.raises(UsageError, match=r"mine.py:\d+: on_input has not returned for 0.3 s \(reading 0, "):
         checked({ACTED: "while True: pass"})
     with pytest.raises(UsageError, match=r"mine.py:\d+: on_input has not returned for 0.3 s \(reading 0, "):
@@ -304,7 +304,7 @@ def test_nor_is_that_noted_as_something_raised(monkeypatch):
             while True:
                 pass
 
-    monkeypatch.setattr(watch, "LONGEST_CALL_S", 0.3)
+    monkeypatch.setattr(calls, "LONGEST_CALL_S", 0.3)
     with pytest.raises(OwnMistake, match="on_recv has not returned"):
         live(lambda _: Endless(), 1, [calls.Call(-1, 0, b"hello")])
 

@@ -123,7 +123,7 @@ class Run:
     def sense(self, senses: Senses | None) -> None:
         """Robots have these senses, if any."""
         if senses:
-            self.looks = Around(self.world, senses, self.scenario.obstacles, self.scenario.contact_m)
+            self.looks = Around(self.world, senses, self.scenario.contact_m)
 
     def trace(self, rob_id: int, echo: Callable[[str], None]) -> None:
         """Print a robot's events and actions from now on, a line each.
