@@ -12,7 +12,7 @@ import numpy as np
 
 from .parsing import Source, source_of, uncompiled
 
-# Functions of phalanx/memory.py that write to their first argument.
+# Functions of phalanx/wire/fields.py that write to their first argument.
 WRITERS = ("store_16", "store_32", "store_64", "move")
 # Stands for all arrays of modules, beside the names of parameters.
 CONSTANT = "<a constant>"

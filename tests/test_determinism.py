@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import subprocess
@@ -12,7 +13,7 @@ from conftest import PHALANX, ROOT
 from phalanx.cli.main import run_command
 from phalanx.errors import UsageError
 from phalanx.robot.controllers.python_controller import OwnMistake
-from phalanx.sim.determinism import calls, check, watch
+from phalanx.sim.determinism import calls, check
 from phalanx.sim.determinism.calls import ADVICE, ROBOT, calls_of, maker
 from phalanx.sim.determinism.check import Report, check_controller
 from phalanx.sim.determinism.trace import LIVES, live
@@ -55,31 +56,25 @@ PROCESSES, COMPILED, BESIDE, FROM, OVER, RAISES, REFUSED = (
 )  # fmt: skip
 
 
-class Here(check._Process):
+@contextlib.contextmanager
+def here(_folder, k, words, calls):
     """What a process would live through, lived in this one."""
-
-    def __init__(self, _folder, _turn, words, calls, lives, **_):
-        make = maker(words)  # once: what its module keeps, all lives share
-        self._lived = {name: LIVES[name](make, ROBOT, calls) for name in lives}
-
-    def lives(self):
-        return json.loads(json.dumps(self._lived))
-
-    def end(self):
-        pass
+    make = maker(words)  # once: what its module keeps, all lives share
+    lived = {name: LIVES[name](make, ROBOT, calls) for name in (("live",) if k else LIVES)}
+    yield lambda: json.loads(json.dumps(lived))
 
 
-def first_here(folder, turn, *asked, _elsewhere=check._Process, **more):
+def first_here(folder, k, *asked, _elsewhere=check._process):
     """The others are processes."""
-    return (_elsewhere if turn else Here)(folder, turn, *asked, **more)
+    return (_elsewhere if k else here)(folder, k, *asked)
 
 
 @pytest.fixture
 def checked(tmp_path, monkeypatch):
-    def checked(change: dict[str, str], process=check._Process) -> Report:
+    def checked(change: dict[str, str], process=check._process) -> Report:
         # One other process tells, but for the order of a set, which is the same in some.
         monkeypatch.setattr(check, "OTHERS", 3 if "list({" in str(change) else 1)
-        monkeypatch.setattr(check, "_Process", process)
+        monkeypatch.setattr(check, "_process", process)
         text = WHOLE
         for was, becomes in change.items():
             assert was in text
@@ -250,7 +245,7 @@ def test_it_is_found_where_it_differs(checked, change, where, place):
     # What one process of several lives shows needs no other.
     alone = PROCESSES not in where and COMPILED not in where
     by_place = "{'" in str(change) or "id(self)" in str(change)  # in memory, or in a set by a hash: of processes alike
-    report = checked(change, Here if alone else check._Process if by_place else first_here)
+    report = checked(change, here if alone else check._process if by_place else first_here)
     found = failed(report)
     assert where <= set(found)
     if where in ({PROCESSES}, {COMPILED}, {OVER}, {RAISES}, {REFUSED}):
@@ -275,7 +270,7 @@ def test_what_fails_without_liars_is_told_with_its_line(checked):
 
 
 def test_what_does_not_return_is_told(checked, monkeypatch):
-    monkeypatch.setattr(watch, "LONGEST_CALL_S", 0.3)
+    monkeypatch.setattr(calls, "LONGEST_CALL_S", 0.3)
     with pytest.raises(UsageError, match=r"mine.py:\d+: on_input has not returned for 0.3 s \(reading 0, "):
         checked({ACTED: "while True: pass"})
     with pytest.raises(UsageError, match=r"mine.py:\d+: on_input has not returned for 0.3 s \(reading 0, "):
@@ -309,7 +304,7 @@ def test_nor_is_that_noted_as_something_raised(monkeypatch):
             while True:
                 pass
 
-    monkeypatch.setattr(watch, "LONGEST_CALL_S", 0.3)
+    monkeypatch.setattr(calls, "LONGEST_CALL_S", 0.3)
     with pytest.raises(OwnMistake, match="on_recv has not returned"):
         live(lambda _: Endless(), 1, [calls.Call(-1, 0, b"hello")])
 
@@ -321,7 +316,7 @@ class TestCommand:
         assert [line.split()[-1] for line in done.stdout.splitlines()[1:]] == ["yes"] * 7
 
     def test_1_is_a_difference_and_json_has_its_place(self, tmp_path, monkeypatch, capsys):
-        monkeypatch.setattr(check, "_Process", Here)
+        monkeypatch.setattr(check, "_process", here)
         path = tmp_path / "mine.py"
         path.write_text(WHOLE.replace(COUNTED, "self.heard += frame[20]"))
         assert run_command(["sim", "check", f"{path}:Mine", "--json", "--seed", "4"]) == 1

@@ -12,8 +12,8 @@ SRC, COMPILER = ROOT / "src" / "phalanx", ROOT / "phalanx_compiler"
 LAYERS = [
     "errors _kernels",
     "binary",
-    "kernel loading pages arrays",
-    "config bundle memory",
+    "kernel loading arrays",
+    "config bundle",
     "wire pool _firmware_bound _firmware_paper",
     "crypto",
     "link mission bti",

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 
 from phalanx.bti import log
 from phalanx.bti.fleet import ROBOT, SETTINGS, records
-from phalanx.pages import sparse
-from phalanx.pool import give_back, lend, make_pool
+from phalanx.pool import give_back, lend, make_pool, sparse
 from phalanx.wire import fields
 
 ROOM = 24
@@ -25,7 +24,8 @@ FORMS = {"u16": "<H", "u32": "<I", "u64": "<q"}
 
 
 def both(kernel):
-    return kernel, kernel.py_func
+    """A kernel, compiled and not; of what the compiler writes inline (tests/compiler), the function alone."""
+    return kernel, getattr(kernel, "py_func", kernel)
 
 
 @pytest.mark.parametrize("name", FORMS)
@@ -33,6 +33,17 @@ def both(kernel):
 def test_a_number_is_read_as_it_lies(name, raw, at):
     right = struct.unpack_from(FORMS[name], raw, at)[0]
     assert {get(fields.row(raw), at) for get in both(getattr(fields, f"get_{name}"))} == {right}
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_a_number_that_the_row_cuts_off_is_refused(name):
+    for cut in range(1, struct.calcsize(FORMS[name]) + 1):
+        row = fields.row(bytes(ROOM))
+        at = ROOM - struct.calcsize(FORMS[name]) + cut
+        with pytest.raises((IndexError, ValueError)):
+            getattr(fields, f"get_{name}")(row, at)
+        with pytest.raises((IndexError, ValueError)):
+            getattr(fields, f"put_{name}")(row, at, 0)
 
 
 @pytest.mark.parametrize("name", FORMS)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from phalanx.errors import UsageError
-from phalanx.sim.audited.motion import advance, command, obstacle_contacts, robot_contacts
+from phalanx.sim.audited.body import accelerate, accelerated, obstacle_contacts, robot_contacts
 from phalanx.sim.radio.reach import in_range, make_reach, rebuild
 
 NO_DISCS, NO_BOXES = np.zeros((0, 3)), np.zeros((0, 4))
@@ -39,9 +39,9 @@ class TestMotion:
         for looks in ([10_000_000], [1, 333_333, 2_000_000, 9_999_999, 10_000_000]):
             pos, vel, acc = np.array([[1.0, 2.0]]), np.array([[3.0, -4.0]]), np.zeros((1, 2))
             at_us = np.zeros(1, np.int64)
-            command(acc, 0, 0.5, -0.25, 5.0)
+            accelerate(acc, 0, 0.5, -0.25, 5.0)
             for now_us in looks:
-                advance(pos, vel, acc, at_us, 0, now_us)
+                accelerated(pos, vel, acc, at_us, 0, now_us)
             assert pos[0] == pytest.approx([1 + 30 + 25, 2 - 40 - 12.5], abs=1e-9)
             assert vel[0] == pytest.approx([8, -6.5], abs=1e-9)
             assert at_us[0] == 10_000_000
@@ -52,7 +52,7 @@ class TestMotion:
     )
     def test_an_acceleration_is_clipped_on_each_axis_and_nonsense_is_none(self, asked, done):
         acc = np.full((2, 2), 9.0)
-        command(acc, 1, asked, 1.0, 5.0)
+        accelerate(acc, 1, asked, 1.0, 5.0)
         assert acc.tolist() == [[9.0, 9.0], [done, 1.0]]
 
 

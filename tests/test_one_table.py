@@ -38,7 +38,7 @@ def test_a_first_byte_is_one_records():
 
 
 def test_two_records_of_one_kind_are_found():
-    twin = table.Record("twin", (), "", table.KIND_DRIVE)
+    twin = table.record("twin", tag=table.KIND_DRIVE)
     assert collisions((*table.ON_MISSION, twin)) == [{"drive", "twin"}]
 
 

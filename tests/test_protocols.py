@@ -122,7 +122,7 @@ def test_what_one_audit_replayed_no_further_one_does_and_the_run_is_the_same(nam
         run = Run(scenario, plain=plain)
         run.advance(scenario.duration_s)
         told.append(run.summary() | {"real_time_factor": None})
-        known.append(run.world.fleet.memo.passed["length"].tolist())
+        known.append(run.world.fleet.memo.passed["end"].tolist())
     assert told[0] == told[1]
     assert all(known[0][rob_id % ROBOTS] for rob_id in (1, 3, 4, 5)), "the last that passed, of each but the liar"
     assert not any(known[1])

@@ -130,7 +130,7 @@ class TestRules:
         world.send(1, 27, BROADCAST, 20)
         world.run()
         assert [k for _, k, _, _ in world.heard] == [1, 2, 0, 2]
-        assert world.heard[2][0] - world.heard[0][0] >= radio.AIFS_US + 148
+        assert world.heard[2][0] - world.heard[0][0] >= radio.card.AIFS_US + 148
 
     def test_two_in_the_same_slot_are_both_lost_where_neither_is_much_stronger(self):
         world = World([(0, 0), (100, 0), (50, 0), (50, 9)])

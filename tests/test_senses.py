@@ -47,8 +47,15 @@ class Careful(Controller):
 
 
 def around(places, senses, obstacles=(DISC, BOX)):
-    world = SimpleNamespace(pos=np.array(places, float), fleet=SimpleNamespace(robot=places))
-    return Around(world, senses, obstacles, 1.0)
+    discs = [(each.x_m, each.y_m, each.radius_m) for each in obstacles if isinstance(each, Disc)]
+    boxes = [(each.left_m, each.bottom_m, each.right_m, each.top_m) for each in obstacles if isinstance(each, Box)]
+    world = SimpleNamespace(
+        pos=np.array(places, float),
+        fleet=SimpleNamespace(robot=places),
+        discs=np.array(discs, float).reshape(-1, 3),
+        boxes=np.array(boxes, float).reshape(-1, 4),
+    )
+    return Around(world, senses, 1.0)
 
 
 def ranges(this, at=(0.0, 0.0), beams=8):

@@ -289,13 +289,16 @@ class TestCautions:
     @pytest.mark.parametrize("robots", [1, 2, 7, 25, 60, 324])
     @pytest.mark.parametrize("grid_step_m", [1.0, 30.0, 64.0, 110.0, 200.0])
     @pytest.mark.parametrize("formation", ["grid", "line", "ring", "islands"])
-    def test_neighbours_are_counted_as_the_world_does(self, robots, grid_step_m, formation):
+    def test_neighbours_are_those_of_all_pairs(self, robots, grid_step_m, formation):
         scenario = Scenario(robots=robots, grid_step_m=grid_step_m, formation=formation)
         starts_m = np.array(scenario.starts_m)
         apart = np.linalg.norm(starts_m[:, None] - starts_m[None], axis=2)
         near = (apart <= scenario.radio.range_m).sum(axis=1) - 1
-        for enough in (2, 4, 16):
-            np.testing.assert_array_equal(neighbours_at_start(scenario, enough), np.minimum(near, enough))
+        np.testing.assert_array_equal(neighbours_at_start(scenario), near)
+
+    def test_neighbours_of_a_large_swarm_are_counted_too(self):
+        counts = neighbours_at_start(Scenario(robots=1600, grid_step_m=100.0))
+        assert np.bincount(counts).tolist() == [0, 0, 4, 4 * 38, 38 * 38]
 
     def test_simulate_warns(self):
         with pytest.warns(UserWarning, match="quorum") as caught:

@@ -18,7 +18,7 @@ from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.compiled import compiled
 from phalanx.robot.controllers.flock_law import flock_params
 from phalanx.sim import AttackSpec, Scenario
-from phalanx.sim.audited.trace import described
+from phalanx.sim.audited.pybot import described
 from phalanx.sim.scenarios.run import Run
 from phalanx.wire.fields import row
 

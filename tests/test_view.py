@@ -21,7 +21,7 @@ from phalanx.io.site import beside
 from phalanx.recording import recorded
 from phalanx.recording.recorded import Said
 from phalanx.recording.recorder import NS, TOPICS, frame
-from phalanx.sim.audited.watch import VerdictReader
+from phalanx.sim.audited.world import VerdictReader
 from phalanx.sim.scenarios import scenes
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.scenes import Live, Scenes, lines_of

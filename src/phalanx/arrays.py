@@ -36,3 +36,12 @@ F32x1: TypeAlias = Annotated[NDArray[np.float32], 1]
 F64x1: TypeAlias = Annotated[NDArray[np.float64], 1]
 F64x2: TypeAlias = Annotated[NDArray[np.float64], 2]
 BOOLx1: TypeAlias = Annotated[NDArray[np.bool_], 1]
+
+
+def layout(*declared: str) -> np.dtype[Any]:
+    """Return the dtype of records whose fields are declared as "NAME TYPE", or several names of one type.
+
+    Types are numpy's ("i8", "u1", "8u1" for eight bytes); fields are aligned as a C compiler aligns them.
+    """
+    fields = [(name, kind) for *names, kind in map(str.split, declared) for name in names]
+    return np.dtype(fields, align=True)

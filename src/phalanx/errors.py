@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from typing import ClassVar
 
@@ -58,9 +59,17 @@ class OutsideSubset(OwnFileError):
 
 
 class PeerError(PhalanxError):
-    """Bytes from a peer are wrong. `reason` is the word under which it is counted."""
+    """Bytes from a peer are wrong.
+
+    Class attributes:
+        reason: under which it is counted: the class's name in small letters, if the class sets no other.
+    """
 
     reason: ClassVar[str] = "peer_error"
+
+    def __init_subclass__(cls) -> None:
+        if "reason" not in vars(cls):
+            cls.reason = re.sub("(?<=.)(?=[A-Z])", "_", cls.__name__).lower()
 
 
 class Defective(PeerError):
@@ -72,33 +81,23 @@ class Defective(PeerError):
 class TooLarge(PeerError):
     """More bytes than this receiver reads."""
 
-    reason = "too_large"
-
 
 class MalformedJwe(PeerError):
     """Not the one compact JWE form that the link speaks."""
-
-    reason = "malformed_jwe"
 
 
 class NotAuthentic(PeerError):
     """The tag does not verify: another key, or altered on the way."""
 
-    reason = "not_authentic"
-
 
 class MalformedEnvelope(PeerError):
     """Authentic, but not a timestamp with a payload (or not a pin message, where one was due)."""
-
-    reason = "malformed_envelope"
 
 
 class Stale(PeerError):
     """The timestamp is further from now than the tolerance. `skew_s` is it minus our clock, seconds: the message was
     authentic, so a client may take this for the error of its own clock.
     """
-
-    reason = "stale"
 
     def __init__(self, skew_s: float, tolerance_s: float) -> None:
         super().__init__(f"timestamp is {skew_s:+.1f} s from our clock, limit {tolerance_s:g} s")
@@ -108,55 +107,37 @@ class Stale(PeerError):
 class Replayed(PeerError):
     """This epoch has seen this IV before."""
 
-    reason = "replayed"
-
 
 class CacheFull(PeerError):
     """The replay cache cannot remember one more message, and must not forget one."""
-
-    reason = "cache_full"
 
 
 class Overrun(PeerError):
     """Arrived faster than they were read; dropped unread."""
 
-    reason = "overrun"
-
 
 class WrongTopic(PeerError):
     """Not a topic that this receiver reads, or not one of a live epoch."""
-
-    reason = "wrong_topic"
 
 
 class BadPayload(PeerError):
     """The words inside the envelope make no sense to the handler."""
 
-    reason = "bad_payload"
-
 
 class Late(PeerError):
     """A joystick's command that lay here unread for longer than a joystick's word is good for."""
-
-    reason = "late"
 
 
 class Held(PeerError):
     """The operator has stopped all robots: nobody moves one now."""
 
-    reason = "held"
-
 
 class Unknown(PeerError):
     """No such command, request or robot."""
 
-    reason = "unknown"
-
 
 class HandlerFailed(PeerError):
     """A handler broke on what a peer said. The peer hears nothing; the fault is ours, and logged as such."""
-
-    reason = "handler_failed"
 
 
 class OpenError(PeerError):

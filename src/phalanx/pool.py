@@ -1,4 +1,4 @@
-"""Rows of bytes that are lent while they are needed.
+"""Where rows of bytes lie: in pages that take memory only once they are written, and in rows that are lent.
 
 Of a thousand robots a handful show or hear a request at any moment. With a row each of their own, all rows would be
 memory, and cold; of rows that are lent the one given back last is lent next, and the others are never touched.
@@ -6,16 +6,45 @@ memory, and cold; of rows that are lent the one given back last is lent next, an
 
 from __future__ import annotations
 
+import contextlib
+import math
+import mmap
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phalanx.arrays import I32x1, I64x1, U8x2
 from phalanx.bundle import bundled
 from phalanx.kernel import kernel
-from phalanx.pages import sparse
 
+LINE_BYTES = 64  # of a processor's caches
+SMALL_BYTES = 1 << 20
+PAGE_BYTES = mmap.PAGESIZE
 NO_ROW = -1
+
+
+def sparse(*shape: int) -> NDArray[np.uint8]:
+    """Return zeroed bytes that take memory only by the page, and only where something was written.
+
+    numpy asks for pages of 2 MB where it can: of rows that are used in part, all would be memory.
+    Raises: MemoryError: there is no room for so many addresses.
+    """
+    size = math.prod(shape)
+    if size < SMALL_BYTES:
+        return np.zeros(shape, np.uint8)
+    try:
+        pages = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    except OSError as error:
+        raise MemoryError(f"{size} bytes") from error
+    with contextlib.suppress(OSError):  # a kernel without huge pages
+        pages.madvise(mmap.MADV_NOHUGEPAGE)
+    return np.frombuffer(pages, np.uint8).reshape(shape)
+
+
+def lines(size: int) -> int:
+    """Return the least multiple of a cache line's length that is not below `size`, in bytes."""
+    return -(-size // LINE_BYTES) * LINE_BYTES
 
 
 class Pool(NamedTuple):

@@ -194,17 +194,6 @@ def _fails(item: pytest.Item) -> bool:
     return any(report.failed for report in runtestprotocol(item, log=False, nextitem=None))
 
 
-def _within(load: Callable[[Any, int], int], width: int) -> Callable[[Any, int], int]:
-    """The same, and whoever looks behind a row's end is told: compiled code would read on."""
-
-    def told(row: Any, at: int) -> int:
-        if at + width > len(row):
-            raise IndexError(at)
-        return load(row, at)
-
-    return told
-
-
 class Bench:
     """A pytest plugin: the tests are collected once, and those that run a mistake are run in a child for each."""
 
@@ -272,9 +261,6 @@ def main() -> int:
     import pytest
 
     sys.path.insert(0, str(SOURCES.parent))
-    memory = importlib.import_module("phalanx.memory")
-    for bits in (16, 32, 64):
-        setattr(memory, f"load_{bits}", _within(getattr(memory, f"load_{bits}"), bits // 8))
     made = list(mutants())
     known = json.loads(EQUIVALENT.read_text())
     if gone := set(known) - {each.name for each in made}:

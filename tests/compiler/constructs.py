@@ -27,7 +27,7 @@ from phalanx.arrays import (
 )
 from phalanx.bundle import bundled
 from phalanx.kernel import kernel
-from phalanx.memory import equal, load_16, load_32, load_64, move, prefetch, store_16, store_32, store_64
+from phalanx.wire.fields import get_u16, get_u32, get_u64, move, prefetch, put_u16, put_u32, put_u64, same
 
 # Inputs beside random ones, by the name of a kernel; only these if the second is true.
 GIVEN: dict[str, tuple[list[tuple[Any, ...]], bool]] = {}
@@ -1115,10 +1115,10 @@ def given_back(a: I64x1, b: F64x2, i: int) -> tuple[I64x1, F64x1, I64x1]:
 
 @kernel
 def bytes_of_rows(a: U8x1, x: int) -> tuple[int, int, bool, bool]:
-    store_16(a, 0, x)
-    store_32(a, 2, x)
+    put_u16(a, 0, x)
+    put_u32(a, 2, x)
     move(a, 1, a, 0, 4)
-    return load_16(a, 1), load_32(a, 2), equal(a, 0, a, 1, 5), equal(a, 0, a, 3, 0)
+    return get_u16(a, 1), get_u32(a, 2), same(a, 0, a, 1, 5), same(a, 0, a, 3, 0)
 
 
 @kernel
@@ -1132,10 +1132,10 @@ def prefetched(a: U8x1, b: F64x2, i: int) -> tuple[int, float]:
 @kernel
 def bytes_of_long_rows(a: U8x3, x: int, i: int) -> tuple[int, int]:
     row = np.zeros(16, np.uint8)
-    store_64(row, i, x)
-    store_64(row, 8, -x)
+    put_u64(row, i, x)
+    put_u64(row, 8, -x)
     a[0, 0, :] = row[i : i + 4]
-    return load_64(row, i), load_64(row, 7)
+    return get_u64(row, i), get_u64(row, 7)
 
 
 # --- records and bundles ---

@@ -25,7 +25,7 @@ import numpy as np
 from phalanx.arrays import BOOLx1, F32x1, F64x1, F64x2, I64x1, I64x2, Records, U8x1, U64x1
 from phalanx.bundle import bundled
 from phalanx.kernel import kernel
-from phalanx.memory import store_16
+from phalanx.wire.fields import put_u16
 
 TABLE = np.zeros(3)
 TABLES = (TABLE, 1)
@@ -243,7 +243,7 @@ CASES = {
     "abs of an array": ("a: F64x1 -> int", ">> y = abs(a)\nreturn 0", "a call with array", "pass one number"),
     "a float to eye": ("x: float -> F64x2", ">> return np.eye(x)", "a call with float: np.eye(x)", "a whole number"),
     "an int to np.floor": ("x: int -> float", ">> return np.floor(x)", "a call with int: np.floor(x)", "pass a float; float() converts"),
-    "a float in a row": ("a: U8x1, x: float -> None", ">> store_16(a, 0, x)", "a call with array of uint8", "a row of bytes, and whole numbers"),
+    "a float in a row": ("a: U8x1, x: float -> None", ">> put_u16(a, 0, x)", "a call with array of uint8", "a row of bytes, and whole numbers"),
     "no shape": ("x: int -> int", ">> y = np.zeros()\nreturn 0", "0 arguments of zeros: np.zeros()", "give a shape, and a dtype"),
     "no value to fill": ("x: int -> int", ">> y = np.full(3)\nreturn 0", "1 arguments of full: np.full(3)", "give a shape, a value, and a dtype"),
     "an order": ("x: int -> int", '>> y = np.zeros(3, order="C")\nreturn 0', "1 arguments of zeros", "give a shape, and a dtype"),

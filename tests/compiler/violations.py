@@ -10,7 +10,7 @@ import numpy as np
 from phalanx.arrays import I64x1, I64x2, I64x3, Records, U8x1
 from phalanx.bundle import bundled
 from phalanx.kernel import kernel, reads_peer
-from phalanx.memory import equal, load_16, load_32, load_64, move, store_16, store_32, store_64
+from phalanx.wire.fields import get_u16, get_u32, get_u64, move, put_u16, put_u32, put_u64, same
 
 CELL = np.dtype([("count", "i8"), ("part", "f8", 3), ("grid", "u1", (2, 4))], align=True)
 TABLE = np.arange(4)
@@ -131,32 +131,32 @@ def made(i: int) -> float:
 
 @kernel
 def loaded_16(a: U8x1, i: int) -> int:
-    return load_16(a, i)  # index
+    return get_u16(a, i)  # index
 
 
 @kernel
 def loaded_32(a: U8x1, i: int) -> int:
-    return load_32(a, i)  # index
+    return get_u32(a, i)  # index
 
 
 @kernel
 def loaded_64(a: U8x1, i: int) -> int:
-    return load_64(a, i)  # index
+    return get_u64(a, i)  # index
 
 
 @kernel
 def stored_16(a: U8x1, i: int) -> None:
-    store_16(a, i, 1)  # index
+    put_u16(a, i, 1)  # index
 
 
 @kernel
 def stored_32(a: U8x1, i: int) -> None:
-    store_32(a, i, 1)  # index
+    put_u32(a, i, 1)  # index
 
 
 @kernel
 def stored_64(a: U8x1, i: int) -> None:
-    store_64(a, i, 1)  # index
+    put_u64(a, i, 1)  # index
 
 
 @kernel
@@ -176,7 +176,7 @@ def moved_too_much(a: U8x1, i: int) -> None:
 
 @kernel
 def compared(a: U8x1, i: int) -> bool:
-    return equal(a, i, a, 0, 3)  # index
+    return same(a, i, a, 0, 3)  # index
 
 
 @kernel

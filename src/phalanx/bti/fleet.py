@@ -10,11 +10,10 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.arrays import F64x1, I64x2, Records, U8x2, U8x3, U16x2
+from phalanx.arrays import F64x1, I64x2, Records, U8x2, U8x3, U16x2, layout
 from phalanx.bundle import bundled
 from phalanx.config import BtiConfig
-from phalanx.pages import PAGE_BYTES, lines, sparse
-from phalanx.pool import NO_ROW, Pool, make_pool
+from phalanx.pool import NO_ROW, PAGE_BYTES, Pool, lines, make_pool, sparse
 from phalanx.wire import table
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
@@ -32,96 +31,64 @@ LONG_AGO = -(1 << 40)
 # longer, with 24 most.
 LARGE_LOGS_BYTES, LOG_FRONT_BYTES = 8 << 20, 2688
 
-ROBOT = np.dtype(
-    [
-        ("id", "u2"),
-        ("alive", "u1"),  # powered and keyed
-        ("log_full", "u1"),
-        # What each event needs lies together: of large swarms it is not near, and each line of it is waited for.
-        ("booted", "u1"),  # the log begins at boot, not at a checkpoint
-        ("seeks", "u1"),  # in this round it asks who is there
-        ("log_len", "i8"),
-        ("log_max", "i8"),  # longest log so far
-        ("state_len", "i8"),
-        ("step", "i8"),  # INPUTs so far
-        ("peers", "i8"),
-        ("t_key", "i8"),  # ms of the robot's own clock, at which its mission key was loaded
-        ("phase", "i8"),  # ms; its sensors' grid is t_key + phase + k * t_control
-        ("checkpoint_no", "i8"),  # of the checkpoint that was taken last
-        ("start_no", "i8"),  # of the one at which the log begins
-        ("checkpoint_at", "i8"),  # where in the log the pending checkpoint's mark stands, -1 if there is none
-        ("start_len", "i8"),  # of what the log begins with: a checkpoint, or `booted`
-        ("pending_len", "i8"),
-        ("round_no", "i8"),  # not `round`: uncompiled, that is a method of any record
-        ("quota", "i8"),  # requests that may still go out before the next retry
-        ("got", "i8"),  # tokens in this round
-        ("asked_at", "i8"),
-        ("request_no", "u2"),
-        ("request_to", "u2"),
-        ("request_len", "i8"),  # of the request under way, 0 if none
-        ("request_row", "i4"),  # where it is, NO_ROW if nowhere
-        ("drawn", "u4"),  # what nobody could know who had not heard the last one
-        ("secret", "u4"),  # what nobody else can know, of a round in which it seeks
-        ("seek_at", "i8"),  # when it asks again who is there, ms of the robot's clock
-        ("request_next", "i8"),  # its next fragment
-        ("repeats", "i8"),  # how often fragments of it were said again
-        ("repeat_at", "i8"),  # when the next fragment may be said, ms of the robot's clock
-        ("tokens_start", "i8"),
-        ("tokens_pending", "i8"),
-        ("accepted", "i8"),  # requests taken for audit, ever
-        ("requests_sent", "i8"),
-        ("tokens_got", "i8"),
-        ("audits_passed", "i8"),
-        ("audits_refused", "i8"),
-    ],
-    align=True,
+ROBOT = layout(
+    "id u2",
+    "alive u1",  # powered and keyed
+    "log_full u1",
+    # What each event needs lies together: of large swarms it is not near, and each line of it is waited for.
+    "booted u1",  # the log begins at boot, not at a checkpoint
+    "seeks u1",  # in this round it asks who is there
+    "log_len i8",
+    "log_max i8",  # longest log so far
+    "state_len i8",
+    "step i8",  # INPUTs so far
+    "peers i8",
+    "t_key i8",  # ms of the robot's own clock, at which its mission key was loaded
+    "phase i8",  # ms; its sensors' grid is t_key + phase + k * t_control
+    "checkpoint_no i8",  # of the checkpoint that was taken last
+    "start_no i8",  # of the one at which the log begins
+    "checkpoint_at i8",  # where in the log the pending checkpoint's mark stands, -1 if there is none
+    "start_len i8",  # of what the log begins with: a checkpoint, or `booted`
+    "pending_len i8",
+    "round_no i8",  # not `round`: uncompiled, that is a method of any record
+    "quota i8",  # requests that may still go out before the next retry
+    "got i8",  # tokens in this round
+    "asked_at i8",
+    "request_no request_to u2",
+    "request_len i8",  # of the request under way, 0 if none
+    "request_row i4",  # where it is, NO_ROW if nowhere
+    "drawn u4",  # what nobody could know who had not heard the last one
+    "secret u4",  # what nobody else can know, of a round in which it seeks
+    "seek_at i8",  # when it asks again who is there, ms of the robot's clock
+    "request_next i8",  # its next fragment
+    "repeats i8",  # how often fragments of it were said again
+    "repeat_at i8",  # when the next fragment may be said, ms of the robot's clock
+    "tokens_start tokens_pending i8",
+    "accepted i8",  # requests taken for audit, ever
+    "requests_sent tokens_got audits_passed audits_refused i8",
 )
-TOKEN = np.dtype([("tor", "i8"), ("t", "i8"), ("mac", "u1", (MAC_BYTES,))], align=True)
-PEER = np.dtype(
-    [
-        ("heard", "i8"),  # ms of our clock, of the newest AUDIT frame from it
-        ("token", "i8"),  # t of its newest token
-        ("asked_ms", "i8"),  # when we last asked it
-        ("took", "i8"),  # ms at which we last took a request of its
-        ("took_t", "i8"),  # and that request's own time
-        ("told", "i8"),  # ms at which we last told it, and it alone, that we are here
-        ("asked", "i4"),  # round in which we last asked it
-        ("claimed", "i4"),  # the checkpoint that was about, by its number
-        ("answered", "i4"),  # round in which it last gave us a token
-        ("misses", "i4"),  # rounds in a row in which we asked it for nothing
-    ],
-    align=True,
+TOKEN = layout("tor t i8", f"mac {MAC_BYTES}u1")
+PEER = layout(
+    "heard i8",  # ms of our clock, of the newest AUDIT frame from it
+    "token i8",  # t of its newest token
+    "asked_ms i8",  # when we last asked it
+    "took i8",  # ms at which we last took a request of its
+    "took_t i8",  # and that request's own time
+    "told i8",  # ms at which we last told it, and it alone, that we are here
+    "asked i4",  # round in which we last asked it
+    "claimed i4",  # the checkpoint that was about, by its number
+    "answered i4",  # round in which it last gave us a token
+    "misses i4",  # rounds in a row in which we asked it for nothing
 )
-RX = np.dtype(
-    [
-        ("src", "i8"),  # who sends it, 0: nobody, and the row is not the place's any more
-        ("no", "i8"),
-        ("count", "i8"),
-        ("have", "i8"),
-        ("len", "i8"),
-        ("at", "i8"),
-        ("row", "i8"),  # where it is, or was last
-    ],
-    align=True,
+RX = layout(
+    "src i8",  # who sends it, 0: nobody, and the row is not the place's any more
+    "no count have len at i8",
+    "row i8",  # where it is, or was last
 )
-SETTINGS = np.dtype(
-    [
-        ("profile", "i8"),
-        ("controller", "i8"),
-        ("f_max", "i8"),
-        ("t_audit", "i8"),
-        ("t_val", "i8"),
-        ("t_control", "i8"),
-        ("delta", "i8"),
-        ("skew", "i8"),
-        ("retry", "i8"),
-        ("batch_size", "i8"),
-        ("frame_max", "i8"),
-        ("mission_seed", "i8"),
-        ("log_max", "i8"),  # bytes that a log has room for
-        ("plain", "u1"),  # nothing is computed in a clever way: a run to compare with
-    ],
-    align=True,
+SETTINGS = layout(
+    "profile controller f_max t_audit t_val t_control delta skew retry batch_size frame_max mission_seed i8",
+    "log_max i8",  # bytes that a log has room for
+    "plain u1",  # nothing is computed in a clever way: a run to compare with
 )
 
 

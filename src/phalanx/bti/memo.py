@@ -17,36 +17,22 @@ import numpy as np
 from phalanx.arrays import Records, U8x2, U8x3
 from phalanx.bundle import bundled
 from phalanx.kernel import kernel
-from phalanx.pages import sparse
+from phalanx.pool import sparse
 from phalanx.wire import table
 from phalanx.wire.fields import Row, copy, same
 from phalanx.wire.table import HASH_BYTES
 
-from .work import Work
+from .work import CASE, Work
 
 FLAGS, HCKPT, LENGTH = map(table.REQUEST.at, ("flags", "hckpt", "segment_length"))
 HEAD_BYTES, CHECKPOINT_BYTES = table.REQUEST.size, table.CHECKPOINT.size
 MOST_SLOTS = 256
-PASSED = np.dtype(
-    [
-        ("tee", "i8"),  # whose request it was, 0 of nobody
-        ("t", "i8"),
-        ("length", "i8"),
-        # As of a case at its end.
-        ("step", "i8"),
-        ("due", "i8"),
-        ("newest", "i8"),
-        ("waiting", "i8"),
-        ("state_len", "i8"),
-    ],
-    align=True,
-)
 
 
 class Memo(NamedTuple):
     """The last request of each robot that passed, until another's takes its slot."""
 
-    passed: Annotated[Any, Records(PASSED)]  # (S,)
+    passed: Annotated[Any, Records(CASE)]  # (S,), the case at the end of its audit; `tee` is 0 of nobody
     shown: U8x2  # (S, R), the request
     tops: U8x3  # (S, 2, 20)
     state: U8x2  # (S, C + 48), the controller's, behind the rest of a checkpoint
@@ -60,7 +46,7 @@ def make_memo(robots: int, request_bytes: int, state_bytes: int, waiting_bytes: 
     """Return an empty memo: no request has passed yet."""
     slots = min(robots, MOST_SLOTS)
     made = Memo(
-        passed=np.zeros(slots, PASSED).view(np.recarray),
+        passed=np.zeros(slots, CASE).view(np.recarray),
         shown=sparse(slots, request_bytes),
         tops=np.zeros((slots, 2, HASH_BYTES), np.uint8),
         state=np.zeros((slots, state_bytes + CHECKPOINT_BYTES), np.uint8),
@@ -79,20 +65,17 @@ def recall(memo: Memo, w: Work, q: Row) -> int:
     c = w.case[0]
     slot = c.tee % len(memo.passed)
     passed, shown = memo.passed[slot], memo.shown[slot]
-    n = passed.length
-    if passed.tee != c.tee or n > c.end or c.t < passed.t or q[FLAGS] != shown[FLAGS]:
+    n, t, end = passed.end, c.t, c.end
+    if passed.tee != c.tee or n > end or t < passed.t or q[FLAGS] != shown[FLAGS]:
         return 0
     # Of the head all but what is looked at each time: the checkpoint's hash and how long the parts are.
     if not same(q, HCKPT, shown, HCKPT, LENGTH - HCKPT) or not same(q, HEAD_BYTES, shown, HEAD_BYTES, n - HEAD_BYTES):
         return 0
+    w.case[0] = passed
+    c.t = t
     c.at = n
-    c.step = passed.step
-    c.due = passed.due
-    c.newest = passed.newest
     c.checkpoints = 1
-    c.marked = 1
-    c.waiting = passed.waiting
-    c.state_len = passed.state_len
+    c.end = end
     for k in range(2):
         copy(w.tops[k], 0, memo.tops[slot, k], 0, HASH_BYTES)
     copy(w.state, 0, memo.state[slot], 0, CHECKPOINT_BYTES + c.state_len)
@@ -110,18 +93,10 @@ def remember(memo: Memo, w: Work, q: Row, known: int) -> None:
     if c.marked == 0 or c.end > memo.shown.shape[1]:
         return
     slot = c.tee % len(memo.passed)
-    passed = memo.passed[slot]
     copy(memo.shown[slot], 0, q, 0, HEAD_BYTES)
     begin = max(known, HEAD_BYTES)
     copy(memo.shown[slot], begin, q, begin, c.end - begin)
-    passed.tee = c.tee
-    passed.t = c.t
-    passed.length = c.end
-    passed.step = c.step
-    passed.due = c.due
-    passed.newest = c.newest
-    passed.waiting = c.waiting
-    passed.state_len = c.state_len
+    memo.passed[slot] = c
     for k in range(2):
         copy(memo.tops[slot, k], 0, w.tops[k], 0, HASH_BYTES)
     copy(memo.state[slot], 0, w.state, 0, CHECKPOINT_BYTES + c.state_len)

@@ -16,7 +16,7 @@ from phalanx.config import BtiConfig
 from phalanx.config.bti import CHECKPOINT_BYTES, NEIGHBOUR_BYTES, REQUEST_OVERHEAD_BYTES
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import PeerError, UsageError
-from phalanx.pages import lines
+from phalanx.pool import lines
 from phalanx.wire.airtime import broadcast_us, rates_of, unicast_us
 from phalanx.wire.fields import row
 from phalanx.wire.table import AUDIT_FRAGMENT, AUDIT_TOKEN, HASH_BYTES, KEY_BYTES, MAC_BYTES, MKEY, STATE
@@ -26,8 +26,6 @@ from . import trusted
 
 class Refused(PeerError):
     """A trusted node refused what its c-node asked for, with a code of trusted.REASONS; nothing has happened."""
-
-    reason = "refused"
 
     def __init__(self, code: int) -> None:
         super().__init__(f"a trusted node refused: {trusted.REASONS[code]}")

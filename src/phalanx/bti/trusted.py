@@ -8,6 +8,9 @@ How kernels find the C is in docs/adr/0010.
 Source: RoboRebound Alg. 2-4; docs/spec/rebound-nodes.md.
 """
 
+# Functions under `_in_c` are declarations: their docstring is all that they have.
+# mypy: disable-error-code="empty-body"
+
 from __future__ import annotations
 
 import inspect
@@ -157,7 +160,6 @@ def snode_poll(profile: int, node: Row, now: int, data: Row, length: int, entry:
 
     Returns: the entry's length. Source: RoboRebound Alg. 3 (PollSensors).
     """
-    raise NotImplementedError
 
 
 @_in_c
@@ -166,7 +168,6 @@ def anode_recv(profile: int, node: Row, now: int, data: Row, length: int, entry:
 
     Returns: the entry's length. Source: RoboRebound Alg. 4 (RecvWireless).
     """
-    raise NotImplementedError
 
 
 @_in_c
@@ -175,7 +176,6 @@ def anode_send(profile: int, node: Row, now: int, data: Row, length: int, entry:
 
     Returns: the entry's length. Source: RoboRebound Alg. 4 (SendWireless).
     """
-    raise NotImplementedError
 
 
 @_in_c
@@ -184,7 +184,6 @@ def anode_actuate(profile: int, node: Row, now: int, data: Row, length: int, ent
 
     Returns: the entry's length. Source: RoboRebound Alg. 4 (ActuatorCmd).
     """
-    raise NotImplementedError
 
 
 @_in_c
@@ -193,25 +192,21 @@ def snode_make_auth(profile: int, node: Row, nonce: Row, auth: Row) -> int:
 
     Source: RoboRebound Alg. 2 (MakeAuthenticator).
     """
-    raise NotImplementedError
 
 
 @_in_c
 def snode_check_auth(profile: int, node: Row, top: Row, robot_id: int, nonce: Row, mac: Row) -> int:
     """0 if robot_id's s-node made this authenticator, for this nonce. Source: RoboRebound Alg. 3."""
-    raise NotImplementedError
 
 
 @_in_c
 def anode_make_auth(profile: int, node: Row, auth: Row) -> int:
     """`paper` only: `auth` is the record `authenticator` of the a-chain, flushed. Source: RoboRebound Alg. 2."""
-    raise NotImplementedError
 
 
 @_in_c
 def snode_check_auth_a(profile: int, node: Row, top: Row, robot_id: int, mac: Row) -> int:
     """`paper` only: 0 if robot_id's a-node made this authenticator. Source: RoboRebound Alg. 3."""
-    raise NotImplementedError
 
 
 @_in_c
@@ -220,7 +215,6 @@ def anode_token_request(profile: int, node: Row, now: int, tor: int, treq: Row) 
 
     Source: RoboRebound Alg. 4 (MakeTokenRequest).
     """
-    raise NotImplementedError
 
 
 @_in_c
@@ -229,25 +223,21 @@ def anode_issue_token(profile: int, node: Row, tee: int, t: int, top: Row, treq_
 
     Source: RoboRebound Alg. 4 (IssueToken).
     """
-    raise NotImplementedError
 
 
 @_in_c
 def anode_check_token(profile: int, node: Row, tor: int, tee: int, t: int, hckpt: Row, mac: Row) -> int:
     """0 if `tor` issued this token to `tee`. Source: RoboRebound Alg. 4 (IsTokenValid, with the auditee named)."""
-    raise NotImplementedError
 
 
 @_in_c
 def anode_install_token(profile: int, node: Row, now: int, tor: int, t: int, hckpt: Row, mac: Row) -> int:
     """0: the token counts from now on until it is too old. Source: RoboRebound Alg. 4 (InstallToken)."""
-    raise NotImplementedError
 
 
 @_in_c
 def anode_check(profile: int, node: Row, now: int) -> int:
     """0, or 1: in Safe Mode, now or already. Source: RoboRebound Alg. 4 (CheckTokens)."""
-    raise NotImplementedError
 
 
 @_in_c
@@ -256,25 +246,21 @@ def host_use(profile: int, fast: int) -> int:
 
     The bytes are the same; at first it is the firmware's. Of the whole process. Returns: 0 for the firmware's.
     """
-    raise NotImplementedError
 
 
 @_in_c
 def sha1(data: Row, length: int, digest: Row) -> int:
     """`digest` is the hash of `data[:length]`. Source: FIPS 180."""
-    raise NotImplementedError
 
 
 @_in_c
 def chain_extend(top: Row, data: Row, length: int) -> int:
     """`top` becomes H(top ‖ data[:length]): one flush of a chain. Source: RoboRebound Alg. 2 (FlushBuffer)."""
-    raise NotImplementedError
 
 
 @_in_c
 def lightmac(key: Row, data: Row, length: int, mac: Row) -> int:
     """`mac` is that of `data[:length]`, at most 1791 bytes, under K1 ‖ K2. Source: Luykx et al., FSE 2016."""
-    raise NotImplementedError
 
 
 @_in_c
@@ -283,4 +269,3 @@ def order_check(signer: Row, data: Row, length: int) -> int:
 
     A pure function of these bytes, so that auditors find what the robot found. Source: RFC 8032 (Ed25519).
     """
-    raise NotImplementedError

@@ -6,39 +6,31 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from phalanx.arrays import I64x1, I64x2, Records, U8x1, U8x2
+from phalanx.arrays import I64x1, I64x2, Records, U8x1, U8x2, layout
 from phalanx.bundle import bundled
 from phalanx.config import BtiConfig
 from phalanx.wire import table
 from phalanx.wire.table import HASH_BYTES
 
-CASE = np.dtype(
-    [
-        ("tee", "i8"),
-        ("t", "i8"),  # of the token request
-        ("tokens", "i8"),
-        ("start_at", "i8"),
-        ("start_len", "i8"),
-        ("at", "i8"),  # where in the request the replay stands
-        ("end", "i8"),
-        ("step", "i8"),
-        ("due", "i8"),  # of the next INPUT, ms of the auditee's clock; at first what the start says
-        ("entry_t", "i8"),
-        ("payload_at", "i8"),
-        ("payload_len", "i8"),
-        ("evidence_len", "i8"),  # of the INPUT's, in `work.evidence`
-        ("waiting", "i8"),  # bytes of expected outputs in `work.waiting`
-        ("newest", "i8"),  # time of the newest entry
-        ("checkpoints", "i8"),  # marks of one so far
-        ("marked", "i8"),  # the last that replay saw was a mark
-        ("state_len", "i8"),  # of the controller's state
-        ("known", "i8"),  # bytes of the request that an earlier audit has found right (memo.py)
-    ],
-    align=True,
+CASE = layout(
+    "tee i8",
+    "t i8",  # of the token request
+    "tokens start_at start_len i8",
+    "at i8",  # where in the request the replay stands
+    "end step i8",
+    "due i8",  # of the next INPUT, ms of the auditee's clock; at first what the start says
+    "entry_t payload_at payload_len i8",
+    "evidence_len i8",  # of the INPUT's, in `work.evidence`
+    "waiting i8",  # bytes of expected outputs in `work.waiting`
+    "newest i8",  # time of the newest entry
+    "checkpoints i8",  # marks of one so far
+    "marked i8",  # the last that replay saw was a mark
+    "state_len i8",  # of the controller's state
+    "known i8",  # bytes of the request that an earlier audit has found right (memo.py)
 )
 
 # One action of a robot's event handlers (phalanx.robot.actions): its fields depend on its kind.
-ACTION = np.dtype([("kind", "i8"), ("number", "i8"), ("more", "i8"), ("begin", "i8"), ("length", "i8")], align=True)
+ACTION = layout("kind number more begin length i8")
 # Beside the outputs of one control step: a verdict, a HELLO, a fragment or a token, and when to go on.
 MORE_ACTIONS = 8
 

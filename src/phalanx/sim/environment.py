@@ -125,7 +125,7 @@ class SwarmEnv(ParallelEnv[str, Vector, Vector]):  # type: ignore[misc]
         self.run = Run(scenario, self._make)
         self.run.advance(2 * STEP_S)  # by then all have seen where they are
         self.agents = list(self.possible_agents)
-        return self._observed(), self._infos()
+        return self._observed(), self._infos(self.run)
 
     def step(
         self, actions: Mapping[str, Any]
@@ -143,13 +143,13 @@ class SwarmEnv(ParallelEnv[str, Vector, Vector]):  # type: ignore[misc]
                 raise UsageError(f"the action of {agent} is {action!r}", "two finite numbers, for one of `agents`")
             ax_mps2, ay_mps2 = np.clip(told, -MOST_MPS2, MOST_MPS2).tolist()
             self._flown[self._ids[agent]].told = Command(ax_mps2, ay_mps2)
-        before_m = self._to_goal_m()
-        self.run.advance(min(self.run.now_s + STEP_S, self.scenario.duration_s))
-        nearer_m, touched = before_m - self._to_goal_m(), self._touched()
-        over = self.run.now_s >= self.scenario.duration_s
+        run, before_m = self.run, self._to_goal_m(self.run.positions_m)
+        run.advance(min(run.now_s + STEP_S, self.scenario.duration_s))
+        nearer_m, touched = before_m - self._to_goal_m(run.positions_m), self._touched(run.positions_m)
+        over = run.now_s >= self.scenario.duration_s
         at = {agent: self._ids[agent] - 1 for agent in self.agents}
         rewards = {agent: float(nearer_m[i] - touched[i]) for agent, i in at.items()}
-        told_all = self._observed(), rewards, dict.fromkeys(at, False), dict.fromkeys(at, over), self._infos()
+        told_all = self._observed(), rewards, dict.fromkeys(at, False), dict.fromkeys(at, over), self._infos(run)
         if over:
             self.agents = []
         return told_all
@@ -162,21 +162,17 @@ class SwarmEnv(ParallelEnv[str, Vector, Vector]):  # type: ignore[misc]
         self._flown[rob_id] = _Flown(rob_id, self.scenario.bti.steps_per_state)
         return self._flown[rob_id]
 
-    def _to_goal_m(self) -> NDArray[np.float64]:
-        assert self.run is not None
-        way: NDArray[np.float64] = np.hypot(*(self.run.positions_m - np.array(self.scenario.goal_m)).T)
+    def _to_goal_m(self, at: NDArray[np.float64]) -> NDArray[np.float64]:
+        way: NDArray[np.float64] = np.hypot(*(at - np.array(self.scenario.goal_m)).T)
         return way
 
-    def _touched(self) -> NDArray[np.int64]:
-        assert self.run is not None
-        at = self.run.positions_m
+    def _touched(self, at: NDArray[np.float64]) -> NDArray[np.int64]:
         apart_m = np.hypot(*(at[:, None] - at[None]).transpose(2, 0, 1))
         touched: NDArray[np.int64] = (apart_m <= self.scenario.contact_m).sum(axis=1) - 1
         return touched
 
-    def _infos(self) -> dict[str, dict[str, Any]]:
-        assert self.run is not None
-        return {agent: {"time_s": self.run.now_s} for agent in self.agents}
+    def _infos(self, run: Run) -> dict[str, dict[str, Any]]:
+        return {agent: {"time_s": run.now_s} for agent in self.agents}
 
     def _observed(self) -> dict[str, Vector]:
         return {agent: self._seen_by(self._flown[self._ids[agent]]) for agent in self.agents}

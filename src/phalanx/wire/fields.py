@@ -1,21 +1,23 @@
 """Little-endian fields in rows of bytes, for kernels: the same bytes compiled and not.
 
-`row` is always (n,) uint8 and `at` lies within it with the field's width to spare: callers check lengths first. Whole
-numbers come out as int64: a signed and an unsigned number's difference would be a float.
+`row` is always (n,) uint8, in C order, and `at` lies within it with the field's width to spare: callers check lengths
+first. Compiled, each access is checked against the row's length. Whole numbers come out as int64: a signed and an
+unsigned number's difference would be a float.
 """
 
 from __future__ import annotations
 
+import sys
 from typing import Any, SupportsInt, TypeAlias
 
 import numpy as np
 
-from phalanx import memory
 from phalanx.arrays import U8x1
 from phalanx.kernel import intrinsic, kernel
 
 from .record import LARGEST_F32, LARGEST_NUMBER, Field
 
+assert sys.byteorder == "little", "numbers lie in memory as they do on the wire"
 Row: TypeAlias = U8x1
 
 U32_BYTES, F32_BYTES = (Field("", kind, "").size for kind in ("u32", "f32"))
@@ -36,38 +38,38 @@ def whole(value: SupportsInt) -> int:
 
 @kernel
 def get_i8(row: Row, at: int) -> int:
-    """The signed byte at `at`."""
+    """Return the signed byte at `at`."""
     value = whole(row[at])
     return value - 256 if value >= 128 else value
 
 
-@kernel
+@intrinsic("load_16")
 def get_u16(row: Row, at: int) -> int:
-    """The u16 at `at`."""
-    return memory.load_16(row, at)
+    """Return the u16 at `at`."""
+    return int(row[at : at + 2].view("<u2")[0])
 
 
-@kernel
+@intrinsic("load_32")
 def get_u32(row: Row, at: int) -> int:
-    """The u32 at `at`."""
-    return memory.load_32(row, at)
+    """Return the u32 at `at`."""
+    return int(row[at : at + 4].view("<u4")[0])
 
 
-@kernel
+@intrinsic("load_64")
 def get_u64(row: Row, at: int) -> int:
-    """The u64 at `at`; negative from 2^63 on, which no clock of ours reaches."""
-    return memory.load_64(row, at)
+    """Return the u64 at `at`; negative from 2^63 on, which no clock of ours reaches."""
+    return int(row[at : at + 8].view("<i8")[0])
 
 
 @kernel
 def get_f32(row: Row, at: int) -> float:
-    """The f32 at `at`, exactly, as float64."""
+    """Return the f32 at `at`, exactly, as float64."""
     return np.float64(np.uint32(get_u32(row, at)).view(np.float32))
 
 
 @kernel
 def are_fine(row: Row, at: int, count: int) -> bool:
-    """Whether `count` f32 from `at` on are finite and no larger than 10^6.
+    """Return whether `count` f32 from `at` on are finite and no larger than 10^6.
 
     One NaN in a broadcast would spread to every neighbour's command, and differs between compilers.
     """
@@ -88,38 +90,49 @@ def are_finite(row: Row, at: int, count: int) -> bool:
     return True
 
 
-@kernel
+@intrinsic("store_16")
 def put_u16(row: Row, at: int, value: int) -> None:
-    """`value`, 0..2^16-1, written at `at`."""
-    memory.store_16(row, at, value)
+    """Write the lowest 16 bits of `value` at `at`."""
+    row[at : at + 2].view("<u2")[0] = int(value) & 0xFFFF
 
 
-@kernel
+@intrinsic("store_32")
 def put_u32(row: Row, at: int, value: int) -> None:
-    """`value`, 0..2^32-1, written at `at`."""
-    memory.store_32(row, at, value)
+    """Write the lowest 32 bits of `value` at `at`."""
+    row[at : at + 4].view("<u4")[0] = int(value) & 0xFFFFFFFF
 
 
-@kernel
+@intrinsic("store_64")
 def put_u64(row: Row, at: int, value: int) -> None:
-    """`value`, 0..2^63-1, written at `at`."""
-    memory.store_64(row, at, value)
+    """Write the lowest 64 bits of `value` at `at`."""
+    row[at : at + 8].view("<u8")[0] = int(value) & 0xFFFFFFFFFFFFFFFF
 
 
 @kernel
 def put_f32(row: Row, at: int, value: float) -> None:
-    """`value`, rounded once to f32, is written; the caller keeps it finite."""
+    """Write `value`, rounded once to f32; the caller keeps it finite."""
     put_u32(row, at, whole(np.float32(value).view(np.uint32)))
+
+
+@intrinsic("move")
+def move(to: Row, to_at: int, source: Row, source_at: int, length: int) -> None:
+    """Copy `length` bytes, 0 or more; the rows may be the same, and the places overlap."""
+    to[to_at : to_at + length] = source[source_at : source_at + length].copy()
 
 
 @kernel
 def copy(to: Row, to_at: int, source: Row, source_at: int, length: int) -> None:
-    """`length` bytes copied, none if it is negative; the rows may be the same."""
+    """Copy `length` bytes, none if it is negative; the rows may be the same."""
     if length > 0:
-        memory.move(to, to_at, source, source_at, length)
+        move(to, to_at, source, source_at, length)
 
 
-@kernel
+@intrinsic("equal")
 def same(one: Row, one_at: int, other: Row, other_at: int, length: int) -> bool:
-    """Whether `length` bytes agree; not for secrets."""
-    return memory.equal(one, one_at, other, other_at, length)
+    """Return whether `length` bytes, 0 or more, agree; not for secrets."""
+    return bool((one[one_at : one_at + length] == other[other_at : other_at + length]).all())
+
+
+@intrinsic("prefetch")
+def prefetch(rows: Any, i: int, begin: int, length: int) -> None:
+    """Ask the processor's caches for `length` bytes of rows[i], from byte `begin` on. Nothing is read or changed."""

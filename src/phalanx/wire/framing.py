@@ -20,8 +20,6 @@ _FULL = RUN_MAX + 1  # the length of a block that no zero follows
 class BadFrame(PeerError):
     """Rubbish between two marks: altered, cut off, or never a frame."""
 
-    reason = "bad_frame"
-
 
 def framed(payload: bytes) -> bytes:
     """The frame of a payload."""

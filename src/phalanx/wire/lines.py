@@ -6,7 +6,7 @@ firmware/include/phx_line_wire.h and the tables of docs/spec/serial.md from it.
 
 from __future__ import annotations
 
-from .record import Field, Record
+from .record import Record, record
 
 VERSION = 1
 MARK = 0x00  # before and after each frame, and nowhere inside
@@ -22,108 +22,67 @@ SEALED = 4  # a bit of `told` as well: a seal goes out behind each frame, and no
 E_CALL = -64  # no such call, or not of its length
 E_HELLO = -65  # no handshake since power-up, or of another version
 
-_NUMBER = Field("number", "u16", "of the call; said again, it is answered again, and not done again")
-_TOP = Field("top", "b20", "of the chain")
-_HCKPT = Field("hckpt", "b20", "hash of the checkpoint")
-_MAC = Field("mac", "b8", "")
-_TOR = Field("tor", "u16", "auditor")
-_TEE = Field("tee", "u16", "auditee")
-_T = Field("t", "u32", "ms, of the token request")
+_NUMBER = "number u16: of the call; said again, it is answered again, and not done again"
+_TOP = "top b20: of the chain"
+_HCKPT = "hckpt b20: hash of the checkpoint"
+_MAC = "mac b8"
+_TOR = "tor u16: auditor"
+_TEE = "tee u16: auditee"
+_T = "t u32: ms, of the token request"
 
 
-def _call(tag: int, name: str, doc: str, *fields: Field) -> Record:
-    return Record(f"call_{name}", (_NUMBER, *fields), doc, tag)
+_calls: list[Record] = []
 
 
-HELLO = _call(0x40, "hello", "handshake; answered with `about`", Field("version", "u8", "of whoever asks"))
+def _call(tag: int, head: str, *declared: str) -> Record:
+    _calls.append(record(f"call_{head}", _NUMBER, *declared, tag=tag))
+    return _calls[-1]
+
+
+HELLO = _call(0x40, "hello: handshake; answered with `about`", "version u8: of whoever asks")
 LIMITS = _call(
     0x41,
-    "limits",
-    "manufacture: both nodes begin anew; until a master key is loaded",
-    *(
-        Field(name, "u32", "")
-        for name in (
-            "f_max",
-            "t_val_ms",
-            "batch_size",
-            "bucket_capacity",
-            "bucket_period_ms",
-            "send_us_per_s",
-            "send_capacity_us",
-            "audit_us_per_s",
-            "audit_capacity_us",
-            "airtime_fixed_us",
-            "airtime_ns_per_byte_broadcast",
-            "airtime_ns_per_byte_unicast",
-        )
-    ),
+    "limits: manufacture: both nodes begin anew; until a master key is loaded",
+    "f_max t_val_ms batch_size bucket_capacity bucket_period_ms send_us_per_s send_capacity_us audit_us_per_s "
+    "audit_capacity_us airtime_fixed_us airtime_ns_per_byte_broadcast airtime_ns_per_byte_unicast u32",
 )
-LOAD_MASTER = _call(
-    0x42, "load_master", "both nodes", Field("key", "b20", "master key"), Field("id", "u16", "robot id")
-)
+LOAD_MASTER = _call(0x42, "load_master: both nodes", "key b20: master key", "id u16: robot id")
 LOAD_MISSION = _call(
     0x43,
-    "load_mission",
-    "both nodes",
-    Field("k", "b20", "mission key XOR H(r ‖ master key)"),
-    Field("r", "b20", "random"),
-    Field("seq", "u32", "rises"),
+    "load_mission: both nodes",
+    "k b20: mission key XOR H(r ‖ master key)",
+    "r b20: random",
+    "seq u32: rises",
     _MAC,
 )
-CLOCK = _call(0x44, "clock", "it is so late; for a bench only", Field("t", "u32", "ms, never before the last"))
-POLL = _call(0x45, "poll", "s-node; an `entry`", Field("reading", "rest", "empty where the board has the sensors"))
-RECV = _call(0x46, "recv", "a-node; an `entry`", Field("frame", "rest", "from the radio"))
-SEND = _call(0x47, "send", "a-node; an `entry`", Field("frame", "rest", "to the radio"))
-ACTUATE = _call(0x48, "actuate", "a-node; an `entry`", Field("command", "rest", "to the actuators"))
-MAKE_AUTH = _call(0x49, "make_auth", "s-node; an `authenticator`", Field("nonce", "b8", "MAC of the token request"))
-CHECK_AUTH = _call(0x4A, "check_auth", "s-node", _TOP, Field("id", "u16", "robot id"), Field("nonce", "b8", ""), _MAC)
-TOKEN_REQUEST = _call(0x4B, "token_request", "a-node; a `token_request`", _TOR)
-ISSUE_TOKEN = _call(
-    0x4C, "issue_token", "a-node; the token's MAC", _TEE, _T, _TOP, Field("treq_mac", "b8", "of the request"), _HCKPT
-)
-CHECK_TOKEN = _call(0x4D, "check_token", "a-node", _TOR, _TEE, _T, _HCKPT, _MAC)
-INSTALL_TOKEN = _call(0x4E, "install_token", "a-node", _TOR, _T, _HCKPT, _MAC)
-CHECK = _call(0x4F, "check", "a-node; code 1 in Safe Mode")
-SEAL = _call(0x50, "seal", "manufacture: the radio is sealed, for ever; until a master key is loaded")
+CLOCK = _call(0x44, "clock: it is so late; for a bench only", "t u32: ms, never before the last")
+POLL = _call(0x45, "poll: s-node; an `entry`", "reading rest: empty where the board has the sensors")
+RECV = _call(0x46, "recv: a-node; an `entry`", "frame rest: from the radio")
+SEND = _call(0x47, "send: a-node; an `entry`", "frame rest: to the radio")
+ACTUATE = _call(0x48, "actuate: a-node; an `entry`", "command rest: to the actuators")
+MAKE_AUTH = _call(0x49, "make_auth: s-node; an `authenticator`", "nonce b8: MAC of the token request")
+CHECK_AUTH = _call(0x4A, "check_auth: s-node", _TOP, "id u16: robot id", "nonce b8", _MAC)
+TOKEN_REQUEST = _call(0x4B, "token_request: a-node; a `token_request`", _TOR)
+ISSUE_TOKEN = _call(0x4C, "issue_token: a-node; the token's MAC", _TEE, _T, _TOP, "treq_mac b8: of the request", _HCKPT)
+CHECK_TOKEN = _call(0x4D, "check_token: a-node", _TOR, _TEE, _T, _HCKPT, _MAC)
+INSTALL_TOKEN = _call(0x4E, "install_token: a-node", _TOR, _T, _HCKPT, _MAC)
+CHECK = _call(0x4F, "check: a-node; code 1 in Safe Mode")
+SEAL = _call(0x50, "seal: manufacture: the radio is sealed, for ever; until a master key is loaded")
 
-ANSWER = Record(
-    "answer",
-    (
-        Field("number", "u16", "of the call"),
-        Field("code", "i32", "what the function returned, or an error"),
-        Field("result", "rest", "what it made, if the code is no error"),
-    ),
-    "to each call",
-    0x60,
+ANSWER = record(
+    "answer: to each call",
+    "number u16: of the call",
+    "code i32: what the function returned, or an error",
+    "result rest: what it made, if the code is no error",
+    tag=0x60,
 )
-ABOUT = Record(
-    "about",
-    (
-        Field("version", "u8", "of the board; all else is as that version has it"),
-        Field("told", "u8", "1: the clock, 2: readings; 4: the radio is sealed"),
-        Field("id", "u16", "robot id, 0 before a master key is loaded"),
-        Field("seq", "u32", "of the last mission key"),
-    ),
-    "what a board says of itself",
+ABOUT = record(
+    "about: what a board says of itself",
+    "version u8: of the board; all else is as that version has it",
+    "told u8: 1: the clock, 2: readings; 4: the radio is sealed",
+    "id u16: robot id, 0 before a master key is loaded",
+    "seq u32: of the last mission key",
 )
 
-CALLS = (
-    HELLO,
-    LIMITS,
-    LOAD_MASTER,
-    LOAD_MISSION,
-    CLOCK,
-    POLL,
-    RECV,
-    SEND,
-    ACTUATE,
-    MAKE_AUTH,
-    CHECK_AUTH,
-    TOKEN_REQUEST,
-    ISSUE_TOKEN,
-    CHECK_TOKEN,
-    INSTALL_TOKEN,
-    CHECK,
-    SEAL,
-)
+CALLS = tuple(_calls)
 RECORDS = (*CALLS, ANSWER, ABOUT)

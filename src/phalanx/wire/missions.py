@@ -6,193 +6,160 @@ What the records leave open is behind them: `v8` and `v16` say how long it is, `
 
 from __future__ import annotations
 
-from .record import Field, Record
+from .record import fields, record
 
-COUNT_U8 = Record("count_u8", (Field("count", "u8", "of things, or of bytes"),), "before what follows")
-COUNT_U16 = Record("count_u16", (Field("count", "u16", ""),), "the same")
-COUNT_U32 = Record("count_u32", (Field("count", "u32", ""),), "the same")
+COUNT_U8 = record("count_u8: before what follows", "count u8: of things, or of bytes")
+COUNT_U16 = record("count_u16: the same", "count u16")
+COUNT_U32 = record("count_u32: the same", "count u32")
 
 # --- what is hashed ------------------------------------------------------------------------------------------------
 
-CANONICAL = Record("canonical", (Field("observables", "rest", "in the order of their tags"),), "what is hashed", 1)
+CANONICAL = record("canonical: what is hashed", "observables rest: in the order of their tags", tag=1)
 # Kinds of an observable, in the order in which they are hashed.
 OF_LANDMARK, OF_POSITION, OF_SENSOR, OF_ACTION, OF_TIME, OF_MESSAGE, OF_PREVIOUS, OF_DIRECTION = range(1, 9)
-OBSERVABLE = Record("observable", (Field("kind", "u8", ""), Field("content", "v16", "")), "one of what is hashed")
-_XY = (Field("x", "i32", "cells from the offset"), Field("y", "i32", ""))
-_CELL = (*_XY, Field("bin", "i16", "of the orientation, or -1"), Field("area", "i32", "in steps, or -1"))
-LANDMARK = Record(
-    "landmark",
-    (Field("type", "u8", ""), *_CELL, Field("text", "rest", "")),
-    "content: 0 doorway, 1 corner_convex, 2 concave_left, 3 concave_right, 4 room, 5 qr; "
-    "text: its SHA3-256, if it has one",
+OBSERVABLE = record("observable: one of what is hashed", "kind u8", "content v16")
+_XY = fields("x y i32: cells from the offset")
+_CELL = fields(*_XY, "bin i16: of the orientation, or -1", "area i32: in steps, or -1")
+LANDMARK = record(
+    "landmark: content: 0 doorway, 1 corner_convex, 2 concave_left, 3 concave_right, 4 room, 5 qr; text: its "
+    "SHA3-256, if it has one",
+    "type u8",
+    *_CELL,
+    "text rest",
 )
-POSITION = Record("position", _XY, "content: where the robot is")
-WINDOW = Record("window", (Field("number", "i64", ""),), "content: when, ⌊t / window⌋")
-DIRECTION = Record("direction", (Field("sector", "u16", ""), Field("of", "u16", "")), "content: where a way leads")
-NAME = Record("name", (Field("text", "v8", "UTF-8"),), "of an action; of an argument; or a text that is its value")
+POSITION = record("position: content: where the robot is", *_XY)
+WINDOW = record("window: content: when, ⌊t / window⌋", "number i64")
+DIRECTION = record("direction: content: where a way leads", "sector of u16")
+NAME = record("name: of an action; of an argument; or a text that is its value", "text v8: UTF-8")
 OF_NUMBER, OF_TEXT = 0, 1  # kinds of an argument
-ARGUMENT = Record("argument", (Field("kind", "u8", ""),), "after an argument's name: 0 a number, 1 a text")
-NUMBER = Record("number", (Field("thousandths", "i64", ""),), "an argument's value")
+ARGUMENT = record("argument: after an argument's name: 0 a number, 1 a text", "kind u8")
+NUMBER = record("number: an argument's value", "thousandths i64")
 
 # --- the file ------------------------------------------------------------------------------------------------------
 
-HEADER = Record(
-    "header",
-    (
-        Field("magic", "b4", "PHXM"),
-        Field("version", "u8", "2"),
-        Field("profile", "u8", ""),
-        Field("flags", "u8", ""),
-        Field("mission_id", "b16", ""),
-        Field("valid_from_s", "u64", ""),
-        Field("valid_to_s", "u64", ""),
-        Field("delta_mm", "u16", "a cell's edge"),
-        Field("heading_bins", "u16", ""),
-        Field("sectors", "u16", "of directions"),
-        Field("window_ms", "u32", ""),
-        Field("area_cm2", "u32", "a step"),
-        Field("kdf_log2_n", "u8", "scrypt's N"),
-        Field("kdf_r", "u8", ""),
-    ),
-    "version 2; profile 0 paper, 1 sealed; flags 1 repeatable, 2 roam, 4 open start; then u8 robots, none is any, and "
-    "u8 shapes (paper), each a `rising`; u32 nodes",
+HEADER = record(
+    "header: version 2; profile 0 paper, 1 sealed; flags 1 repeatable, 2 roam, 4 open start; then u8 robots, "
+    "none is any, and u8 shapes (paper), each a `rising`; u32 nodes",
+    "magic b4: PHXM",
+    "version u8: 2",
+    "profile flags u8",
+    "mission_id b16",
+    "valid_from_s valid_to_s u64",
+    "delta_mm u16: a cell's edge",
+    "heading_bins u16",
+    "sectors u16: of directions",
+    "window_ms u32",
+    "area_cm2 u32: a step",
+    "kdf_log2_n u8: scrypt's N",
+    "kdf_r u8",
 )
-RISING = Record("rising", (Field("number", "u16", ""),), "a robot's id or a shape; of each list in rising order")
-_NODE = (
-    Field("flags", "u8", ""),
-    Field("timeout_s", "u16", ""),
-    Field("reach_dm", "u8", ""),
-    Field("sends", "u8", "messages given out"),
-    Field("aliases", "u8", ""),
-    Field("ways", "u16", ""),
+RISING = record("rising: a robot's id or a shape; of each list in rising order", "number u16")
+_NODE = fields("flags u8", "timeout_s u16", "reach_dm u8", "sends u8: messages given out", "aliases u8", "ways u16")
+NODE = record(
+    "node: flags 1 start, 2 final, 4 join; timeout 0 is the robot's own, reach 0 any; then its aliases, its "
+    "ways, and a binding of 32 bytes for each alias (paper), or visited 32 and the payload v16",
+    *_NODE,
 )
-NODE = Record(
-    "node",
-    _NODE,
-    "flags 1 start, 2 final, 4 join; timeout 0 is the robot's own, reach 0 any; then its aliases, its ways, "
-    "and a binding of 32 bytes for each alias (paper), or visited 32 and the payload v16",
+_OFFSET = fields(
+    "offset_x_mm offset_y_mm i16: of the cells",
+    "offset_turn i16: 10^-4 rad",
+    "offset_area i16: 10^-2 m²",
+    "apart_dm u8: to the next that looks the same, 255 is none",
 )
-_OFFSET = (
-    Field("offset_x_mm", "i16", "of the cells"),
-    Field("offset_y_mm", "i16", ""),
-    Field("offset_turn", "i16", "10^-4 rad"),
-    Field("offset_area", "i16", "10^-2 m²"),
-    Field("apart_dm", "u8", "to the next that looks the same, 255 is none"),
+PAPER_ALIAS = record("paper_alias: paper: one way to experience a node", "mark b32: H", *_OFFSET)
+PAPER_WAY = record(
+    "paper_way: paper: 0 empty, 1 direction, 2 action; then the hash of each alias, 32 bytes",
+    "target u32: node",
+    "kind u8",
 )
-PAPER_ALIAS = Record("paper_alias", (Field("mark", "b32", "H"), *_OFFSET), "paper: one way to experience a node")
-PAPER_WAY = Record(
-    "paper_way",
-    (Field("target", "u32", "node"), Field("kind", "u8", "")),
-    "paper: 0 empty, 1 direction, 2 action; then the hash of each alias, 32 bytes",
-)
-SEALED_ALIAS = Record("sealed_alias", (Field("mark", "b32", "M"), Field("secret", "b48", "")), "sealed: the same")
-SEALED_WAY = Record("sealed_way", (Field("target", "u32", "node"), Field("direction", "b16", "")), "sealed: a way")
-SIGNED = Record("signed", (Field("signed", "u8", "0 no, 1 yes"),), "whether there is a signature")
-SIGNATURE = Record("signature", (Field("key", "b32", "Ed25519"), Field("signature", "b64", "")), "whose, and it")
+SEALED_ALIAS = record("sealed_alias: sealed: the same", "mark b32: M", "secret b48")
+SEALED_WAY = record("sealed_way: sealed: a way", "target u32: node", "direction b16")
+SIGNED = record("signed: whether there is a signature", "signed u8: 0 no, 1 yes")
+SIGNATURE = record("signature: whose, and it", "key b32: Ed25519", "signature b64")
 
 # --- what binds, and what is sealed --------------------------------------------------------------------------------
 
 # What the paper profile's other hashes begin with, beside CANONICAL's tag; behind the first its index.
 MESSAGE, BINDING, VISITED = b"\x10message", b"\x11bind", b"\x12visited"
-NTH = Record("nth", (Field("index", "u8", "of a message that a node gives out"),), "in such a message's hash (paper)")
-BOUND = Record("bound", (Field("node", "u32", ""), Field("observed", "v16", "")), "in a paper node's binding")
-TRIED = Record("tried", (Field("mark", "b32", "M"), Field("key", "b32", "W")), "what scrypt makes of an observation")
-OF_NODE = Record("of_node", (Field("node", "u32", ""),), "what is sealed is bound to it")
-OF_ALIAS = Record("of_alias", (*OF_NODE.fields, Field("alias", "u8", "")), "the same")
-OF_WAY = Record("of_way", (*OF_NODE.fields, Field("target", "u32", "")), "the same")
-OF_SECTOR = Record("of_sector", (Field("target", "u32", ""), Field("sector", "u16", "")), "a direction, in its HMAC")
-PLACE = Record(
-    "place",
-    (Field("given", "u8", "0: there is none"), Field("x_mm", "i32", "map frame"), Field("y_mm", "i32", "")),
-    "a payload's: where its node is; given 0: nowhere",
+NTH = record("nth: in such a message's hash (paper)", "index u8: of a message that a node gives out")
+BOUND = record("bound: in a paper node's binding", "node u32", "observed v16")
+TRIED = record("tried: what scrypt makes of an observation", "mark b32: M", "key b32: W")
+OF_NODE = record("of_node: what is sealed is bound to it", "node u32")
+OF_ALIAS = record("of_alias: the same", *OF_NODE.fields, "alias u8")
+OF_WAY = record("of_way: the same", *OF_NODE.fields, "target u32")
+OF_SECTOR = record("of_sector: a direction, in its HMAC", "target u32", "sector u16")
+PLACE = record(
+    "place: a payload's: where its node is; given 0: nowhere", "given u8: 0: there is none", "x_mm y_mm i32: map frame"
 )
-DO = Record("do", (Field("action", "v16", "empty is none"),), "what to do there, or to get there")
+DO = record("do: what to do there, or to get there", "action v16: empty is none")
 
 # --- the start key -------------------------------------------------------------------------------------------------
 
-START_KEY = Record(
-    "start_key",
-    (
-        Field("magic", "b4", "PHXK"),
-        Field("version", "u8", ""),
-        Field("mission_id", "b16", ""),
-        Field("gates", "u32", ""),
-    ),
-    "PHXK, version 2; then as many times a node u32, rising, and its gate; u16 messages",
+START_KEY = record(
+    "start_key: PHXK, version 2; then as many times a node u32, rising, and its gate; u16 messages",
+    "magic b4: PHXK",
+    "version u8",
+    "mission_id b16",
+    "gates u32",
 )
-GATE = Record("gate", (Field("share", "b32", ""), Field("hints", "u8", "")), "then its hints, one for each alias")
-HINT = Record("hint", (Field("shape", "u16", ""), *_OFFSET), "what to measure")
-KEY_MESSAGE = Record("key_message", (Field("name", "v8", "UTF-8"),), "then the message, 32 bytes")
+GATE = record("gate: then its hints, one for each alias", "share b32", "hints u8")
+HINT = record("hint: what to measure", "shape u16", *_OFFSET)
+KEY_MESSAGE = record("key_message: then the message, 32 bytes", "name v8: UTF-8")
 
 # --- under audit ---------------------------------------------------------------------------------------------------
 
-CLAIM = Record(
-    "claim",
-    (
-        Field("node", "u32", ""),
-        Field("alias", "u8", ""),
-        Field("shape", "u16", ""),
-        *_OFFSET,
-        *_CELL,
-        Field("salt", "v8", "of the KDF (sealed)"),
-    ),
-    "a decoded node, as auditors are shown it; then the canonical bytes",
+CLAIM = record(
+    "claim: a decoded node, as auditors are shown it; then the canonical bytes",
+    "node u32",
+    "alias u8",
+    "shape u16",
+    *_OFFSET,
+    *_CELL,
+    "salt v8: of the KDF (sealed)",
 )
 OF_READING, OF_CODE = 0, 1
-SENSED = Record(
-    "sensed",
-    (Field("kind", "u8", ""), Field("content", "v16", "")),
-    "behind a scan's ranges: 0 what another sensor read, 1 a code in the camera's picture",
+SENSED = record(
+    "sensed: behind a scan's ranges: 0 what another sensor read, 1 a code in the camera's picture",
+    "kind u8",
+    "content v16",
 )
-_CORNERS = tuple(Field(f"{axis}{k}", "i32", "1/64 pixel") for k in (1, 2, 3, 4) for axis in "xy")
-SEEN_CODE = Record(
-    "seen_code",
-    (*_CORNERS, Field("text", "rest", "")),
-    "content: corners from its top left one, as the code is read, in 1/64 pixel; text: UTF-8",
+_CORNERS = fields(*(f"{axis}{k} i32: 1/64 pixel" for k in (1, 2, 3, 4) for axis in "xy"))
+SEEN_CODE = record(
+    "seen_code: content: corners from its top left one, as the code is read, in 1/64 pixel; text: UTF-8",
+    *_CORNERS,
+    "text rest",
 )
-WALK = Record(
-    "walk",
-    (
-        Field("phase", "u8", "seeking, returning, held, done"),
-        Field("at", "u32", "node"),
-        Field("target", "u32", "node"),
-        Field("t_s", "f64", "of the last step"),
-        Field("since_s", "f64?", "nothing was validated; NaN: not begun"),
-        Field("fixed_at_m", "f64", "way at the last fix"),
-        Field("left_at_m", "f64", "way at the last node"),
-        Field("pulled_x_m", "f64", "what fixes have moved since then"),
-        Field("pulled_y_m", "f64", ""),
-        Field("round", "u8", "how often blocked ways were taken up again"),
-    ),
-    "no node is 0xFFFFFFFF; since NaN: not begun; then, with a u32 count each, decoded, lengths, blocked, and "
-    "reported u32; then u8 heard, v8 each",
+WALK = record(
+    "walk: no node is 0xFFFFFFFF; since NaN: not begun; then, with a u32 count each, decoded, lengths, blocked, "
+    "and reported u32; then u8 heard, v8 each",
+    "phase u8: seeking, returning, held, done",
+    "at u32: node",
+    "target u32: node",
+    "t_s f64: of the last step",
+    "since_s f64?: nothing was validated; NaN: not begun",
+    "fixed_at_m f64: way at the last fix",
+    "left_at_m f64: way at the last node",
+    "pulled_x_m pulled_y_m f64: what fixes have moved since then",
+    "round u8: how often blocked ways were taken up again",
 )
-WALK_NODE = Record(
-    "walk_node",
-    (
-        Field("node", "u32", ""),
-        Field("alias", "u8", ""),
-        Field("x_m", "f64?", "NaN: it has no place"),
-        Field("y_m", "f64?", ""),
-        Field("type", "u8", "of its landmark, 255 for none"),
-    ),
-    "decoded; no place is NaN, no landmark type 255; then its landmark, and each of its ways",
+WALK_NODE = record(
+    "walk_node: decoded; no place is NaN, no landmark type 255; then its landmark, and each of its ways",
+    "node u32",
+    "alias u8",
+    "x_m y_m f64?: NaN: it has no place",
+    "type u8: of its landmark, 255 for none",
 )
-WALK_LANDMARK = Record(
-    "walk_landmark",
-    (
-        Field("x_m", "f64", ""),
-        Field("y_m", "f64", ""),
-        Field("orientation_rad", "f64?", "NaN: none"),
-        Field("apart_m", "f64", "to the next that looks the same"),
-        Field("text", "v16", "UTF-8"),
-    ),
-    "where it truly is; no orientation is NaN",
+WALK_LANDMARK = record(
+    "walk_landmark: where it truly is; no orientation is NaN",
+    "x_m y_m f64",
+    "orientation_rad f64?: NaN: none",
+    "apart_m f64: to the next that looks the same",
+    "text v16: UTF-8",
 )
-WALK_WAY = Record("walk_way", (Field("sector", "u16", "0xFFFF: none"), *DO.fields), "a way on; no direction is 0xFFFF")
-_ENDS = (Field("source", "u32", "node"), Field("target", "u32", "node"))
-WALK_LENGTH = Record("walk_length", (*_ENDS, Field("length_m", "f64", "")), "of a way that was walked")
-WALK_BLOCKED = Record("walk_blocked", _ENDS, "a way that timed out or was blocked")
+WALK_WAY = record("walk_way: a way on; no direction is 0xFFFF", "sector u16: 0xFFFF: none", *DO.fields)
+_ENDS = fields("source u32: node", "target u32: node")
+WALK_LENGTH = record("walk_length: of a way that was walked", *_ENDS, "length_m f64")
+WALK_BLOCKED = record("walk_blocked: a way that timed out or was blocked", *_ENDS)
 
 # --- in the order of docs/spec/mission.md --------------------------------------------------------------------------
 

@@ -17,6 +17,7 @@ import dataclasses
 import math
 import struct
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from functools import cache
 from operator import attrgetter
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
@@ -105,14 +106,10 @@ class Packing:
         return value
 
     def _joined(self, values: Sequence[Any]) -> bytes:
-        try:
-            if self._form:
+        if self._form:
+            with suppress(struct.error, OverflowError):
                 return self._form.pack(*values)
-            return b"".join(map(_packed, self._leaves, values))
-        except (struct.error, OverflowError):
-            for leaf, value in zip(self._leaves, values, strict=True):
-                _check(leaf, value)
-            raise
+        return b"".join(map(_packed, self._leaves, values))  # which names the leaf that does not fit
 
     def _split(self, raw: bytes) -> list[Any]:
         if self._form:
@@ -136,13 +133,11 @@ def packing_of(kind: type[Any]) -> Packing:
 
 
 def _packed(leaf: _Leaf, value: Any) -> bytes:
-    return struct.pack(f"<{leaf.letter}", value) if leaf.letter else LENGTH.pack(len(value)) + value
-
-
-def _check(leaf: _Leaf, value: Any) -> None:
-    """Raises: Unfit: the value does not fit into the leaf."""
+    """Return a leaf's bytes. Raises: Unfit: the value does not fit."""
+    if not leaf.letter:
+        return LENGTH.pack(len(value)) + value  # type: ignore[no-any-return]
     try:
-        _packed(leaf, value)
+        return struct.pack(f"<{leaf.letter}", value)
     except (struct.error, OverflowError) as error:
         width = next((name.upper() for name, letter in WIDTHS.items() if letter == leaf.letter), "bool")
         raise Unfit(f"{leaf.name} is {value!r:.40}: does not fit into {width}") from error

@@ -25,8 +25,6 @@ LARGEST_F32 = 3.4028234663852886e38  # that there is
 class MalformedRecord(PeerError):
     """Too short, too long, another tag, or a number out of range."""
 
-    reason = "malformed_record"
-
 
 @dataclass(frozen=True, slots=True)
 class Field:
@@ -138,6 +136,30 @@ class Record:
         if end != len(raw):
             raise MalformedRecord(f"{self.name}: {len(raw) - end} bytes too many")
         return values
+
+
+def fields(*declared: str | Field) -> tuple[Field, ...]:
+    """Return the fields that are declared, each as "NAME TYPE: what it is, with its unit".
+
+    Several names before a type are as many fields, and what they are is the first one's. "= NUMBER" behind a type is
+    the field's `value`.
+    """
+    made: list[Field] = []
+    for each in declared:
+        if isinstance(each, Field):
+            made.append(each)
+            continue
+        words, _, doc = each.partition(": ")
+        words, _, value = words.partition(" = ")
+        *names, kind = words.split()
+        made += [Field(name, kind, "" if n else doc, int(value) if value else None) for n, name in enumerate(names)]
+    return tuple(made)
+
+
+def record(head: str, *declared: str | Field, tag: int | None = None) -> Record:
+    """Return a record of `fields`; its head is "NAME: what it is"."""
+    name, _, doc = head.partition(": ")
+    return Record(name, fields(*declared), doc, tag)
 
 
 def _encode(field: Field, value: Any) -> bytes:

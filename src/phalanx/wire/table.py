@@ -9,7 +9,7 @@ Source: RoboRebound Alg. 2-4 (what is hashed and MACed) and §5.2 (27 and 19 byt
 from __future__ import annotations
 
 from . import driven, guarded, lines, missions
-from .record import Field, Record
+from .record import fields, record
 
 HASH_BYTES = 20  # SHA-1
 MAC_BYTES = 8  # LightMAC over PRESENT-80
@@ -24,14 +24,11 @@ ENTRY_RECV = 2  # a-chain: a frame from the radio
 ENTRY_SEND = 3  # a-chain: a frame to the radio
 ENTRY_ACMD = 4  # a-chain: a command to the actuators
 
-ENTRY = Record(
-    "entry",
-    (
-        Field("type", "u8", "1 INPUT, 2 RECV, 3 SEND, 4 ACMD"),
-        Field("t", "u32", "ms, clock of the node that chained it"),
-        Field("payload", "v16", "u16 length, then the reading, the whole frame or the command"),
-    ),
-    "what is chained and what the c-node logs",
+ENTRY = record(
+    "entry: what is chained and what the c-node logs",
+    "type u8: 1 INPUT, 2 RECV, 3 SEND, 4 ACMD",
+    "t u32: ms, clock of the node that chained it",
+    "payload v16: u16 length, then the reading, the whole frame or the command",
 )
 ENTRY_HEADER_BYTES = ENTRY.size
 
@@ -43,14 +40,13 @@ MARK_FLUSH_A = 0x82
 MARK_CHECKPOINT = 0x83
 MARK_EVIDENCE = 0x84
 
-FLUSHED_S = Record("flushed_s", (), "the s-chain was flushed here before its batch was full", MARK_FLUSH_S)
-FLUSHED_A = Record("flushed_a", (), "the a-chain was", MARK_FLUSH_A)
-CHECKED = Record("checked", (), "the checkpoint was taken here", MARK_CHECKPOINT)
-EVIDENCE = Record(
-    "evidence",
-    (Field("bytes", "v16", "u16 length, then what the controller keeps of a reading"),),
-    "of the INPUT right before it",
-    MARK_EVIDENCE,
+FLUSHED_S = record("flushed_s: the s-chain was flushed here before its batch was full", tag=MARK_FLUSH_S)
+FLUSHED_A = record("flushed_a: the a-chain was", tag=MARK_FLUSH_A)
+CHECKED = record("checked: the checkpoint was taken here", tag=MARK_CHECKPOINT)
+EVIDENCE = record(
+    "evidence: of the INPUT right before it",
+    "bytes v16: u16 length, then what the controller keeps of a reading",
+    tag=MARK_EVIDENCE,
 )
 
 # --- frames and payloads -------------------------------------------------------------------------------------------
@@ -67,67 +63,54 @@ KIND_DRIVE = 0x0A
 KIND_ACTION = 0x0B
 KIND_AUDIT = 0x80  # the bit that keeps a frame out of the chains
 
-_SAID = (Field("id", "u16", "robot id"), Field("t", "u64", "ms, sender's clock"))
-_MOTION = (
-    Field("x_m", "f32", "position, world frame"),
-    Field("y_m", "f32", ""),
-    Field("vx_mps", "f32", "velocity, world frame"),
-    Field("vy_mps", "f32", ""),
-)
-STATE = Record("state", (*_SAID, *_MOTION), "broadcast: where a robot is and where it goes", KIND_STATE)
-SENSOR = Record("sensor", (*_SAID, *_MOTION), "reading of the position sensor", KIND_SENSOR)
-ACCELERATION = Record(
-    "acceleration",
-    (*_SAID, Field("ax_mps2", "f32", "acceleration, world frame"), Field("ay_mps2", "f32", "")),
-    "command to the actuators",
-    KIND_ACCELERATION,
+_SAID = fields("id u16: robot id", "t u64: ms, sender's clock")
+_MOTION = fields("x_m y_m f32: position, world frame", "vx_mps vy_mps f32: velocity, world frame")
+STATE = record("state: broadcast: where a robot is and where it goes", *_SAID, *_MOTION, tag=KIND_STATE)
+SENSOR = record("sensor: reading of the position sensor", *_SAID, *_MOTION, tag=KIND_SENSOR)
+ACCELERATION = record(
+    "acceleration: command to the actuators",
+    *_SAID,
+    "ax_mps2 ay_mps2 f32: acceleration, world frame",
+    tag=KIND_ACCELERATION,
 )
 
 # Robots that visitors drive (docs/spec/vocabulary.md): x to the right, y down.
-WHEELS_COMMAND = Record(
-    "wheels_command", (*_SAID, *driven.WHEELS, *driven.LED), "command to wheels and LED", KIND_WHEELS_COMMAND
+WHEELS_COMMAND = record(
+    "wheels_command: command to wheels and LED", *_SAID, *driven.WHEELS, *driven.LED, tag=KIND_WHEELS_COMMAND
 )
-WHEELS_SENSOR = Record("wheels_sensor", (*_SAID, *driven.POSE), "reading of the pose sensor", KIND_WHEELS_SENSOR)
-WHEELS_STATE = Record(
-    "wheels_state",
-    (*_SAID, *driven.POSE, *driven.LED),
-    "broadcast: where a driven robot is and how it shines",
-    KIND_WHEELS_STATE,
+WHEELS_SENSOR = record("wheels_sensor: reading of the pose sensor", *_SAID, *driven.POSE, tag=KIND_WHEELS_SENSOR)
+WHEELS_STATE = record(
+    "wheels_state: broadcast: where a driven robot is and how it shines",
+    *_SAID,
+    *driven.POSE,
+    *driven.LED,
+    tag=KIND_WHEELS_STATE,
 )
 
 # Robots on encoded missions (docs/spec/mission.md).
-RANGE = Field("range", "u16", "mm; 0 says nothing, 0xFFFF a miss")
-MISSION_READING = Record(
-    "mission_reading",
-    (
-        *_SAID,
-        Field("x", "i32", "0.1 mm, odometry's own frame, never corrected"),
-        Field("y", "i32", ""),
-        Field("heading", "i32", "µrad, the same frame"),
-        Field("travelled_mm", "u32", "since the start, forwards and backwards"),
-        Field("scan_sha1", "b20", "of the scan, a range for each beam, and what other sensors read"),
-        Field("clear", "rest", "a byte for each sector: the nearest hit, in steps of 2 cm, 255 from 5.1 m on"),
-    ),
-    "reading of a mission robot's odometry and lidar",
-    KIND_MISSION_READING,
+(RANGE,) = fields("range u16: mm; 0 says nothing, 0xFFFF a miss")
+MISSION_READING = record(
+    "mission_reading: reading of a mission robot's odometry and lidar",
+    *_SAID,
+    "x y i32: 0.1 mm, odometry's own frame, never corrected",
+    "heading i32: µrad, the same frame",
+    "travelled_mm u32: since the start, forwards and backwards",
+    "scan_sha1 b20: of the scan, a range for each beam, and what other sensors read",
+    "clear rest: a byte for each sector: the nearest hit, in steps of 2 cm, 255 from 5.1 m on",
+    tag=KIND_MISSION_READING,
 )
-MISSION_MESSAGE = Record(
-    "mission_message",
-    (Field("id", "u16", "robot id"), Field("message", "b32", "encoded message of the mission")),
-    "broadcast, again and again: what a decoded node gives out",
-    KIND_MISSION_MESSAGE,
+MISSION_MESSAGE = record(
+    "mission_message: broadcast, again and again: what a decoded node gives out",
+    "id u16: robot id",
+    "message b32: encoded message of the mission",
+    tag=KIND_MISSION_MESSAGE,
 )
-DRIVE = Record(
-    "drive",
-    (*_SAID, Field("speed_mmps", "i16", ""), Field("turn_mradps", "i16", "")),
-    "command to a mission robot's wheels",
-    KIND_DRIVE,
-)
-ACTION = Record(
-    "action",
-    (*_SAID, Field("action", "rest", "the action's canonical bytes")),
-    "command: what a decoded node has the robot do",
-    KIND_ACTION,
+DRIVE = record("drive: command to a mission robot's wheels", *_SAID, "speed_mmps turn_mradps i16", tag=KIND_DRIVE)
+ACTION = record(
+    "action: command: what a decoded node has the robot do",
+    *_SAID,
+    "action rest: the action's canonical bytes",
+    tag=KIND_ACTION,
 )
 
 HELLO = 0
@@ -135,225 +118,174 @@ FRAGMENT = 1
 TOKEN_REPLY = 2
 SEEK = 3
 
-_AUDIT = (Field("src", "u16", "robot id; in `bound` written by the a-node"), Field("dst", "u16", "robot id, 0 for all"))
-AUDIT_HELLO = Record("audit_hello", (*_AUDIT, Field("sub", "u8", "", HELLO)), "here is somebody who audits", KIND_AUDIT)
-AUDIT_SEEK = Record(
-    "audit_seek", (*_AUDIT, Field("sub", "u8", "", SEEK)), "a hello that each who hears it answers with one", KIND_AUDIT
+_AUDIT = fields("src u16: robot id; in `bound` written by the a-node", "dst u16: robot id, 0 for all")
+AUDIT_HELLO = record("audit_hello: here is somebody who audits", *_AUDIT, f"sub u8 = {HELLO}", tag=KIND_AUDIT)
+AUDIT_SEEK = record(
+    "audit_seek: a hello that each who hears it answers with one", *_AUDIT, f"sub u8 = {SEEK}", tag=KIND_AUDIT
 )
-AUDIT_FRAGMENT = Record(
-    "audit_fragment",
-    (
-        *_AUDIT,
-        Field("sub", "u8", "", FRAGMENT),
-        Field("request", "u16", "number of the request, auditee's"),
-        Field("index", "u8", "of this fragment, from 0"),
-        Field("count", "u8", "of fragments"),
-        Field("bytes", "rest", "piece of the request"),
-    ),
-    "a piece of a request for an audit",
-    KIND_AUDIT,
+AUDIT_FRAGMENT = record(
+    "audit_fragment: a piece of a request for an audit",
+    *_AUDIT,
+    f"sub u8 = {FRAGMENT}",
+    "request u16: number of the request, auditee's",
+    "index u8: of this fragment, from 0",
+    "count u8: of fragments",
+    "bytes rest: piece of the request",
+    tag=KIND_AUDIT,
 )
-AUDIT_TOKEN = Record(
-    "audit_token",
-    (
-        *_AUDIT,
-        Field("sub", "u8", "", TOKEN_REPLY),
-        Field("request", "u16", "the number that the request had"),
-        Field("t", "u32", "ms, auditee's a-node clock at the request"),
-        Field("mac", "b8", "of the token"),
-    ),
-    "the auditor's answer",
-    KIND_AUDIT,
+AUDIT_TOKEN = record(
+    "audit_token: the auditor's answer",
+    *_AUDIT,
+    f"sub u8 = {TOKEN_REPLY}",
+    "request u16: the number that the request had",
+    "t u32: ms, auditee's a-node clock at the request",
+    "mac b8: of the token",
+    tag=KIND_AUDIT,
 )
 AUDIT_HEADER_BYTES = AUDIT_HELLO.size
 
 # --- what is MACed -------------------------------------------------------------------------------------------------
 
-MKEY = Record(
-    "mkey",
-    (Field("k", "b20", "mission key XOR H(r ‖ master key)"), Field("r", "b20", "random"), Field("seq", "u32", "rises")),
-    "mission key, under the master key",
-    0x10,
+MKEY = record(
+    "mkey: mission key, under the master key",
+    "k b20: mission key XOR H(r ‖ master key)",
+    "r b20: random",
+    "seq u32: rises",
+    tag=0x10,
 )
-_AUTH = (Field("thash", "b20", "top of the chain"), Field("id", "u16", "robot id"))
-_NONCE = Field("nonce", "b8", "MAC of the token request")
-AUTH_S = Record("auth_s", (*_AUTH, _NONCE), "authenticator of an s-node", 0x11)
-AUTH_S_PAPER = Record("auth_s_paper", _AUTH, "the same in profile `paper`", 0x11)
-AUTH_A_PAPER = Record("auth_a_paper", _AUTH, "authenticator of an a-node; in profile `paper` only", 0x12)
-_TREQ = (
-    Field("t", "u32", "ms, auditee's a-node clock"),
-    Field("tee", "u16", "auditee"),
-    Field("tor", "u16", "auditor"),
+_AUTH = fields("thash b20: top of the chain", "id u16: robot id")
+AUTH_S = record("auth_s: authenticator of an s-node", *_AUTH, "nonce b8: MAC of the token request", tag=0x11)
+AUTH_S_PAPER = record("auth_s_paper: the same in profile `paper`", *_AUTH, tag=0x11)
+AUTH_A_PAPER = record("auth_a_paper: authenticator of an a-node; in profile `paper` only", *_AUTH, tag=0x12)
+_TREQ = fields("t u32: ms, auditee's a-node clock", "tee u16: auditee", "tor u16: auditor")
+TREQ = record("treq: token request", *_TREQ, "thash_a b20: top of the a-chain, just flushed", tag=0x13)
+TREQ_PAPER = record("treq_paper: the same in profile `paper`", *_TREQ, tag=0x13)
+TOKEN = record(
+    "token: an auditor's word that it replayed the log and found no fault",
+    "tor u16: auditor",
+    "tee u16: auditee",
+    "t u32: ms, of the request",
+    "hckpt b20: hash of the checkpoint that was audited",
+    tag=0x14,
 )
-TREQ = Record("treq", (*_TREQ, Field("thash_a", "b20", "top of the a-chain, just flushed")), "token request", 0x13)
-TREQ_PAPER = Record("treq_paper", _TREQ, "the same in profile `paper`", 0x13)
-TOKEN = Record(
-    "token",
-    (
-        Field("tor", "u16", "auditor"),
-        Field("tee", "u16", "auditee"),
-        Field("t", "u32", "ms, of the request"),
-        Field("hckpt", "b20", "hash of the checkpoint that was audited"),
-    ),
-    "an auditor's word that it replayed the log and found no fault",
-    0x14,
-)
-_SENDER = (Field("t", "u32", "ms, sender's a-node clock; no two frames have the same"), Field("src", "u16", "robot id"))
-SEALED = Record("sealed", (*_SENDER, Field("hash", "b20", "of the frame")), "a frame on a sealed radio", 0x15)
+_SENDER = fields("t u32: ms, sender's a-node clock; no two frames have the same", "src u16: robot id")
+SEALED = record("sealed: a frame on a sealed radio", *_SENDER, "hash b20: of the frame", tag=0x15)
 
 # --- what trusted nodes hand out -----------------------------------------------------------------------------------
 
-BOARD = Record(
-    "board",
-    (Field("id", "u16", "robot id"), Field("master", "b20", "master key")),
-    "what trusted nodes are given when they are made",
+BOARD = record("board: what trusted nodes are given when they are made", "id u16: robot id", "master b20: master key")
+AUTHENTICATOR = record(
+    "authenticator: from make authenticator", "top b20: of the chain, just flushed", "id u16: robot id", "mac b8"
 )
-AUTHENTICATOR = Record(
-    "authenticator",
-    (Field("top", "b20", "of the chain, just flushed"), Field("id", "u16", "robot id"), Field("mac", "b8", "")),
-    "from make authenticator",
+TOKEN_REQUEST = record(
+    "token_request: from make token request",
+    "t u32: ms, auditee's a-node clock",
+    "top b20: of the a-chain, just flushed; zeros in profile `paper`",
+    "mac b8",
 )
-TOKEN_REQUEST = Record(
-    "token_request",
-    (
-        Field("t", "u32", "ms, auditee's a-node clock"),
-        Field("top", "b20", "of the a-chain, just flushed; zeros in profile `paper`"),
-        Field("mac", "b8", ""),
-    ),
-    "from make token request",
-)
-SEAL = Record("seal", (*_SENDER, Field("mac", "b8", "of `sealed`")), "behind each frame on a sealed radio")
+SEAL = record("seal: behind each frame on a sealed radio", *_SENDER, "mac b8: of `sealed`")
 
 # --- what an auditee shows -----------------------------------------------------------------------------------------
 
 REQUEST_VERSION = 0x01
 
-REQUEST = Record(
-    "request",
-    (
-        Field("flags", "u8", "1: the log begins at boot"),
-        Field("tee", "u16", "auditee"),
-        Field("t", "u32", "ms, of the token request"),
-        Field("top_a", "b20", "top of the a-chain"),
-        Field("treq_mac", "b8", "of the token request"),
-        Field("top_s", "b20", "top of the s-chain"),
-        Field("auth_s_mac", "b8", "of its authenticator"),
-        Field("auth_a_mac", "b8", "of the a-node's, in `paper` only"),
-        Field("hckpt", "b20", "hash of the checkpoint claimed"),
-        Field("tokens", "u8", "that cover the start"),
-        Field("start_length", "u16", "of the start"),
-        Field("segment_length", "u32", "of the log"),
-        Field("shown", "rest", "covering tokens, start, segment of the log"),
-    ),
-    "request for an audit; the tag is its version",
-    REQUEST_VERSION,
+REQUEST = record(
+    "request: request for an audit; the tag is its version",
+    "flags u8: 1: the log begins at boot",
+    "tee u16: auditee",
+    "t u32: ms, of the token request",
+    "top_a b20: top of the a-chain",
+    "treq_mac b8: of the token request",
+    "top_s b20: top of the s-chain",
+    "auth_s_mac b8: of its authenticator",
+    "auth_a_mac b8: of the a-node's, in `paper` only",
+    "hckpt b20: hash of the checkpoint claimed",
+    "tokens u8: that cover the start",
+    "start_length u16: of the start",
+    "segment_length u32: of the log",
+    "shown rest: covering tokens, start, segment of the log",
+    tag=REQUEST_VERSION,
 )
-COVERING_TOKEN = Record(
-    "covering_token",
-    (Field("tor", "u16", "auditor"), Field("t", "u32", "ms, of its request"), Field("mac", "b8", "")),
-    "an auditor's word for the start",
+COVERING_TOKEN = record(
+    "covering_token: an auditor's word for the start", "tor u16: auditor", "t u32: ms, of its request", "mac b8"
 )
-BOOTED = Record(
-    "booted", (Field("t_key", "u32", "ms, when the mission key was loaded"),), "the start of a log that begins at boot"
-)
-CHECKPOINT = Record(
-    "checkpoint",
-    (
-        Field("t", "u32", "ms, when the next INPUT is due"),
-        Field("step", "u32", "its number"),
-        Field("top_s", "b20", "top of the s-chain"),
-        Field("top_a", "b20", "top of the a-chain"),
-        Field("state", "rest", "the controller's memory"),
-    ),
-    "any other start; what tokens cover the hash of",
+BOOTED = record("booted: the start of a log that begins at boot", "t_key u32: ms, when the mission key was loaded")
+CHECKPOINT = record(
+    "checkpoint: any other start; what tokens cover the hash of",
+    "t u32: ms, when the next INPUT is due",
+    "step u32: its number",
+    "top_s b20: top of the s-chain",
+    "top_a b20: top of the a-chain",
+    "state rest: the controller's memory",
 )
 
-KEPT = Record(
-    "kept",
-    (Field("claims", "u8", "0 or 1"), Field("shown", "rest", "it, then the scan's differences, or nothing")),
-    "evidence of a mission robot's",
+KEPT = record(
+    "kept: evidence of a mission robot's",
+    "claims u8: 0 or 1",
+    "shown rest: it, then the scan's differences, or nothing",
 )
-PROOF = Record(
-    "proof",
-    (
-        Field("tor", "u16", "whom a request asked"),
-        Field("head", f"b{REQUEST.size}", "what it begins with"),
-    ),
-    "in a robot's kept log: what its trusted nodes said of all that stands before",
-    0x86,
+PROOF = record(
+    "proof: in a robot's kept log: what its trusted nodes said of all that stands before",
+    "tor u16: whom a request asked",
+    f"head b{REQUEST.size}: what it begins with",
+    tag=0x86,
 )
-KEPT_CLAIM = Record("kept_claim", (Field("claim", "v16", "u16 length, then the claim"),), "what the scan is to show")
+KEPT_CLAIM = record("kept_claim: what the scan is to show", "claim v16: u16 length, then the claim")
 
 # --- what is between controllers and their c-node, and what they remember ------------------------------------------
 
-OUTPUT = Record(
-    "output",
-    (Field("type", "u8", "3 SEND, 4 ACMD"), Field("payload", "v16", "u16 length, then the frame or the command")),
-    "what a controller puts out",
+OUTPUT = record(
+    "output: what a controller puts out",
+    "type u8: 3 SEND, 4 ACMD",
+    "payload v16: u16 length, then the frame or the command",
 )
-FLOCK_MEMORY = Record(
-    "flock_memory",
-    (*_MOTION, Field("count", "u16", "of neighbours"), Field("neighbours", "rest", "as many, by rising id")),
-    "what a flock's controller remembers",
+FLOCK_MEMORY = record(
+    "flock_memory: what a flock's controller remembers",
+    *_MOTION,
+    "count u16: of neighbours",
+    "neighbours rest: as many, by rising id",
 )
-NEIGHBOUR = Record(
-    "neighbour",
-    (Field("id", "u16", "robot id"), Field("heard", "u64", "ms, own a-node's clock"), *_MOTION),
-    "a robot that was heard",
+NEIGHBOUR = record(
+    "neighbour: a robot that was heard", "id u16: robot id", "heard u64: ms, own a-node's clock", *_MOTION
 )
-MISSION_MEMORY = Record(
-    "mission_memory",
-    (
-        Field("begun", "u64", "ms, s-node's clock at the first reading; 0 before"),
-        Field("x_m", "f64", "where it believes to be, map frame"),
-        Field("y_m", "f64", ""),
-        Field("heading_rad", "f64", ""),
-        Field("way", "f64", "what its odometry leaves out, of the way"),
-        Field("turn", "f64", "of turns"),
-        Field("curve", "f64", "rad a metre"),
-        *(Field(f"spread_{i}{j}", "f64", "" if i + j else "their covariance") for i in range(6) for j in range(i, 6)),
-        Field("odometry_x_m", "f64", "by the last reading, its own frame"),
-        Field("odometry_y_m", "f64", ""),
-        Field("odometry_rad", "f64", ""),
-        Field("kind", "i8", "of the instruction in hand, -1 for none"),
-        Field("target", "i64", "node, or -1"),
-        Field("begin", "i64", "node, or -1"),
-        Field("passed", "u8", "1: the place where it begins lies behind"),
-        Field("best_m", "f64", "least way that was left"),
-        Field("best_s", "f64", "when that was"),
-        Field("turning", "i8", "1, -1: it turns about, to the left or to the right; 2, -2: it has; 0: never yet"),
-        Field("stop_x_cm", "i32", "next place on a way around, odometry's frame; both -2^31: none"),
-        Field("stop_y_cm", "i32", ""),
-        Field("base_x", "i32", "number of the first cell around, odometry's frame"),
-        Field("base_y", "i32", ""),
-        Field("seen_s", "f64", "when it last looked"),
-        Field("waited_s", "f64", "before a long way around"),
-        Field("cells", "b576", "2 bits for each of 48 x 48 cells of 0.125 m: 3, hit; less every 4 s; 0: nothing"),
-        Field("blocked", "u8", "1: the way was given up at the last step"),
-        Field("said", "u8", "messages that it gives out"),
-        Field("crumbs", "u8", "places of the way here that it remembers"),
-        Field("rest", "rest", "messages, 32 bytes each; crumbs; then the walk (docs/spec/mission.md)"),
-    ),
-    "what a mission robot's controller remembers",
+MISSION_MEMORY = record(
+    "mission_memory: what a mission robot's controller remembers",
+    "begun u64: ms, s-node's clock at the first reading; 0 before",
+    "x_m y_m heading_rad f64: where it believes to be, map frame",
+    "way f64: what its odometry leaves out, of the way",
+    "turn f64: of turns",
+    "curve f64: rad a metre",
+    " ".join(f"spread_{i}{j}" for i in range(6) for j in range(i, 6)) + " f64: their covariance",
+    "odometry_x_m odometry_y_m odometry_rad f64: by the last reading, its own frame",
+    "kind i8: of the instruction in hand, -1 for none",
+    "target i64: node, or -1",
+    "begin i64: node, or -1",
+    "passed u8: 1: the place where it begins lies behind",
+    "best_m f64: least way that was left",
+    "best_s f64: when that was",
+    "turning i8: 1, -1: it turns about, to the left or to the right; 2, -2: it has; 0: never yet",
+    "stop_x_cm stop_y_cm i32: next place on a way around, odometry's frame; both -2^31: none",
+    "base_x base_y i32: number of the first cell around, odometry's frame",
+    "seen_s f64: when it last looked",
+    "waited_s f64: before a long way around",
+    "cells b576: 2 bits for each of 48 x 48 cells of 0.125 m: 3, hit; less every 4 s; 0: nothing",
+    "blocked u8: 1: the way was given up at the last step",
+    "said u8: messages that it gives out",
+    "crumbs u8: places of the way here that it remembers",
+    "rest rest: messages, 32 bytes each; crumbs; then the walk (docs/spec/mission.md)",
 )
-CRUMB = Record(
-    "crumb",
-    (Field("x_cm", "i32", "map frame"), Field("y_cm", "i32", "")),
-    "a place of the way back",
-)
+CRUMB = record("crumb: a place of the way back", "x_cm y_cm i32: map frame")
 
 # --- what pages are told -------------------------------------------------------------------------------------------
 
 TURN_DEG = 360
 PASS_BY = 181  # so many numbers are left out by a record that is no robot
-ROBOT_PLACE = Record(
-    "robot_place",
-    (
-        Field("w", "u16", "TURN_DEG · (how many numbers are left out before this one) + direction, whole degrees"),
-        Field("x", "u16", "in the piece's steps from its left"),
-        Field("y", "u16", "from its top"),
-    ),
-    "where a robot is, in a frame; with a w of 181 · 360 or more it is no robot, and leaves out 181 numbers",
+ROBOT_PLACE = record(
+    "robot_place: where a robot is, in a frame; with a w of 181 · 360 or more it is no robot, and leaves out 181 "
+    "numbers",
+    "w u16: TURN_DEG · (how many numbers are left out before this one) + direction, whole degrees",
+    "x u16: in the piece's steps from its left",
+    "y u16: from its top",
 )
 
 # --- spaces in which a first byte is one record's ------------------------------------------------------------------

@@ -5,12 +5,9 @@ Robots are discs that touch at `contact_m`. Source: docs/own-controller.md; the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.config.flock import Box, Disc
 from phalanx.robot.controllers.senses import RANGE, Senses
 
 from .world import World
@@ -19,16 +16,11 @@ from .world import World
 class Around:
     """What robots of a world sense, as their controller's class says."""
 
-    def __init__(self, world: World, senses: Senses, obstacles: Sequence[Disc | Box], contact_m: float) -> None:
+    def __init__(self, world: World, senses: Senses, contact_m: float) -> None:
         self._world, self._senses, self._contact_m = world, senses, contact_m
         angles = np.arange(senses.beams) * (2 * np.pi / max(1, senses.beams))
         self._beams = np.stack([np.cos(angles), np.sin(angles)], axis=1)  # (B, 2)
-        discs = [each for each in obstacles if isinstance(each, Disc)]
-        boxes = [each for each in obstacles if isinstance(each, Box)]
-        self._discs = np.array([(each.x_m, each.y_m, each.radius_m) for each in discs]).reshape(-1, 3)
-        low = np.array([(each.left_m, each.bottom_m) for each in boxes]).reshape(-1, 2)
-        high = np.array([(each.right_m, each.top_m) for each in boxes]).reshape(-1, 2)
-        self._boxes = low, high
+        self._boxes = world.boxes[:, :2], world.boxes[:, 2:]  # least and greatest corners
 
     def look(self, rob_id: int, _t_s: float, place_m: tuple[float, float], *, lies: bool) -> bytes:
         """What the robot's own sensors say there, behind its motion; a liar's say the same."""
@@ -36,7 +28,7 @@ class Around:
         here = np.array(place_m)
         others = np.delete(self._world.pos, rob_id - 1, axis=0)[: len(self._world.fleet.robot) - 1]
         radius = np.full((len(others), 1), self._contact_m / 2)
-        discs = np.concatenate([self._discs, np.concatenate([others, radius], axis=1)])
+        discs = np.concatenate([self._world.discs, np.concatenate([others, radius], axis=1)])
         return self._ranges(here, discs).astype(RANGE).tobytes() + self._touched(here, discs).tobytes()
 
     def _ranges(self, here: NDArray[np.float64], discs: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -11,7 +11,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from phalanx.arrays import I32x1, I64x1, Records
+from phalanx.arrays import I32x1, I64x1, Records, layout
 from phalanx.bundle import bundled
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
@@ -28,17 +28,12 @@ BUCKETS, SHIFT = 4096, 10
 _WAITING, _PUSHED, _REFUSED, _NEAR, _FREE, _TAKEN, _WINDOW = range(7)
 
 
-EVENT = np.dtype(
-    [
-        ("t_us", "i8"),
-        ("number", "i8"),  # of the push
-        # What they mean is the caller's affair.
-        ("kind", "i4"),
-        ("robot", "i4"),
-        ("arg", "i4"),
-        ("after", "i4"),  # the next place of the same bucket, or the next that is free
-    ],
-    align=True,
+EVENT = layout(
+    "t_us i8",
+    "number i8",  # of the push
+    # What they mean is the caller's affair.
+    "kind robot arg i4",
+    "after i4",  # the next place of the same bucket, or the next that is free
 )
 
 

@@ -18,10 +18,17 @@ from phalanx.sim.radio.reach import rebuild
 from phalanx.wire.fields import Row, copy, get_u16
 
 from . import body
-from .ahead import prefetch_event, prefetch_log, prefetch_receiver
 from .events import CONTROL, MESSAGE, next_us, peek, pop, push
-from .motion import obstacle_contacts, robot_contacts
-from .world import COMPILED, PYTHON, VERDICTS, World, clock_ms
+from .world import (
+    COMPILED,
+    PYTHON,
+    VERDICTS,
+    World,
+    clock_ms,
+    prefetch_event,
+    prefetch_log,
+    prefetch_receiver,
+)
 
 # Kinds of events beside CONTROL, MESSAGE and the radio's ATTEMPT and TX_END.
 ROUND, RETRY, CHECK, MOVE, WAKE = 11, 12, 13, 14, 15
@@ -251,7 +258,7 @@ def move(world: World) -> None:
         body.advance(world, i)
     if rebuild(world.reach, world.pos) > len(world.reach.maybe):
         clock.crowded = 1
-    clock.contacts += robot_contacts(world.pos, world.last, world.reach, clock.contact_m)
-    clock.contacts += obstacle_contacts(world.pos, world.last, world.discs, world.boxes, clock.contact_m)
+    clock.contacts += body.robot_contacts(world.pos, world.last, world.reach, clock.contact_m)
+    clock.contacts += body.obstacle_contacts(world.pos, world.last, world.discs, world.boxes, clock.contact_m)
     for i in range(len(world.pos)):
         world.last[i, 0], world.last[i, 1] = world.pos[i, 0], world.pos[i, 1]

@@ -1,22 +1,28 @@
-"""Robots that run in Python inside the compiled loop: they get its events, and it carries out their actions."""
+"""Robots that run in Python inside the compiled loop: they get its events, and it carries out their actions.
+
+One robot can be traced: then each of its events is printed, with the actions that it asked for. A traced robot runs the
+handlers of compiled code one event at a time, so a traced run has the digests of any other.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from operator import itemgetter
 from typing import Final, Protocol
 
+from phalanx.bti import request
 from phalanx.robot import actions
-from phalanx.robot.actions import Action, Actuate
+from phalanx.robot.actions import EVERYBODY, Action, Actuate, RetryAt, RoundAt, Transmit
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.attacks.wrapper import Wrapper
 from phalanx.robot.controllers.python_controller import OwnMistake
 from phalanx.robot.planner import Planner, advice_of, overheard
 from phalanx.robot.robot import Robot
+from phalanx.wire import driven, guarded, protocols, table
+from phalanx.wire.fields import get_u16, row
 
 from . import body, loop
 from .events import CONTROL, MESSAGE, push
-from .trace import Trace
 from .world import CLOCK, TRACED, World
 
 # What hears of each kind of event.
@@ -41,8 +47,56 @@ class Looks(Protocol):
 # A robot that runs in Python: an honest one, or one in an adversary's hands.
 InPython = Robot | Wrapper
 NO_PLANNERS: Mapping[int, Planner] = {}
+# Names in a trace.
+SUBS = {request.HELLO: "HELLO", request.SEEK: "SEEK", request.FRAGMENT: "fragment", request.TOKEN: "token"}
+NAMES = {
+    value: name.removeprefix("KIND_").lower().replace("_", " ")
+    for module in (driven, guarded, protocols, table)
+    for name, value in vars(module).items()
+    if name.startswith("KIND_")
+}
 # What an event says. A record of numpy takes 5 us for a field, and all of them as a tuple 1.
 _EVENT: Final = itemgetter(*map(list(CLOCK.names or ()).index, ("robot", "kind", "now_us", "body", "arg")))
+
+
+class Trace:
+    """Print what robot `rob_id` does, a line for each event and each action, through `echo`."""
+
+    def __init__(self, rob_id: int, echo: Callable[[str], None]) -> None:
+        self.rob_id, self._echo = rob_id, echo
+
+    def event(self, now_us: int, name: str, payload: bytes | str, asked: Iterable[Action]) -> None:
+        """Print an event at `now_us` of the simulation, with its packet, its reading or a word, and its actions."""
+        shown = payload if isinstance(payload, str) else described(payload)
+        self._echo(f"{now_us / 1e6:11.6f} s  robot {self.rob_id}  {name:10}  {shown}".rstrip())
+        for action in asked:
+            self._echo(f"{'':13}    -> {_of_action(action)}")
+
+
+def _of_action(action: Action) -> str:
+    if isinstance(action, Transmit):
+        to = "everybody" if action.to == EVERYBODY else f"robot {action.to}"
+        return f"transmit    {described(action.packet)}, to {to}"
+    if isinstance(action, Actuate):
+        return f"actuate     {described(action.command)}"
+    if isinstance(action, RetryAt):
+        return f"retry at    {action.at_ms} ms of its clock"
+    if isinstance(action, RoundAt):
+        return f"round at    {action.at_ms} ms of its clock" + (", silent until then" if action.listened else "")
+    why = f"refused, {action.refusal.name.lower().replace('_', ' ')}" if action.refusal else "a token is due"
+    return f"verdict     on robot {action.auditee}: {why}"
+
+
+def described(raw: bytes) -> str:
+    """Return what a packet, a reading or a command is, and how long."""
+    if request.is_audit(row(raw), len(raw)):
+        src, dst, sub = get_u16(row(raw), request.AT_SRC), get_u16(row(raw), request.AT_DST), raw[request.AT_SUB]
+        text = f"{SUBS.get(sub, f'audit packet {sub}')} of robot {src}" + (f" for robot {dst}" if dst else "")
+        if sub == request.FRAGMENT and len(raw) > request.AT_COUNT:
+            text += f", {raw[request.AT_INDEX] + 1} of {raw[request.AT_COUNT]}"
+    else:
+        text = NAMES.get(raw[0], f"kind {raw[0]}") if raw else "nothing"
+    return f"{text} ({len(raw)} bytes)"
 
 
 def handle(
@@ -56,7 +110,7 @@ def handle(
 
     `planners` advise some of them; on a `stage` their sensors see more than themselves; `trace` prints one of them.
     """
-    i, kind, now_us, driven, arg = _EVENT(world.clock.item())
+    i, kind, now_us, body_kind, arg = _EVENT(world.clock.item())
     robot = robots[i]
     now_ms = (now_us + int(world.boot_us[i])) // 1000
     if i in planners:
@@ -66,7 +120,7 @@ def handle(
     if isinstance(robot, Wrapper):
         robot.checked(METHODS[kind], asked)
     elif robot.is_own:
-        _check_commands(driven, robot, asked)
+        _check_commands(body_kind, robot, asked)
     if trace and trace.rob_id == robot.id:
         trace.event(now_us, METHODS[kind], _payload(world, kind, seen, arg), asked)
     perform(world, i, now_ms, asked)
@@ -98,9 +152,9 @@ def _plan(world: World, robot: InPython, planner: Planner, kind: int, now_ms: in
             robot.on_advice(advice)
 
 
-def _check_commands(driven: int, robot: Robot, asked: list[Action]) -> None:
+def _check_commands(body_kind: int, robot: Robot, asked: list[Action]) -> None:
     # The body would do nothing, and the audits, which ask whether it is what the controller said, find nothing wrong.
-    known = body.COMMANDS[driven]
+    known = body.COMMANDS[body_kind]
     for action in asked:
         if isinstance(action, Actuate) and (len(action.command), action.command[0]) != (known.size, known.tag):
             raise OwnMistake(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from phalanx.arrays import BOOLx1, I64x1
 from phalanx.config import BtiConfig
 from phalanx.kernel import kernel
-from phalanx.sim.radio.channel import AIRTIME_US, Air
+from phalanx.sim.radio.channel import AIRTIME_US
 from phalanx.sim.radio.reach import Reach, in_range
 
 from .world import World
@@ -25,8 +25,7 @@ class Quorum:
     def __init__(self, world: World, config: BtiConfig, correct: NDArray[np.bool_]) -> None:
         self._world, self._config, self._correct = world, config, correct
         self._looked_us = 0
-        self._airtime_us = np.zeros(len(correct), np.int64)
-        _spent_us(world.air, self._airtime_us)
+        self._airtime_us = self._spent_us()
         self._had: list[NDArray[np.bool_]] = []
         self._counted = np.zeros(len(correct), bool)
         self._without = np.zeros(len(correct), bool)
@@ -43,7 +42,7 @@ class Quorum:
         self._had.append(self._has())
         del self._had[: -(self._config.t_val_ms // 1000 + 1)]
         self._looked_us = int(self._world.clock[0].now_us)
-        _spent_us(self._world.air, self._airtime_us)
+        self._airtime_us = self._spent_us()
 
     def stopped_without(self) -> NDArray[np.bool_]:
         """(N,), correct robots that are in Safe Mode and lacked a quorum at some moment of the T_val before.
@@ -56,28 +55,22 @@ class Quorum:
         without: NDArray[np.bool_] = self._without | (new & ~np.all([*self._had, self._has()], axis=0))
         return without
 
+    def _spent_us(self) -> NDArray[np.int64]:
+        """Return for how long each robot has been on the air, (N,)."""
+        spent: NDArray[np.int64] = self._world.air.counts[: len(self._correct), :, AIRTIME_US].sum(axis=1)
+        return spent
+
     def _has(self) -> NDArray[np.bool_]:
         # At the end a second may just have begun, and a burst is no full channel.
         passed_us = max(int(self._world.clock[0].now_us) - self._looked_us, SECOND_US)
-        sent_us, full = np.zeros(len(self._correct), np.int64), np.zeros(len(self._correct), bool)
-        _spent_us(self._world.air, sent_us)
         # Frames of correct robots only: whoever a liar shouts down was not stopped for want of a quorum.
-        sent_us = (sent_us - self._airtime_us) * self._correct
+        sent_us, full = (self._spent_us() - self._airtime_us) * self._correct, np.zeros(len(self._correct), bool)
         _full(self._world.reach, sent_us, passed_us, full)
         # Who was stopped although it had a quorum still counts as an auditor: one wrong must not excuse the next.
         auditors, lost = self._correct & ~self._without, self._correct & (full | self._without)
         has = np.zeros(len(self._correct), bool)
         _enough(self._world.reach, auditors, lost, self._config.tokens_needed, self._config.n_max, has)
         return has & ~full
-
-
-@kernel
-def _spent_us(air: Air, spent_us: I64x1) -> None:
-    """`spent_us`, (N,): for how long each robot has been on the air."""
-    for i in range(len(spent_us)):
-        spent_us[i] = 0
-        for row in range(air.counts.shape[1]):
-            spent_us[i] += air.counts[i, row, AIRTIME_US]
 
 
 @kernel

@@ -22,7 +22,7 @@ from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.runtime import first_round_ms
 from phalanx.sim.radio.channel import NOBODY, make_air
-from phalanx.sim.radio.reach import SKIN, SMALL_SWARM, make_reach, rebuild
+from phalanx.sim.radio.reach import SKIN, SMALL_SWARM, Reach, make_reach, rebuild, set_aisles
 from phalanx.wire.airtime import rates_of, unicast_us
 from phalanx.wire.fields import Row
 from phalanx.wire.table import KEY_BYTES
@@ -80,6 +80,12 @@ def audits_share(config: BtiConfig, radio: RadioConfig, robots: float, *, filled
     rates = rates_of(radio)
     request_us = whole * unicast_us(rates, seen.frame_max_bytes) + unicast_us(rates, FRAGMENT_HEAD_BYTES + rest)
     return robots * seen.tokens_needed * request_us / (1000 * seen.t_audit_ms)
+
+
+def make_lists(bodies: int, config: BtiConfig, radio: RadioConfig, *, skin: float) -> Reach:
+    """Return lists of who is near whom, with room for more neighbours than are provided for."""
+    room = None if bodies <= SMALL_SWARM else bodies * (2 * config.n_max + ROOM)
+    return make_reach(bodies, radio.range_m, room, skin=skin)
 
 
 def power_up(
@@ -142,12 +148,7 @@ def make_world(setup: Setup, chance: np.random.Generator) -> World:
         work=make_work(setup.bti),
         queue=make_queue(16 * m + 64),
         air=make_air(m, setup.radio, setup.seed),
-        reach=make_reach(
-            m,
-            setup.radio.range_m,
-            None if m <= SMALL_SWARM else m * (2 * setup.bti.n_max + ROOM),
-            skin=0.0 if setup.plain else SKIN,
-        ),
+        reach=make_lists(m, setup.bti, setup.radio, skin=0.0 if setup.plain else SKIN),
         pos=np.full((m, 2), setup.starts_m),
         vel=np.zeros((m, 2)),
         acc=np.zeros((m, 2)),
@@ -174,7 +175,7 @@ def make_world(setup: Setup, chance: np.random.Generator) -> World:
         verdicts=np.zeros((VERDICTS, 4), np.int64),
     )
     if setup.hub:
-        world.reach.aisle[setup.hub : n] = np.arange(1, n - setup.hub + 1)
+        set_aisles(world.reach, setup.hub, n)
     clock, audited = world.clock[0], setup.profile != PLAIN
     clock.sender, clock.body, clock.contact_m = NOBODY, setup.body, setup.contact_m
     clock.move_us, clock.control_us = MOVE_US, setup.bti.t_control_ms * 1000

@@ -8,16 +8,18 @@ from __future__ import annotations
 
 from typing import Annotated, Any, NamedTuple
 
-import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.arrays import F64x1, F64x2, I32x1, I64x1, I64x2, Records, U8x1, U8x2
-from phalanx.bti.fleet import Fleet, records
+from phalanx.arrays import F64x1, F64x2, I32x1, I64x1, I64x2, Records, U8x1, U8x2, layout
+from phalanx.bti.fleet import Fleet, records, vouchers
+from phalanx.bti.refusal import Refusal
 from phalanx.bti.work import Work
 from phalanx.bundle import bundled
 from phalanx.kernel import kernel
 from phalanx.sim.radio.channel import Air
+from phalanx.sim.radio.nic import NIC
 from phalanx.sim.radio.reach import Reach
+from phalanx.wire.fields import prefetch
 
 from .events import Queue
 
@@ -25,30 +27,27 @@ from .events import Queue
 # trace, which does exactly what compiled code does.
 COMPILED, PYTHON, TRACED = 0, 1, 2
 VERDICTS = 4096
+Verdict = tuple[float, int, int, Refusal]
+# Fields that every event reads lie at the front of a robot's rows; most controllers' states are this long.
+HOT_BYTES, STATE_BYTES, NIC_BYTES = 192, 256, NIC.itemsize
+# Swarms of up to so many robots fit into the caches: there prefetching would cost 2 %.
+CACHED_ROBOTS = 500
 
-CLOCK = np.dtype(
-    [
-        ("now_us", "i8"),
-        ("check_us", "i8"),  # period of CheckTokens, 0 without a defence
-        ("move_us", "i8"),
-        ("control_us", "i8"),
-        ("audit_us", "i8"),  # period of rounds, 0 without a defence
-        ("contact_m", "f8"),
-        ("contacts", "i8"),
-        ("crowded", "i8"),  # more neighbours than `reach` has room for, once: the run is wrong from then on
-        ("body", "i8"),  # what robots are, see `body`
-        # A transmission that is being delivered.
-        ("sender", "i8"),
-        ("next", "i8"),
-        ("receivers", "i8"),
-        ("arrived", "i8"),
-        # An event that waits for Python.
-        ("kind", "i8"),
-        ("robot", "i8"),
-        ("arg", "i8"),  # of SENT: whether the frame arrived; of ROUND: whether the robot has listened
-        ("verdicts", "i8"),  # ever; the ring keeps the newest
-    ],
-    align=True,
+CLOCK = layout(
+    "now_us i8",
+    "check_us i8",  # period of CheckTokens, 0 without a defence
+    "move_us control_us i8",
+    "audit_us i8",  # period of rounds, 0 without a defence
+    "contact_m f8",
+    "contacts i8",
+    "crowded i8",  # more neighbours than `reach` has room for, once: the run is wrong from then on
+    "body i8",  # what robots are, see `body`
+    # A transmission that is being delivered.
+    "sender next receivers arrived i8",
+    # An event that waits for Python.
+    "kind robot i8",
+    "arg i8",  # of SENT: whether the frame arrived; of ROUND: whether the robot has listened
+    "verdicts i8",  # ever; the ring keeps the newest
 )
 
 
@@ -67,7 +66,7 @@ class World(NamedTuple):
     last: F64x2  # (M, 2), `pos` at the last look at contacts
     led: U8x2  # (M, 3)
     area: F64x1  # (2,), m, what wheels stay within
-    discs: F64x2  # (D, 3), obstacles (motion.obstacle_contacts)
+    discs: F64x2  # (D, 3), obstacles (body.obstacle_contacts)
     boxes: F64x2  # (B, 4), the same
     moved_us: I64x1  # (M,), the moment for which `pos` and `vel` hold
     boot_us: I64x1  # (N,), by how much a robot's clock is ahead of the world's
@@ -94,3 +93,71 @@ def clock_ms(world: World, i: int) -> int:
 def make_clock() -> NDArray[Any]:
     """A clock at 0."""
     return records(1, CLOCK)
+
+
+# --- prefetching: ask the caches for the rows that the next event reads; of a large swarm they do not hold all ---
+
+
+@kernel
+def prefetch_receiver(world: World, i: int) -> None:
+    """Prefetch the rows that robot i reads when it receives a packet."""
+    f = world.fleet
+    if len(f.robot) > CACHED_ROBOTS and 0 <= i < len(f.robot):
+        prefetch(f.robot, i, 0, HOT_BYTES)
+        prefetch(f.anode, i, 0, HOT_BYTES)
+        prefetch(f.state, i, 0, STATE_BYTES)
+        prefetch(f.peer_id, i, 0, 1)
+
+
+@kernel
+def prefetch_event(world: World, i: int) -> None:
+    """Prefetch the rows that any event of robot i reads: also its sensors, actuators and radio."""
+    robots = len(world.fleet.robot)
+    if robots > CACHED_ROBOTS and 0 <= i < robots:
+        prefetch_receiver(world, i)
+        prefetch(world.fleet.snode, i, 0, HOT_BYTES)
+        prefetch(world.pos, i, 0, 1)
+        prefetch(world.vel, i, 0, 1)
+        prefetch(world.acc, i, 0, 1)
+        prefetch(world.air.nic, i, 0, NIC_BYTES)
+
+
+@kernel
+def prefetch_log(world: World, i: int) -> None:
+    """Prefetch where robot i logs next."""
+    f = world.fleet
+    if len(f.robot) > CACHED_ROBOTS:
+        at, front = f.robot[i].log_len, f.log.shape[1]
+        if at < front:
+            prefetch(f.log, i, at, 1)
+        else:
+            prefetch(f.log_rest, i, at - front, 1)
+
+
+# --- watching: who vouches for whom, and how audits end ---
+
+
+def shields(world: World, i: int) -> list[tuple[int, float]]:
+    """Robots that vouch for robot i and for how many seconds more, the longest first; none in Safe Mode.
+
+    Source: RoboRebound §3.5.
+    """
+    if world.safe[i]:
+        return []
+    return sorted(vouchers(world.fleet, i, clock_ms(world, i)), key=lambda each: -each[1])
+
+
+class VerdictReader:
+    """Reads audits' ends in order; of more than 4096 at once the oldest are lost."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._told = 0
+
+    def new(self) -> list[Verdict]:
+        """Since the last call: time s, auditor, auditee, why it got no token or NONE. Source: RoboRebound §3.7."""
+        total = int(self._world.clock[0].verdicts)
+        first = max(self._told, total - VERDICTS)
+        self._told = total
+        rows = (self._world.verdicts[k % VERDICTS] for k in range(first, total))
+        return [(int(t) / 1e6, int(tor), int(tee), Refusal(int(why))) for t, tor, tee, why in rows]

@@ -8,7 +8,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import chain, repeat
 from pathlib import Path
@@ -86,15 +86,9 @@ def check_controller(words: str, seed: int = 0) -> Report:
     """
     with mistakes_in(words):
         calls = calls_of(maker(words), words, seed)
-    with tempfile.TemporaryDirectory() as folder:
-        started = [
-            _Process(Path(folder), k, words, calls, ("live",) if k else tuple(LIVES), compiled=k <= OTHERS)
-            for k in range(OTHERS + 2)
-        ]
-        with contextlib.ExitStack() as stack:
-            for process in started:
-                stack.callback(process.end)
-            first, *others, plain = [process.lives() for process in started]
+    with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
+        waits = [stack.enter_context(_process(Path(folder), k, words, calls)) for k in range(OTHERS + 2)]
+        first, *others, plain = [wait() for wait in waits]
     straight = first["live"]
 
     def compare(name: str, lives: Iterator[tuple[str, list[Step]]]) -> Check:
@@ -111,59 +105,51 @@ def check_controller(words: str, seed: int = 0) -> Report:
             compare("same beside another", iter([("beside another robot's", first["live_beside"])])),
             compare("same from checkpoints", iter([("gone on from it", first["live_on"])])),
             compare("same over checkpoints", iter([("gone on from it", first["live_over"])])),
-            Check("raises nothing", _first_raised(calls, straight)),
-            Check("only what robots take", _first_refused(calls, straight)),
+            Check("raises nothing", _first_of(calls, (raised for _, _, raised, _ in straight), "METHOD raises")),
+            Check("only what robots take", _first_of(calls, (refused for *_, refused in straight), "refused")),
         ),
     )
 
 
-class _Process:
-    def __init__(
-        self, folder: Path, turn: int, words: str, calls: list[Call], lives: tuple[str, ...], *, compiled: bool
-    ) -> None:
-        job, self._out, self._said = (folder / f"{turn}.{what}" for what in ("job", "out", "said"))
-        asked = {"controller": words, "robot": ROBOT, "turn": turn if compiled else 0, "lives": lives}
-        asked["calls"] = [(call.step, call.t_ms, call.payload.hex()) for call in calls]
-        job.write_text(json.dumps(asked))
-        apart = {"PYTHONHASHSEED": str(turn if compiled else 0), "TZ": ZONES[turn if compiled else 0]}
-        with self._said.open("wb") as said:
-            self._child = subprocess.Popen(
-                [sys.executable, "-m", "phalanx.sim.determinism.trace", str(job), str(self._out)],
-                env=os.environ | apart | ({} if compiled else {"PHALANX_PURE": "1"}),
-                stdin=subprocess.DEVNULL,
-                stdout=said,
-                stderr=said,
-            )
+@contextlib.contextmanager
+def _process(folder: Path, k: int, words: str, calls: list[Call]) -> Iterator[Callable[[], dict[str, list[Step]]]]:
+    """Start process `k`, the last of which runs kernels uncompiled; yield what waits for its lives; end it."""
+    job, out, said = (folder / f"{k}.{what}" for what in ("job", "out", "said"))
+    turn, pure = (k, {}) if k <= OTHERS else (0, {"PHALANX_PURE": "1"})
+    asked = {"controller": words, "robot": ROBOT, "turn": turn, "lives": ("live",) if k else tuple(LIVES)}
+    job.write_text(json.dumps(asked | {"calls": [(call.step, call.t_ms, call.payload.hex()) for call in calls]}))
+    with said.open("wb") as output:
+        child = subprocess.Popen(
+            [sys.executable, "-m", "phalanx.sim.determinism.trace", str(job), str(out)],
+            env=os.environ | {"PYTHONHASHSEED": str(turn), "TZ": ZONES[turn]} | pure,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
+        )
 
-    def lives(self) -> dict[str, list[Step]]:
-        """What it lived through, at its end."""
-        if self._child.wait() != 0:
-            said = self._said.read_text(errors="replace").splitlines() or ["it said nothing"]
-            raise Unavailable(f"a process of the check ended early: {said[-1]}")
-        lived: dict[str, list[Step]] = json.loads(self._out.read_text())
+    def wait() -> dict[str, list[Step]]:
+        if child.wait() != 0:
+            lines = said.read_text(errors="replace").splitlines() or ["it said nothing"]
+            raise Unavailable(f"a process of the check ended early: {lines[-1]}")
+        lived: dict[str, list[Step]] = json.loads(out.read_text())
         return lived
 
-    def end(self) -> None:
-        """It runs no more."""
-        self._child.kill()
-        self._child.wait()
+    try:
+        yield wait
+    finally:
+        child.kill()
+        child.wait()
 
 
 def _named(turn: int) -> str:
     return f"process {turn + 1} (hash seed {turn}, {ZONES[turn]}, {turn * LATER_S / 86_400:.1f} days later)"
 
 
-def _first_raised(calls: list[Call], steps: list[Step]) -> Finding | None:
-    for k, (call, (_, _, raised, _)) in enumerate(zip(calls, steps, strict=True)):
-        if raised:
-            return Finding(k, str(call), f"{call.method} raises", None, "", raised, "")
-    return None
-
-
-def _first_refused(calls: list[Call], steps: list[Step]) -> Finding | None:
-    for k, (call, (_, _, _, refused)) in enumerate(zip(calls, steps, strict=True)):
-        if refused:
-            return Finding(k, str(call), "refused", None, "", refused, "")
+def _first_of(calls: list[Call], said: Iterable[str], what: str) -> Finding | None:
+    """Return the first call of which something is said; `what` names it, with "METHOD" for the controller's."""
+    for k, (call, words) in enumerate(zip(calls, said, strict=True)):
+        if words:
+            return Finding(k, str(call), what.replace("METHOD", call.method), None, "", words, "")
     return None
 
 

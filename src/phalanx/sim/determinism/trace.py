@@ -30,8 +30,7 @@ from phalanx.robot.controllers.python_controller import (
 )
 from phalanx.wire.record import MalformedRecord
 
-from .calls import ADVICE, FRAME, Call, Make, maker
-from .watch import Endless, watched
+from .calls import ADVICE, FRAME, Call, Endless, Make, maker, watched
 
 # What a controller did at one call: type and bytes of each output, what it remembers then, what it raised, and what
 # no body, no radio and no checkpoint takes of that.

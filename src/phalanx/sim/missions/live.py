@@ -19,7 +19,7 @@ from phalanx.mission import Phase
 from phalanx.robot.attacks import ON_MISSIONS
 from phalanx.robot.attacks.missions.cheat import CheatPlan
 from phalanx.robot.on_mission import Completed, Decoded, Drift, News, NotValidated, drift_of
-from phalanx.sim.audited.watch import shields
+from phalanx.sim.audited.world import shields
 
 from .setup import MissionRun
 from .world import MissionRobot, MissionWorld

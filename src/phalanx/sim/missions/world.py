@@ -27,8 +27,7 @@ from phalanx.sim.audited import loop, pybot
 from phalanx.sim.audited.body import POINT_MASS
 from phalanx.sim.audited.events import CONTROL, refused
 from phalanx.sim.audited.setup import PROFILES, Setup, make_world, start
-from phalanx.sim.audited.watch import VerdictReader
-from phalanx.sim.audited.world import clock_ms
+from phalanx.sim.audited.world import VerdictReader, clock_ms
 from phalanx.sim.building.walkers import Walkers
 from phalanx.sim.radio.channel import BROADCAST
 

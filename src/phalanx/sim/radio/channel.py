@@ -14,7 +14,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from phalanx.arrays import I32x1, I64x3, Records, U8x3
+from phalanx.arrays import I32x1, I64x3, Records, U8x3, layout
 from phalanx.bundle import bundled
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
@@ -24,22 +24,7 @@ from phalanx.sim.audited.events import Queue, push
 from phalanx.wire.airtime import Rates, ack_us, broadcast_us, rates_of, unicast_us
 from phalanx.wire.fields import Row, copy, whole
 
-from .nic import (
-    AIFS_US,
-    NEVER,
-    NIC,
-    SIFS_US,
-    SLOT_US,
-    WINDOW_MAX,
-    WINDOW_MIN,
-    Nic,
-    draw,
-    hold,
-    listen,
-    make_nics,
-    received,
-    strength,
-)
+from . import nic as card
 from .reach import Reach, in_range
 
 # Kinds of events; a TX_END's arg is 0 for a frame, 1 + the robot that is answered for an acknowledgement.
@@ -59,20 +44,17 @@ APP_BROADCAST, APP_UNICAST, AUDIT_BROADCAST, AUDIT_UNICAST = 0, 1, 2, 3
 SENT, DUE, ARRIVED, HEARD, BYTES, AIRTIME_US, DELAY_US, DROPPED = 0, 1, 2, 3, 4, 5, 6, 7
 
 
-SLOT = np.dtype(
-    [
-        ("since", "i8"),  # when the frame was put there, µs
-        ("dst", "i4"),  # robot or BROADCAST
-        ("length", "i4"),  # bytes
-    ],
-    align=True,
+SLOT = layout(
+    "since i8",  # when the frame was put there, µs
+    "dst i4",  # robot or BROADCAST
+    "length i4",  # bytes
 )
 
 
 class Air(NamedTuple):
     """The channel and everybody's NIC; half a kB a robot."""
 
-    nic: Annotated[Any, Records(NIC)]  # (N,)
+    nic: Annotated[Any, Records(card.NIC)]  # (N,)
     # By place first: most rings have one frame, so what lies behind the first places is never touched.
     short: U8x3  # (SLOTS, N, SHORT_BYTES), frames of the ring
     long: Pool  # of long_bytes: the one longer frame of each ring
@@ -108,7 +90,7 @@ def make_air(robots: int, config: RadioConfig, seed: int) -> Air:
     if seed < 0:
         raise UsageError(f"seed is {seed}", "0 or more")
     air = Air(
-        nic=make_nics(robots, seed),
+        nic=card.make_nics(robots, seed),
         short=np.zeros((SLOTS, robots, SHORT_BYTES), np.uint8),
         long=make_pool(robots, config.long_bytes),
         slot=np.zeros((SLOTS, robots), SLOT).view(np.recarray),
@@ -157,7 +139,7 @@ def enqueue(air: Air, queue: Queue, robot: int, frame: Row, length: int, dst: in
     nic.waiting += 1
     if nic.waiting == 1:
         if now_us < nic.busy_until and nic.slots == 0:
-            nic.slots = draw(nic)
+            nic.slots = card.draw(nic)
         _contend(nic, queue, robot, now_us)
     return 0
 
@@ -171,8 +153,8 @@ def silence(air: Air, robot: int) -> None:
     """
     nic = air.nic[robot]
     nic.off, nic.tries = 1, air.tries
-    if nic.attempt_at != NEVER:  # nothing on its way: all that waits is forgotten
-        nic.attempt_at, nic.waiting = NEVER, 0
+    if nic.attempt_at != card.NEVER:  # nothing on its way: all that waits is forgotten
+        nic.attempt_at, nic.waiting = card.NEVER, 0
     nic.waiting = min(int(nic.waiting), 1)
 
 
@@ -184,19 +166,19 @@ def attempt(air: Air, reach: Reach, queue: Queue, robot: int, now_us: int) -> No
     """
     nic = air.nic[robot]
     nic.queued = 0
-    if nic.attempt_at == NEVER:
+    if nic.attempt_at == card.NEVER:
         return
     if nic.attempt_at > now_us:
         nic.queued = 1
         push(queue, nic.attempt_at, ATTEMPT, robot, 0)
         return
-    nic.attempt_at = NEVER
+    nic.attempt_at = card.NEVER
     slot = int(nic.head)
     length, dst = whole(air.slot[slot, robot].length), whole(air.slot[slot, robot].dst)
     if dst == BROADCAST:
         took_us, answer_us = broadcast_us(air.rates, length), 0
     else:
-        took_us, answer_us = unicast_us(air.rates, length), SIFS_US + ack_us(air.rates)
+        took_us, answer_us = unicast_us(air.rates, length), card.SIFS_US + ack_us(air.rates)
     nic.tries += 1
     air.counts[robot, _class(int(_bytes(air, robot, slot)[0]), dst), AIRTIME_US] += took_us
     _transmit(air, reach, queue, robot, now_us, now_us + took_us, answer_us, 0)
@@ -220,12 +202,12 @@ def finish(air: Air, reach: Reach, queue: Queue, robot: int, arg: int, now_us: i
         end = in_range(reach, robot)
         for at in range(reach.near[robot], end):
             other = int(reach.ids[at])
-            if received(air.nic[other], robot, now_us, air.capture, air.loss):
+            if card.received(air.nic[other], robot, now_us, air.capture, air.loss):
                 receivers[count] = other
                 count += 1
         _account(air, robot, slot, receivers, count, now_us)
         return End(count, _done(air, queue, robot, now_us), 1, frame)
-    if not (0 <= dst < len(air.nic) and received(air.nic[dst], robot, now_us, air.data_capture, air.loss)):
+    if not (0 <= dst < len(air.nic) and card.received(air.nic[dst], robot, now_us, air.data_capture, air.loss)):
         arrived = 1 if nic.delivered else 0
         return End(0, _retry(air, queue, robot, now_us), arrived, frame)
     if not nic.delivered:
@@ -234,7 +216,7 @@ def finish(air: Air, reach: Reach, queue: Queue, robot: int, arg: int, now_us: i
         count = 1
         _account(air, robot, slot, receivers, count, now_us)
     # The gap before the acknowledgement counts as part of it: nobody who heard the frame could begin there.
-    _transmit(air, reach, queue, dst, now_us, now_us + SIFS_US + ack_us(air.rates), 0, 1 + robot)
+    _transmit(air, reach, queue, dst, now_us, now_us + card.SIFS_US + ack_us(air.rates), 0, 1 + robot)
     return End(count, NOBODY, 0, frame)
 
 
@@ -242,7 +224,7 @@ def finish(air: Air, reach: Reach, queue: Queue, robot: int, arg: int, now_us: i
 def _finish_ack(air: Air, queue: Queue, robot: int, sender: int, now_us: int) -> End:
     nic = air.nic[sender]
     frame = _bytes(air, sender, int(nic.head))
-    if received(nic, robot, now_us, air.data_capture, air.loss):
+    if card.received(nic, robot, now_us, air.data_capture, air.loss):
         return End(0, _done(air, queue, sender, now_us), 1, frame)
     return End(0, _retry(air, queue, sender, now_us), 1, frame)
 
@@ -252,8 +234,8 @@ def _retry(air: Air, queue: Queue, robot: int, now_us: int) -> int:
     nic = air.nic[robot]
     if nic.tries >= air.tries:
         return _done(air, queue, robot, now_us)
-    nic.window = min(2 * int(nic.window) + 1, WINDOW_MAX)
-    nic.slots = draw(nic)
+    nic.window = min(2 * int(nic.window) + 1, card.WINDOW_MAX)
+    nic.slots = card.draw(nic)
     _contend(nic, queue, robot, now_us)
     return NOBODY
 
@@ -272,8 +254,8 @@ def _done(air: Air, queue: Queue, robot: int, now_us: int) -> int:
         give_back(air.long, int(nic.long_row))
     nic.waiting -= 1
     nic.head = (slot + 1) % SLOTS if nic.waiting else 0  # an empty ring begins anew, where memory is near
-    nic.tries, nic.delivered, nic.window = 0, 0, WINDOW_MIN
-    nic.slots = draw(nic)  # even with nothing to send: nobody may send twice in a row without a back-off
+    nic.tries, nic.delivered, nic.window = 0, 0, card.WINDOW_MIN
+    nic.slots = card.draw(nic)  # even with nothing to send: nobody may send twice in a row without a back-off
     if nic.waiting:
         _contend(nic, queue, robot, now_us)
     return robot
@@ -285,7 +267,7 @@ def _transmit(
 ) -> None:
     """The robot sends from now to end_us; whoever hears it keeps quiet until then, or through the answer."""
     nic = air.nic[robot]
-    hold(nic, now_us, end_us + answer_us)
+    card.hold(nic, now_us, end_us + answer_us)
     nic.own_until = end_us
     nic.hears, nic.hears_until = NOBODY, now_us
     due = 0
@@ -295,20 +277,20 @@ def _transmit(
         if other.off:
             continue
         due += 1
-        level = strength(float(reach.square[at]), air.half_exponents)
-        heard = listen(other, robot, level, air.capture, now_us, end_us)
+        level = card.strength(float(reach.square[at]), air.half_exponents)
+        heard = card.listen(other, robot, level, air.capture, now_us, end_us)
         # Only whoever reads the frame knows that an answer follows.
-        hold(other, now_us, end_us + answer_us if heard else end_us)
+        card.hold(other, now_us, end_us + answer_us if heard else end_us)
     nic.due = due
     push(queue, end_us, TX_END, robot, arg)
 
 
 @kernel
-def _contend(nic: Nic, queue: Queue, robot: int, now_us: int) -> None:
+def _contend(nic: card.Nic, queue: Queue, robot: int, now_us: int) -> None:
     """The NIC attempts when its back-off is over, at the next boundary of a slot."""
-    idle_from = nic.busy_until + AIFS_US
-    begun = (now_us - idle_from) // SLOT_US + 1 if now_us > idle_from else 0
-    nic.attempt_at = idle_from + SLOT_US * max(int(nic.slots), begun)
+    idle_from = nic.busy_until + card.AIFS_US
+    begun = (now_us - idle_from) // card.SLOT_US + 1 if now_us > idle_from else 0
+    nic.attempt_at = idle_from + card.SLOT_US * max(int(nic.slots), begun)
     if not nic.queued:
         nic.queued = 1
         push(queue, nic.attempt_at, ATTEMPT, robot, 0)

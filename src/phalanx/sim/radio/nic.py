@@ -8,7 +8,7 @@ from typing import Annotated, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.arrays import Records
+from phalanx.arrays import Records, layout
 from phalanx.kernel import kernel
 
 # Access as ns-3 plays it: everything in the best-effort class (AIFSN 3), slots of 9 µs, CWmin 15 and CWmax 1023.
@@ -22,32 +22,28 @@ NEVER = -1
 _LONG_AGO = -(1 << 40)
 _STREAM = 0x4E49  # sets the radio's draws apart from whatever else comes from the same seed
 
-NIC = np.dtype(
-    [
-        ("heard_until", "i8"),  # the last frame in range ends then, µs
-        ("hears_from", "i8"),  # the frame that it listens to: when it began,
-        ("hears_until", "i8"),  # when it ends,
-        ("busy_until", "i8"),  # the channel counts as busy until then: own frames, others', and their acknowledgements
-        ("own_until", "i8"),  # own last frame ends then
-        ("attempt_at", "i8"),  # next attempt, or NEVER
-        ("random", "u8"),  # xorshift64
-        ("hears", "i4"),  # who sends it, or NOBODY,
-        ("strength", "f8"),  # and how strong it is here; 1 is a sender at one metre
-        ("noise", "f8"),  # the same, of all others since the channel was last silent
-        ("slots", "i4"),  # back-off: idle slots still to wait
-        ("window", "i4"),
-        ("tries", "i4"),
-        ("head", "i4"),  # of the ring of frames
-        ("waiting", "i4"),  # frames in the ring
-        ("due", "i4"),  # robots in range when the frame began
-        ("long_row", "i4"),  # of the one longer frame, where it is
-        ("queued", "u1"),  # an ATTEMPT is among the events
-        ("long_used", "u1"),
-        ("delivered", "u1"),  # the addressee has it, the acknowledgement may have been lost
-        ("off", "u1"),
-        ("pad", "u1", (16,)),  # each has two lines of memory, and not parts of three
-    ],
-    align=True,
+NIC = layout(
+    "heard_until i8",  # the last frame in range ends then, µs
+    "hears_from i8",  # the frame that it listens to: when it began,
+    "hears_until i8",  # when it ends,
+    "busy_until i8",  # the channel counts as busy until then: own frames, others', and their acknowledgements
+    "own_until i8",  # own last frame ends then
+    "attempt_at i8",  # next attempt, or NEVER
+    "random u8",  # xorshift64
+    "hears i4",  # who sends it, or NOBODY,
+    "strength f8",  # and how strong it is here; 1 is a sender at one metre
+    "noise f8",  # the same, of all others since the channel was last silent
+    "slots i4",  # back-off: idle slots still to wait
+    "window tries i4",
+    "head i4",  # of the ring of frames
+    "waiting i4",  # frames in the ring
+    "due i4",  # robots in range when the frame began
+    "long_row i4",  # of the one longer frame, where it is
+    "queued u1",  # an ATTEMPT is among the events
+    "long_used u1",
+    "delivered u1",  # the addressee has it, the acknowledgement may have been lost
+    "off u1",
+    "pad 16u1",  # each has two lines of memory, and not parts of three
 )
 Nic: TypeAlias = Annotated[Any, Records(NIC, 0)]
 

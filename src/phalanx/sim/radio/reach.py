@@ -89,6 +89,11 @@ def make_reach(robots: int, range_m: float, capacity: int | None = None, skin: f
     return pack(reach)
 
 
+def set_aisles(reach: Reach, hub: int, robots: int) -> None:
+    """Let the first `hub` robots hear all in range, and each further one only them."""
+    reach.aisle[hub:robots] = np.arange(1, robots - hub + 1)
+
+
 @kernel
 def rebuild(reach: Reach, pos: F64x2) -> int:
     """Robots are looked at: lists are those of `pos` from now on. Returns: the number of candidates of all together.

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.audited.setup import audits_share
+from phalanx.sim.audited.setup import audits_share, make_lists
+from phalanx.sim.radio.reach import in_range, rebuild, set_aisles
 
 # Of the channel. Where all hear each other it works up to 0.6, but 324 robots at 20 m (0.46) lost some after 40 s.
 MOST_AUDITS = 0.45
@@ -45,7 +47,7 @@ def _crowded(scenario: Scenario) -> list[str]:
 
 def _lonely(scenario: Scenario) -> list[str]:
     needed = scenario.bti.tokens_needed
-    lonely = int((neighbours_at_start(scenario, needed) < needed).sum())
+    lonely = int((neighbours_at_start(scenario) < needed).sum())
     if lonely == 0:
         return []
     who = "none of the robots has" if lonely == scenario.robots else f"{lonely} of {scenario.robots} robots do not have"
@@ -54,33 +56,11 @@ def _lonely(scenario: Scenario) -> list[str]:
     return [f"{who} {others}: {ends}; more robots, a closer grid or a smaller f_max help"]
 
 
-def neighbours_at_start(scenario: Scenario, enough: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    """(N,), how many others each robot has in range when it starts, or `enough` where there are more."""
-    n, range_m = scenario.robots, scenario.radio.range_m
-    count: np.ndarray[tuple[int], np.dtype[np.int64]]
-    if scenario.formation == "line":
-        each, near = np.arange(n), int(range_m / scenario.grid_step_m)
-        count = np.minimum(each, near) + np.minimum(n - 1 - each, near)
-    elif scenario.formation == "ring":
-        apart_m = np.linalg.norm(np.subtract(scenario.starts_m, scenario.starts_m[0]), axis=1)
-        count = np.full(n, (apart_m <= range_m).sum() - 1)
-    else:
-        count = np.concatenate([_on_a_grid(size, scenario, enough) for size in scenario.grids])
+def neighbours_at_start(scenario: Scenario) -> NDArray[np.int64]:
+    """Return how many others each robot has in range when it starts, (N,)."""
+    reach = make_lists(scenario.robots, scenario.bti, scenario.radio, skin=0.0)
+    rebuild(reach, np.array(scenario.starts_m, np.float64))
     if scenario.hub:
-        count[scenario.hub :] = np.minimum(count[scenario.hub :], scenario.hub)
-    count = np.minimum(count, enough)
-    return count
-
-
-def _on_a_grid(robots: int, scenario: Scenario, enough: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    edge, step_m, range_m = scenario.robots_per_edge, scenario.grid_step_m, scenario.radio.range_m
-    rows, columns = np.divmod(np.arange(robots), edge)
-    count = np.zeros(robots, np.int64)
-    # In a corner, two columns or rows on hold as many as are asked for, if the grid has them.
-    far = min(edge, enough + 1, int(range_m / step_m) + 1)
-    for across in range(-far, far + 1):
-        for up in range(-far, far + 1):
-            if (across or up) and (across * step_m) ** 2 + (up * step_m) ** 2 <= range_m**2:
-                there = (columns + across >= 0) & (columns + across < edge) & (rows + up >= 0)
-                count += there & ((rows + up) * edge + columns + across < robots)
-    return count
+        set_aisles(reach, scenario.hub, scenario.robots)
+    ends: NDArray[np.int64] = np.array([in_range(reach, i) for i in range(scenario.robots)])
+    return ends - reach.near[:-1]

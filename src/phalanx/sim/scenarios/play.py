@@ -9,7 +9,6 @@ import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING
 
 from phalanx.robot.controllers.python_controller import Controller
 from phalanx.robot.planner import MakePlanner
@@ -17,9 +16,6 @@ from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.signals import handled_by
 
 from .run import Run
-
-if TYPE_CHECKING:
-    from .recording import Recording
 
 # As often as the robots act.
 STEP_S = 0.25
@@ -51,13 +47,6 @@ def ctrl_c_between_steps() -> Iterator[Callable[[], None]]:
         yield check
 
 
-def _recording(path: Path, scenario: Scenario) -> Recording:
-    # Its formats take as long to load as a small swarm to simulate.
-    from .recording import Recording  # noqa: PLC0415
-
-    return Recording(path, scenario)
-
-
 def play(
     scenario: Scenario,
     record: Path | None = None,
@@ -85,7 +74,11 @@ def play(
     on_start(run)
     with contextlib.ExitStack() as stack:
         check = stack.enter_context(ctrl_c_between_steps())
-        recording = stack.enter_context(_recording(record, scenario)) if record else None
+        recording = None
+        if record:
+            from .recording import Recording  # noqa: PLC0415 - its formats take as long to load as a small swarm to run
+
+            recording = stack.enter_context(Recording(record, scenario))
         for k in range(math.ceil(scenario.duration_s / step_s - TINY) + 1):
             run.advance(min(k * step_s, scenario.duration_s))
             if recording:

@@ -42,29 +42,21 @@ HONEST, LIAR, STOPPED, GOAL, WALL = (
         (90, 90, 90, 0.8),
     )
 )
+
+
+def _object(**properties: Any) -> dict[str, Any]:
+    return {"type": "object", "properties": properties}
+
+
+def _array(items: Any) -> dict[str, Any]:
+    return {"type": "array", "items": items}
+
+
+_INTEGER, _NUMBER, _BOOLEAN = ({"type": name} for name in ("integer", "number", "boolean"))
+_TOKENS = _array(_object(auditor=_INTEGER, left_s=_NUMBER))
 SHIELDS_SCHEMA = {
     "title": "phalanx.Shields",
-    "type": "object",
-    "properties": {
-        "t_s": {"type": "number"},
-        "robots": {
-            "type": "array",
-            "items": {
-                "type": "object",
-                "properties": {
-                    "id": {"type": "integer"},
-                    "safe_mode": {"type": "boolean"},
-                    "tokens": {
-                        "type": "array",
-                        "items": {
-                            "type": "object",
-                            "properties": {"auditor": {"type": "integer"}, "left_s": {"type": "number"}},
-                        },
-                    },
-                },
-            },
-        },
-    },
+    **_object(t_s=_NUMBER, robots=_array(_object(id=_INTEGER, safe_mode=_BOOLEAN, tokens=_TOKENS))),
 }
 
 
@@ -96,7 +88,7 @@ class Recording(Recorder):
         safe = run.in_safe_mode
         shields = run.shields()
         for t_s, auditor, auditee, refusal in verdicts:
-            said = f"refuses a token to robot {auditee}: {_words(refusal)}"
+            said = f"refuses a token to robot {auditee}: {refusal.name.lower().replace('_', ' ')}"
             if refusal == Refusal.NONE:
                 said = f"gives a token to robot {auditee}"
             level = Log.DEBUG if refusal == Refusal.NONE else Log.WARNING
@@ -107,7 +99,15 @@ class Recording(Recorder):
                 self.log(now_ns, Log.ERROR, f"robot-{rob_id}", "in Safe Mode")
         self.put("/scene", now_ns, self._robots(run, shields, now_ns))
         self.put("/tf", now_ns, self._frames(run, now_ns))
-        self.put("/shields", now_ns, _shields(run, shields))
+        robots = [
+            {
+                "id": rob_id,
+                "safe_mode": stopped,
+                "tokens": [{"auditor": auditor, "left_s": round(left_s, 3)} for auditor, left_s in shield],
+            }
+            for rob_id, stopped, shield in zip(run.ids.tolist(), safe.tolist(), shields, strict=True)
+        ]
+        self.put("/shields", now_ns, {"t_s": run.now_s, "robots": robots})
 
     def _ground(self) -> SceneUpdate:
         scenario = self._scenario
@@ -160,21 +160,3 @@ class Recording(Recorder):
                 self._heading_rad[i] = math.atan2(vy_mps, vx_mps)
             transforms.append(frame(now_ns, f"robot-{rob_id}", x_m, y_m, self._heading_rad[i]))
         return FrameTransforms(transforms=transforms)
-
-
-def _shields(run: Run, shields: list[list[tuple[int, float]]]) -> dict[str, Any]:
-    return {
-        "t_s": run.now_s,
-        "robots": [
-            {
-                "id": rob_id,
-                "safe_mode": stopped,
-                "tokens": [{"auditor": auditor, "left_s": round(left_s, 3)} for auditor, left_s in shield],
-            }
-            for rob_id, stopped, shield in zip(run.ids.tolist(), run.in_safe_mode.tolist(), shields, strict=True)
-        ],
-    }
-
-
-def _words(refusal: Refusal) -> str:
-    return refusal.name.lower().replace("_", " ")

@@ -62,7 +62,11 @@ class Result:
         Raises: Unavailable: pandas is not installed. UsageError: no such table.
         """
         columns = self._columns(table)
-        return _pandas().DataFrame(columns)
+        try:
+            import pandas as pd  # noqa: PLC0415 - optional
+        except ImportError as error:
+            raise Unavailable("pandas is not installed", RESEARCH_HINT) from error
+        return pd.DataFrame(columns)
 
     def to_parquet(self, path: str | Path, table: Table = "robots") -> Path:
         """The file that now holds the table of `to_pandas`.
@@ -111,11 +115,3 @@ class Result:
 def _shown(value: Any) -> Any:
     """A list of robots as text, which every table takes."""
     return " ".join(map(str, value)) if isinstance(value, list) else value
-
-
-def _pandas() -> Any:
-    try:
-        import pandas as pd  # noqa: PLC0415 - optional
-    except ImportError as error:
-        raise Unavailable("pandas is not installed", RESEARCH_HINT) from error
-    return pd

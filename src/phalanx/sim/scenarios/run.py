@@ -14,13 +14,11 @@ from numpy.typing import NDArray
 
 from phalanx.bti.elsewhere import raise_failed
 from phalanx.bti.nodes import Limits, Nodes, TrustedNodes
-from phalanx.bti.refusal import Refusal
 from phalanx.errors import Unavailable, UsageError
 from phalanx.robot.attacks.liar import Liar, lying
 from phalanx.robot.controllers.senses import Senses
 from phalanx.robot.planner import MakePlanner, Planner
 from phalanx.robot.robot import Robot
-from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.behaviour import (
     MakeController,
     adviser,
@@ -38,9 +36,7 @@ from phalanx.sim.audited.body import driven_by
 from phalanx.sim.audited.events import refused
 from phalanx.sim.audited.quorum import Quorum
 from phalanx.sim.audited.setup import PROFILES, Setup, make_world, start
-from phalanx.sim.audited.trace import Trace
-from phalanx.sim.audited.watch import VerdictReader, shields
-from phalanx.sim.audited.world import TRACED
+from phalanx.sim.audited.world import TRACED, Verdict, VerdictReader, shields
 from phalanx.sim.radio.channel import AIRTIME_US, APP_BROADCAST, AUDIT_BROADCAST, AUDIT_UNICAST, BYTES, delivery
 
 
@@ -109,9 +105,12 @@ class Run:
         self._sampled_s = 0
         self._distances: list[tuple[float, float | None]] = []
         self._digest = hashlib.sha256()
-        self._trace: Trace | None = None
+        self._trace: pybot.Trace | None = None
         self.robots: dict[int, pybot.InPython] = {}
-        self._compromise(drawn, controller, chance)
+        for spec in drawn:
+            i = int(spec.robot or 0) - 1
+            plan = plan_of(scenario, spec, int(self.world.boot_us[i]) // 1000, chance)
+            self.robots[i] = lying(spec.attack, self.world.fleet, i, self.world.work, plan, controller)
         self.planners: dict[int, Planner] = {}
         if make_planner:
             self.planners = {i: make_planner(i + 1, scenario.goal_m) for i in range(n)}
@@ -121,23 +120,10 @@ class Run:
         self._quorum = Quorum(self.world, scenario.bti, self._correct)
         start(self.world, self.robots)
 
-    def _compromise(
-        self,
-        drawn: tuple[AttackSpec, ...],
-        controller: MakeController | None,
-        chance: np.random.Generator,
-    ) -> None:
-        scenario, world = self.scenario, self.world
-        for spec in drawn:
-            rob_id = int(spec.robot or 0)
-            boot_ms = int(world.boot_us[rob_id - 1]) // 1000
-            plan = plan_of(scenario, spec, boot_ms, chance)
-            self.robots[rob_id - 1] = lying(spec.attack, world.fleet, rob_id - 1, world.work, plan, controller)
-
     def sense(self, senses: Senses | None) -> None:
         """Robots have these senses, if any."""
         if senses:
-            self.looks = Around(self.world, senses, self.scenario.obstacles, self.scenario.contact_m)
+            self.looks = Around(self.world, senses, self.scenario.contact_m)
 
     def trace(self, rob_id: int, echo: Callable[[str], None]) -> None:
         """Print a robot's events and actions from now on, a line each.
@@ -150,7 +136,7 @@ class Run:
         if i not in self.robots:
             self.robots[i] = Robot(self.world.fleet, i, self.world.work)
             self.world.runs[i] = TRACED
-        self._trace = Trace(rob_id, echo)
+        self._trace = pybot.Trace(rob_id, echo)
 
     # --- going on -----------------------------------------------------------------------------------------------------
 
@@ -229,7 +215,7 @@ class Run:
         """Of each robot, who vouches for it and for how many seconds more, the longest first. Source: §3.5."""
         return [shields(self.world, i) for i in range(len(self.ids))]
 
-    def new_verdicts(self) -> list[tuple[float, int, int, Refusal]]:
+    def new_verdicts(self) -> list[Verdict]:
         """Audits that ended since the last call: time s, auditor, auditee, why it got no token or NONE."""
         return self._verdicts.new()
 

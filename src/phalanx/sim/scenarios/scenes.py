@@ -151,11 +151,9 @@ class Scenes:
         if entity.id == "ground":
             marks, walls = discs[:1], [wall for disc in discs[1:] for wall in _around(*disc)]
             for cube in entity.cubes:
-                (x, y), (across, along) = (
-                    (cube.pose.position.x, cube.pose.position.y),
-                    (cube.size.x / 2, cube.size.y / 2),
-                )
-                walls += _closed([(x + i * across, y + j * along) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+                at, size = cube.pose.position, cube.size
+                around = ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))
+                walls += _closed([(at.x + i * size.x, at.y + j * size.y) for i, j in around])
         else:
             marks = discs
             for line in entity.lines:

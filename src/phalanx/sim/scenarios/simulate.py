@@ -25,7 +25,7 @@ from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attacks, find_controller, find_planner
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.audited.watch import VerdictReader
+from phalanx.sim.audited.world import VerdictReader
 
 from .cautions import cautions
 from .play import STEP_S, play
@@ -50,10 +50,6 @@ class _Job:
     def looks(self) -> int:
         """How often a run is looked at."""
         return math.floor(self.scenario.duration_s / self.every_s + 1e-9) + 1
-
-    def record_of(self, seed: int) -> Path | None:
-        """Where the run with that seed is recorded."""
-        return Path(self.record.replace("{seed}", str(seed))) if self.record else None
 
 
 def simulate(
@@ -128,15 +124,11 @@ def _numbers(seeds: Iterable[int] | int | None, own: int) -> tuple[int, ...]:
 
 
 def _check_kinds(scenario: object, controller: object, planner: object, every_s: object, workers: object) -> None:
+    can_make = [each is None or isinstance(each, str) or callable(each) for each in (controller, planner)]
     for name, given, right, hint in (
         ("scenario", scenario, isinstance(scenario, Scenario | str | Path), "a Scenario, or the name of one"),
-        (
-            "controller",
-            controller,
-            controller is None or isinstance(controller, str) or callable(controller),
-            "a class",
-        ),
-        ("planner", planner, planner is None or isinstance(planner, str) or callable(planner), "a class"),
+        ("controller", controller, can_make[0], "a class"),
+        ("planner", planner, can_make[1], "a class"),
         ("every_s", every_s, isinstance(every_s, Real), "seconds"),
         ("workers", workers, isinstance(workers, Integral), "a whole number"),
     ):
@@ -171,7 +163,8 @@ def _one(job: _Job, seed: int, on_share: Callable[[float], None]) -> dict[str, A
         verdicts.extend((seed, *verdict) for verdict in reader.new())
         on_share(run.now_s / scenario.duration_s)
 
-    run = play(scenario, job.record_of(seed), on_step, job.controller, job.every_s / apart, planner=job.planner)
+    record = Path(job.record.replace("{seed}", str(seed))) if job.record else None
+    run = play(scenario, record, on_step, job.controller, job.every_s / apart, planner=job.planner)
     liars = np.isin(run.ids, list(run.compromised))
     arrays = {name: np.stack(values) for name, values in seen.items()}
     return arrays | {"compromised": liars, "verdicts": np.array(verdicts, VERDICT), "summary": run.summary()}

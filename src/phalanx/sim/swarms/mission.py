@@ -27,7 +27,6 @@ from phalanx.robot.attacks import ON_MISSIONS
 from phalanx.robot.on_mission import Decoded, Lit, News, Progress, Walk
 from phalanx.robot.roster import Roster, member
 from phalanx.robot.shield import AttackChoice, Audit, Shield
-from phalanx.sim.building.odometry import Pose
 from phalanx.sim.missions.live import WAITING, Lie, Moment, Standing, live
 from phalanx.sim.missions.orders import Orders, check_sensed, furnished, orders_of, start_of
 from phalanx.sim.missions.setup import MissionRun
@@ -187,7 +186,7 @@ class MissionSwarm(Roster):
         self._news.clear()
         for i, each in enumerate(self._members):
             each.history.clear()
-            self._standing[i] = Standing(*self._start(i), WAITING, "")
+            self._standing[i] = Standing(*orders.parts[i % len(orders.parts)].start, WAITING, "")
 
     def progress(self) -> Progress | None:
         """The mission that runs, or ran last."""
@@ -234,10 +233,6 @@ class MissionSwarm(Roster):
 
     def _nodes(self, i: int) -> int:
         return len(self._orders.parts[i % len(self._orders.parts)].mission.nodes) if self._orders else 0
-
-    def _start(self, i: int) -> Pose:
-        assert self._orders is not None, "called when there is a mission"
-        return self._orders.parts[i % len(self._orders.parts)].start
 
     def _listen(self) -> None:
         if self._lost:

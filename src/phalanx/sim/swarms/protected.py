@@ -36,8 +36,7 @@ from phalanx.sim.audited import loop, pybot
 from phalanx.sim.audited.body import driven_by
 from phalanx.sim.audited.events import refused
 from phalanx.sim.audited.setup import PROFILES, Board, Setup, make_world, start
-from phalanx.sim.audited.watch import VerdictReader, shields
-from phalanx.sim.audited.world import PYTHON, World, clock_ms
+from phalanx.sim.audited.world import PYTHON, VerdictReader, World, clock_ms, shields
 from phalanx.sim.radio.channel import BROADCAST
 from phalanx.wire.driven import EVERYBODY, GATEWAY, OPERATOR, SIGNER_KEY_BYTES
 from phalanx.wire.fields import get_u64
@@ -208,15 +207,14 @@ class ProtectedSwarm(Ordered):
     def robots(self) -> Sequence[Robot]:
         """Every robot, where the world has it."""
         now = self._clock()
-        return [self._robot(i, now) for i in range(len(self._members))]
-
-    def _robot(self, i: int, now_s: float) -> Robot:
-        each, (x_m, y_m) = self._members[i], self.world.pos[i].tolist()
-        led = Led(*self.world.led[i].tolist())
-        if led != each.led:
-            each.led = led
-        direction_deg, battery_v = round(float(self.world.vel[i, 0])), float(self._battery_mv[i]) / 1000
-        return each.seen(Point(x_m * 1000, y_m * 1000), direction_deg, battery_v, self._stopped_at_s.get(i, now_s))
+        told = []
+        for i, each in enumerate(self._members):
+            x_m, y_m = self.world.pos[i].tolist()
+            each.led = Led(*self.world.led[i].tolist())
+            direction_deg, battery_v = round(float(self.world.vel[i, 0])), float(self._battery_mv[i]) / 1000
+            heard_at_s = self._stopped_at_s.get(i, now)
+            told.append(each.seen(Point(x_m * 1000, y_m * 1000), direction_deg, battery_v, heard_at_s))
+        return told
 
     def stop(self, address: str) -> None:
         """Stand still until told otherwise."""
@@ -232,7 +230,8 @@ class ProtectedSwarm(Ordered):
 
     def step(self, dt_s: float) -> None:
         """Let `dt_s` seconds pass."""
-        self._hear_stops()
+        while self._to_stop:
+            self.drive(self._members[self._to_stop.pop()].address, 0, 0)
         end_s, stage = self._now_s + dt_s, self._work.stage if self._work else None
         while self._now_s < end_s:
             self._now_s = min(end_s, self._station.speak(self._air, self._now_s, self._now_ms))
@@ -250,19 +249,19 @@ class ProtectedSwarm(Ordered):
             x_mm, y_mm = (self.world.pos[i] * 1000).tolist()
             self._members[i].went(x_mm, y_mm, HISTORY_STEP_MM)
         for i, each in enumerate(self._members):
-            if each.route and self._arrived(i):
+            state, told = self.world.fleet.state[i], self._station.told(i + 1)
+            # Nobody's route is left to it, and none is on its way.
+            is_free = told is not None and get_u64(state, HEARD_AT) >= told and not state[wheels.COUNT]
+            if each.route and is_free:
                 each.route = ()
             if self.world.safe[i] and i not in self._stopped_at_s:
                 self._stopped_at_s[i] = self._clock()
                 each.route = ()
-            elif self._work:
+            elif self._work and is_free:
                 self._show_aim(self._work, i, each)
 
     def _show_aim(self, work: Work, i: int, each: Member) -> None:
         """Pages draw where a robot goes by itself as a route of one point."""
-        state, told = self.world.fleet.state[i], self._station.told(i + 1)
-        if told is None or get_u64(state, HEARD_AT) < told or state[wheels.COUNT]:
-            return  # somebody's route, or one that is on its way
         aim_m, (x_m, y_m) = work.aim_m(self._nodes[i].controller, clock_ms(self.world, i)), self.world.pos[i].tolist()
         if aim_m is None or self.world.safe[i] or math.dist(aim_m, (x_m, y_m)) < 2 * STANDS_MM / 1000:
             each.route = ()
@@ -352,11 +351,3 @@ class ProtectedSwarm(Ordered):
     def _now_ms(self) -> int:
         """Of the station's clock, which is the world's."""
         return int(self.world.clock[0].now_us) // 1000
-
-    def _hear_stops(self) -> None:
-        while self._to_stop:
-            self.drive(self._members[self._to_stop.pop()].address, 0, 0)
-
-    def _arrived(self, i: int) -> bool:
-        state, told = self.world.fleet.state[i], self._station.told(i + 1)
-        return told is not None and get_u64(state, HEARD_AT) >= told and not state[wheels.COUNT]
