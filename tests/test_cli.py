@@ -24,7 +24,7 @@ from conftest import PHALANX, ROOT, bare_mosquitto, run
 from phalanx.cli.commands.mission import PROFILES
 from phalanx.cli.login import login_in, visitors_login_in
 from phalanx.cli.main import ABOUT, phalanx, run_command
-from phalanx.cli.qr import qr_text
+from phalanx.cli.up import qr_text
 from phalanx.io import Login
 from ports import free_port
 

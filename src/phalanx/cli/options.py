@@ -1,8 +1,13 @@
-"""Options that several commands share."""
+"""Options that several commands share, and `runs`, by which a command finds what it does."""
 
 from __future__ import annotations
 
+import functools
+import gc
+import signal
+import sys
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,6 +20,32 @@ from .complete import a_mission, a_scenario_s_controller
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 DEFAULTS = LinkConfig()
+
+
+def runs(module: str, function: str) -> Callable[[Callable[[], None]], Callable[..., Any]]:
+    """Have a command call `function` of `phalanx.cli.MODULE` with its options by name, imported only then.
+
+    The docstring of what is decorated is the command's help.
+    """
+
+    def declared(words: Callable[[], None]) -> Callable[..., Any]:
+        @functools.wraps(words)
+        def run(**said: Any) -> Any:
+            name = f"phalanx.cli.{module}"
+            if name not in sys.modules:
+                # What it is made of stays: looking through it for garbage took a fifth of a start.
+                gc.disable()
+                import_module(name)
+                gc.freeze()
+                gc.enable()
+            if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # as __main__.py leaves it
+                signal.signal(signal.SIGINT, signal.default_int_handler)
+            return getattr(sys.modules[name], function)(**said)
+
+        run.runs = module, function  # type: ignore[attr-defined]
+        return run
+
+    return declared
 
 
 def option(*names: str, **more: Any) -> Callable[[Command], Command]:

@@ -112,6 +112,20 @@ def run(scenario: str, record: Path | None, trace: str | None, plain: bool, as_j
     return 0
 
 
+def check(controller: str, seed: int, as_json: bool) -> int:
+    """Check that a controller can be audited, print where it differs, and return 1 if it does."""
+    from phalanx.sim.determinism.check import check_controller  # noqa: PLC0415 - only this needs it
+
+    with said_aside():
+        report = check_controller(controller, seed)
+    if as_json:
+        print_json(report.as_json())
+    else:
+        rows = {each.name: "yes" if each.finding is None else f"NO: {each.finding}" for each in report.checks}
+        print_rows({"controller": f"{report.controller}: {report.calls} calls, seed {report.seed}"} | rows)
+    return 0 if report.agrees else 1
+
+
 def _traced(words: str) -> int:
     """Return the robot of `--trace robot=5`. Raises: UsageError: it is written otherwise."""
     found = re.fullmatch(r"robot=(\d{1,5})", words)

@@ -13,10 +13,9 @@ from phalanx.cli.options import (
     defence_option,
     json_option,
     option,
+    runs,
     swarm_options,
 )
-
-from .runs import runs
 
 
 @click.group(epilog="Example: phalanx attack run spoof --defence none")

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import click
 
-from phalanx.cli.options import FILE, json_option, login_option, option
-
-from .runs import runs
+from phalanx.cli.options import FILE, json_option, login_option, option, runs
 
 
 @click.command(epilog="Example: phalanx doctor --broker wss://broker.example.org:8884/mqtt")

@@ -9,9 +9,7 @@ from typing import Any
 import click
 
 from phalanx.cli.complete import a_scenario
-from phalanx.cli.options import FILE, json_option, option, passphrase_option
-
-from .runs import runs
+from phalanx.cli.options import FILE, json_option, option, passphrase_option, runs
 
 file_argument = click.argument("file", type=FILE)
 robot_argument = click.argument("robot", type=int)

@@ -11,10 +11,9 @@ from phalanx.cli.options import (
     link_options,
     login_option,
     option,
+    runs,
     wait_option,
 )
-
-from .runs import runs
 
 
 @click.group(epilog="Example: phalanx link connect 'http://192.168.1.7:8080/#v=1&pin=…'")

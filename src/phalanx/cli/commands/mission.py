@@ -9,9 +9,7 @@ from typing import Any
 import click
 
 from phalanx.cli.complete import a_map, a_mission, a_mission_or_encoded, an_encoded_mission
-from phalanx.cli.options import FILE, defence_option, furnish_option, json_option, option, record_option
-
-from .runs import runs
+from phalanx.cli.options import FILE, defence_option, furnish_option, json_option, option, record_option, runs
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 OWN_MAP = "One of your own: docs/maps.md."

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from .runs import runs
+from phalanx.cli.options import runs
 
 KINDS = ("controller", "attack", "scenario")
 

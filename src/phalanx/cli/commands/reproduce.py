@@ -7,11 +7,9 @@ from typing import Any
 
 import click
 
-from phalanx.cli.options import json_option, login_option, option, out_folder_option, together
+from phalanx.cli.options import json_option, login_option, option, out_folder_option, runs, together
 from phalanx.experiments.figure import SEEDS, Figure
 from phalanx.experiments.library import FIGURES
-
-from .runs import runs
 
 NOTES = (
     "Ctrl-C stops; the same command goes on from there, and only draws when all is there. What an earlier command left "

@@ -7,9 +7,7 @@ from pathlib import Path
 import click
 
 from phalanx.cli.complete import a_scenario, an_attack_by_robots
-from phalanx.cli.options import FILE, controller_option, json_option, option, passphrase_option, record_option
-
-from .runs import runs
+from phalanx.cli.options import FILE, controller_option, json_option, option, passphrase_option, record_option, runs
 
 robot_argument = click.argument("robot", type=FILE, metavar="ROBOT.yaml")
 SHARE = click.FloatRange(0, 0.9)

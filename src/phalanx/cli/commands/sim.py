@@ -12,12 +12,11 @@ from phalanx.cli.options import (
     option,
     planner_option,
     record_option,
+    runs,
     swarm_options,
     together,
 )
 from phalanx.scenarios.scenario import CONTROLLERS
-
-from .runs import runs
 
 # What runs, and what is changed of it.
 chosen_options = together(
@@ -90,7 +89,7 @@ def schema() -> None:
 @click.argument("controller", metavar="|".join(("FILE.py[:CLASS]", *CONTROLLERS)), shell_complete=a_controller)
 @option("--seed", help="Of the life it lives.", type=click.IntRange(0, (1 << 32) - 1), default=0)
 @json_option
-@runs("check", "check")
+@runs("sim", "check")
 def check() -> None:
     """Whether a controller answers the same with the same bytes, and where it does not.
 

@@ -7,9 +7,7 @@ from pathlib import Path
 import click
 
 from phalanx.cli.complete import offer
-from phalanx.cli.options import FILE, cluster_options, json_option, option
-
-from .runs import runs
+from phalanx.cli.options import FILE, cluster_options, json_option, option, runs
 
 
 @click.command(

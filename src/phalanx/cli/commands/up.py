@@ -14,10 +14,9 @@ from phalanx.cli.options import (
     link_options,
     option,
     passphrase_option,
+    runs,
     wait_option,
 )
-
-from .runs import runs
 
 ROBOTS, ROBOTS_ON_MISSION = 12, 4
 
