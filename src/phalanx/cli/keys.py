@@ -1,4 +1,4 @@
-"""What `phalanx keys` does."""
+"""Create and use files of keys, for `phalanx keys`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 from phalanx.daemon.run import mission_in
 from phalanx.daemon.signed_mission import sign_mission
 from phalanx.errors import UsageError
-from phalanx.io.keyring import Keys, Robot, create, opened, pem, read_sealed
+from phalanx.io.keyring import Keys, create, opened, pem, read_sealed
 from phalanx.io.mission_key import issued
 from phalanx.io.private_file import write_private
 from phalanx.scenarios.scenario import Scenario
@@ -107,11 +107,8 @@ def show(file: Path, as_json: bool, passphrase_file: Path | None) -> None:
     for who, public in signers.items():
         click.echo(f"signs {who}: {public}")
     for robot, about in sorted(keys.robots.items()):
-        click.echo(f"robot {robot}: {_story(about)}")
-
-
-def _story(robot: Robot) -> str:
-    return f"master key given {robot.given}" + (f", retired {robot.retired}" if robot.retired else "")
+        retired = f", retired {about.retired}" if about.retired else ""
+        click.echo(f"robot {robot}: master key given {about.given}{retired}")
 
 
 def _not_there(out: Path) -> None:

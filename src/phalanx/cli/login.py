@@ -50,10 +50,7 @@ def login_for(broker: str, path: Path | None) -> Login | None:
 
 
 def login_in(path: Path | None) -> Login | None:
-    """The login in a file, if one is given.
-
-    Raises: UsageError: as `read_login`.
-    """
+    """Return the login in a file, if one is given. Raises: UsageError: as `read_login`."""
     if path is None:
         return None
     username, colon, password = first_line(path, "a file with one line user:password").partition(":")
@@ -63,10 +60,7 @@ def login_in(path: Path | None) -> Login | None:
 
 
 def visitors_login_in(path: Path | None, gateways: Login | None) -> Login | None:
-    """What phones say to the broker, in every QR code; a warning if that is the gateway's own account there.
-
-    Raises: UsageError: as `read_login`.
-    """
+    """Return the login that QR codes hold; warn if it is the gateway's own. Raises: UsageError: as `read_login`."""
     said = login_in(path)
     if said and gateways and said.username == gateways.username:
         log.warning(
@@ -77,10 +71,7 @@ def visitors_login_in(path: Path | None, gateways: Login | None) -> Login | None
 
 
 def first_line(path: Path, hint: str) -> str:
-    """What a secret's file says in its first line, "" if it is empty.
-
-    Raises: UsageError: it cannot be read; `hint` is what it should be.
-    """
+    """Return the first line of a secret's file, or "". Raises: UsageError: it is unreadable; `hint` says what it is."""
     try:
         # Editors of Windows begin with a mark. And not more of it than a secret has: it may be a device.
         with path.open(encoding="utf-8-sig") as file:
@@ -96,10 +87,7 @@ def _hint_of(error: Exception, path: Path, hint: str) -> str:
 
 
 def kept_token(path: Path) -> str:
-    """The operator's token in this file, which is made for its owner alone if there is none.
-
-    Raises: UsageError: it cannot be read or made, others may read it, or it holds something else.
-    """
+    """Return the operator's token in a file, which is made if it is not there. Raises: UsageError: it is not ours."""
     try:
         # Opened once, and never followed elsewhere: between a look and a second opening somebody could swap it.
         with os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600), "r+") as file:

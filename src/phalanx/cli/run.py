@@ -15,6 +15,8 @@ import threading
 from collections.abc import Callable, Coroutine, Iterator
 from typing import Any
 
+from phalanx.errors import UsageError
+
 # Python 3.11's `wait_for` can swallow a cancellation: who has not ended by then is told again.
 AGAIN_S = 3.0
 HUNG_S = 5.0
@@ -49,6 +51,15 @@ def run(job: Coroutine[Any, Any, None], hung_s: float = HUNG_S) -> bool:
         return not stopped.is_set()
 
     return asyncio.run(watched())
+
+
+@contextlib.contextmanager
+def needs_ros2() -> Iterator[None]:
+    """Import ROS 2, which is an extra. Raises: UsageError: it is not installed."""
+    try:
+        yield
+    except ImportError as error:
+        raise UsageError(f"ROS 2 is not installed: {error}", "pip install '.[ros2]' in a clone of phalanx") from error
 
 
 @contextlib.contextmanager

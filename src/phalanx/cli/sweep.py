@@ -40,10 +40,7 @@ def make_runs(
     columns: Mapping[str, str] = OUTCOME,
     run: Callable[[Any], dict[str, Any]] | None = None,
 ) -> tuple[Store, list[str], bool]:
-    """The folder with all runs, a line for each that failed, and whether Ctrl-C came first; how far it is, is told.
-
-    `run` makes a job's row; None for a sweep's. Raises: UsageError, Unavailable.
-    """
+    """Return all runs, what failed, and whether Ctrl-C came first; `run` makes a row. Raises: UsageError."""
     progress, failed, stopped = Progress(), list[str](), False
 
     def tell(done: int, of: int) -> None:

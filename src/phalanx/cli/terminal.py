@@ -14,7 +14,6 @@ import textwrap
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import click
@@ -41,7 +40,7 @@ def status_line(text: str, *more: str) -> None:
 
 @contextlib.contextmanager
 def said_aside() -> Iterator[None]:
-    """What files of a researcher's print while they run is talk: it goes to stderr, as stdout is data."""
+    """Send to stderr what files of a researcher's print while they run: stdout is data."""
     with contextlib.redirect_stdout(sys.stderr):
         yield
 
@@ -107,11 +106,11 @@ def warn_if_nothing_is_drawn() -> None:
         click.echo(f"phalanx: warning: matplotlib is not installed, nothing will be drawn; {MATPLOTLIB_HINT}", err=True)
 
 
-def stopped(what: str, path: Path) -> None:
-    """Tell on stderr that a measurement was stopped, and where what is measured so far is, if anything is."""
+def stopped(kept: str = "") -> int:
+    """Tell on stderr that Ctrl-C stopped the command, and what is kept of it. Returns: the exit code."""
     end_status_line()
-    kept = f"; {what} in {path}, the same command goes on from there" if path.exists() else ""
-    click.echo(f"stopped{kept}", err=True)
+    click.echo("; ".join(filter(None, ("stopped", kept))), err=True)
+    return 1
 
 
 def plain(text: object, longest: int = 60) -> str:
@@ -121,10 +120,7 @@ def plain(text: object, longest: int = 60) -> str:
 
 
 class EventLines:
-    """JSON lines on stdout from a thread: a reader that stalls loses lines, and holds up no robot's stop.
-
-    So many lines may wait, and so many bytes of all of them.
-    """
+    """Prints JSON lines from a thread: behind a reader that stalls it drops lines past MOST_LINES or `limit_bytes`."""
 
     def __init__(self, limit_bytes: int = 16 * 1024 * 1024) -> None:
         self.lost = 0
@@ -148,10 +144,7 @@ class EventLines:
             self.lost += 1
 
     def close(self, timeout_s: float = 0.5) -> None:
-        """Print what waits, if somebody reads.
-
-        Raises: OSError: nothing more can be written: the disk is full.
-        """
+        """Print what waits, if somebody reads. Raises: OSError: nothing more can be written: the disk is full."""
         with contextlib.suppress(queue.Full):
             self._waiting.put_nowait(None)
         self._thread.join(timeout_s)
@@ -160,18 +153,15 @@ class EventLines:
 
     def _print(self) -> None:
         try:
-            self._print_all()
+            while (line := self._waiting.get()) is not None:
+                if self.lost:
+                    lost, self.lost = self.lost, 0
+                    print_json(timed({"event": "lost", "count": lost}))
+                write_line(line)
+                self._got_bytes += len(line)
         except OSError as error:
             self._failure = error
             os.kill(os.getpid(), signal.SIGTERM)
-
-    def _print_all(self) -> None:
-        while (line := self._waiting.get()) is not None:
-            if self.lost:
-                lost, self.lost = self.lost, 0
-                print_json(timed({"event": "lost", "count": lost}))
-            write_line(line)
-            self._got_bytes += len(line)
 
 
 def timed(event: dict[str, Any]) -> dict[str, Any]:

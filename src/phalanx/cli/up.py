@@ -36,7 +36,7 @@ from .keys import passphrase_of
 from .login import kept_token, login_for, visitors_login_in
 from .mission.files import Wanted
 from .options import link_config
-from .run import run
+from .run import needs_ros2, run
 from .signing_keys import read_signing_key
 from .terminal import EventLines, end_status_line, heed_stop_words, plain, status_line, talk
 
@@ -71,15 +71,8 @@ def up(
         raise UsageError(f"seed {seed} is negative", "0 or more")
     on_mission = bool(missions) or world is not None
     if swarm_url is not None:
-        said = {
-            "scenario": protocol,
-            "mission": missions,
-            "world": world,
-            "defence": defence,
-            "f_max": f_max,
-            "keys": keys,
-        }
-        _refuse_beside_real_robots(robots=robots, **said)
+        simulated = {"robots": robots, "scenario": protocol, "mission": missions, "world": world}
+        _refuse_beside_real_robots(**simulated, defence=defence, f_max=f_max, keys=keys)
     count = robots if robots is not None else ROBOTS_ON_MISSION if on_mission else ROBOTS
     token = kept_token(operator_token_file) if operator_token_file else ""
     login = login_for(served["broker"], broker_login)
@@ -173,10 +166,8 @@ def _real_robots(words: str, wait_s: float) -> AbstractContextManager[Swarm]:
 @contextlib.contextmanager
 def _ros2(wait_s: float) -> Iterator[Swarm]:
     """Robots of a ROS domain, when one of them has told of itself."""
-    try:
+    with needs_ros2():
         from phalanx.daemon.ros2.swarm import RosSwarm  # noqa: PLC0415 - an extra
-    except ImportError as error:
-        raise UsageError(f"ROS 2 is not installed: {error}", "pip install 'phalanx-swarm[ros2]'") from error
     with RosSwarm(wait_s) as swarm:
         talk(swarm.unprotected)
         yield swarm

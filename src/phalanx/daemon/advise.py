@@ -22,10 +22,7 @@ AT_ONCE = 32  # packets of one, before others have their turn
 
 
 async def advise(where: str, adviser: Adviser, ready: Callable[[], None]) -> None:
-    """Robots that ask at `where` are advised until this is cancelled; `ready` is called when they may.
-
-    Raises: UsageError: no such address; Unavailable: it cannot listen there. What a planner raises ends it.
-    """
+    """Advise robots at `where` until cancelled; call `ready` first. Raises: UsageError; what a planner raises."""
     loop = asyncio.get_running_loop()
     failed: asyncio.Future[None] = loop.create_future()
     server = _Server(adviser, loop, failed)

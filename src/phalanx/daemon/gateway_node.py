@@ -38,11 +38,7 @@ CLAIMS = 4  # checkpoints of a robot that a token may be for, the newest
 
 
 class GatewayNode:
-    """Nodes with the mission's key, until `close`.
-
-    Args:
-        settings: a robot's, as if the gateway were one.
-        clock_file: keeps up to where a process may have sealed.
+    """Holds nodes with the mission's key until `close`; `clock_file` keeps up to where a process may have sealed.
 
     Raises: UsageError: a file, or the nodes, are another's; Unavailable: nobody answers, or they have had the key.
     """

@@ -28,17 +28,6 @@ class OnAir:
     at_s: float = 5.0
 
 
-@dataclass(frozen=True, slots=True)
-class Air:
-    """Whether radios are sealed, and who does what on the air."""
-
-    sealed: bool = False
-    attacks: tuple[OnAir, ...] = ()
-
-
-PLAIN_AIR = Air()
-
-
 class HostileRadio:
     """A radio that does what is asked for, and more; its times are of a clock at `speed` of true time."""
 
@@ -109,8 +98,7 @@ ATTACKS = {
 def parse_on_air(words: str, robots: int) -> OnAir:
     """The attack that is meant. Raises: UsageError: there is none such."""
     name, _, rest = words.partition(":")
-    pairs = [each.partition("=")[::2] for each in filter(None, rest.split(","))]
-    said = dict(pairs)
+    said = dict(each.partition("=")[::2] for each in filter(None, rest.split(",")))
     try:
         attack = OnAir(name, int(said.pop("robot", "1")), float(said.pop("at", "5")))
     except ValueError as error:

@@ -13,7 +13,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -37,8 +36,8 @@ from phalanx.wire.table import (
     WHEELS_STATE,
 )
 
-from .allowance import may_say
 from .gateway_node import GatewayNode
+from .sealed_air import may_say
 from .swarm_file import SwarmSettings
 
 log = logging.getLogger(__name__)
@@ -108,9 +107,7 @@ class RobotSwarm(Ordered):
         self._thread.start()
         return self
 
-    def __exit__(
-        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self._over.set()
         self._thread.join(LAST_WORDS_S + 1)
         self._radio.close()

@@ -8,6 +8,7 @@ import click
 
 from phalanx.cli.complete import a_scenario_s_controller, an_attack
 from phalanx.cli.options import (
+    OUT_FOLDER,
     cluster_options,
     controller_option,
     defence_option,
@@ -68,12 +69,7 @@ def run() -> None:
 )
 @option("--seeds", type=click.IntRange(1, 10_000), default=3, help="Runs of each.", metavar="N")
 @cluster_options
-@option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("out/scorecard"),
-    help="Folder for the runs, the CSV and the pictures.",
-)
+@option("--out", type=OUT_FOLDER, default=Path("out/scorecard"), help="Folder for the runs, the CSV and the pictures.")
 @json_option
 @runs("scorecard", "scorecard")
 def scorecard() -> None:

@@ -11,6 +11,7 @@ from phalanx.cli.options import (
     link_options,
     login_option,
     option,
+    root_option,
     runs,
     wait_option,
 )
@@ -27,7 +28,7 @@ def link() -> None:
 @click.argument("qr_url", required=False)
 @option("--pin", help="The pin, if you have no link; every user of this machine can read it while this runs.")
 @option("--broker", help="Where to connect: mqtt(s):// or ws(s):// URL; with a link, instead of the one in it.")
-@option("--root", help="First part of every MQTT topic.", default="/qrkey")
+@root_option
 @login_option
 @option("--drive", help="Drive this robot: its address or its name.", metavar="ROBOT")
 @option("--unlisted", help="--drive an address that the swarm does not list.", is_flag=True)

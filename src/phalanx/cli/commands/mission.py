@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import click
 
 from phalanx.cli.complete import a_map, a_mission, a_mission_or_encoded, an_encoded_mission
-from phalanx.cli.options import FILE, defence_option, furnish_option, json_option, option, record_option, runs
+from phalanx.cli.options import (
+    FILE,
+    defence_option,
+    furnish_option,
+    json_option,
+    option,
+    out_option,
+    record_option,
+    runs,
+)
 
-Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 OWN_MAP = "One of your own: docs/maps.md."
 PROFILES = click.Choice(["paper", "sealed"])
 profile_option = option("--profile", help="paper hides nothing from who tries all.", type=PROFILES, default="sealed")
@@ -42,14 +49,9 @@ source_argument = click.argument("source", required=False, shell_complete=a_miss
 file_argument = click.argument("file", type=FILE, shell_complete=an_encoded_mission)
 
 
-def map_option(words: str) -> Decorator:
+def map_option(words: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """--map, in words of the command's own."""
     return option("--map", "plan", help=f"{words} {OWN_MAP}", metavar="MAP", shell_complete=a_map)
-
-
-def out_option(words: str) -> Decorator:
-    """--out, a file that is made."""
-    return option("--out", help=words, type=click.Path(path_type=Path, dir_okay=False), required=True)
 
 
 @click.group(epilog="Example: phalanx mission build office --out office.phxm")

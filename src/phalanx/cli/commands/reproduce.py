@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from phalanx.cli.options import json_option, login_option, option, out_folder_option, runs, together
+from phalanx.cli.options import PROCESSES, json_option, login_option, option, out_folder_option, runs, together
 from phalanx.experiments.figure import SEEDS, Figure
 from phalanx.experiments.library import FIGURES
 
@@ -28,7 +28,7 @@ dealing_options = together(
     option("--scheduler", metavar="ADDRESS", help="Measure at a dask scheduler's workers, as tcp://10.0.0.1:8786."),
     option(
         "--workers",
-        type=click.IntRange(min=1),
+        type=PROCESSES,
         help="Measure in so many processes of this machine; without, in this one.",
         metavar="N",
     ),

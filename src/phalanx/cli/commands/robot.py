@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from phalanx.cli.complete import a_scenario, an_attack_by_robots
-from phalanx.cli.options import FILE, controller_option, json_option, option, passphrase_option, record_option, runs
+from phalanx.cli.options import (
+    FILE,
+    OUT_FOLDER,
+    controller_option,
+    json_option,
+    option,
+    out_option,
+    passphrase_option,
+    record_option,
+    runs,
+)
 
 robot_argument = click.argument("robot", type=FILE, metavar="ROBOT.yaml")
 SHARE = click.FloatRange(0, 0.9)
@@ -99,11 +107,7 @@ def provision() -> None:
     metavar="FILE.py:CLASS|unix:PATH|udp:ADDRESS:PORT",
     help="Who advises robots that the guard drives: a class, or where phalanx robot advise listens.",
 )
-@option(
-    "--keep",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="New folder for the robots' files, which are otherwise gone at the end.",
-)
+@option("--keep", type=OUT_FOLDER, help="New folder for the robots' files, which are otherwise gone at the end.")
 @record_option
 @json_option
 @runs("arena", "arena")
@@ -121,9 +125,7 @@ def status() -> None:
 
 @robot.command(epilog="Example: phalanx robot log robot-3.yaml --out robot-3.mcap")
 @robot_argument
-@option(
-    "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, metavar="FILE.mcap", help="The recording."
-)
+@out_option("The recording.", metavar="FILE.mcap")
 @runs("evidence", "log")
 def log() -> None:
     """Write down all that the robot logged in its last mission, which verify goes through."""

@@ -6,6 +6,7 @@ import click
 
 from phalanx.cli.complete import a_controller, a_scenario, a_scenario_or_recording, an_attack_by_robots
 from phalanx.cli.options import (
+    PORT,
     controller_option,
     defence_option,
     json_option,
@@ -61,9 +62,7 @@ def run() -> None:
 @sim.command(epilog="Examples: phalanx sim view bti-fig9; phalanx sim view fig9.mcap --port 8090")
 @click.argument("source", metavar="FILE.mcap|SCENARIO", shell_complete=a_scenario_or_recording)
 @chosen_options
-@option(
-    "--port", help="Of the page, on this machine alone; 0 is any free one.", type=click.IntRange(0, 65535), default=0
-)
+@option("--port", help="Of the page, on this machine alone; 0 is any free one.", type=PORT, default=0)
 @runs("view", "view")
 def view() -> None:
     """Play a recording on a page, or SCENARIO as it runs: map, shields, tokens, refusals; pause, scrub, speed.

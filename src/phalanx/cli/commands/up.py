@@ -7,6 +7,7 @@ import click
 from phalanx.cli.complete import a_map, a_mission_or_encoded
 from phalanx.cli.options import (
     FILE,
+    PORT,
     broker_options,
     defence_option,
     duration_option,
@@ -81,8 +82,8 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 @passphrase_option
 @broker_options
 @option("--host", help="Address to listen on for visitors; 0.0.0.0 for all.", default="127.0.0.1")
-@option("--port", help="Of the visitors' page.  [default: 8080, or any free one]", type=click.IntRange(0, 65535))
-@option("--operator-port", help="Of the operator's page; 0 is any free one.", type=click.IntRange(0, 65535), default=0)
+@option("--port", help="Of the visitors' page.  [default: 8080, or any free one]", type=PORT)
+@option("--operator-port", help="Of the operator's page; 0 is any free one.", type=PORT, default=0)
 @option(
     "--operator-token-file",
     help="Keeps the operator's token, for its owner alone: with --operator-port a restart leaves an open page useful."

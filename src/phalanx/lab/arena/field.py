@@ -24,23 +24,18 @@ STOP = b"\0"  # what motors are told by trusted nodes; commands begin with anoth
 
 
 class Field(Run):
-    """A scenario whose robots are elsewhere; robots by their index.
-
-    Attributes:
-        failed: how the process of a robot, by its id, ended before the arena's time was over, and when; its motors
-            stand, but nobody stopped it.
-    """
+    """A scenario whose robots are elsewhere; `failed` says how and when a process ended, by id, before its time."""
 
     has_station = True
 
-    def __init__(self, scenario: Scenario, senses: Senses | None = None) -> None:
+    def __init__(self, scenario: Scenario, senses: Senses | None, on_air: Mapping[int, str]) -> None:
         self._gone = np.zeros(scenario.robots, bool)
         super().__init__(scenario)
         self.sense(senses)
         self._drawn = scenario.drawn_attacks()
         self._moving = np.zeros(scenario.robots, bool)
         self._states: dict[int, Mapping[str, Any]] = {}
-        self._on_air: dict[int, str] = {}
+        self._on_air = on_air  # robots whose radios rehearse attacks are none of the correct
         self.failed: dict[int, tuple[str, float]] = {}
 
     def advance(self, until_s: float) -> None:
@@ -122,10 +117,6 @@ class Field(Run):
             said[name] = [each for each in said[name] if each not in self._on_air]
         said["on_air"] = [self._hostile(rob_id, name) for rob_id, name in sorted(self._on_air.items())]
         return said
-
-    def distrust(self, rob_id: int, name: str) -> None:
-        """This robot's radio rehearses an attack: it is not one of the correct."""
-        self._on_air[rob_id] = name
 
     def fail(self, rob_id: int, how: str, at_s: float) -> None:
         """Note that the process of a robot has ended too early: it is none of the correct any more."""
