@@ -23,7 +23,7 @@ from click.testing import CliRunner
 from conftest import PHALANX, ROOT, bare_mosquitto, run
 from phalanx.cli import doctor
 from phalanx.cli.commands.mission import PROFILES
-from phalanx.cli.login import login_in, visitors_login_in
+from phalanx.cli.credentials import login_in, visitors_login_in
 from phalanx.cli.main import ABOUT, phalanx, run_command
 from phalanx.cli.up import qr_text
 from phalanx.io import Login

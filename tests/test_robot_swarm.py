@@ -17,7 +17,7 @@ import pytest
 from conftest import called, eventually
 from ordered import KEYS, PUBLIC, robot
 from phalanx.bti.refusal import Refusal
-from phalanx.cli.signing_keys import read_signing_key
+from phalanx.cli.credentials import read_signing_key
 from phalanx.daemon.evidence import read_kept
 from phalanx.daemon.gateway_node import GatewayNode, gateway_limits
 from phalanx.daemon.proofs import NOBODY, mac_of, signed_in, unsealed

@@ -15,8 +15,8 @@ from phalanx.io.mosquitto import find_mosquitto
 from phalanx.io.phones import PhonesDoor
 from phalanx.io.ports import LOOPBACK, is_free, lan_address
 
+from .credentials import read_login, visitors_login_in
 from .doctor import Finding
-from .login import read_login, visitors_login_in
 
 
 def findings(

@@ -13,8 +13,7 @@ from phalanx.daemon.settings import read_robot
 from phalanx.errors import UsageError
 from phalanx.scenarios.own import find_controller, mistakes_in
 
-from .keys import passphrase_of
-from .signing_keys import read_trusted
+from .credentials import passphrase_of, read_trusted
 from .terminal import print_json, talk
 
 

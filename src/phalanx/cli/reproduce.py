@@ -20,7 +20,7 @@ from phalanx.experiments.table import EachCase, measure, one_by_one, read_table
 from phalanx.experiments.version import version
 from phalanx.io.private_file import write_whole
 
-from .login import read_login
+from .credentials import read_login
 from .run import run
 from .terminal import Progress, end_status_line, print_json, stopped, talk, warn_if_nothing_is_drawn
 

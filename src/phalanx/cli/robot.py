@@ -24,10 +24,10 @@ from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_planner, mistakes_in
 from phalanx.scenarios.scenario import GUARD
 
-from .keys import passphrase_of, today
+from .credentials import passphrase_of, read_signing_key
+from .keys import today
 from .run import needs_ros2
 from .run import run as run_until_stopped
-from .signing_keys import read_signing_key
 from .terminal import plain, print_json, print_rows, talk
 
 HUNG_S = 1.0  # of a process that runs somebody's own code

@@ -32,12 +32,10 @@ from phalanx.sim.missions.orders import Orders, orders_of, orders_of_files
 from phalanx.sim.swarms.protected import SwarmKeys
 
 from .commands.up import ROBOTS, ROBOTS_ON_MISSION
-from .keys import passphrase_of
-from .login import kept_token, login_for, visitors_login_in
+from .credentials import kept_token, login_for, passphrase_of, read_signing_key, visitors_login_in
 from .mission.files import Wanted
 from .options import link_config
 from .run import needs_ros2, run
-from .signing_keys import read_signing_key
 from .terminal import EventLines, end_status_line, heed_stop_words, plain, status_line, talk
 
 log = logging.getLogger(__name__)

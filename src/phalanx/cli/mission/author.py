@@ -14,7 +14,7 @@ from typing import Any
 
 import click
 
-from phalanx.cli.signing_keys import read_signing_key, read_trusted
+from phalanx.cli.credentials import read_signing_key, read_trusted
 from phalanx.cli.terminal import Progress, counted, end_status_line, print_json, status_line, talk
 from phalanx.config.builtin import built_in
 from phalanx.config.lidar import ExtractionConfig, LidarConfig
@@ -32,15 +32,7 @@ from phalanx.mission.worth.outlook import Outlook
 from phalanx.sim.building.floorplan import load_floorplan
 
 from .draw import check_drawable, draw_mission, lived
-from .files import (
-    building,
-    check_folder,
-    doors_of,
-    parse_robots,
-    parse_window,
-    read_encoded,
-    read_plain,
-)
+from .files import building, check_folder, doors_of, parse_robots, parse_window, read_encoded, read_plain
 from .run import parse_start
 
 WARNINGS = 10  # told by build

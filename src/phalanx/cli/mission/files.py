@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TypeVar
 
-from phalanx.cli.signing_keys import read_trusted
+from phalanx.cli.credentials import read_trusted
 from phalanx.config.builtin import built_in
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.written import read_at_most

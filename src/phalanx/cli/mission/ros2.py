@@ -10,9 +10,9 @@ from typing import Any
 
 import click
 
+from phalanx.cli.credentials import read_trusted
 from phalanx.cli.run import needs_ros2
 from phalanx.cli.run import run as run_until_stopped
-from phalanx.cli.signing_keys import read_trusted
 from phalanx.cli.terminal import print_json
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.mission import admit, check_signature

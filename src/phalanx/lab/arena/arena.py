@@ -325,12 +325,7 @@ def _go_first() -> None:
 
 
 def play_in_arena(
-    scenario: Scenario,
-    folder: Path,
-    weather: Weather,
-    on_step: OnStep,
-    recording: Recording | None,
-    changes: Changes,
+    scenario: Scenario, folder: Path, weather: Weather, on_step: OnStep, recording: Recording | None, changes: Changes
 ) -> Field:
     """Return the field at the scenario's end. Raises: UsageError: nodes or an attack are missing; Unavailable."""
     _check(scenario, weather)
