@@ -30,10 +30,9 @@ MOST_BYTES = 1 << 16
 
 
 def read_login(path: Path | None) -> Login | None:
-    """The broker's login from a file or the environment, or None.
+    """Return the broker's login from a file, which is never repeated, or the environment.
 
-    Raises: UsageError: the file cannot be read or holds no user:password (what is in it is never repeated); or
-        SSL_CERT_FILE, by which brokers are known, is no file of certificates.
+    Raises: UsageError: the file holds no user:password, or SSL_CERT_FILE, by which brokers are known, no certificates.
     """
     _check_authorities()
     username = os.environ.get("PHALANX_BROKER_USERNAME", "")

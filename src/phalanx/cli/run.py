@@ -24,10 +24,9 @@ ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT)
 
 
 def run(job: Coroutine[Any, Any, None], hung_s: float = HUNG_S) -> bool:
-    """Run `job`; true if it came to its end, false if a signal of ENDS or SIGHUP stopped it, after cleaning up.
+    """Run `job`; return whether it came to its end, and no signal of ENDS or SIGHUP stopped it, after cleaning up.
 
-    Args:
-        hung_s: a process whose event loop has not heard of the signal by then ends with 1, without cleaning up.
+    A process whose event loop has not heard of the signal after `hung_s` ends with 1, without cleaning up.
     """
 
     async def watched() -> bool:

@@ -276,10 +276,9 @@ async def _keep_status(running: Running) -> None:
 
 
 def qr_text(url: str, border: int = 2, *, colour: bool) -> str:
-    """The QR code of `url`, two modules a character.
+    """Return the QR code of `url`, two modules a character: with colour black on white, whatever the terminal's theme.
 
-    With colour it is black on white, whatever the terminal's theme. Without colour, its light modules are drawn: right
-    on a dark background, and most phones read it on a light one too.
+    Without colour its light modules are drawn: right on a dark background, and most phones read it on a light one too.
     """
     # The pin as a number of its own takes 130 bits for 312: a code one size smaller, which fits 24 lines.
     parts: Any = [part for part in MANY_DIGITS.split(url) if part]  # segno's types know only one part

@@ -100,19 +100,15 @@ class _Server:
 @contextlib.contextmanager
 def _listening(where: str) -> Iterator[socket.socket]:
     kind, _, at = where.partition(":")
-    if kind == "udp":
-        with _at_address(at) as made:
-            made.setblocking(False)
-            yield made
-    elif kind == "unix" and at:
-        with _at_path(Path(at)) as made:
-            made.setblocking(False)
-            try:
-                yield made
-            finally:
-                Path(at).unlink(missing_ok=True)
-    else:
+    if kind != "udp" and not (kind == "unix" and at):
         raise UsageError(f"{where} is nowhere to listen", HINT)
+    with _at_address(at) if kind == "udp" else _at_path(Path(at)) as made:
+        made.setblocking(False)
+        try:
+            yield made
+        finally:
+            if kind == "unix":
+                Path(at).unlink(missing_ok=True)
 
 
 def _at_path(path: Path) -> socket.socket:

@@ -98,10 +98,9 @@ class Kept:
 
 
 def read_kept(path: Path) -> Kept:
-    """The log in a file: a daemon's own, or a recording of it.
+    """Return the log in a daemon's file or a recording. Who gives evidence may not choose where a recording ends.
 
-    Raises: UsageError: it is neither, damaged, or a recording that was cut short: who gives evidence may not choose
-        where it ends. Unavailable: it cannot be read.
+    Raises: UsageError: it is neither, damaged or cut short; Unavailable: it cannot be read.
     """
     data = read_at_most(path, MOST_BYTES, HINT)
     try:

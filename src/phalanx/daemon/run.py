@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from .ros2.node import RosBase
 
 log = logging.getLogger(__name__)
-MakeBase = Callable[[int, Scenario, Declaration], "RosBase"]
 
 
 def mission_of(settings: RobotSettings) -> Scenario:
@@ -97,16 +96,15 @@ async def run_robot(
     in_arena: bool = False,
     on_air: OnAir | None = None,
     attacks: tuple[AttackSpec, ...] = (),
-    make_base: MakeBase | None = None,
+    make_base: Callable[[int, Scenario, Declaration], RosBase] | None = None,
 ) -> None:
-    """The robot lives until this is cancelled; in Safe Mode it stands, and tells of it.
+    """Run the robot until this is cancelled; in Safe Mode it stands, and tells of it.
 
     Args:
         in_arena: an arena has forked this process: it has warned about the nodes already, and frozen its memory.
         attacks: who lies how, in place of what the mission says of that.
         make_base: what makes sensors, motors and planner, in place of those that the file names.
-    Raises: UsageError: something in its file; Unavailable: nodes, radio or sensors, then its nodes stop it; or its
-        folder cannot be written, before the mission's key is used up.
+    Raises: UsageError: its file; Unavailable: nodes, radio, sensors or folder; then its nodes stop it.
     """
     scenario, controller = controlled(mission_of(settings), settings)
     limits = limits_of(scenario.bti, scenario.radio)

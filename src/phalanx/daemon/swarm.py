@@ -57,12 +57,8 @@ class RobotSwarm(Ordered):
     """The robots of a swarm's file, while the context lasts; on the way out those under way are stopped.
 
     A robot is there from when it was heard first. A token counts from when it was asked for, as far as that is known;
-    without nodes to check it there are no shields. The clock says seconds since 1970.
-
-    Attributes:
-        unchecked: what is to be said of that, "" if they are checked.
-    Raises: UsageError: the mission names other keys; Unavailable: it cannot listen, its nodes do not answer, or it
-        cannot keep what it has said.
+    `unchecked` says why none are shown. The clock says seconds since 1970.
+    Raises: UsageError: the mission names other keys; Unavailable: radio, nodes or its file do not work.
     """
 
     def __init__(

@@ -76,10 +76,9 @@ def program() -> Path:
 
 
 def open_nodes(settings: RobotSettings) -> SerialNode:
-    """The nodes that the file names, after a handshake.
+    """Return the nodes that the file names, after a handshake.
 
-    Raises: UsageError: there is no program for a process, its flash is not ours alone, or it is a bench;
-        Unavailable: nobody answers, or another user does.
+    Raises: UsageError: no program, a flash that is not ours alone, or a bench; Unavailable: nobody of ours answers.
     """
     kind, _, where = settings.said.trusted.partition(":")
     if kind == "process":

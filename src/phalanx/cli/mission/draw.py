@@ -101,7 +101,10 @@ def _draw_nodes(axes: Any, mission: Mission) -> None:
             label = None if thing.type in shown else thing.type.replace("_", " ")
             shown.add(thing.type)
             axes.plot(thing.x_m, thing.y_m, "o", color=COLOURS[thing.type], markersize=5, label=label, zorder=3)
-            _arrow(axes, thing)
+            if thing.orientation_rad is not None:
+                xs = [thing.x_m, thing.x_m + ARROW_M * math.cos(thing.orientation_rad)]
+                ys = [thing.y_m, thing.y_m + ARROW_M * math.sin(thing.orientation_rad)]
+                axes.plot(xs, ys, color=COLOURS[thing.type], linewidth=1, zorder=3)
         if node.place is not None:
             axes.annotate(node.name, node.place, (4, 4), textcoords="offset points", fontsize=7, zorder=4)
             if node.start or node.final:
@@ -115,10 +118,3 @@ def _draw_paths(axes: Any, reports: Sequence[Report]) -> None:
             once = label if report is reports[0] else None
             x, y = paths[:, which].T
             axes.plot(x, y, style, color=colour, linewidth=width, label=once, zorder=5)
-
-
-def _arrow(axes: Any, thing: Landmark) -> None:
-    if thing.orientation_rad is not None:
-        xs = [thing.x_m, thing.x_m + ARROW_M * math.cos(thing.orientation_rad)]
-        ys = [thing.y_m, thing.y_m + ARROW_M * math.sin(thing.orientation_rad)]
-        axes.plot(xs, ys, color=COLOURS[thing.type], linewidth=1, zorder=3)

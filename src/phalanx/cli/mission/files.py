@@ -84,7 +84,7 @@ def _built(path: Path, hint: str, what: str, parse: Callable[[bytes], Parsed]) -
 
 
 def parse_window(said: str) -> tuple[int, int]:
-    """FROM/TO in seconds on the mission's clock; either may be a date, or nothing. Raises: UsageError."""
+    """Return FROM/TO in seconds on the mission's clock; either may be a date, or nothing. Raises: UsageError."""
     begin, slash, end = said.partition("/")
     if not slash:
         raise UsageError(f"{said!r} is no window", "FROM/TO, like 2026-12-01T08:00/2026-12-01T18:00")

@@ -88,7 +88,7 @@ class Track:
         self._eye, self._began = eye, Place()
         self._times: list[float] = []
         self._places: list[Place] = []
-        self.travelled_m = 0.0
+        self.travelled_m, self.newest_s = 0.0, -math.inf
 
     def add(self, t_s: float, base: Place, latest_s: float) -> bool:
         """Odometry said this of that moment; one that is no later than the last is left out.
@@ -110,14 +110,10 @@ class Track:
             here = replace(here, yaw_rad=yaw_rad)
             self.travelled_m += math.dist((here.x_m, here.y_m), (last.x_m, last.y_m))
         self._times.append(t_s)
+        self.newest_s = t_s
         self._places.append(here)
         del self._times[:-KEPT], self._places[:-KEPT]
         return True
-
-    @property
-    def newest_s(self) -> float:
-        """The last moment that odometry told of."""
-        return self._times[-1] if self._times else -math.inf
 
     def at(self, t_s: float) -> Place | None:
         """Where it was at that moment, the last place if odometry is not so far; None before the first."""

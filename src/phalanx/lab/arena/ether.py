@@ -7,6 +7,7 @@ is for all is said once. Source: docs/robot.md.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import random
 import socket
 from collections.abc import Callable, Sequence
@@ -145,9 +146,6 @@ class Ether:
         asyncio.get_running_loop().call_later(late_s, self._deliver, to, frame)
 
     def _deliver(self, to: int, frame: bytes) -> None:
-        if self._is_silent(to):
-            return
-        try:
-            self._socket.sendto(frame, (LOOPBACK, self._ports[to]))
-        except OSError:
-            return  # no room, or nobody there: lost
+        if not self._is_silent(to):
+            with contextlib.suppress(OSError):  # no room, or nobody there: lost
+                self._socket.sendto(frame, (LOOPBACK, self._ports[to]))
