@@ -38,9 +38,9 @@ def make_runs(
     scheduler: str | None,
     workers: int | None,
     columns: Mapping[str, str] = OUTCOME,
-    run: Callable[[Any], dict[str, Any]] | None = None,
+    run: Callable[[Any], dict[str, Any]] | None = None,  # makes a job's row; None for a sweep's
 ) -> tuple[Store, list[str], bool]:
-    """Return all runs, what failed, and whether Ctrl-C came first; `run` makes a row. Raises: UsageError."""
+    """Return all runs, what failed, and whether Ctrl-C came first. Raises: UsageError, Unavailable."""
     progress, failed, stopped = Progress(), list[str](), False
 
     def tell(done: int, of: int) -> None:

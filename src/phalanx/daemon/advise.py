@@ -22,7 +22,7 @@ AT_ONCE = 32  # packets of one, before others have their turn
 
 
 async def advise(where: str, adviser: Adviser, ready: Callable[[], None]) -> None:
-    """Advise robots at `where` until cancelled; call `ready` first. Raises: UsageError; what a planner raises."""
+    """Advise robots until cancelled; call `ready` first. Raises: UsageError, Unavailable, or a planner's own error."""
     loop = asyncio.get_running_loop()
     failed: asyncio.Future[None] = loop.create_future()
     server = _Server(adviser, loop, failed)

@@ -132,7 +132,7 @@ class Life:
         now_ms = self.clock.now_ms()
         self.robot = self._as_it_is(now_ms)
         self.runtime = Runtime(self.robot, self.scenario.bti, now_ms)
-        self.began_ms = now_ms
+        self.began_ms = now_ms  # what its c-node says of that may be a lie
         self.memory_began_kb = memory_kb()
         self.began_s, self._cpu_s = time.monotonic(), time.process_time()
 

@@ -78,7 +78,7 @@ def _signed(number: int, digest: str) -> bytes:
 
 
 def signed_for(issued: Path, scenario: Scenario, mission: str) -> SignedMission | None:
-    """Return what a mission key's file says of its mission. Raises: UsageError: it is another mission; Unavailable."""
+    """Return what a mission key's file says of its mission. Raises: UsageError: it is another's; Unavailable."""
     try:
         told = json.loads(read_at_most(issued, MOST_BYTES, "phalanx keys issue makes one"))
         number, signed = int(told["mission"]), SignedMission.of(told.get("signed"))

@@ -327,7 +327,7 @@ def _go_first() -> None:
 def play_in_arena(
     scenario: Scenario, folder: Path, weather: Weather, on_step: OnStep, recording: Recording | None, changes: Changes
 ) -> Field:
-    """Return the field at the scenario's end. Raises: UsageError: nodes or an attack are missing; Unavailable."""
+    """Return the field at the scenario's end. Raises: UsageError: no nodes, or it cannot be played; Unavailable."""
     _check(scenario, weather)
     scenario = with_room_for_seals(scenario) if changes.sealed else scenario
     planner = None if is_far(changes.planner) else find_planner(changes.planner or None)

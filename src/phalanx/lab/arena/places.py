@@ -65,7 +65,7 @@ def lay_out(
     changes: Changes,
     speed: float,
 ) -> Places:
-    """Write robots' keys and files, and open their bodies' sockets; also for a gateway, if it has a port."""
+    """Write robots' keys and files, open their bodies' sockets; also a gateway's, with a port. Raises: Unavailable."""
     today, air = time.strftime("%Y-%m-%d"), f"{LOOPBACK}:{air_port}"
     places = Places()
     write_private(folder / "mission.yaml", json.dumps(written_scenario(scenario), indent=1).encode())
