@@ -58,7 +58,7 @@ def needs_ros2() -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        raise UsageError(f"ROS 2 is not installed: {error}", "pip install '.[ros2]' in a clone of phalanx") from error
+        raise UsageError(f"ROS 2 is not installed: {error}", "pip install '.[ros2]' in a clone") from error
 
 
 @contextlib.contextmanager

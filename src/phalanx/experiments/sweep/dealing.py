@@ -22,7 +22,7 @@ from phalanx.experiments.table import EachCase
 from phalanx.experiments.version import version
 from phalanx.sim.signals import handled_by
 
-SWEEP_HINT = "pip install 'phalanx-swarm[sweep]'"
+SWEEP_HINT = "pip install '.[sweep]' in a clone"
 CONNECT_S = 15.0
 # Of a worker that dies, dask gives its run to another; whose death comes so often again is not by chance.
 DEATHS = 5
