@@ -69,7 +69,7 @@ def connect(
                 wheels_pct = (left or 0, right or 0)
                 await _drive(robots, drive, wheels_pct, 1.0 if for_s is None else for_s, as_json)
             else:
-                _show_robots(await _Robots(client, timeout, unlisted).listed(), as_json)
+                _show_robots(await _Robots(client, timeout).listed(), as_json)
 
     if not run(visit()) and not watch:
         raise KeyboardInterrupt
@@ -94,7 +94,7 @@ class _Robots:
 
     client: Client
     timeout_s: float
-    unlisted: bool
+    unlisted: bool = False
 
     async def listed(self) -> list[dict[str, Any]]:
         """Those of which it says an address, alone or among other things; what else is in the list is told."""
