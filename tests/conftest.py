@@ -199,7 +199,7 @@ class Turns:
     """The longest turn of this event loop, in seconds of processor time: what others do with the machine is not in it."""
 
     def __init__(self) -> None:
-        # As a command does before it starts (cli/commands/runs.py): all that pytest holds takes long to be looked through.
+        # As a command does before it starts (runs, cli/options.py): all that pytest holds takes long to be looked through.
         gc.collect()
         gc.freeze()
         self.longest_s, self._before_s = 0.0, time.thread_time()

@@ -21,10 +21,11 @@ import pytest
 from click.testing import CliRunner
 
 from conftest import PHALANX, ROOT, bare_mosquitto, run
+from phalanx.cli import doctor
 from phalanx.cli.commands.mission import PROFILES
-from phalanx.cli.login import login_in, visitors_login_in
+from phalanx.cli.credentials import login_in, visitors_login_in
 from phalanx.cli.main import ABOUT, phalanx, run_command
-from phalanx.cli.qr import qr_text
+from phalanx.cli.up import qr_text
 from phalanx.io import Login
 from ports import free_port
 
@@ -317,14 +318,22 @@ class TestHelp:
 
 @pytest.mark.waits
 class TestDoctor:
-    def test_each_line_is_ok_or_a_fix(self):
+    def test_each_line_is_ok_or_a_fix_or_optional(self):
         done = run("doctor")
         assert done.returncode == 0, done.stdout
-        assert all(line.startswith(("ok ", "fix")) for line in done.stdout.splitlines())
+        assert all(line.startswith(("ok ", "fix", "-  ")) for line in done.stdout.splitlines())
         findings = json.loads(run("doctor", "--json").stdout)["findings"]
         assert {"python", "kernels", "C compiler", "embedded broker", "pages", "clock"} <= {
             finding["what"] for finding in findings
         }
+
+    def test_what_is_optional_and_missing_is_neither_ok_nor_to_be_mended(self, monkeypatch):
+        monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+        missing = doctor._figures()
+        assert (missing.state, missing.ok) == ("-", True)
+        assert missing.found.startswith("not installed (only for figures)")
+        assert doctor.Finding("clock", ok=True, found="now").state == "ok"
+        assert doctor.Finding("clock", ok=False, found="1970", fix="set it").state == "fix"
 
     def test_a_broker_that_is_there_and_one_that_is_not(self, tmp_path):
         tcp, ws = free_port(), free_port()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from phalanx.cli.new import ENDINGS, TEMPLATES
+from phalanx.cli.commands.new import ENDINGS, TEMPLATES
 
 KINDS = pytest.mark.parametrize("kind", ENDINGS)
 

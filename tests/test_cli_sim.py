@@ -104,6 +104,16 @@ class TestRun:
         assert "never stopped" in out
         assert "3 of 3 s simulated" in err
 
+    @pytest.mark.parametrize(
+        ("factor", "words"),
+        [(1723.4, "1 720 times"), (0.01234, "0.0123 times"), (87.25, "87.2 times"), (None, "-")],
+    )
+    def test_a_speed_is_written_out(self, said, capsys, factor, words):
+        summary = said("sim", "run", "flock-12", "--duration", "1") | {"real_time_factor": factor}
+        show(find_scenario("flock-12"), summary)
+        (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("speed"))
+        assert line.removeprefix("speed").strip().removesuffix(" real time") == words
+
     def test_a_liar_is_told_with_its_end_whether_or_not_its_log_shows_a_lie(self, said, capsys):
         summary = said("sim", "run", "flock-12", "--duration", "1")
         ends = [(None, None), (None, 10.0), (1.5, None), (1.5, 10.25)]

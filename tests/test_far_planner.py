@@ -24,8 +24,8 @@ from phalanx.cli.main import run_command
 from phalanx.config.guard import GuardConfig
 from phalanx.daemon.evidence import read_kept
 from phalanx.daemon.far_planner import MOST_AT_ONCE, MOST_LOOKS, FarPlanner
+from phalanx.daemon.proofs import signed_in
 from phalanx.daemon.settings import read_robot
-from phalanx.daemon.signers import signed_in
 from phalanx.errors import UsageError
 from phalanx.io import serial_line
 from phalanx.io.keyring import pem

@@ -429,7 +429,7 @@ def test_without_matplotlib_the_csv_is_kept_and_the_hint_given(tmp_path, monkeyp
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(Unavailable, match="matplotlib is not installed") as missing:
         draw(csv, FIGURE)
-    assert missing.value.hint == "make setup, or pip install 'phalanx-swarm[reproduce]'"
+    assert missing.value.hint == "make setup, or pip install '.[reproduce]' in a clone"
     assert [path.name for path in tmp_path.iterdir()] == [CSV_NAME]
 
 

@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from phalanx.cli.login import kept_token
+from phalanx.cli.credentials import kept_token
 from phalanx.errors import UsageError
 
 

@@ -23,7 +23,7 @@ sys.path.insert(0, str(ROOT / "release"))
 from readme import for_index  # noqa: E402
 from sbom import bill_of_materials  # noqa: E402
 
-from phalanx.cli.new import TEMPLATES  # noqa: E402
+from phalanx.cli.commands.new import TEMPLATES  # noqa: E402
 
 
 class Addresses(HTMLParser):

@@ -29,20 +29,19 @@ from phalanx.bti.nodes import seal_mission_key
 from phalanx.cli.reproduce import _write
 from phalanx.cli.robot import _is, status
 from phalanx.config import BtiConfig
-from phalanx.daemon import kept_log, signers
+from phalanx.daemon import kept_log, proofs
 from phalanx.daemon import life as life_module
 from phalanx.daemon import run as daemon_run
 from phalanx.daemon.driver import Driver, NoReading, OwnDriver, no_reading
 from phalanx.daemon.evidence import Kept
 from phalanx.daemon.kept_log import KeptLog
-from phalanx.daemon.lateness import Lateness
+from phalanx.daemon.lateness import Lateness, why_stopped
 from phalanx.daemon.life import Life
+from phalanx.daemon.proofs import NOBODY, signed_in
 from phalanx.daemon.run import mission_of, provision
 from phalanx.daemon.settings import RobotFile, read_robot, robot_schema
-from phalanx.daemon.signers import NOBODY, signed_in
 from phalanx.daemon.state import told as told_by
 from phalanx.daemon.trusted import check_may_have_key, give_keys, open_nodes
-from phalanx.daemon.why_stopped import why_stopped
 from phalanx.errors import Unavailable, UsageError
 from phalanx.experiments.scorecard.card import write_csv
 from phalanx.experiments.table import Head, TableFile
@@ -244,7 +243,7 @@ def test_a_full_disk_ends_the_kept_log_and_not_the_robot(tmp_path, monkeypatch, 
     with Path("/dev/full").open("wb", 0) as full, KeptLog(tmp_path / "robot-3.log") as kept:
         kept._file = full
         with pytest.raises(Unavailable, match="its nodes are gone"):
-            asyncio.run(daemon_run._live(Alive(), kept, tmp_path / "nowhere" / "robot-3.json", 7, None, ()))
+            asyncio.run(daemon_run._live(Alive(), kept, tmp_path / "nowhere" / "robot-3.json", None, ()))
     kept_no_further, cannot_write = sorted(caplog.messages, key=lambda words: "cannot write" in words)
     assert "robot-3.log is kept no further: No space left" in kept_no_further
     assert "cannot write" in cannot_write
@@ -284,8 +283,8 @@ def test_who_said_what_a_robot_was_told_is_named_and_what_nobody_signed_as_well(
     assert (gateway.count, gateway.first_s, gateway.last_s) == (2, 0.5, 3.5)
     assert gateway.key == PUBLIC[GATEWAY].hex()
     assert (found["operator"].count, found[NOBODY].count, found[NOBODY].key) == (1, 2, "")
-    monkeypatch.setattr(signers, "MOST_LOOKS", 2)
-    assert [(each.signer, each.count) for each in signed_in(a_log(*frames))][2:] == [(signers.UNKNOWN, 3)]
+    monkeypatch.setattr(proofs, "MOST_LOOKS", 2)
+    assert [(each.signer, each.count) for each in signed_in(a_log(*frames))][2:] == [(proofs.UNKNOWN, 3)]
 
 
 def test_a_state_that_somebody_wrote_commands_no_terminal_and_makes_no_traceback(tmp_path, capsys):
@@ -585,9 +584,9 @@ def lived(monkeypatch, *, waits):
     clock, read_ms = SimpleNamespace(ms=1000, asked_ms=0.0), []
     clock.now_ms = lambda: clock.ms
     life.id, life.scenario = 1, SimpleNamespace(bti=BtiConfig(f_max=1))
-    life._clock, life._lateness, life.why_late = clock, Lateness(), ""
+    life.clock, life._lateness, life.why_late = clock, Lateness(), ""
     life._came, life._advised, life.waits_for_advice = asyncio.Event(), False, waits
-    life._radio = SimpleNamespace(take=bytes)
+    life.radio = SimpleNamespace(take=bytes)
     life.longest_ms = dict.fromkeys(("late", "reading"), 0.0)
     life.runtime = SimpleNamespace(input_ms=1250, check_ms=9999, wake_ms=9999, audit_ms=9999, due_ms=1250)
 
@@ -647,7 +646,7 @@ async def test_in_safe_mode_a_robot_reads_no_frame_any_more(monkeypatch):
     with lived(monkeypatch, waits=False) as (life, _, _), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as radio:
         calls = []
         hardware = SimpleNamespace(stop=lambda: calls.append("stop"), alive=lambda: calls.append("alive"))
-        life._radio, life._hardware, life.id = radio, hardware, 1
+        life.radio, life._hardware, life.id = radio, hardware, 1
         life.fleet, life.runtime.in_safe_mode = None, False
         monkeypatch.setattr(life_module, "why_stopped", lambda *_: "so")
         loop = asyncio.get_running_loop()

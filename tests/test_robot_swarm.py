@@ -17,13 +17,12 @@ import pytest
 from conftest import called, eventually
 from ordered import KEYS, PUBLIC, robot
 from phalanx.bti.refusal import Refusal
-from phalanx.cli.signing_keys import read_signing_key
+from phalanx.cli.credentials import read_signing_key
 from phalanx.daemon.evidence import read_kept
 from phalanx.daemon.gateway_node import GatewayNode, gateway_limits
-from phalanx.daemon.proofs import mac_of, unsealed
+from phalanx.daemon.proofs import NOBODY, mac_of, signed_in, unsealed
 from phalanx.daemon.run import mission_of
 from phalanx.daemon.settings import read_robot
-from phalanx.daemon.signers import NOBODY, signed_in
 from phalanx.daemon.swarm import LAST_TIMES, YEAR_MS, RobotSwarm
 from phalanx.daemon.swarm_file import read_swarm
 from phalanx.daemon.trusted import program

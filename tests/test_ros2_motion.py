@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import math
 import sys
+from types import SimpleNamespace
 
 import pytest
 
 from phalanx.cli.main import run_command
-from phalanx.daemon.ros2 import ahead
-from phalanx.daemon.ros2.ahead import Place
+from phalanx.daemon.ros2 import geometry
 from phalanx.daemon.ros2.diagnostics import ERROR, ODOM_IN_MAP, OK, WARN, place_in, told_of
-from phalanx.daemon.ros2.on_page import Area, pose_of, steered
+from phalanx.daemon.ros2.geometry import Area, Place, pose_of, steered
 from phalanx.daemon.ros2.sweep import Track, beams_of
 from phalanx.errors import UsageError
 from phalanx.robot import Point
@@ -26,18 +26,20 @@ def test_the_point_moves_as_the_robot_under_it_does(yaw_rad, twist):
     """Against where it is a moment later, of a robot that has driven and turned so."""
     here = Place(x_m=3.0, y_m=-2.0, yaw_rad=yaw_rad)
     then = here.of(Place(x_m=twist[0] * STEP_S, yaw_rad=twist[1] * STEP_S))
-    x_m, y_m = ahead.point_of(here, AHEAD_M)
-    later_x_m, later_y_m = ahead.point_of(then, AHEAD_M)
-    moves = ahead.velocity_of(*twist, yaw_rad, AHEAD_M)
+    x_m, y_m = geometry.point_of(here, AHEAD_M)
+    later_x_m, later_y_m = geometry.point_of(then, AHEAD_M)
+    moves = geometry.velocity_of(*twist, yaw_rad, AHEAD_M)
     assert moves == pytest.approx(((later_x_m - x_m) / STEP_S, (later_y_m - y_m) / STEP_S), abs=1e-4)
-    assert ahead.twist_of(moves, yaw_rad, AHEAD_M) == pytest.approx(twist)
+    assert geometry.twist_of(moves, yaw_rad, AHEAD_M) == pytest.approx(twist)
 
 
 def test_a_place_in_a_frame_that_is_turned_itself():
     odom = Place(x_m=10.0, y_m=5.0, yaw_rad=math.pi / 2)
     base = odom.of(Place(x_m=2.0, y_m=1.0, yaw_rad=0.5))
     assert (base.x_m, base.y_m, base.yaw_rad) == pytest.approx((9.0, 7.0, math.pi / 2 + 0.5))
-    assert ahead.yaw_of(0.0, 0.0, math.sin(0.6), math.cos(0.6)) == pytest.approx(1.2)
+    turned = SimpleNamespace(x=0.0, y=0.0, z=math.sin(0.6), w=math.cos(0.6))
+    place = geometry.place_of(SimpleNamespace(position=SimpleNamespace(x=1.0, y=2.0), orientation=turned))
+    assert (place.x_m, place.y_m, place.yaw_rad) == pytest.approx((1.0, 2.0, 1.2))
 
 
 def test_diagnostics_tell_of_shield_and_verdicts():
@@ -71,7 +73,7 @@ def test_who_has_no_ros_is_told_what_to_install(tmp_path, capsys, monkeypatch):
     assert run_command(["robot", "ros2", str(path)]) == 2
     said = capsys.readouterr().err
     assert "ROS 2 is not installed" in said
-    assert "pip install 'phalanx-swarm[ros2]'" in said
+    assert "pip install '.[ros2]'" in said
 
 
 class TestSweep:
@@ -134,7 +136,7 @@ class TestTrack:
         assert (there.x_m, there.y_m, there.yaw_rad) == pytest.approx((0.0, 0.0, 4 * math.pi))
         half = track.at(0.5)
         assert half.yaw_rad == pytest.approx(math.pi / 4)
-        assert track.at(99.0) is there
+        assert track.at(99.0) == there
         assert track.travelled_m == pytest.approx(8 * 0.5 * math.sqrt(2))
 
     def test_what_is_no_later_than_the_last_is_left_out(self):

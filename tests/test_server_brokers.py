@@ -401,7 +401,7 @@ class TestBrokersThatComeAndGo:
             async with a_broker("auto"):
                 pass
         assert "apt-get install mosquitto" in refused.value.hint
-        assert "phalanx-swarm[amqtt]" in refused.value.hint
+        assert ".[amqtt]" in refused.value.hint
 
     async def test_who_falls_back_on_amqtt_is_told_what_it_lacks(self, monkeypatch, caplog):
         for module in ("phalanx.io.broker", "phalanx.cli.doctor_around"):
@@ -433,4 +433,4 @@ class TestBrokersThatComeAndGo:
         assert refused.returncode == 1
         error, hint = refused.stderr.splitlines()
         assert error == "phalanx: error: amqtt is not installed"
-        assert "phalanx-swarm[amqtt]" in hint
+        assert ".[amqtt]" in hint

@@ -223,7 +223,7 @@ class TestTables:
             monkeypatch.setitem(sys.modules, name, None)
         with pytest.raises(Unavailable, match=f"{missing} is not installed") as caught:
             result.to_parquet(tmp_path / "x.parquet")
-        assert caught.value.hint == "pip install 'phalanx-swarm[research]'"
+        assert caught.value.hint == "pip install '.[research]' in a clone"
 
     def test_a_folder_that_is_not_there_is_said(self, result, tmp_path):
         with pytest.raises(Unavailable, match="non-existent directory") as refused:

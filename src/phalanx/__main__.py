@@ -3,7 +3,7 @@
 import _signal as signal  # type: ignore[import-not-found]  # `signal` imports more, and Ctrl-C may come meanwhile
 
 # While a second's worth of modules is imported, Ctrl-C ends us without a word: a module may swallow what
-# Python makes of it. Then `runs`, in `cli/commands/`, has it answered.
+# Python makes of it. Then `runs`, in `cli/options.py`, has it answered.
 if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 # `release/phalanx` has had it wait until here, while Python and an installer's script began.

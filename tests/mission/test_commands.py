@@ -12,6 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from phalanx.cli.commands.mission import mission as group
+from phalanx.cli.credentials import read_trusted
 from phalanx.cli.mission.author import explored
 from phalanx.cli.mission.files import (
     parse_box,
@@ -19,7 +20,6 @@ from phalanx.cli.mission.files import (
     parse_window,
     read_plain,
 )
-from phalanx.cli.signing_keys import read_trusted
 from phalanx.config.builtin import built_in
 from phalanx.errors import PeerError, Unavailable, UsageError
 from phalanx.mission import Landmark, Profile, parse_mission

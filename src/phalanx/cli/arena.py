@@ -1,4 +1,4 @@
-"""What `phalanx robot arena` does."""
+"""Run `phalanx robot arena`: robots as processes in a simulated field."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from typing import Any
 
 import click
 
-from phalanx.daemon.on_air import Air, parse_on_air
+from phalanx.daemon.on_air import parse_on_air
 from phalanx.errors import UsageError
-from phalanx.lab.arena.arena import Minds, play_in_arena
+from phalanx.lab.arena.arena import play_in_arena
 from phalanx.lab.arena.ether import Weather
+from phalanx.lab.arena.places import Changes
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attacks, find_controller, mistakes_in
 from phalanx.scenarios.scenario import PROTOCOLS
@@ -23,7 +24,7 @@ from phalanx.sim.scenarios.run import Run
 
 from . import sim
 from .robot import grown_kb, memory_words
-from .terminal import end_status_line, print_json, print_rows
+from .terminal import end_status_line, print_json, print_rows, stopped
 
 
 def arena(
@@ -39,14 +40,21 @@ def arena(
     as_json: bool,
     **said: Any,
 ) -> int:
-    """Robots as processes, summed up on stdout."""
+    """Run robots as processes, and sum it up on stdout."""
     weather = Weather(**{each.name: said.pop(each.name) for each in fields(Weather)})
     liars = find_attacks(attacks) if attacks else None
     chosen = sim.changed(find_scenario(scenario), said, attacks=liars)
     chosen, own = find_controller(controller, chosen, in_python=True)
     if loss is not None:
         chosen = replace(chosen, radio=replace(chosen.radio, loss=loss))
-    air = Air(sealed, tuple(parse_on_air(each, chosen.robots) for each in on_air))
+    changes = Changes(
+        make=own,
+        controller=_beside(controller) if own else "",
+        planner=_beside(planner) if planner else "",
+        attacks=attacks,
+        sealed=sealed,
+        on_air=tuple(parse_on_air(each, chosen.robots) for each in on_air),
+    )
     sim.warn(chosen)
     with contextlib.ExitStack() as stack:
         folder = _folder(keep, stack)
@@ -57,14 +65,11 @@ def arena(
             check()
 
         recording = stack.enter_context(Recording(record, chosen)) if record else None
-        minds = Minds(own, _beside(controller) if own else "", _beside(planner) if planner else "", attacks)
         try:
             with mistakes_in(controller, planner, *attacks):
-                field = play_in_arena(chosen, folder, weather, on_step, recording, air, minds)
+                field = play_in_arena(chosen, folder, weather, on_step, recording, changes)
         except KeyboardInterrupt:
-            end_status_line()
-            click.echo("stopped", err=True)
-            return 1
+            return stopped()
     end_status_line()
     summary = field.summary()
     if as_json:
@@ -75,8 +80,8 @@ def arena(
         late = [each["longest_ms"]["late"] for each in summary["processes"] if "longest_ms" in each]
         for each in summary["on_air"]:
             at_s = each["safe_mode_s"]
-            stopped = "never in Safe Mode" if at_s is None else f"in Safe Mode at {at_s:.1f} s"
-            print_rows({f"{each['attack']}, robot {each['robot']}": stopped})
+            ended = "never in Safe Mode" if at_s is None else f"in Safe Mode at {at_s:.1f} s"
+            print_rows({f"{each['attack']}, robot {each['robot']}": ended})
         if shares:
             words = f"{100 * max(shares):.1f} % of a core at most, its readings up to {max(late):.0f} ms late, "
             words += memory_words(max((each for each in summary["processes"] if "memory_kb" in each), key=grown_kb))

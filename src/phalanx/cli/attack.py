@@ -17,7 +17,6 @@ from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attack, find_controller, is_file, mistakes_in
 from phalanx.scenarios.scenario import PROTOCOLS, Scenario
-from phalanx.sim.scenarios.run import Run
 
 from .mission.crack import span
 from .sim import TYPED, changed, progress, told, warn
@@ -44,7 +43,11 @@ def run(name: str, defence: Any, controller: str | None, as_json: bool, **said: 
         options = _options_of(name, first, said | {"controller": controller})
         trial = try_mission_attack(first.attack, defence, seed, options)
     if as_json:
-        print_json(asdict(trial) | (_kept(trial) if isinstance(trial, FlockTrial) else {}))
+        more = {}
+        if isinstance(trial, FlockTrial):
+            stops = [asdict(stop) | {"bound_s": trial.bound_of(stop)} for stop in trial.stops]
+            more = {"stopped_in_time": trial.stopped_in_time, "within_buckets": trial.within_buckets, "stops": stops}
+        print_json(asdict(trial) | more)
     else:
         _show(trial, first.attack, goal_m)
     return 1 if trial.broken else 0
@@ -68,13 +71,9 @@ def _try_in_flock(
     scenario, own = find_controller(controller, scenario)
     warn(scenario)
     tell = {which: progress(scenario.duration_s, f"{which}: ") for which in ("attacked", "honest")}
-
-    def on_step(which: str, run: Run) -> None:
-        tell[which](run)
-
     try:
         unknown = own or on_stage or is_file(scenario.controller)
-        return try_attack(scenario, on_step, own), None if unknown else scenario.goal_m
+        return try_attack(scenario, lambda which, run: tell[which](run), own), None if unknown else scenario.goal_m
     finally:
         end_status_line()
 
@@ -98,15 +97,6 @@ def _options_of(words: str, spec: AttackSpec, swarm: Mapping[str, Any]) -> dict[
     if wrong:
         raise UsageError(f"{spec.name} with {', '.join(wrong)}", "an attack on a mission is tried on one robot")
     return {**spec.options, "at": spec.at_s} if "at=" in words else dict(spec.options)
-
-
-def _kept(trial: FlockTrial) -> dict[str, Any]:
-    """What JSON says beside the fields."""
-    return {
-        "stopped_in_time": trial.stopped_in_time,
-        "within_buckets": trial.within_buckets,
-        "stops": [asdict(stop) | {"bound_s": trial.bound_of(stop)} for stop in trial.stops],
-    }
 
 
 def _show(trial: FlockTrial | MissionTrial | TeamTrial, attack: Attack, goal_m: tuple[float, float] | None) -> None:

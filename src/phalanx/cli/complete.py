@@ -17,10 +17,9 @@ Offer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
 
 def offer(names: Callable[[], Iterable[str]], *endings: str) -> Offer:
-    """Completes a word to one of `names`, to a file with one of `endings` (".yaml"), where that is Python's behind its
-    whole name to the classes in it; and where nothing fits, to any file.
+    """Complete a word to one of `names`, or a file with one of `endings` (".yaml"), or else to any file.
 
-    Names are asked for when somebody presses Tab. Without endings, no file is offered.
+    Behind a whole name of Python's it offers classes. Names are asked for when somebody presses Tab.
     """
 
     def complete(_context: click.Context, _option: click.Parameter, begun: str) -> list[CompletionItem]:

@@ -29,12 +29,17 @@ SYNCHRONIZED = Path("/run/systemd/timesync/synchronized")
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One line: what was looked at, whether it is well, and what to do if not."""
+    """One line: what was looked at, whether Phalanx works with it, and what could be better."""
 
     what: str
     ok: bool
     found: str
     fix: str = ""
+
+    @property
+    def state(self) -> str:
+        """Return `ok`; `fix` for what has to be mended; or `-` for what is optional and could be."""
+        return "fix" if not self.ok else "-" if self.fix else "ok"
 
 
 def doctor(
@@ -59,8 +64,7 @@ def doctor(
     else:
         for finding in findings:
             click.echo(
-                f"{'ok ' if finding.ok else 'fix'}  {finding.what:22} {finding.found}"
-                + (f"  →  {finding.fix}" if finding.fix else "")
+                f"{finding.state:3}  {finding.what:22} {finding.found}" + (f"  →  {finding.fix}" if finding.fix else "")
             )
     return 0 if all(finding.ok for finding in findings) else 1
 
@@ -98,7 +102,8 @@ def _c_compiler() -> Finding:
 
 def _figures() -> Finding:
     there = importlib.util.find_spec("matplotlib") is not None
-    found = "matplotlib" if there else "no matplotlib: phalanx reproduce measures and draws nothing, mission draw fails"
+    missing = "not installed (only for figures): phalanx reproduce measures and draws nothing, mission draw fails"
+    found = "matplotlib" if there else missing
     return Finding("figures", True, found, "" if there else MATPLOTLIB_HINT)
 
 

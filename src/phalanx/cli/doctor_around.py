@@ -15,17 +15,14 @@ from phalanx.io.mosquitto import find_mosquitto
 from phalanx.io.phones import PhonesDoor
 from phalanx.io.ports import LOOPBACK, is_free, lan_address
 
+from .credentials import read_login, visitors_login_in
 from .doctor import Finding
-from .login import read_login, visitors_login_in
 
 
 def findings(
     broker: str | None, broker_ws: str, root: str, broker_login: Path | None, visitors_login: Path | None
 ) -> list[Finding]:
-    """Return what was found; a broker that is named is tried, as gateways and phones use it.
-
-    Raises: UsageError: the URL or a login is wrong.
-    """
+    """Return what was found, also of a broker that is named. Raises: UsageError: the URL or a login is wrong."""
     login = read_login(broker_login) if broker else None
     url = parse_broker_url(broker, login) if broker else None
     visitors = visitors_login_in(visitors_login, login)

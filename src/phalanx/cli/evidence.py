@@ -1,4 +1,4 @@
-"""What `phalanx robot log` and `verify` do: record a robot's log, and replay it."""
+"""Record a robot's log, and replay it, for `phalanx robot log` and `verify`."""
 
 from __future__ import annotations
 
@@ -8,19 +8,17 @@ from pathlib import Path
 import click
 
 from phalanx.daemon.evidence import read_kept, record_log
-from phalanx.daemon.proofs import Proven, mission_key_of, proven
+from phalanx.daemon.proofs import Proven, mission_key_of, proven, signed_in
 from phalanx.daemon.settings import read_robot
-from phalanx.daemon.signers import signed_in
 from phalanx.errors import UsageError
 from phalanx.scenarios.own import find_controller, mistakes_in
 
-from .keys import passphrase_of
-from .signing_keys import read_trusted
+from .credentials import passphrase_of, read_trusted
 from .terminal import print_json, talk
 
 
 def log(robot: Path, out: Path) -> int:
-    """All that a robot logged in its mission, as a recording."""
+    """Record all that a robot logged in its mission."""
     count = record_log(read_robot(robot).log_file, out)
     talk(f"{out}: {count} entries")
     return 0
@@ -35,7 +33,7 @@ def verify(
     trust: tuple[str, ...],
     as_json: bool,
 ) -> int:
-    """Whether a log is an honest robot's, and where not; with keys, whether it is what its trusted nodes saw."""
+    """Replay a log and print where it is not an honest robot's; with keys, also what its trusted nodes bear out."""
     if (keys is None) != (issued is None):
         raise UsageError("one of --keys and --key", "both, or neither")
     trusted = [read_trusted(each).hex() for each in trust]

@@ -1,8 +1,7 @@
-"""What `phalanx keys` does."""
+"""Create and use files of keys, for `phalanx keys`."""
 
 from __future__ import annotations
 
-import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -12,16 +11,14 @@ from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 from phalanx.daemon.run import mission_in
 from phalanx.daemon.signed_mission import sign_mission
 from phalanx.errors import UsageError
-from phalanx.io.keyring import Keys, Robot, create, opened, pem, read_sealed
+from phalanx.io.keyring import Keys, create, opened, pem
 from phalanx.io.mission_key import issued
 from phalanx.io.private_file import write_private
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.table import BOARD
 
-from .login import first_line
+from .credentials import passphrase, passphrase_of
 from .terminal import print_json, talk
-
-SHORTEST = 12
 
 
 def make(file: Path, name: str, passphrase_file: Path | None) -> None:
@@ -107,37 +104,14 @@ def show(file: Path, as_json: bool, passphrase_file: Path | None) -> None:
     for who, public in signers.items():
         click.echo(f"signs {who}: {public}")
     for robot, about in sorted(keys.robots.items()):
-        click.echo(f"robot {robot}: {_story(about)}")
-
-
-def _story(robot: Robot) -> str:
-    return f"master key given {robot.given}" + (f", retired {robot.retired}" if robot.retired else "")
+        retired = f", retired {about.retired}" if about.retired else ""
+        click.echo(f"robot {robot}: master key given {about.given}{retired}")
 
 
 def _not_there(out: Path) -> None:
     # Asked before a number is used up; that it is so still when it is written is seen to there.
     if out.exists() or not out.parent.is_dir():
         raise UsageError(f"{out} is there already" if out.exists() else f"no folder {out.parent}", "another name")
-
-
-def passphrase_of(keys: Path, file: Path | None) -> str:
-    """As `passphrase`; nobody is asked for that of a file that is not there. Raises: UsageError: it is not, too."""
-    read_sealed(keys)
-    return passphrase(file)
-
-
-def passphrase(file: Path | None, *, new: bool = False) -> str:
-    """That of a file of keys, from a file's first line or asked for. Raises: UsageError: none, or too short."""
-    if file is not None:
-        said = first_line(file, "a file whose first line is the passphrase")
-    elif sys.stdin.isatty():
-        what = "New passphrase" if new else "Passphrase"
-        said = click.prompt(what, hide_input=True, confirmation_prompt=new, err=True, default="", show_default=False)
-    else:
-        raise UsageError("nobody is there to say a passphrase", "--passphrase-file FILE")
-    if not said or (new and len(said) < SHORTEST):
-        raise UsageError(f"a passphrase of {len(said)} letters", f"{SHORTEST} or more: some words that nobody guesses")
-    return str(said)
 
 
 def today() -> str:

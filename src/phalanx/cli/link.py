@@ -19,7 +19,7 @@ from phalanx.io.server import Happening
 from phalanx.link import Command, Pin, QrUrl, Request, parse_qr_url
 from phalanx.link.topics import ADDRESS
 
-from .login import login_for, read_login, visitors_login_in
+from .credentials import login_for, read_login, visitors_login_in
 from .options import link_config
 from .run import run
 from .terminal import counted, plain, print_json, talk, timed

@@ -17,7 +17,7 @@ from importlib import import_module
 import click
 
 from phalanx import __version__
-from phalanx.errors import PhalanxError, Unavailable, UsageError, did_you_mean
+from phalanx.errors import PhalanxError, did_you_mean
 
 LEVELS = ("debug", "info", "warning", "error")
 LOGGED = "phalanx: %(levelname)s: %(asctime)s %(name)s: %(message)s"
@@ -47,35 +47,28 @@ class _OnUse(UserDict[str, click.Command]):
         if name not in self.data:
             raise KeyError(name)
         command: click.Command = getattr(import_module(f"phalanx.cli.commands.{name}"), name)
-        _finite_numbers(command)
-        _whole_sentences(command)
+        _prepare(command)
         return command
 
 
-def _finite_numbers(command: click.Command) -> None:
-    """Every number that this command or one below it takes has to be finite.
+def _prepare(command: click.Command) -> None:
+    """Have all numbers of a command and those below it be finite, and a group's help show whole first sentences.
 
-    NaN passes any check that is a comparison, and waiting until NaN never ends.
+    NaN passes any check that is a comparison, and waiting until NaN never ends. Click would cut sentences short.
     """
     for option in command.params:
         if isinstance(option.type, click.types.FloatParamType):
             option.callback = _finite
     if isinstance(command, click.Group):
         for below in command.commands.values():
-            _finite_numbers(below)
+            below.short_help = " ".join((below.help or "").partition("\n\n")[0].split())
+            _prepare(below)
 
 
 def _finite(context: click.Context, option: click.Parameter, value: float | None) -> float | None:
     if value is not None and not math.isfinite(value):
         raise click.BadParameter(f"{value} is no finite number", context, option)
     return value
-
-
-def _whole_sentences(command: click.Command) -> None:
-    """A group's help shows the whole first sentence of each command; click would cut it short."""
-    if isinstance(command, click.Group):
-        for below in command.commands.values():
-            below.short_help = " ".join((below.help or "").partition("\n\n")[0].split())
 
 
 class _Group(click.Group):
@@ -135,12 +128,8 @@ def run_command(arguments: list[str]) -> int:
         return 2
     except click.ClickException as error:
         return _fail(error.format_message().rstrip(".").replace("\n", " ").replace("\t", ""), _help_hint(error), 2)
-    except UsageError as error:
-        return _fail(str(error), error.hint, error.exit_code)
-    except Unavailable as error:
-        return _fail(str(error), error.hint, 1)
     except PhalanxError as error:
-        return _fail(str(error), getattr(error, "hint", ""), 1)
+        return _fail(str(error), getattr(error, "hint", ""), getattr(error, "exit_code", 1))
     except (KeyboardInterrupt, click.Abort):
         return 1
     except BrokenPipeError:

@@ -1,8 +1,13 @@
-"""Options that several commands share."""
+"""Options that several commands share, and `runs`, by which a command finds what it does."""
 
 from __future__ import annotations
 
+import functools
+import gc
+import signal
+import sys
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,6 +20,32 @@ from .complete import a_mission, a_scenario_s_controller
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 DEFAULTS = LinkConfig()
+
+
+def runs(module: str, function: str) -> Callable[[Callable[[], None]], Callable[..., Any]]:
+    """Have a command call `function` of `phalanx.cli.MODULE` with its options by name, imported only then.
+
+    The docstring of what is decorated is the command's help.
+    """
+
+    def declared(words: Callable[[], None]) -> Callable[..., Any]:
+        @functools.wraps(words)
+        def run(**said: Any) -> Any:
+            name = f"phalanx.cli.{module}"
+            if name not in sys.modules:
+                # What it is made of stays: looking through it for garbage took a fifth of a start.
+                gc.disable()
+                import_module(name)
+                gc.freeze()
+                gc.enable()
+            if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # as __main__.py leaves it
+                signal.signal(signal.SIGINT, signal.default_int_handler)
+            return getattr(sys.modules[name], function)(**said)
+
+        run.runs = module, function  # type: ignore[attr-defined]
+        return run
+
+    return declared
 
 
 def option(*names: str, **more: Any) -> Callable[[Command], Command]:
@@ -38,19 +69,31 @@ def defence_option(**more: Any) -> Callable[[Command], Command]:
     return option("--defence", type=click.Choice(DEFENCES), **more)
 
 
+def out_option(words: str, **more: Any) -> Callable[[Command], Command]:
+    """--out, a file that is made."""
+    return option("--out", help=words, type=OUT_FILE, required=True, **more)
+
+
 def link_config(said: dict[str, Any]) -> LinkConfig:
     """What `link_options` were given, taken out of what was said."""
     return LinkConfig(**{name: said.pop(name) for name in ("pin_digits", "rotate_s", "overlap_s", "root")})
 
 
 FILE = click.Path(path_type=Path)
+OUT_FILE = click.Path(path_type=Path, dir_okay=False)
+OUT_FOLDER = click.Path(path_type=Path, file_okay=False)
+SECONDS = click.FloatRange(min=0, min_open=True)
+PROCESSES = click.IntRange(min=1)
+PORT = click.IntRange(0, 65535)
+broker_ws_option = option("--broker-ws", default="", help="Websocket URL of that broker, where browsers find it.")
+root_option = option("--root", default=DEFAULTS.root, help="First part of every MQTT topic.")
 link_options = together(
     option(
         "--pin-digits", default=DEFAULTS.pin_digits, help="Digits of the pin; the paper's 12 can be guessed offline."
     ),
     option("--rotate-s", default=DEFAULTS.rotate_s, help="Seconds between two pins."),
     option("--overlap-s", default=DEFAULTS.overlap_s, help="Seconds for which both are accepted."),
-    option("--root", default=DEFAULTS.root, help="First part of every MQTT topic."),
+    root_option,
 )
 passphrase_option = option(
     "--passphrase-file", help="Its first line is the passphrase; without, you are asked.", type=FILE
@@ -63,7 +106,7 @@ login_option = option(
 # For commands that send visitors to the broker.
 broker_options = together(
     option("--broker", default="auto", help="auto, mosquitto, amqtt, or a mqtt(s):// or ws(s):// URL."),
-    option("--broker-ws", default="", help="Websocket URL of that broker, where browsers find it."),
+    broker_ws_option,
     login_option,
     option(
         "--visitors-login",
@@ -89,12 +132,7 @@ cluster_options = together(
         metavar="ADDRESS",
         help="Of a dask scheduler, as tcp://10.0.0.1:8786; without, processes of this machine.",
     ),
-    option(
-        "--workers",
-        type=click.IntRange(min=1),
-        help="Processes of this machine; without, one a processor.",
-        metavar="N",
-    ),
+    option("--workers", type=PROCESSES, help="Processes of this machine; without, one a processor.", metavar="N"),
 )
 json_option = option("--json", "as_json", help="Print JSON.", is_flag=True)
 controller_option = option(
@@ -108,24 +146,11 @@ planner_option = option(
     help="Who advises robots that the guard drives, a class of your own; else they are sent straight to the goal.",
     metavar="FILE.py:CLASS",
 )
-record_option = option(
-    "--record", help="Record it for Foxglove.", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.mcap"
-)
-out_folder_option = option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("out"),
-    help="Folder for the CSV and the figure.",
-)
-duration_option = option(
-    "--duration", "duration_s", help="End after so many seconds.", type=click.FloatRange(min=0, min_open=True)
-)
+record_option = option("--record", help="Record it for Foxglove.", type=OUT_FILE, metavar="FILE.mcap")
+out_folder_option = option("--out", type=OUT_FOLDER, default=Path("out"), help="Folder for the CSV and the figure.")
+duration_option = option("--duration", "duration_s", help="End after so many seconds.", type=SECONDS)
 wait_option = option(
-    "--wait",
-    "wait_s",
-    help="Give up if the broker has not answered in so many seconds.",
-    type=click.FloatRange(min=0, min_open=True),
-    default=30.0,
+    "--wait", "wait_s", help="Give up if the broker has not answered in so many seconds.", type=SECONDS, default=30.0
 )
 furnish_option = option(
     "--furnish",

@@ -14,10 +14,10 @@ from phalanx.experiments.figure import FIGURES, Figure
 from phalanx.experiments.plot import draw
 from phalanx.experiments.statement import Shown, page, report
 from phalanx.experiments.sweep.dealing import deal_cases
-from phalanx.experiments.table import EachCase, Table, measure, one_by_one, read_table, version
+from phalanx.experiments.table import EachCase, measure, one_by_one, read_table, version
 from phalanx.io.private_file import write_whole
 
-from .login import read_login
+from .credentials import read_login
 from .run import run
 from .terminal import Progress, end_status_line, print_json, stopped, talk, warn_if_nothing_is_drawn
 
@@ -42,8 +42,7 @@ def reproduce(
     warn_if_nothing_is_drawn()
     csv = chosen.csv(out)
     if not _measure(chosen, out, asked | login, _each_case(scheduler, workers)):
-        stopped(f"whole {chosen.counted} are", csv)
-        return 1
+        return stopped(_kept(f"whole {chosen.counted} are", csv))
     table = read_table(csv, chosen.name)
     told = report(chosen, table)
     if as_json:
@@ -80,11 +79,18 @@ def reproduce_all(quick: bool, scheduler: str | None, workers: int | None, out: 
         talk(f"{each.name}: {found.verdict}")
         _write(path, page(f"phalanx reproduce all{' --quick' * quick}", version(), shown))
     if as_json:
-        rows = [{"figure": each.figure.name, "failure": each.failure or None} | _rows(each) for each in shown]
+        rows = [
+            {
+                "figure": each.figure.name,
+                "failure": each.failure or None,
+                "statements": len(each.statements),
+                "agree": len(each.statements) - len(each.differing),
+            }
+            for each in shown
+        ]
         print_json({"figures": rows, "page": str(path), "whole": whole})
     if not whole:
-        stopped(f"{len(shown)} of {len(FIGURES)} figures are", path)
-        return 1
+        return stopped(_kept(f"{len(shown)} of {len(FIGURES)} figures are", path))
     click.echo(f"page: {path}", err=True)
     return int(any(each.failure for each in shown))
 
@@ -97,7 +103,9 @@ def _show(figure: Figure, out: Path, each_case: EachCase, *, quick: bool) -> Sho
     csv = figure.csv(out)
     table = read_table(csv, figure.name)
     draw(csv, figure)
-    return Shown(figure=figure, measured=_measured(table), statements=figure.body.compare(table))
+    many = f"{len(table.cases)} cases" if table.cases else f"{len(table.lines)} lines"
+    measured = f"{many}, phalanx {table.version}."
+    return Shown(figure=figure, measured=measured, statements=figure.body.compare(table))
 
 
 def _measure(figure: Figure, out: Path, asked: dict[str, Any], each_case: EachCase, begin: str = "") -> bool:
@@ -120,13 +128,8 @@ def _measure(figure: Figure, out: Path, asked: dict[str, Any], each_case: EachCa
     return finished
 
 
-def _measured(table: Table) -> str:
-    many = f"{len(table.cases)} cases" if table.cases else f"{len(table.lines)} lines"
-    return f"{many}, phalanx {table.version}."
-
-
-def _rows(shown: Shown) -> dict[str, int]:
-    return {"statements": len(shown.statements), "agree": len(shown.statements) - len(shown.differing)}
+def _kept(what: str, path: Path) -> str:
+    return f"{what} in {path}, the same command goes on from there" if path.exists() else ""
 
 
 def _write(path: Path, text: str) -> None:

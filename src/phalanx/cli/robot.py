@@ -1,4 +1,4 @@
-"""What `phalanx robot` does."""
+"""Run a robot or its planner, give it keys, and print its state, for `phalanx robot`."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_planner, mistakes_in
 from phalanx.scenarios.scenario import GUARD
 
-from .keys import passphrase_of, today
+from .credentials import passphrase_of, read_signing_key
+from .keys import today
+from .run import needs_ros2
 from .run import run as run_until_stopped
-from .signing_keys import read_signing_key
 from .terminal import plain, print_json, print_rows, talk
 
 HUNG_S = 1.0  # of a process that runs somebody's own code
@@ -43,10 +44,8 @@ def run(robot: Path) -> int:
 def ros2(robot: Path, namespace: str, ros: tuple[str, ...]) -> int:
     """One robot between topics of ROS 2, until Ctrl-C or SIGTERM."""
     settings = read_robot(robot)
-    try:
+    with needs_ros2():
         from phalanx.daemon.ros2.node import RosBase  # noqa: PLC0415 - an extra
-    except ImportError as error:
-        raise UsageError(f"ROS 2 is not installed: {error}", "pip install 'phalanx-swarm[ros2]'") from error
     job = run_robot(settings, make_base=partial(RosBase, namespace=namespace, arguments=ros))
     run_until_stopped(job, HUNG_S)
     return 0

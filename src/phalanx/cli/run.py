@@ -15,6 +15,8 @@ import threading
 from collections.abc import Callable, Coroutine, Iterator
 from typing import Any
 
+from phalanx.errors import UsageError
+
 # Python 3.11's `wait_for` can swallow a cancellation: who has not ended by then is told again.
 AGAIN_S = 3.0
 HUNG_S = 5.0
@@ -22,10 +24,9 @@ ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT)
 
 
 def run(job: Coroutine[Any, Any, None], hung_s: float = HUNG_S) -> bool:
-    """Run `job`; true if it came to its end, false if a signal of ENDS or SIGHUP stopped it, after cleaning up.
+    """Run `job`; return whether it came to its end, and no signal of ENDS or SIGHUP stopped it, after cleaning up.
 
-    Args:
-        hung_s: a process whose event loop has not heard of the signal by then ends with 1, without cleaning up.
+    A process whose event loop has not heard of the signal after `hung_s` ends with 1, without cleaning up.
     """
 
     async def watched() -> bool:
@@ -49,6 +50,15 @@ def run(job: Coroutine[Any, Any, None], hung_s: float = HUNG_S) -> bool:
         return not stopped.is_set()
 
     return asyncio.run(watched())
+
+
+@contextlib.contextmanager
+def needs_ros2() -> Iterator[None]:
+    """Import ROS 2, which is an extra. Raises: UsageError: it is not installed."""
+    try:
+        yield
+    except ImportError as error:
+        raise UsageError(f"ROS 2 is not installed: {error}", "pip install '.[ros2]' in a clone") from error
 
 
 @contextlib.contextmanager

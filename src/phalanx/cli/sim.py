@@ -21,7 +21,7 @@ from phalanx.sim.scenarios.cautions import cautions
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
 
-from .terminal import Progress, counted, end_status_line, print_json, print_rows, said_aside
+from .terminal import Progress, counted, end_status_line, print_json, print_rows, said_aside, stopped
 
 # What people typed, for what a scenario calls otherwise.
 TYPED = {
@@ -96,9 +96,7 @@ def run(scenario: str, record: Path | None, trace: str | None, plain: bool, as_j
                 on_start=on_start,
             )
     except KeyboardInterrupt:
-        end_status_line()
-        click.echo("stopped" + (f"; recorded until then: {record}" if _written(record) != before else ""), err=True)
-        return 1
+        return stopped(f"recorded until then: {record}" if _written(record) != before else "")
     end_status_line()
     if as_json:
         print_json(ended.summary())
@@ -110,6 +108,20 @@ def run(scenario: str, record: Path | None, trace: str | None, plain: bool, as_j
     if record:
         click.echo(f"recorded: {record}", err=True)
     return 0
+
+
+def check(controller: str, seed: int, as_json: bool) -> int:
+    """Check that a controller can be audited, print where it differs, and return 1 if it does."""
+    from phalanx.sim.determinism.check import check_controller  # noqa: PLC0415 - only this needs it
+
+    with said_aside():
+        report = check_controller(controller, seed)
+    if as_json:
+        print_json(report.as_json())
+    else:
+        rows = {each.name: "yes" if each.finding is None else f"NO: {each.finding}" for each in report.checks}
+        print_rows({"controller": f"{report.controller}: {report.calls} calls, seed {report.seed}"} | rows)
+    return 0 if report.agrees else 1
 
 
 def _traced(words: str) -> int:
@@ -168,7 +180,7 @@ def show(scenario: Scenario, summary: dict[str, Any], *, knows_goal: bool = True
         "longest log": f"{summary['log_bytes_max']} B",
         "delivered": f"{told(summary['broadcast_delivery'], '.4f')} of broadcasts, "
         f"{told(summary['unicast_delivery'], '.4f')} of unicasts",
-        "speed": told(summary["real_time_factor"], ".3g", " times real time"),
+        "speed": _speed(summary["real_time_factor"]),
         "digest": summary["digest"] or "-",
     }
     print_rows(rows)
@@ -177,6 +189,11 @@ def show(scenario: Scenario, summary: dict[str, Any], *, knows_goal: bool = True
 def told(value: float | None, form: str, unit: str = "") -> str:
     """A number, or a dash where there is none."""
     return "-" if value is None else f"{value:{form}}{unit}"
+
+
+def _speed(factor: float | None) -> str:
+    """Return a speed with three digits that count, written out: 1 720 times real time."""
+    return "-" if factor is None else f"{float(f'{factor:.3g}'):,g} times real time".replace(",", " ")
 
 
 def _liar(liar: dict[str, Any]) -> str:

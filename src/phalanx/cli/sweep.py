@@ -38,12 +38,9 @@ def make_runs(
     scheduler: str | None,
     workers: int | None,
     columns: Mapping[str, str] = OUTCOME,
-    run: Callable[[Any], dict[str, Any]] | None = None,
+    run: Callable[[Any], dict[str, Any]] | None = None,  # makes a job's row; None for a sweep's
 ) -> tuple[Store, list[str], bool]:
-    """The folder with all runs, a line for each that failed, and whether Ctrl-C came first; how far it is, is told.
-
-    `run` makes a job's row; None for a sweep's. Raises: UsageError, Unavailable.
-    """
+    """Return all runs, what failed, and whether Ctrl-C came first. Raises: UsageError, Unavailable."""
     progress, failed, stopped = Progress(), list[str](), False
 
     def tell(done: int, of: int) -> None:

@@ -1,4 +1,4 @@
-"""What people see in a terminal: one calm status line, rows, JSON."""
+"""Print to a terminal a status line, rows and JSON, and read its emergency stop."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ import sys
 import textwrap
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import click
@@ -23,6 +22,9 @@ from phalanx.experiments.figure import MATPLOTLIB_HINT
 
 EVERY_S = 5.0  # between two lines of progress where there is no terminal
 MOST_LINES = 10_000
+STOP, GO = ("", "stop"), "go"
+IN_THE_BACKGROUND_S = 1.0
+LONGEST = 4096
 
 
 def status_line(text: str, *more: str) -> None:
@@ -38,7 +40,7 @@ def status_line(text: str, *more: str) -> None:
 
 @contextlib.contextmanager
 def said_aside() -> Iterator[None]:
-    """What files of a researcher's print while they run is talk: it goes to stderr, as stdout is data."""
+    """Send to stderr what files of a researcher's print while they run: stdout is data."""
     with contextlib.redirect_stdout(sys.stderr):
         yield
 
@@ -104,11 +106,11 @@ def warn_if_nothing_is_drawn() -> None:
         click.echo(f"phalanx: warning: matplotlib is not installed, nothing will be drawn; {MATPLOTLIB_HINT}", err=True)
 
 
-def stopped(what: str, path: Path) -> None:
-    """Tell on stderr that a measurement was stopped, and where what is measured so far is, if anything is."""
+def stopped(kept: str = "") -> int:
+    """Tell on stderr that Ctrl-C stopped the command, and what is kept of it. Returns: the exit code."""
     end_status_line()
-    kept = f"; {what} in {path}, the same command goes on from there" if path.exists() else ""
-    click.echo(f"stopped{kept}", err=True)
+    click.echo("; ".join(filter(None, ("stopped", kept))), err=True)
+    return 1
 
 
 def plain(text: object, longest: int = 60) -> str:
@@ -118,10 +120,7 @@ def plain(text: object, longest: int = 60) -> str:
 
 
 class EventLines:
-    """JSON lines on stdout from a thread: a reader that stalls loses lines, and holds up no robot's stop.
-
-    So many lines may wait, and so many bytes of all of them.
-    """
+    """Prints JSON lines from a thread: behind a reader that stalls it drops lines past MOST_LINES or `limit_bytes`."""
 
     def __init__(self, limit_bytes: int = 16 * 1024 * 1024) -> None:
         self.lost = 0
@@ -145,10 +144,7 @@ class EventLines:
             self.lost += 1
 
     def close(self, timeout_s: float = 0.5) -> None:
-        """Print what waits, if somebody reads.
-
-        Raises: OSError: nothing more can be written: the disk is full.
-        """
+        """Print what waits, if somebody reads. Raises: OSError: nothing more can be written: the disk is full."""
         with contextlib.suppress(queue.Full):
             self._waiting.put_nowait(None)
         self._thread.join(timeout_s)
@@ -157,18 +153,15 @@ class EventLines:
 
     def _print(self) -> None:
         try:
-            self._print_all()
+            while (line := self._waiting.get()) is not None:
+                if self.lost:
+                    lost, self.lost = self.lost, 0
+                    print_json(timed({"event": "lost", "count": lost}))
+                write_line(line)
+                self._got_bytes += len(line)
         except OSError as error:
             self._failure = error
             os.kill(os.getpid(), signal.SIGTERM)
-
-    def _print_all(self) -> None:
-        while (line := self._waiting.get()) is not None:
-            if self.lost:
-                lost, self.lost = self.lost, 0
-                print_json(timed({"event": "lost", "count": lost}))
-            write_line(line)
-            self._got_bytes += len(line)
 
 
 def timed(event: dict[str, Any]) -> dict[str, Any]:
@@ -195,3 +188,38 @@ def write_line(line: str) -> None:
             raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         os.kill(os.getpid(), signal.SIGTERM)
+
+
+def heed_stop_words(hold: Callable[[bool], None]) -> None:
+    """Enter or `stop` on stdin holds all robots, `go` lets them go again, until stdin ends."""
+    # A shell's background job may not read: it is told so by an error instead of being stopped itself.
+    signal.signal(signal.SIGTTIN, signal.SIG_IGN)
+    threading.Thread(target=_listen, args=(hold,), name="stop word", daemon=True).start()
+
+
+def _listen(hold: Callable[[bool], None]) -> None:
+    waiting = b""
+    while True:
+        try:
+            # By hand: a thread that sits in a buffer's lock does not let the interpreter end.
+            said = os.read(sys.stdin.fileno(), LONGEST)
+        except OSError:
+            time.sleep(IN_THE_BACKGROUND_S)
+            continue
+        if not said:
+            return
+        *lines, waiting = (waiting + said).split(b"\n")
+        waiting = waiting[:LONGEST]
+        for line in lines:
+            _obey(line.decode(errors="replace").strip().lower(), hold)
+
+
+def _obey(word: str, hold: Callable[[bool], None]) -> None:
+    if word in STOP:
+        hold(True)
+        talk("all robots stand still; type go and Enter to let them go")
+    elif word == GO:
+        hold(False)
+        talk("robots may move again")
+    else:
+        talk("Enter, or stop and Enter, stops all robots; go and Enter lets them go again")

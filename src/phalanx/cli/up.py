@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import logging
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import segno
 
 from phalanx.demo.simulated import Plan, mission_swarm, plan_swarm, simulated_swarm
 from phalanx.errors import PhalanxError, UsageError
@@ -30,17 +32,16 @@ from phalanx.sim.missions.orders import Orders, orders_of, orders_of_files
 from phalanx.sim.swarms.protected import SwarmKeys
 
 from .commands.up import ROBOTS, ROBOTS_ON_MISSION
-from .keys import passphrase_of
-from .login import kept_token, login_for, visitors_login_in
+from .credentials import kept_token, login_for, passphrase_of, read_signing_key, visitors_login_in
 from .mission.files import Wanted
 from .options import link_config
-from .qr import qr_text
-from .run import run
-from .signing_keys import read_signing_key
-from .stop_word import heed_stop_words
-from .terminal import EventLines, end_status_line, plain, status_line, talk
+from .run import needs_ros2, run
+from .terminal import EventLines, end_status_line, heed_stop_words, plain, status_line, talk
 
 log = logging.getLogger(__name__)
+
+MANY_DIGITS = re.compile(r"([0-9]{12,})")
+BLACK, WHITE = 16, 231  # of the 256 colours: the first sixteen are the theme's and may be anything
 
 
 def up(
@@ -68,15 +69,8 @@ def up(
         raise UsageError(f"seed {seed} is negative", "0 or more")
     on_mission = bool(missions) or world is not None
     if swarm_url is not None:
-        said = {
-            "scenario": protocol,
-            "mission": missions,
-            "world": world,
-            "defence": defence,
-            "f_max": f_max,
-            "keys": keys,
-        }
-        _refuse_beside_real_robots(robots=robots, **said)
+        simulated = {"robots": robots, "scenario": protocol, "mission": missions, "world": world}
+        _refuse_beside_real_robots(**simulated, defence=defence, f_max=f_max, keys=keys)
     count = robots if robots is not None else ROBOTS_ON_MISSION if on_mission else ROBOTS
     token = kept_token(operator_token_file) if operator_token_file else ""
     login = login_for(served["broker"], broker_login)
@@ -170,10 +164,8 @@ def _real_robots(words: str, wait_s: float) -> AbstractContextManager[Swarm]:
 @contextlib.contextmanager
 def _ros2(wait_s: float) -> Iterator[Swarm]:
     """Robots of a ROS domain, when one of them has told of itself."""
-    try:
+    with needs_ros2():
         from phalanx.daemon.ros2.swarm import RosSwarm  # noqa: PLC0415 - an extra
-    except ImportError as error:
-        raise UsageError(f"ROS 2 is not installed: {error}", "pip install 'phalanx-swarm[ros2]'") from error
     with RosSwarm(wait_s) as swarm:
         talk(swarm.unprotected)
         yield swarm
@@ -281,3 +273,29 @@ async def _keep_status(running: Running) -> None:
             *(f"{now[what]} {what}" for what in ("visitors", "refused", "robots", "commands")),
         )
         await asyncio.sleep(1)
+
+
+def qr_text(url: str, border: int = 2, *, colour: bool) -> str:
+    """Return the QR code of `url`, two modules a character: with colour black on white, whatever the terminal's theme.
+
+    Without colour its light modules are drawn: right on a dark background, and most phones read it on a light one too.
+    """
+    # The pin as a number of its own takes 130 bits for 312: a code one size smaller, which fits 24 lines.
+    parts: Any = [part for part in MANY_DIGITS.split(url) if part]  # segno's types know only one part
+    rows = [list(row) for row in segno.make_qr(parts, error="l").matrix_iter(border=border)]
+    if len(rows) % 2:
+        rows.append([0] * len(rows[0]))
+    draw = _colour_cell if colour else _plain_cell
+    end = "\x1b[0m" if colour else ""
+    return "\n".join(
+        "".join(draw(bool(top), bool(bottom)) for top, bottom in zip(upper, lower, strict=True)) + end
+        for upper, lower in zip(rows[::2], rows[1::2], strict=True)
+    )
+
+
+def _colour_cell(top: bool, bottom: bool) -> str:
+    return f"\x1b[38;5;{BLACK if top else WHITE};48;5;{BLACK if bottom else WHITE}m▀"
+
+
+def _plain_cell(top: bool, bottom: bool) -> str:
+    return (" " if bottom else "▄") if top else ("▀" if bottom else "█")

@@ -22,10 +22,7 @@ AT_ONCE = 32  # packets of one, before others have their turn
 
 
 async def advise(where: str, adviser: Adviser, ready: Callable[[], None]) -> None:
-    """Robots that ask at `where` are advised until this is cancelled; `ready` is called when they may.
-
-    Raises: UsageError: no such address; Unavailable: it cannot listen there. What a planner raises ends it.
-    """
+    """Advise robots until cancelled; call `ready` first. Raises: UsageError, Unavailable, or a planner's own error."""
     loop = asyncio.get_running_loop()
     failed: asyncio.Future[None] = loop.create_future()
     server = _Server(adviser, loop, failed)
@@ -103,19 +100,15 @@ class _Server:
 @contextlib.contextmanager
 def _listening(where: str) -> Iterator[socket.socket]:
     kind, _, at = where.partition(":")
-    if kind == "udp":
-        with _at_address(at) as made:
-            made.setblocking(False)
-            yield made
-    elif kind == "unix" and at:
-        with _at_path(Path(at)) as made:
-            made.setblocking(False)
-            try:
-                yield made
-            finally:
-                Path(at).unlink(missing_ok=True)
-    else:
+    if kind != "udp" and not (kind == "unix" and at):
         raise UsageError(f"{where} is nowhere to listen", HINT)
+    with _at_address(at) if kind == "udp" else _at_path(Path(at)) as made:
+        made.setblocking(False)
+        try:
+            yield made
+        finally:
+            if kind == "unix":
+                Path(at).unlink(missing_ok=True)
 
 
 def _at_path(path: Path) -> socket.socket:

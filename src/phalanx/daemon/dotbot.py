@@ -24,10 +24,7 @@ OLD_S = 1.0  # of a robot that was silent for longer nothing is known
 
 
 class DotbotDriver(Driver):
-    """One DotBot of a controller, from now until it is closed.
-
-    Raises: UsageError: `where` is no such URL, or the controller has no such robot; Unavailable: nobody answers there.
-    """
+    """One DotBot of a controller, until it is closed. Raises: UsageError: no such URL or robot; Unavailable."""
 
     def __init__(self, rob_id: int, where: str) -> None:
         super().__init__(rob_id)
@@ -45,10 +42,7 @@ class DotbotDriver(Driver):
         )
 
     def sense(self) -> Mapping[str, float]:
-        """Return where the controller says that it is.
-
-        Raises: NoReading: it does not know, or has not heard of the robot of late.
-        """
+        """Return where the controller says that it is. Raises: NoReading: it does not know, or it is silent."""
         told = self._told()
         if told is None:
             raise NoReading("the controller of the DotBots does not know it")

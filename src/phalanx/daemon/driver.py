@@ -10,15 +10,14 @@ import math
 import reprlib
 import socket
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 from phalanx.config.flock import WheelsConfig
 from phalanx.errors import PeerError, Unavailable, UsageError
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.python_controller import OwnMistake
-from phalanx.robot.planner import Planner
 from phalanx.scenarios.own import find_class
 from phalanx.wire.record import FLOATS, LARGEST_NUMBER, Record
 from phalanx.wire.table import FRAME_MAX
@@ -66,63 +65,36 @@ class Driver(ABC):
         """Close what is open; `stop` came before."""
 
 
-class Hardware(Protocol):
-    """What the daemon sees of a driver: bytes as they are chained."""
+class Hardware(ABC):
+    """A driver as the daemon sees it: bytes as they are chained. Motors of an arena obey the trusted nodes alone."""
 
-    def begin(self) -> None:
-        """All is ready, and the mission may begin when this returns."""
-        ...
+    def begin(self) -> None:  # noqa: B027 - where nobody is waited for
+        """Return when the mission may begin; all is ready in this process."""
 
+    @abstractmethod
     async def sense(self, now_ms: int, within_s: float) -> bytes:
         """Return a reading, at this time of the robot's clock. Raises: NoReading: none within that time."""
-        ...
 
-    def drive(self, command: bytes) -> None:
+    def drive(self, command: bytes) -> None:  # noqa: B027 - where the trusted nodes have the motors
         """Move the motors by a command that went out."""
-        ...
 
-    def stop(self) -> None:
+    def stop(self) -> None:  # noqa: B027 - the same
         """Stop the motors until the next command, whatever hangs."""
-        ...
 
-    def alive(self) -> None:
+    def alive(self) -> None:  # noqa: B027 - the same
         """Keep the motors running: the daemon does not hang. Called each ALIVE_S."""
-        ...
 
+    @abstractmethod
     def close(self) -> None:
         """Stop the motors and release everything; a second time do nothing."""
-        ...
 
 
-class Base(Hardware, Protocol):
-    """Hardware that brings its planner along, and tells others of the robot."""
-
-    async def ready(self) -> None:
-        """Its sensors tell something; that may take as long as it takes."""
-        ...
-
-    def planner(self, rob_id: int, goal_m: tuple[float, float]) -> Planner:
-        """Who advises the guard."""
-        ...
-
-    def on_advice(self, wake: Callable[[], object]) -> None:
-        """From now on `wake` is called, in any thread, when there is advice that was not taken yet."""
-        ...
-
-    def tell(self, state: dict[str, Any]) -> None:
-        """What the robot told of itself just now (state.py)."""
-        ...
-
-
-class OwnDriver:
-    """A researcher's, in bytes."""
+class OwnDriver(Hardware):
+    """A driver of a researcher's file."""
 
     def __init__(self, driver: Driver, declared: Declaration) -> None:
         self._driver, self._reads, self._commands = driver, declared.reads, declared.commands
         self._thread = DriverThread(driver.stop)
-
-    def begin(self) -> None:
-        """See `Hardware`."""
 
     async def sense(self, now_ms: int, within_s: float) -> bytes:
         """See `Hardware`. Raises: OwnMistake: it said what is no reading. What else its calls raised."""
@@ -165,8 +137,8 @@ class OwnDriver:
         self._thread.close(self._driver.close)
 
 
-class ArenaDriver:
-    """A body in an arena: sensors over a socket; its motors obey the trusted process, past this one."""
+class ArenaDriver(Hardware):
+    """A body in an arena: sensors over a socket."""
 
     def __init__(self, folder: Path, rob_id: int) -> None:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -193,15 +165,6 @@ class ArenaDriver:
         if not said:
             raise Unavailable("the arena is gone")
         return said
-
-    def drive(self, command: bytes) -> None:
-        """See `Hardware`."""
-
-    def stop(self) -> None:
-        """See `Hardware`."""
-
-    def alive(self) -> None:
-        """See `Hardware`."""
 
     def close(self) -> None:
         """See `Hardware`."""

@@ -28,11 +28,7 @@ STOP = "stop"
 
 
 class DriverThread:
-    """Runs calls one after another; motors stand from `stop` until the next `drive`.
-
-    Args:
-        stop: stops the motors; may be called while another call hangs.
-    """
+    """Runs calls one after another; motors stand from `stop`, even if a call hangs, until the next `drive`."""
 
     def __init__(self, stop: Callable[[], None]) -> None:
         self._stop = stop
@@ -50,11 +46,7 @@ class DriverThread:
         self._alive_s = time.monotonic()
 
     async def ask(self, name: str, call: Callable[[], _T], timeout_s: float) -> _T:
-        """Return what a call returned.
-
-        Raises: TimeoutError: it has not returned in time, or the one before it has not. What the call, or `drive`
-            before it, raised.
-        """
+        """Return what a call returned. Raises: TimeoutError: a call hangs; what it, or `drive` before it, raised."""
         if failed := self._failed:
             self._failed = None
             raise failed

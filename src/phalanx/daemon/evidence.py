@@ -7,7 +7,7 @@ mission is in the metadata `robot`, as in the first line of the kept log.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -98,14 +98,14 @@ class Kept:
 
 
 def read_kept(path: Path) -> Kept:
-    """The log in a file: a daemon's own, or a recording of it.
+    """Return the log in a daemon's file or a recording. Who gives evidence may not choose where a recording ends.
 
-    Raises: UsageError: it is neither, damaged, or a recording that was cut short: who gives evidence may not choose
-        where it ends. Unavailable: it cannot be read.
+    Raises: UsageError: it is neither, damaged or cut short; Unavailable: it cannot be read.
     """
     data = read_at_most(path, MOST_BYTES, HINT)
     try:
-        head, raw = _of_recording(path) if is_recording(path) else _of_log(data)
+        line, _, raw = data.partition(b"\n")
+        head, raw = _of_recording(path) if is_recording(path) else (json.loads(line), raw)
         scenario = parse_scenario(json.dumps(head["scenario"]).encode(), str(path))
         signed = SignedMission.of(head.get("signed"))
         kept = Kept(int(head["robot"]), int(head["mission"]), int(head["t_key_ms"]), scenario, raw, signed)
@@ -116,11 +116,6 @@ def read_kept(path: Path) -> Kept:
     if not (1 <= kept.robot <= scenario.robots and 0 <= kept.t_key_ms < 1 << 32):
         raise UsageError(f"{path} is of a robot that is not in its mission", HINT)
     return kept
-
-
-def _of_log(data: bytes) -> tuple[dict[str, Any], bytes]:
-    head, _, raw = data.partition(b"\n")
-    return json.loads(head), raw
 
 
 def _of_recording(path: Path) -> tuple[dict[str, Any], bytes]:
@@ -140,7 +135,7 @@ def _of_recording(path: Path) -> tuple[dict[str, Any], bytes]:
 
 
 class LogRecording(Recorder):
-    """A kept log, as it is written down."""
+    """Writes a kept log down."""
 
     def __init__(self, path: Path, kept: Kept) -> None:
         super().__init__(path)
@@ -151,21 +146,17 @@ class LogRecording(Recorder):
         self._writer.add_metadata("robot", {"head": json.dumps(self._kept.head)})
 
     def write(self) -> int:
-        """All entries; how many there are. Raises: Unavailable: the disk is full."""
-        count = 0
-        for at_ms, message in self._messages():
-            self.put("/entries", at_ms * NS // 1000, message)
-            count += 1
-        return count
-
-    def _messages(self) -> Iterator[tuple[int, dict[str, Any]]]:
+        """Write all entries; return how many there are, with proofs. Raises: Unavailable: the disk is full."""
         now_ms = self._kept.t_key_ms
         number = 0  # of proofs that of the entry behind them
-        for each in entries_of(self._kept.raw):
+        entries = list(entries_of(self._kept.raw))
+        for each in entries:
             now_ms = max(now_ms, each.t_ms)  # marks are of the moment of what stands before them
             told = {"entry": number, "kind": KINDS.get(each.kind, "unknown"), "t_ms": now_ms}
             number += each.kind != PROOF.tag
-            yield now_ms - self._kept.t_key_ms, told | {"bytes": self._kept.raw[each.at : each.end].hex()}
+            told["bytes"] = self._kept.raw[each.at : each.end].hex()
+            self.put("/entries", (now_ms - self._kept.t_key_ms) * NS // 1000, told)
+        return len(entries)
 
 
 def record_log(log_file: Path, out: Path) -> int:

@@ -32,12 +32,7 @@ PACKET_BYTES = guarded.SIGNED_BYTES + 1
 
 
 class FarPlanner:
-    """Who advises robot `rob_id` at `where`; a path is relative to `folder`.
-
-    Attributes:
-        taken, rubbish: packets that were advice, and that were none, or another's.
-    Raises: UsageError: no such address.
-    """
+    """Asks at `where` for a robot's advice; counts `taken` advice, and `rubbish`. Raises: UsageError: no address."""
 
     def __init__(self, where: str, folder: Path, scenario: Scenario, rob_id: int, mission: int) -> None:
         kind, _, self._at = where.partition(":")

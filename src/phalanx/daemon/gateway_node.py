@@ -38,11 +38,7 @@ CLAIMS = 4  # checkpoints of a robot that a token may be for, the newest
 
 
 class GatewayNode:
-    """Nodes with the mission's key, until `close`.
-
-    Args:
-        settings: a robot's, as if the gateway were one.
-        clock_file: keeps up to where a process may have sealed.
+    """Holds nodes with the mission's key until `close`; `clock_file` keeps up to where a process may have sealed.
 
     Raises: UsageError: a file, or the nodes, are another's; Unavailable: nobody answers, or they have had the key.
     """
@@ -57,8 +53,15 @@ class GatewayNode:
             settings = replace(settings, said=replace(said, clock_ahead_ms=self._reserved_ms))
             # It is made anew: a process has its key as long as it lives, and takes no mission's twice.
             flash = settings.path(said.trusted.partition(":")[2])
-            _refuse_anothers(flash, settings)
-            flash.unlink(missing_ok=True)
+            if flash.exists():
+                # A key's file, or a robot's nodes, named by mistake, must not go.
+                before = open_nodes(settings)
+                before.close()
+                if before.about.robot_id != said.robot:
+                    raise UsageError(
+                        f"{flash} holds no nodes of this gateway's", "the name of a file that is not there"
+                    )
+                flash.unlink()
         self._node = open_nodes(settings)
         try:
             self._begin(settings, scenario)
@@ -136,16 +139,6 @@ def gateway_limits(scenario: Scenario) -> Limits:
     """What a gateway's nodes are made with."""
     limits = limits_of(scenario.bti, scenario.radio)
     return replace(limits, t_val_ms=T_VAL_MS, send_us_per_s=ALL_US, send_capacity_us=ALL_US)
-
-
-def _refuse_anothers(flash: Path, settings: RobotSettings) -> None:
-    """The file is about to go: a key's, or a robot's nodes, named by mistake, must not."""
-    if not flash.exists():
-        return
-    before = open_nodes(settings)
-    before.close()
-    if before.about.robot_id != settings.said.robot:
-        raise UsageError(f"{flash} holds no nodes of this gateway's", "the name of a file that is not there")
 
 
 def _kept(path: Path) -> int:

@@ -15,7 +15,6 @@ import os
 import threading
 from pathlib import Path
 from queue import SimpleQueue
-from types import TracebackType
 from typing import Any, Self
 
 from phalanx.bti import request
@@ -31,10 +30,7 @@ LAST_S = 5.0  # for what still waits when the robot ends
 
 
 class KeptLog:
-    """The file, in its place from the mission's beginning; one of an earlier mission is kept beside it. Use as `with`.
-
-    Raises: on entering, Unavailable: the folder cannot be written.
-    """
+    """Keeps a log as a context; one of an earlier mission stays beside it. Raises: on entering, Unavailable."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._beside = path, path.with_name(f".{path.name}.{os.getpid()}")
@@ -52,9 +48,7 @@ class KeptLog:
         self._writer.start()
         return self
 
-    def __exit__(
-        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self._waiting.put(b"")
         self._writer.join(LAST_S)
         with contextlib.suppress(OSError):

@@ -1,4 +1,4 @@
-"""Why a reading was late: what the robot's thread did since it last looked, by its own clock and the kernel's.
+"""Reasons for people: why a reading was late, and why a robot is in Safe Mode.
 
 A late reading may convict an honest robot, and afterwards nobody can tell a disk from another program. So this is
 asked at each turn, which costs a hundredth of a millisecond, and told when it matters.
@@ -12,6 +12,9 @@ import os
 import resource
 import time
 from typing import Any, NamedTuple
+
+from phalanx.bti.fleet import Fleet, vouchers
+from phalanx.bti.rounds import HEARD_ROUNDS_X2
 
 # Of this thread: time on a processor, time that it could have run and did not, ns. Source: Linux, sched-stats.txt.
 SCHEDSTAT = "/proc/thread-self/schedstat"
@@ -83,3 +86,24 @@ class Lateness:
             self._began = now
         else:
             self._collected += now - self._began
+
+
+def why_stopped(fleet: Fleet, now_ms: int, late_ms: float) -> str:
+    """Return why too few robots vouch for the fleet's only one, as far as its c-node knows; no refusal tells it."""
+    s, robot = fleet.settings[0], fleet.robot[0]
+    needed, window_ms = int(s.f_max) + 1, int(s.t_audit) * HEARD_ROUNDS_X2 // 2
+    peers = fleet.peer[0, : int(robot.peers)]
+    heard = peers["heard"] >= now_ms - window_ms
+    asked = heard & (peers["asked_ms"] >= now_ms - int(s.t_val))
+    what = f"{len(vouchers(fleet, 0, now_ms))} of the {needed} that are needed vouch for it"
+    within = f"in the last {window_ms / 1000:g} s"
+    if robot.log_full:
+        return f"{what}; its log was full"
+    if late_ms > s.delta:
+        return f"{what}; a reading of its was {late_ms:.0f} ms late, and its auditors allow {int(s.delta)}"
+    if heard.sum() < needed:
+        return f"{what}; it heard {heard.sum()} robots {within}"
+    return (
+        f"{what}; it heard {heard.sum()} robots {within} and asked {asked.sum()} of them: "
+        "who does not vouch refuses it, does not hear it, or has stopped"
+    )

@@ -8,13 +8,14 @@ are no readings, ones that make no sense are logged in their place, motors stand
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import resource
 import time
-from collections import defaultdict, deque
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Hashable
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -37,11 +38,11 @@ from phalanx.wire.fields import row
 from .driver import Hardware, NoReading, no_reading
 from .far_planner import FarPlanner, check_adviser
 from .kept_log import KeptLog
-from .lateness import Lateness
+from .lateness import Lateness, why_stopped
 from .trusted import OwnClock
-from .why_stopped import why_stopped
 
 log = logging.getLogger(__name__)
+_Audit = TypeVar("_Audit", bound=Hashable)
 
 # Of δ, in tenths: so much before its moment on the grid the sensors are read. Who is late then has more than δ left.
 # But who waits for advice reads when there is some, or at that moment itself.
@@ -49,18 +50,6 @@ EARLY, AT_ADVICE = 7, 9
 # And so much after it sensors are waited for; the rest of δ is for getting the reading to the trusted nodes.
 LATE = 5
 ALIVE_S = 0.1  # so often the driver is told that this process does not hang
-
-
-@dataclass(slots=True)
-class Ended:
-    """How often audits of one kind ended, and when the last one did, ms of the robot's clock."""
-
-    times: int = 0
-    last_ms: int = 0
-
-    def again(self, now_ms: int) -> None:
-        """One more."""
-        self.times, self.last_ms = self.times + 1, now_ms
 
 
 def memory_kb() -> int:
@@ -73,15 +62,16 @@ class Life:
     """A robot whose trusted nodes are to get, or just got, their mission key.
 
     Attributes:
+        clock, radio, far: of its trusted nodes; its radio; a planner that is elsewhere, or None.
         longest_ms: how long something took at most, by what it was; `late` is by how much a reading came late.
         why_late: the reading that came latest, if that was more than δ / 2, and what took the time; "" for none.
         waits_for_advice: new advice is told by `advised`, and is waited for.
         memory_began_kb: what the process had in memory when its mission key was loaded.
-        began_ms: when its mission key was loaded, of its nodes' clock; what its c-node says of that may be a lie.
+        began_ms, began_s: when its mission key was loaded, of its nodes' clock and of this machine's monotonic one.
         why_stopped: why it is in Safe Mode; "" while it is not.
         why_ended: why its process has ended; "" while it has not.
         no_reading: since when of the robot's clock sensors have no reading, and why; None while they have.
-        given, refused: audits of ours that ended, by auditee; refusals by reason as well.
+        given, refused: how often audits of ours ended and when the last did, ms; by auditee, refusals by reason too.
     """
 
     def __init__(
@@ -99,9 +89,9 @@ class Life:
             raise UsageError(f"defence is {scenario.defence}", "bound: no other has boards")
         if rob_id > scenario.robots:
             raise UsageError(f"robot {rob_id} is not in the mission", f"robots are 1 to {scenario.robots}")
-        self.scenario, self.id = scenario, rob_id
+        self.scenario, self.id, self.mission = scenario, rob_id, mission
         self._reads = driving(scenario).reads
-        self._clock, self._hardware, self._radio = clock, hardware, radio
+        self.clock, self._hardware, self.radio = clock, hardware, radio
         self._rows = elsewhere.place([clock])
         self.fleet = make_fleet(
             1,
@@ -116,35 +106,35 @@ class Life:
         self.fleet.robot["id"] = rob_id
         self._work = make_work(scenario.bti)
         self._controller = controller
-        self._far = planner if isinstance(planner, FarPlanner) else None
+        self.far = planner if isinstance(planner, FarPlanner) else None
         make = adviser(scenario, controller, ToGoal if isinstance(planner, FarPlanner) else planner)
         if make:
-            check_adviser(scenario, is_far=self._far is not None)
-        self._planner: Planner | None = make(rob_id, scenario.goal_m) if make and not self._far else None
+            check_adviser(scenario, is_far=self.far is not None)
+        self._planner: Planner | None = make(rob_id, scenario.goal_m) if make and not self.far else None
         self.attack: AttackSpec | None = next((x for x in scenario.drawn_attacks() if x.robot == rob_id), None)
         if self.attack:
             self.attack.attack.kind.before_key(rob_id, BOUND, self._rows[0], scenario.bti.f_max)
         self._advised = self.waits_for_advice = False
         self._lateness, self.why_late = Lateness(), ""
         self._came = asyncio.Event()
-        self._cpu_s = self._began_s = 0.0
+        self._cpu_s = self.began_s = 0.0
         self.began_ms = self.memory_began_kb = 0
         self.longest_ms = {"late": 0.0, "reading": 0.0, "frame": 0.0, "audit": 0.0, "check": 0.0}
         self.why_stopped = self.why_ended = ""
         self.no_reading: tuple[int, str] | None = None
-        self.given: defaultdict[int, Ended] = defaultdict(Ended)
-        self.refused: defaultdict[tuple[int, Refusal], Ended] = defaultdict(Ended)
+        self.given: dict[int, tuple[int, int]] = {}
+        self.refused: dict[tuple[int, Refusal], tuple[int, int]] = {}
         self.runtime: Runtime | None = None
         self.robot: Robot | Liar | None = None
 
     def begin(self) -> None:
         """The mission key has just been loaded. Raises: Unavailable: the nodes are gone."""
-        now_ms = self._clock.now_ms()
+        now_ms = self.clock.now_ms()
         self.robot = self._as_it_is(now_ms)
         self.runtime = Runtime(self.robot, self.scenario.bti, now_ms)
-        self.began_ms = now_ms
+        self.began_ms = now_ms  # what its c-node says of that may be a lie
         self.memory_began_kb = memory_kb()
-        self._began_s, self._cpu_s = time.monotonic(), time.process_time()
+        self.began_s, self._cpu_s = time.monotonic(), time.process_time()
 
     def _as_it_is(self, now_ms: int) -> Robot | Liar:
         if self.attack is None:
@@ -155,12 +145,9 @@ class Life:
         return lying(self.attack.attack, self.fleet, 0, self._work, plan, self._controller)
 
     async def live(self, kept: KeptLog) -> None:
-        """Run the robot until this is cancelled or its trusted nodes stop it; motors stand then, whatever ended it.
-
-        Raises: Unavailable: its nodes are gone, or an arena's sensors.
-        """
+        """Run until cancelled or stopped by the nodes; motors stand then. Raises: Unavailable: no nodes or no arena."""
         loop = asyncio.get_running_loop()
-        loop.add_reader(self._radio, self._came.set)
+        loop.add_reader(self.radio, self._came.set)
         beats = loop.create_task(self._beat())
         try:
             await self._until_stopped(kept)
@@ -168,8 +155,8 @@ class Life:
             self._hardware.stop()
             beats.cancel()
             # In Safe Mode too: nothing is read, and the system drops what finds no room.
-            loop.remove_reader(self._radio)
-        self.why_stopped = why_stopped(self.fleet, self._clock.now_ms(), self.longest_ms["late"])
+            loop.remove_reader(self.radio)
+        self.why_stopped = why_stopped(self.fleet, self.clock.now_ms(), self.longest_ms["late"])
         log.error("robot %d is in Safe Mode: %s", self.id, self.why_stopped)
 
     async def _beat(self) -> None:
@@ -187,11 +174,9 @@ class Life:
             if wait_ms <= 0:
                 await asyncio.sleep(0)  # what has come is heard, and waits for its turn
                 continue
-            try:
-                async with asyncio.timeout(wait_ms / 1000 / self._clock.speed):
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(wait_ms / 1000 / self.clock.speed):
                     await self._came.wait()
-            except TimeoutError:
-                pass
 
     def advised(self) -> None:
         """There is new advice: the next reading may be as early as auditors allow."""
@@ -200,11 +185,12 @@ class Life:
 
     async def _turn(self) -> float:
         """What is due and most urgent is done, or one frame heard; ms until something is due, if nothing was."""
-        runtime, now_ms = self.runtime, self._clock.now_ms()
+        runtime, now_ms = self.runtime, self.clock.now_ms()
         assert runtime
-        self._lateness.turn(self._clock.asked_ms)
+        self._lateness.turn(self.clock.asked_ms)
         began_s, input_ms = time.perf_counter(), runtime.input_ms
-        reads_ms = input_ms - self._early_ms
+        tenths = AT_ADVICE if self._advised else 0 if self.waits_for_advice else EARLY
+        reads_ms = input_ms - self.scenario.bti.delta_ms * tenths // 10
         if reads_ms <= now_ms:
             self._advised = False
             self._note_late(now_ms - input_ms)
@@ -216,10 +202,10 @@ class Life:
             what, done = "audit", runtime.on_wake(now_ms)
         elif runtime.audit_ms <= now_ms:
             what, done = "audit", runtime.on_audit(now_ms)
-        elif frame := self._radio.take():
-            taken = self._clock.taken
+        elif frame := self.radio.take():
+            taken = self.clock.taken
             what, done = "frame", runtime.on_packet(now_ms, frame)
-            if self._clock.taken > taken:  # what the a-node refused, nobody heard
+            if self.clock.taken > taken:  # what the a-node refused, nobody heard
                 self._overhear(now_ms, frame)
         else:
             wait_ms = min(reads_ms, runtime.due_ms) - now_ms
@@ -229,11 +215,6 @@ class Life:
         self._note(what, 1000 * (time.perf_counter() - began_s))
         self._lateness.did(f"a {what}")
         return 0.0
-
-    @property
-    def _early_ms(self) -> int:
-        tenths = AT_ADVICE if self._advised else 0 if self.waits_for_advice else EARLY
-        return self.scenario.bti.delta_ms * tenths // 10
 
     def _note_late(self, late_ms: int) -> None:
         delta_ms = self.scenario.bti.delta_ms
@@ -246,18 +227,18 @@ class Life:
     async def _read(self, runtime: Runtime, now_ms: int) -> list[Done]:
         until_ms = runtime.input_ms + self.scenario.bti.delta_ms * LATE // 10
         try:
-            reading = await self._hardware.sense(now_ms, max(0, until_ms - now_ms) / 1000 / self._clock.speed)
+            reading = await self._hardware.sense(now_ms, max(0, until_ms - now_ms) / 1000 / self.clock.speed)
         except NoReading as error:
             self._note_missing(now_ms, str(error))
-            return runtime.on_reading(self._clock.now_ms(), no_reading(self._reads, self.id, now_ms))
+            return runtime.on_reading(self.clock.now_ms(), no_reading(self._reads, self.id, now_ms))
         if self.no_reading:
             log.warning("robot %d has readings again, after %.1f s", self.id, (now_ms - self.no_reading[0]) / 1000)
             self.no_reading = None
-        if self._far:
-            advice = self._far.advice(reading)
+        if self.far:
+            advice = self.far.advice(reading)
         else:
             advice = advice_of(self._planner, now_ms, reading) if self._planner else b""
-        return runtime.on_reading(self._clock.now_ms(), reading, advice)
+        return runtime.on_reading(self.clock.now_ms(), reading, advice)
 
     def _note_missing(self, now_ms: int, why: str) -> None:
         if self.no_reading is None:
@@ -266,8 +247,8 @@ class Life:
         self.no_reading = (self.no_reading[0] if self.no_reading else now_ms), why
 
     def _overhear(self, now_ms: int, frame: bytes) -> None:
-        if self._far:
-            self._far.overheard(frame)
+        if self.far:
+            self.far.overheard(frame)
         elif self._planner:
             overheard(self._planner, now_ms, frame)
 
@@ -277,45 +258,28 @@ class Life:
         while waiting:
             done = waiting.popleft()
             if isinstance(done, Transmit):
-                self._radio.send(done.packet)
+                self.radio.send(done.packet)
                 if request.is_fragment(row(done.packet), len(done.packet)):
                     # Whether it arrived nobody tells us: who did not hear it sends no token, and another is asked.
-                    waiting.extend(self.runtime.on_sent(self._clock.now_ms(), arrived=True))
+                    waiting.extend(self.runtime.on_sent(self.clock.now_ms(), arrived=True))
             elif isinstance(done, Actuate):
                 if self.no_reading is None:  # else motors stand, where a controller would have them coast
                     self._hardware.drive(done.command)
             elif done.refusal == Refusal.NONE:
-                self.given[done.auditee].again(self._clock.now_ms())
+                self._count(self.given, done.auditee)
             else:
-                self.refused[done.auditee, done.refusal].again(self._clock.now_ms())
+                self._count(self.refused, (done.auditee, done.refusal))
+
+    def _count(self, audits: dict[_Audit, tuple[int, int]], audit: _Audit) -> None:
+        audits[audit] = audits.get(audit, (0, 0))[0] + 1, self.clock.now_ms()
 
     def _note(self, what: str, took_ms: float) -> None:
         self.longest_ms[what] = max(self.longest_ms[what], took_ms)
 
     @property
-    def now_ms(self) -> int:
-        """Of the trusted nodes' clock."""
-        return self._clock.now_ms()
-
-    @property
-    def frames_refused(self) -> Mapping[str, int]:
-        """Frames that came and were not taken, by reason: by the radio, and where it is sealed by the a-node."""
-        return self._radio.refused
-
-    @property
-    def advice(self) -> dict[str, int]:
-        """What came from a planner elsewhere: advice, and rubbish."""
-        return {"taken": self._far.taken, "rubbish": self._far.rubbish} if self._far else {}
-
-    @property
     def core_share(self) -> float:
         """Of a processor core, since the mission began, without the trusted nodes."""
-        return (time.process_time() - self._cpu_s) / max(time.monotonic() - self._began_s, 1e-9)
-
-    @property
-    def began_s(self) -> float:
-        """When the mission began, of this machine's monotonic clock."""
-        return self._began_s
+        return (time.process_time() - self._cpu_s) / max(time.monotonic() - self.began_s, 1e-9)
 
     @property
     def first_deviation_ms(self) -> int | None:
@@ -326,12 +290,12 @@ class Life:
         if not isinstance(self.robot, Liar) or self.robot.first_deviation_ms is None:
             return None
         began_ms = self.robot.plan.start_ms
-        return max(self.robot.first_deviation_ms, began_ms) if self.now_ms >= began_ms else None
+        return max(self.robot.first_deviation_ms, began_ms) if self.clock.now_ms() >= began_ms else None
 
     def close(self) -> None:
         """The driver is closed, and kernels know its nodes no longer."""
         self._lateness.close()
-        if self._far:
-            self._far.close()
+        if self.far:
+            self.far.close()
         self._hardware.close()
         elsewhere.forget(self._rows)

@@ -28,17 +28,6 @@ class OnAir:
     at_s: float = 5.0
 
 
-@dataclass(frozen=True, slots=True)
-class Air:
-    """Whether radios are sealed, and who does what on the air."""
-
-    sealed: bool = False
-    attacks: tuple[OnAir, ...] = ()
-
-
-PLAIN_AIR = Air()
-
-
 class HostileRadio:
     """A radio that does what is asked for, and more; its times are of a clock at `speed` of true time."""
 
@@ -53,12 +42,12 @@ class HostileRadio:
 
     def send(self, frame: bytes) -> None:
         """See `Radio`."""
-        if not self._lies:
-            self._radio.send(frame)
-        elif self._attack.name == "hold":
+        lies = self._lies
+        if lies and self._attack.name == "hold":
             self._later(HELD_S, frame)
-        else:
-            self._radio.send(frame)
+            return
+        self._radio.send(frame)
+        if lies:
             self._more(frame)
 
     def take(self) -> bytes:
@@ -98,19 +87,14 @@ def forgeries(frame: bytes) -> list[bytes]:
     return [frame[: -SEAL.size], bytes(altered), bytes(named), frame + frame[-SEAL.size :]]
 
 
-ATTACKS = {
-    "past": "it speaks past its a-node: bare frames, altered ones, and some in others' names",
-    "replay": "it says again what it heard and said, at once, a second and three seconds later",
-    "hold": f"it holds back all its frames for {HELD_S:g} s",
-    "foreign-key": "its mission key is another mission's",
-}
+# To speak past the a-node, to repeat what was heard and said, to be late, and to have another mission's key.
+ATTACKS = ("past", "replay", "hold", "foreign-key")
 
 
 def parse_on_air(words: str, robots: int) -> OnAir:
     """The attack that is meant. Raises: UsageError: there is none such."""
     name, _, rest = words.partition(":")
-    pairs = [each.partition("=")[::2] for each in filter(None, rest.split(","))]
-    said = dict(pairs)
+    said = dict(each.partition("=")[::2] for each in filter(None, rest.split(",")))
     try:
         attack = OnAir(name, int(said.pop("robot", "1")), float(said.pop("at", "5")))
     except ValueError as error:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,11 +23,29 @@ from phalanx.errors import UsageError
 from phalanx.io.keyring import opened
 from phalanx.io.mission_key import read_mission_key
 from phalanx.robot.retrace import entries_of
+from phalanx.wire import guarded
+from phalanx.wire.driven import GATEWAY, KIND_ORDER, OPERATOR, ORDER, SIGNATURE_BYTES
 from phalanx.wire.fields import row
-from phalanx.wire.table import AUTH_S, ENTRY_INPUT, HASH_BYTES, KEY_BYTES, MAC_BYTES, MKEY, PROOF, REQUEST, TREQ
+from phalanx.wire.table import (
+    AUTH_S,
+    ENTRY_HEADER_BYTES,
+    ENTRY_INPUT,
+    ENTRY_RECV,
+    HASH_BYTES,
+    KEY_BYTES,
+    MAC_BYTES,
+    MKEY,
+    PROOF,
+    REQUEST,
+    TREQ,
+)
 
 from .evidence import Kept
 
+# Who signed what a robot was told, anybody can check: with the public keys in the mission's file.
+NOBODY, UNKNOWN = "nobody whom the mission names", "somebody: too many to look at"
+MOST_LOOKS = 50_000  # a hostile log has 700 000; an hour of a joystick's orders is 20 000
+AT_SIGNER = ORDER.at("signer")
 HEAD = [field.name for field in REQUEST.all_fields if field.type != "rest"]
 
 
@@ -48,10 +67,7 @@ class Proven:
 
 
 def mission_key_of(kept: Kept, keys_file: Path, passphrase: str, issued: Path) -> bytes:
-    """The key of the log's mission, 20 bytes: secret; of the robot's master key, and of what was issued for it.
-
-    Raises: UsageError: the file of keys, or of the mission's key, is none, or another's; Unavailable.
-    """
+    """Return the secret key of the log's mission, 20 bytes. Raises: UsageError: a file is another's; Unavailable."""
     sealed = read_mission_key(issued, kept.robot)
     if sealed.seq != kept.mission:
         raise UsageError(f"{issued} is of mission {sealed.seq}", f"the log is of mission {kept.mission}")
@@ -77,10 +93,7 @@ def mac_of(key: bytes, message: bytes) -> bytes:
 
 
 def proven(kept: Kept, mission_key: bytes) -> Proven:
-    """Up to where the nodes' own MACs are over what the log says.
-
-    Source: RoboRebound Alg. 2 (chains), Alg. 4 (MakeTokenRequest); docs/spec/rebound-nodes.md.
-    """
+    """Return how far the nodes' own MACs bear out a log. Source: RoboRebound Alg. 2, 4; docs/spec/rebound-nodes.md."""
     tops = [bytes(HASH_BYTES)] * 2
     held: tuple[list[bytes], list[bytes]] = ([], [])
     count = entries = t_ms = 0
@@ -116,3 +129,53 @@ def _is_true(key: bytes, robot: int, tops: list[bytes], tor: int, head: dict[str
     asked = mac_of(key, TREQ.encode(t=head["t"], tee=robot, tor=tor, thash_a=tops[1]))
     shown = mac_of(key, AUTH_S.encode(thash=tops[0], id=robot, nonce=asked))
     return hmac.compare_digest(asked, head["treq_mac"]) and hmac.compare_digest(shown, head["auth_s_mac"])
+
+
+@dataclass(slots=True)
+class Signed:
+    """What one signer said in a log, each thing once; times are seconds since the mission key."""
+
+    signer: str
+    key: str  # public, hexadecimal; "" for nobody's
+    count: int
+    first_s: float
+    last_s: float
+
+
+def signed_in(kept: Kept) -> list[Signed]:
+    """Who said what the robot was told, in the order in which they are first heard; NOBODY for what is forged."""
+    found: dict[str, Signed] = {}
+    seen: set[bytes] = set()
+    for t_ms, said, keys in _told(kept):
+        if said in seen:  # a stop is said again and again; and what is held back comes twice
+            continue
+        signer = UNKNOWN
+        if len(seen) < MOST_LOOKS:
+            seen.add(said)
+            signer = next((name for name, key in keys.items() if _is_by(key, said)), NOBODY)
+        at_s = (t_ms - kept.t_key_ms) / 1000
+        told = found.setdefault(signer, Signed(signer, keys.get(signer, ""), 0, at_s, at_s))
+        told.count += 1
+        told.last_s = at_s
+    return list(found.values())
+
+
+def _told(kept: Kept) -> Iterator[tuple[int, bytes, dict[str, str]]]:
+    """When it was told what, and the public keys of who may have said so."""
+    scenario, now_ms = kept.scenario, kept.t_key_ms
+    who = {GATEWAY: ("gateway", scenario.gateway_key), OPERATOR: ("operator", scenario.operator_key)}
+    for each in kept.entries():
+        now_ms = max(now_ms, each.t_ms)
+        if each.kind == ENTRY_RECV:
+            said = kept.raw[each.at + ENTRY_HEADER_BYTES : each.end]
+            if len(said) >= ORDER.size + SIGNATURE_BYTES and said[0] == KIND_ORDER:
+                named = who.get(said[AT_SIGNER])
+                yield now_ms, said, dict([named] if named else [])
+        elif each.kind == log.ADVICE:
+            said = kept.raw[each.at + guarded.ADVICE.size : each.end]
+            if len(said) == guarded.SIGNED_BYTES and said[0] == guarded.KIND_SIGNED_WISH:
+                yield now_ms, said, {"adviser": scenario.guard.adviser_key}
+
+
+def _is_by(key: str, said: bytes) -> bool:
+    return bool(key) and trusted.order_check(row(bytes.fromhex(key)), row(said), len(said)) == 0

@@ -9,6 +9,7 @@ import logging
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from phalanx.bti.nodes import Refused, limits_of
 from phalanx.config.builtin import built_in
@@ -23,20 +24,21 @@ from phalanx.scenarios.file import find_scenario, written_scenario
 from phalanx.scenarios.own import find_controller, find_planner, mistakes_in
 from phalanx.scenarios.scenario import WHEELS, Scenario, for_robots
 
-from .allowance import may_say
-from .driver import Base, make_driver
+from .driver import make_driver
 from .far_planner import FarPlanner, is_far
 from .kept_log import KeptLog
 from .life import Life
 from .on_air import HostileRadio, OnAir
-from .sealed_air import SealedAir, with_room_for_seals
+from .sealed_air import SealedAir, may_say, with_room_for_seals
 from .settings import RobotSettings
 from .signed_mission import signed_for
 from .state import EVERY_S, state_of, tell
 from .trusted import OwnClock, check_may_have_key, give_keys, open_nodes, start
 
+if TYPE_CHECKING:
+    from .ros2.node import RosBase
+
 log = logging.getLogger(__name__)
-MakeBase = Callable[[int, Scenario, Declaration], Base]
 
 
 def mission_of(settings: RobotSettings) -> Scenario:
@@ -56,10 +58,7 @@ def mission_in(folder: Path, words: str) -> Scenario:
 
 
 def controlled(scenario: Scenario, settings: RobotSettings) -> tuple[Scenario, MakeController | None]:
-    """The scenario with room for what its controller remembers, and that one, if it is in Python; else None.
-
-    Raises: UsageError: no such class.
-    """
+    """Return the scenario with room for its controller's memory, and that one if it is a file. Raises: UsageError."""
     made: MakeController | None = None
     if settings.said.controller:
         words = str(settings.path(settings.said.controller))
@@ -69,7 +68,7 @@ def controlled(scenario: Scenario, settings: RobotSettings) -> tuple[Scenario, M
 
 
 def provision(settings: RobotSettings, keys_file: Path, passphrase: str, today: str) -> None:
-    """The robot's nodes have their limits, those of its mission, and a master key of the file of keys, over their line.
+    """Give the robot's nodes their limits, and a master key of the file of keys, over their line.
 
     They are asked before the key is used up, and it is on disk as given before they have it.
     Raises: UsageError: they, or the number, have a key already, or something in a file; Unavailable: nobody answers.
@@ -97,16 +96,15 @@ async def run_robot(
     in_arena: bool = False,
     on_air: OnAir | None = None,
     attacks: tuple[AttackSpec, ...] = (),
-    make_base: MakeBase | None = None,
+    make_base: Callable[[int, Scenario, Declaration], RosBase] | None = None,
 ) -> None:
-    """The robot lives until this is cancelled; in Safe Mode it stands, and tells of it.
+    """Run the robot until this is cancelled; in Safe Mode it stands, and tells of it.
 
     Args:
         in_arena: an arena has forked this process: it has warned about the nodes already, and frozen its memory.
         attacks: who lies how, in place of what the mission says of that.
         make_base: what makes sensors, motors and planner, in place of those that the file names.
-    Raises: UsageError: something in its file; Unavailable: nodes, radio or sensors, then its nodes stop it; or its
-        folder cannot be written, before the mission's key is used up.
+    Raises: UsageError: its file; Unavailable: nodes, radio, sensors or folder; then its nodes stop it.
     """
     scenario, controller = controlled(mission_of(settings), settings)
     limits = limits_of(scenario.bti, scenario.radio)
@@ -160,16 +158,14 @@ async def run_robot(
         }
         kept.begin(head)
         own_files = () if in_arena else settings.own_files  # of an arena's the arena tells
-        await _live(life, kept, settings.state_file, sealed.seq, base, own_files)
+        await _live(life, kept, settings.state_file, base, own_files)
 
 
-async def _live(
-    life: Life, kept: KeptLog, state_file: Path, mission: int, base: Base | None, own_files: tuple[str, ...]
-) -> None:
+async def _live(life: Life, kept: KeptLog, state_file: Path, base: RosBase | None, own_files: tuple[str, ...]) -> None:
     living = asyncio.create_task(life.live(kept))
     try:
         with mistakes_in(*own_files):
-            await _tell_of(life, living, state_file, mission, base)
+            await _tell_of(life, living, state_file, base)
     except asyncio.CancelledError:
         life.why_ended = "it was told to end"
         raise
@@ -180,13 +176,13 @@ async def _live(
         living.cancel()
         await asyncio.gather(living, return_exceptions=True)
         with contextlib.suppress(Exception):
-            tell(state_file, state_of(life, mission))
+            tell(state_file, state_of(life))
 
 
-async def _tell_of(life: Life, living: asyncio.Task[None], state_file: Path, mission: int, base: Base | None) -> None:
+async def _tell_of(life: Life, living: asyncio.Task[None], state_file: Path, base: RosBase | None) -> None:
     untold = ""
     while True:
-        state = state_of(life, mission)
+        state = state_of(life)
         if base:
             base.tell(state)
         try:

@@ -10,13 +10,15 @@ from dataclasses import replace
 from typing import Any
 
 from phalanx.bti.elsewhere import Elsewhere
+from phalanx.bti.nodes import limits_of
 from phalanx.bti.trusted import REASONS
 from phalanx.errors import UsageError
-from phalanx.io.udp_radio import Radio
+from phalanx.io.udp_radio import Allowance, Radio
 from phalanx.scenarios.scenario import WHEELS, Scenario
 from phalanx.wire import Record, lines
 from phalanx.wire.table import ENTRY_HEADER_BYTES, FRAME_MAX, SEAL
 
+LEAST_PER_S = 50.0  # a gateway speaks by its own pace, not by an a-node's buckets
 WAITING = 256  # frames that go out whose seals are kept until they are asked for
 SENDERS = 64  # that an a-node remembers: PHX_SOURCES in firmware/include/phx_seal.h
 
@@ -31,12 +33,7 @@ def with_room_for_seals(scenario: Scenario) -> Scenario:
 
 
 class SealedAir:
-    """The radio that a c-node speaks through, and the nodes that it asks: seals stay in between.
-
-    Args:
-        node: its board, whose radio is sealed.
-        radio: where sealed frames come and go.
-    """
+    """The radio that a c-node speaks through, and the nodes that it asks: seals stay in between."""
 
     def __init__(self, node: Elsewhere, radio: Radio) -> None:
         self._node, self._radio = node, radio
@@ -90,3 +87,25 @@ def _seal(waiting: deque[tuple[bytes, bytes]], frame: bytes) -> bytes:
                 waiting.popleft()
             return seal
     return b""
+
+
+def may_say(scenario: Scenario, peers: int, *, sealed: bool = False) -> Allowance:
+    """Return what each of so many addresses may say, behind which all other robots are: in an arena they share one.
+
+    Packets are counted alone if they are `sealed`, as an a-node refuses forgeries before they are logged; and where a
+    gateway orders robots, as it speaks more than its a-node's buckets would let it.
+    """
+    limits = limits_of(scenario.bti, scenario.radio)
+    behind = max(1, -(-(scenario.robots - 1) // max(1, peers)))
+    # Twice: the network may say again what it carried.
+    frames_per_s = 2 * (limits.send_us_per_s + limits.audit_us_per_s) / limits.airtime_fixed_us
+    frames_per_s = behind * max(LEAST_PER_S, frames_per_s)
+    if sealed or scenario.controller == WHEELS:
+        return Allowance(frames_per_s)
+    return Allowance(
+        frames_per_s,
+        behind * limits.send_us_per_s,
+        behind * limits.send_capacity_us,
+        limits.airtime_fixed_us,
+        limits.airtime_ns_per_byte_broadcast,
+    )

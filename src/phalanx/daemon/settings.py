@@ -95,19 +95,14 @@ class RobotSettings:
         return tuple(str(self.path(each)) for each in own if each)
 
     @property
-    def folder(self) -> Path:
-        """Where the robot keeps its things."""
-        return self.path(self.said.folder)
-
-    @property
     def state_file(self) -> Path:
         """What it tells of its state, as JSON."""
-        return self.folder / f"robot-{self.said.robot}.json"
+        return self.path(self.said.folder) / f"robot-{self.said.robot}.json"
 
     @property
     def log_file(self) -> Path:
         """What was ever in its log."""
-        return self.folder / f"robot-{self.said.robot}.log"
+        return self.path(self.said.folder) / f"robot-{self.said.robot}.log"
 
 
 def read_robot(path: Path) -> RobotSettings:

@@ -37,10 +37,7 @@ class SignedMission:
 
     @classmethod
     def of(cls, said: Any) -> Self | None:
-        """What a file says; None where it says nothing.
-
-        Raises: ValueError, TypeError, KeyError: it is no such thing.
-        """
+        """Return what a file says, None if nothing. Raises: ValueError, TypeError, KeyError: it is no such thing."""
         if said is None:
             return None
         texts = {name: bytes.fromhex(said[name]).hex() for name in ("digest", "signer", "signature")}
@@ -81,10 +78,7 @@ def _signed(number: int, digest: str) -> bytes:
 
 
 def signed_for(issued: Path, scenario: Scenario, mission: str) -> SignedMission | None:
-    """What the file of a mission's key says of its mission, which is this one; None if it says nothing.
-
-    Raises: UsageError: it was issued for another mission than the one that `mission` names; Unavailable.
-    """
+    """Return what a mission key's file says of its mission. Raises: UsageError: it is another's; Unavailable."""
     try:
         told = json.loads(read_at_most(issued, MOST_BYTES, "phalanx keys issue makes one"))
         number, signed = int(told["mission"]), SignedMission.of(told.get("signed"))

@@ -14,7 +14,7 @@ from phalanx.config.written import read_at_most
 from phalanx.errors import PhalanxError, UsageError
 from phalanx.io.private_file import write_whole
 
-from .life import Ended, Life, memory_kb
+from .life import Life, memory_kb
 
 EVERY_S = 1.0
 MOST_BYTES = 1 << 20
@@ -22,15 +22,16 @@ HINT = "phalanx robot run starts one"
 OLD_S = 5.0
 
 
-def state_of(life: Life, mission: int) -> dict[str, Any]:
+def state_of(life: Life) -> dict[str, Any]:
     """What `phalanx robot status --json` prints."""
     robot = life.fleet.robot[0]
     runtime = life.runtime
     assert runtime
-    now_ms, t_val_s = life.now_ms, life.scenario.bti.t_val_ms / 1000
+    lied_ms = life.first_deviation_ms
+    now_ms, t_val_s = life.clock.now_ms(), life.scenario.bti.t_val_ms / 1000
     return {
         "robot": life.id,
-        "mission": mission,
+        "mission": life.mission,
         "scenario": life.scenario.name,
         "pid": os.getpid(),
         "told_s": time.time(),
@@ -54,24 +55,20 @@ def state_of(life: Life, mission: int) -> dict[str, Any]:
         ],
         "log_bytes": int(robot.log_len),
         "log_bytes_max": int(robot.log_max),
-        "frames_refused": {why: n for why, n in life.frames_refused.items() if n},
-        "advice": life.advice,
+        "frames_refused": {why: n for why, n in life.radio.refused.items() if n},
+        "advice": {"taken": life.far.taken, "rubbish": life.far.rubbish} if life.far else {},
         "longest_ms": {what: round(took, 3) for what, took in life.longest_ms.items()},
         "why_late": life.why_late,
         "memory_kb": memory_kb(),
         "memory_began_kb": life.memory_began_kb,
         "core_share": round(life.core_share, 4),
         "attack": life.attack.name if life.attack else None,
-        "first_deviation_s": _since(life.first_deviation_ms, life.began_ms),
+        "first_deviation_s": None if lied_ms is None else (lied_ms - life.began_ms) / 1000,
     }
 
 
-def _ended(audits: Ended, now_ms: int) -> dict[str, Any]:
-    return {"times": audits.times, "last_s_ago": (now_ms - audits.last_ms) / 1000}
-
-
-def _since(at_ms: int | None, began_ms: int) -> float | None:
-    return None if at_ms is None else (at_ms - began_ms) / 1000
+def _ended(audits: tuple[int, int], now_ms: int) -> dict[str, Any]:
+    return {"times": audits[0], "last_s_ago": (now_ms - audits[1]) / 1000}
 
 
 def tell(path: Path, state: dict[str, Any]) -> None:

@@ -13,7 +13,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -37,8 +36,8 @@ from phalanx.wire.table import (
     WHEELS_STATE,
 )
 
-from .allowance import may_say
 from .gateway_node import GatewayNode
+from .sealed_air import may_say
 from .swarm_file import SwarmSettings
 
 log = logging.getLogger(__name__)
@@ -58,12 +57,8 @@ class RobotSwarm(Ordered):
     """The robots of a swarm's file, while the context lasts; on the way out those under way are stopped.
 
     A robot is there from when it was heard first. A token counts from when it was asked for, as far as that is known;
-    without nodes to check it there are no shields. The clock says seconds since 1970.
-
-    Attributes:
-        unchecked: what is to be said of that, "" if they are checked.
-    Raises: UsageError: the mission names other keys; Unavailable: it cannot listen, its nodes do not answer, or it
-        cannot keep what it has said.
+    `unchecked` says why none are shown. The clock says seconds since 1970.
+    Raises: UsageError: the mission names other keys; Unavailable: radio, nodes or its file do not work.
     """
 
     def __init__(
@@ -108,9 +103,7 @@ class RobotSwarm(Ordered):
         self._thread.start()
         return self
 
-    def __exit__(
-        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self._over.set()
         self._thread.join(LAST_WORDS_S + 1)
         self._radio.close()

@@ -18,11 +18,8 @@ from phalanx.scenarios.scenario import WHEELS, Scenario
 
 from .run import mission_in
 from .sealed_air import with_room_for_seals
-from .settings import TRUSTED, RadioFile, RobotFile, RobotSettings
+from .settings import HINT, MOST_BYTES, TRUSTED, RadioFile, RobotFile, RobotSettings
 from .signed_mission import signed_for
-
-MOST_BYTES = 1 << 16
-HINT = "docs/robot.md has an example"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

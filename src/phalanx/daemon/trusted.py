@@ -33,11 +33,8 @@ WHAT_TIME = AUDIT_FRAGMENT.encode(src=0, dst=0, request=0, index=0, count=1, byt
 class OwnClock:
     """The nodes' own clock, as it shows in what they answer: between a call and its answer it was so late.
 
-    Ours, which runs at `speed` of true time, is moved as little as that allows, so it follows one that drifts.
-
-    Attributes:
-        taken: frames of others that the a-node let in.
-        asked_ms: how long it took to answer, all in all.
+    Ours, which runs at `speed` of true time, is moved as little as that allows, so it follows one that drifts. `taken`
+    counts packets that the a-node let in, `asked_ms` the time that answers took.
     """
 
     def __init__(self, node: Elsewhere, speed: float = 1.0) -> None:
@@ -79,10 +76,9 @@ def program() -> Path:
 
 
 def open_nodes(settings: RobotSettings) -> SerialNode:
-    """The nodes that the file names, after a handshake.
+    """Return the nodes that the file names, after a handshake.
 
-    Raises: UsageError: there is no program for a process, its flash is not ours alone, or it is a bench;
-        Unavailable: nobody answers, or another user does.
+    Raises: UsageError: no program, a flash that is not ours alone, or a bench; Unavailable: nobody of ours answers.
     """
     kind, _, where = settings.said.trusted.partition(":")
     if kind == "process":
@@ -139,10 +135,7 @@ def check_may_have_key(settings: RobotSettings) -> None:
 
 
 def give_keys(node: SerialNode, settings: RobotSettings, limits: Limits) -> MissionKey:
-    """Nodes that have no master key are made with theirs; the mission's key, for `start`.
-
-    Raises: UsageError: the files are not this robot's, or the key would go over a network. Refused, Unavailable.
-    """
+    """Return the mission's key; give new nodes their master key. Raises: UsageError, Refused, Unavailable."""
     said = settings.said
     sealed = read_mission_key(settings.path(said.key), said.robot)
     if node.about.robot_id == 0:

@@ -15,7 +15,7 @@ from typing import Any
 
 from phalanx.errors import UsageError
 
-MATPLOTLIB_HINT = "make setup, or pip install 'phalanx-swarm[reproduce]'"
+MATPLOTLIB_HINT = "make setup, or pip install '.[reproduce]' in a clone"
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from .private_file import sweep
 log = logging.getLogger(__name__)
 
 EMBEDDED = ("auto", "mosquitto", "amqtt")
-BROKER_HINT = "apt-get install mosquitto, or pip install 'phalanx-swarm[amqtt]'"
+BROKER_HINT = "apt-get install mosquitto, or pip install '.[amqtt]' in a clone"
 AMQTT_LACKS = "which is slower, and speaks MQTT 3.1.1 only"
 
 

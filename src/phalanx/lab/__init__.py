@@ -1,1 +1,1 @@
-"""What researchers do around the system."""
+"""Arenas: worlds that researchers put around real robot processes."""

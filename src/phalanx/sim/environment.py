@@ -28,7 +28,7 @@ try:
     from gymnasium.spaces import Box
     from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 except ImportError as error:
-    raise Unavailable("PettingZoo is not installed", "pip install 'phalanx-swarm[pettingzoo]'") from error
+    raise Unavailable("PettingZoo is not installed", "pip install '.[pettingzoo]' in a clone") from error
 
 Vector = NDArray[np.float32]
 MOST_MPS2 = 5.0  # what an axis does, docs/spec/world.md

@@ -6,17 +6,9 @@ from pathlib import Path
 
 import click
 
+from phalanx.cli import options
 from phalanx.cli.complete import a_scenario_s_controller, an_attack
-from phalanx.cli.options import (
-    cluster_options,
-    controller_option,
-    defence_option,
-    json_option,
-    option,
-    swarm_options,
-)
-
-from .runs import runs
+from phalanx.cli.options import OUT_FOLDER, option, runs
 
 
 @click.group(epilog="Example: phalanx attack run spoof --defence none")
@@ -25,7 +17,7 @@ def attack() -> None:
 
 
 @attack.command("list", epilog="Example: phalanx attack list --json")
-@json_option
+@options.json_option
 @runs("lists", "list_attacks")
 def list_attacks() -> None:
     """All attacks, by robots and on missions, and what each defence makes of them."""
@@ -33,14 +25,14 @@ def list_attacks() -> None:
 
 @attack.command(epilog="Example: phalanx attack run spoof:robot=7,at=10 --defence none --duration 120")
 @click.argument("name", shell_complete=an_attack, metavar="NAME|FILE.py:CLASS[:robot=I,at=T,…]")
-@defence_option(
+@options.defence_option(
     default="bound",
     show_default=True,
     help="none, the paper's, or ours; of a mission: a plain graph, the paper profile unsigned, or sealed and signed.",
 )
-@swarm_options
-@controller_option
-@json_option
+@options.swarm_options
+@options.controller_option
+@options.json_option
 @runs("attack", "run")
 def run() -> None:
     """Run NAME beside the same run without it: the damage, whether and when it was stopped, and the bound.
@@ -68,14 +60,9 @@ def run() -> None:
     metavar="NAME|FILE.py:CLASS",
 )
 @option("--seeds", type=click.IntRange(1, 10_000), default=3, help="Runs of each.", metavar="N")
-@cluster_options
-@option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("out/scorecard"),
-    help="Folder for the runs, the CSV and the pictures.",
-)
-@json_option
+@options.cluster_options
+@option("--out", type=OUT_FOLDER, default=Path("out/scorecard"), help="Folder for the runs, the CSV and the pictures.")
+@options.json_option
 @runs("scorecard", "scorecard")
 def scorecard() -> None:
     """Try every attack under every defence in every protocol: damage, when it was stopped, who else was, and the cost.

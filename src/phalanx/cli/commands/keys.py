@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import click
 
 from phalanx.cli.complete import a_scenario
-from phalanx.cli.options import FILE, json_option, option, passphrase_option
-
-from .runs import runs
+from phalanx.cli.options import FILE, json_option, option, out_option, passphrase_option, runs
 
 file_argument = click.argument("file", type=FILE)
 robot_argument = click.argument("robot", type=int)
-
-
-def out_option(words: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """--out, a file that is made, for its owner alone."""
-    return option("--out", help=words, type=click.Path(path_type=Path, dir_okay=False), required=True)
 
 
 @click.group(epilog="Example: phalanx keys create lab.keys")

@@ -4,17 +4,8 @@ from __future__ import annotations
 
 import click
 
-from phalanx.cli.options import (
-    broker_options,
-    duration_option,
-    json_option,
-    link_options,
-    login_option,
-    option,
-    wait_option,
-)
-
-from .runs import runs
+from phalanx.cli import options
+from phalanx.cli.options import option, runs
 
 
 @click.group(epilog="Example: phalanx link connect 'http://192.168.1.7:8080/#v=1&pin=…'")
@@ -28,8 +19,8 @@ def link() -> None:
 @click.argument("qr_url", required=False)
 @option("--pin", help="The pin, if you have no link; every user of this machine can read it while this runs.")
 @option("--broker", help="Where to connect: mqtt(s):// or ws(s):// URL; with a link, instead of the one in it.")
-@option("--root", help="First part of every MQTT topic.", default="/qrkey")
-@login_option
+@options.root_option
+@options.login_option
 @option("--drive", help="Drive this robot: its address or its name.", metavar="ROBOT")
 @option("--unlisted", help="--drive an address that the swarm does not list.", is_flag=True)
 @option("--left", help="Left wheel, percent.  [default: 0]", type=click.IntRange(-100, 100))
@@ -37,7 +28,7 @@ def link() -> None:
 @option("--for", "for_s", help="Seconds to drive.  [default: 1.0]", type=click.FloatRange(0, 3600))
 @option("--watch", help="Print notifications as they come, until Ctrl-C.", is_flag=True)
 @option("--timeout", help="Seconds to wait.", type=click.FloatRange(0.1, 3600), default=10.0)
-@json_option
+@options.json_option
 @runs("link", "connect")
 def connect() -> None:
     """Visit a swarm: list its robots, drive one, or watch.
@@ -47,11 +38,11 @@ def connect() -> None:
 
 
 @link.command(epilog="Example: phalanx link serve --broker mqtt://localhost:1883 --events")
-@link_options
-@broker_options
+@options.link_options
+@options.broker_options
 @option("--frontend", help="Page of the published kind to make the link for; its host reads the pin.", default="")
-@wait_option
-@duration_option
+@options.wait_option
+@options.duration_option
 @option("--events", help="Print one JSON object a line.", is_flag=True)
 @runs("link", "serve")
 def serve() -> None:

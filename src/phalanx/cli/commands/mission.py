@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import click
 
+from phalanx.cli import options
 from phalanx.cli.complete import a_map, a_mission, a_mission_or_encoded, an_encoded_mission
-from phalanx.cli.options import FILE, defence_option, furnish_option, json_option, option, record_option
+from phalanx.cli.options import FILE, option, out_option, runs
 
-from .runs import runs
-
-Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 OWN_MAP = "One of your own: docs/maps.md."
 PROFILES = click.Choice(["paper", "sealed"])
 profile_option = option("--profile", help="paper hides nothing from who tries all.", type=PROFILES, default="sealed")
@@ -44,14 +41,9 @@ source_argument = click.argument("source", required=False, shell_complete=a_miss
 file_argument = click.argument("file", type=FILE, shell_complete=an_encoded_mission)
 
 
-def map_option(words: str) -> Decorator:
+def map_option(words: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """--map, in words of the command's own."""
     return option("--map", "plan", help=f"{words} {OWN_MAP}", metavar="MAP", shell_complete=a_map)
-
-
-def out_option(words: str) -> Decorator:
-    """--out, a file that is made."""
-    return option("--out", help=words, type=click.Path(path_type=Path, dir_okay=False), required=True)
 
 
 @click.group(epilog="Example: phalanx mission build office --out office.phxm")
@@ -75,7 +67,7 @@ def mission() -> None:
 @option("--open-start", help="Put the start key into the file: anybody may begin.", is_flag=True)
 @offset_option
 @option("--seed", help="Same bytes again; the secrets can be guessed, so never in earnest.", type=int)
-@json_option
+@options.json_option
 @runs("mission.author", "build_files")
 def build() -> None:
     """Encode a mission; its start key goes into OUT.key.
@@ -86,7 +78,7 @@ def build() -> None:
 
 @mission.command(epilog="Example: phalanx mission inspect office.phxm --json")
 @file_argument
-@json_option
+@options.json_option
 @runs("mission.author", "inspect")
 def inspect() -> None:
     """Show what anybody can read in an encoded mission: header, nodes, and which way leads where."""
@@ -97,7 +89,7 @@ def inspect() -> None:
 @option("--trust", help="Public key: 64 hex digits or a PEM file; repeatable.", multiple=True, metavar="KEY")
 @option("--robot", help="Whether this robot may run it.", type=click.IntRange(0, 65_535))
 @option("--at", "now_s", help="When, in seconds on the mission's clock; now without.", type=float)
-@json_option
+@options.json_option
 @runs("mission.author", "verify")
 def verify() -> None:
     """Check that a mission is whole and signed; exit 1 and the reason if not.
@@ -116,7 +108,7 @@ def verify() -> None:
 @option("--open-start", help="Suppose that the start key was captured too.", is_flag=True)
 @offset_option
 @option("--trial", help="Live it so often in its map, from as many seeds, and report.", type=click.IntRange(1, 1000))
-@json_option
+@options.json_option
 @runs("mission.worth", "tell_worth")
 def audit() -> None:
     """Tell what a mission is worth: what who captures it must try, what looks wrong, and what no robot can live.
@@ -148,7 +140,7 @@ def draw() -> None:
 @map_option("The building's floor plan: what it shows is tried first (sealed profile).")
 @offset_option
 @option("--budget", help="Seconds to go on.", type=click.FloatRange(min=0.1), default=30.0)
-@json_option
+@options.json_option
 @runs("mission.crack", "crack")
 def crack() -> None:
     """Try to read a captured mission by brute force: for real, as long as the budget lasts. Exit 1 if nothing gave."""
@@ -167,7 +159,7 @@ def crack() -> None:
 )
 @door_option
 @lidar_option
-@furnish_option
+@options.furnish_option
 @option("--robots", help="How many; without, one for each part of the mission.", type=int)
 @option(
     "--as", "named", help="Which they are: 1,2,7 or 1-5; without, those that a FILE is for.", metavar="IDS", default=""
@@ -188,7 +180,7 @@ def crack() -> None:
     help="Where robots are put; without, where the mission or the map says.",
     metavar="X,Y[,DEGREES]",
 )
-@defence_option(
+@options.defence_option(
     default="none",
     show_default=True,
     help="Whether robots audit each other: up to 32, without --meet.",
@@ -213,8 +205,8 @@ def crack() -> None:
     "--meet", "meet_m", help="Robots so near, metres, tell each other where they were.", default=0.0, show_default=False
 )
 @option("--seed", help="Of everything that is drawn.", default=0)
-@record_option
-@json_option
+@options.record_option
+@options.json_option
 @runs("mission.run", "run")
 def run() -> None:
     """Run a mission; exit 1 if a robot did not complete it.
@@ -237,7 +229,7 @@ def run() -> None:
 @option("--namespace", default="", metavar="NAME", help="Of the robot's topics and node.")
 @option("--key", help="Start key of a sealed FILE; without, FILE.key.", type=FILE)
 @option("--trust", help="Refuse a FILE that none of these signed; repeatable.", multiple=True, metavar="KEY")
-@json_option
+@options.json_option
 @runs("mission.ros2", "ros2")
 def ros2() -> None:
     """Live an encoded mission with a robot of ROS 2: scan and odom in, cmd_vel out; exit 1 if it was not completed.

@@ -7,10 +7,8 @@ from typing import Any
 
 import click
 
-from phalanx.cli.options import json_option, login_option, option, out_folder_option, together
+from phalanx.cli.options import PROCESSES, json_option, login_option, option, out_folder_option, runs, together
 from phalanx.experiments.figure import FIGURES, SEEDS, Figure
-
-from .runs import runs
 
 NOTES = (
     "Ctrl-C stops; the same command goes on from there, and only draws when all is there. What an earlier command left "
@@ -29,7 +27,7 @@ dealing_options = together(
     option("--scheduler", metavar="ADDRESS", help="Measure at a dask scheduler's workers, as tcp://10.0.0.1:8786."),
     option(
         "--workers",
-        type=click.IntRange(min=1),
+        type=PROCESSES,
         help="Measure in so many processes of this machine; without, in this one.",
         metavar="N",
     ),

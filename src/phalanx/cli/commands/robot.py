@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
+from phalanx.cli import options
 from phalanx.cli.complete import a_scenario, an_attack_by_robots
-from phalanx.cli.options import FILE, controller_option, json_option, option, passphrase_option, record_option
-
-from .runs import runs
+from phalanx.cli.options import FILE, OUT_FOLDER, option, out_option, runs
 
 robot_argument = click.argument("robot", type=FILE, metavar="ROBOT.yaml")
 SHARE = click.FloatRange(0, 0.9)
@@ -57,7 +54,7 @@ def advise() -> None:
 @robot.command(epilog="Example: phalanx robot provision robot-3.yaml lab.keys; phalanx keys create makes the latter")
 @robot_argument
 @click.argument("keys", type=FILE)
-@passphrase_option
+@options.passphrase_option
 @runs("robot", "provision")
 def provision() -> None:
     """Give the robot's trusted nodes their master key, of the file KEYS, once, over the line that ROBOT.yaml names."""
@@ -95,19 +92,15 @@ def provision() -> None:
 @option(
     "--clock-ppm", type=int, default=0, metavar="PPM", help="Each robot's clock runs fast or slow by up to so much."
 )
-@controller_option
+@options.controller_option
 @option(
     "--planner",
     metavar="FILE.py:CLASS|unix:PATH|udp:ADDRESS:PORT",
     help="Who advises robots that the guard drives: a class, or where phalanx robot advise listens.",
 )
-@option(
-    "--keep",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="New folder for the robots' files, which are otherwise gone at the end.",
-)
-@record_option
-@json_option
+@option("--keep", type=OUT_FOLDER, help="New folder for the robots' files, which are otherwise gone at the end.")
+@options.record_option
+@options.json_option
 @runs("arena", "arena")
 def arena() -> None:
     """Let robots of SCENARIO live as processes in a simulated field, in real time, and sum it up as sim run does."""
@@ -115,7 +108,7 @@ def arena() -> None:
 
 @robot.command(epilog="Example: phalanx robot status robot-3.yaml --json")
 @robot_argument
-@json_option
+@options.json_option
 @runs("robot", "status")
 def status() -> None:
     """Who vouches for the robot and for how long, which audits it gave, refused and why, and how late it ever was."""
@@ -123,9 +116,7 @@ def status() -> None:
 
 @robot.command(epilog="Example: phalanx robot log robot-3.yaml --out robot-3.mcap")
 @robot_argument
-@option(
-    "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, metavar="FILE.mcap", help="The recording."
-)
+@out_option("The recording.", metavar="FILE.mcap")
 @runs("evidence", "log")
 def log() -> None:
     """Write down all that the robot logged in its last mission, which verify goes through."""
@@ -133,12 +124,12 @@ def log() -> None:
 
 @robot.command(epilog="Example: phalanx robot verify robot-3.mcap --json")
 @click.argument("file", type=FILE, metavar="FILE")
-@controller_option
+@options.controller_option
 @option("--keys", type=FILE, metavar="FILE.keys", help="The owner's keys, to check what its trusted nodes said of it.")
 @option("--key", "issued", type=FILE, metavar="MISSION.json", help="The mission's key as it was issued, with --keys.")
-@passphrase_option
+@options.passphrase_option
 @option("--trust", multiple=True, metavar="KEY", help="Who must have signed its mission: 64 hex digits, or a PEM file.")
-@json_option
+@options.json_option
 @runs("evidence", "verify")
 def verify() -> None:
     """Go through the log in FILE again, a recording or a daemon's own, and say where it stops being honest.

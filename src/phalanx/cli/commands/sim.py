@@ -4,25 +4,15 @@ from __future__ import annotations
 
 import click
 
+from phalanx.cli import options
 from phalanx.cli.complete import a_controller, a_scenario, a_scenario_or_recording, an_attack_by_robots
-from phalanx.cli.options import (
-    controller_option,
-    defence_option,
-    json_option,
-    option,
-    planner_option,
-    record_option,
-    swarm_options,
-    together,
-)
+from phalanx.cli.options import PORT, option, runs, together
 from phalanx.scenarios.scenario import CONTROLLERS
-
-from .runs import runs
 
 # What runs, and what is changed of it.
 chosen_options = together(
-    swarm_options,
-    defence_option(help="none, the paper's as printed, or ours."),
+    options.swarm_options,
+    options.defence_option(help="none, the paper's as printed, or ours."),
     option(
         "--attack",
         "attacks",
@@ -31,8 +21,8 @@ chosen_options = together(
         shell_complete=an_attack_by_robots,
         metavar="NAME|FILE.py:CLASS[:robot=I,at=T,…]",
     ),
-    controller_option,
-    planner_option,
+    options.controller_option,
+    options.planner_option,
 )
 
 
@@ -47,10 +37,10 @@ def sim() -> None:
 )
 @click.argument("scenario", shell_complete=a_scenario)
 @chosen_options
-@record_option
+@options.record_option
 @option("--trace", help="Print each event and action of one robot.", metavar="robot=I")
 @option("--plain", help="Compute each thing in the simplest way: slower, and the same digest.", is_flag=True)
-@json_option
+@options.json_option
 @runs("sim", "run")
 def run() -> None:
     """Run SCENARIO, a built-in one's name or a YAML file, and sum it up.
@@ -62,9 +52,7 @@ def run() -> None:
 @sim.command(epilog="Examples: phalanx sim view bti-fig9; phalanx sim view fig9.mcap --port 8090")
 @click.argument("source", metavar="FILE.mcap|SCENARIO", shell_complete=a_scenario_or_recording)
 @chosen_options
-@option(
-    "--port", help="Of the page, on this machine alone; 0 is any free one.", type=click.IntRange(0, 65535), default=0
-)
+@option("--port", help="Of the page, on this machine alone; 0 is any free one.", type=PORT, default=0)
 @runs("view", "view")
 def view() -> None:
     """Play a recording on a page, or SCENARIO as it runs: map, shields, tokens, refusals; pause, scrub, speed.
@@ -74,7 +62,7 @@ def view() -> None:
 
 
 @sim.command("list", epilog="Example: phalanx sim list --json")
-@json_option
+@options.json_option
 @runs("lists", "list_scenarios")
 def list_scenarios() -> None:
     """The scenarios that come with phalanx."""
@@ -89,8 +77,8 @@ def schema() -> None:
 @sim.command(epilog="Example: phalanx sim check examples/own_controller.py:GoThere")
 @click.argument("controller", metavar="|".join(("FILE.py[:CLASS]", *CONTROLLERS)), shell_complete=a_controller)
 @option("--seed", help="Of the life it lives.", type=click.IntRange(0, (1 << 32) - 1), default=0)
-@json_option
-@runs("check", "check")
+@options.json_option
+@runs("sim", "check")
 def check() -> None:
     """Whether a controller answers the same with the same bytes, and where it does not.
 

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from phalanx.cli.complete import offer
-from phalanx.cli.options import FILE, cluster_options, json_option, option
-
-from .runs import runs
+from phalanx.cli.options import FILE, OUT_FOLDER, cluster_options, json_option, option, runs
 
 
 @click.command(
@@ -17,11 +13,7 @@ from .runs import runs
 )
 @click.argument("file", metavar="SWEEP.yaml", type=FILE, shell_complete=offer(tuple, ".yaml", ".yml"))
 @cluster_options
-@option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="Folder for the rows; without, out/ and the file's name.",
-)
+@option("--out", type=OUT_FOLDER, help="Folder for the rows; without, out/ and the file's name.")
 @json_option
 @runs("sweep", "sweep")
 def sweep() -> None:

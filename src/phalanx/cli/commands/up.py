@@ -4,20 +4,9 @@ from __future__ import annotations
 
 import click
 
+from phalanx.cli import options
 from phalanx.cli.complete import a_map, a_mission_or_encoded
-from phalanx.cli.options import (
-    FILE,
-    broker_options,
-    defence_option,
-    duration_option,
-    furnish_option,
-    link_options,
-    option,
-    passphrase_option,
-    wait_option,
-)
-
-from .runs import runs
+from phalanx.cli.options import FILE, PORT, option, runs
 
 ROBOTS, ROBOTS_ON_MISSION = 12, 4
 
@@ -26,7 +15,7 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
     epilog="Examples: phalanx up --host 0.0.0.0 --robots 20; phalanx up --mission office;"
     " phalanx up --swarm dotbot://127.0.0.1:8000"
 )
-@link_options
+@options.link_options
 @option("--robots", help=f"Simulated robots.  [default: {ROBOTS}; on a mission {ROBOTS_ON_MISSION}]", type=int)
 @option(
     "--swarm",
@@ -53,7 +42,7 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
     metavar="FILE|BUILTIN",
     shell_complete=a_mission_or_encoded,
 )
-@furnish_option
+@options.furnish_option
 @option(
     "--world",
     help="The building in which robots live missions; without, the one the mission names. Alone: they wait for one."
@@ -63,7 +52,7 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 )
 @option("--start-key", help="Of one sealed --mission FILE; without, FILE.key.", type=FILE)
 @option("--trust", help="Refuse a --mission FILE none of these signed; repeatable.", multiple=True, metavar="KEY")
-@defence_option(
+@options.defence_option(
     help="What robots do about liars among them: audit each other (bound), as the paper has it, or nothing."
     "  [default: bound, for up to 100 robots; on a mission, where an audit can show what they read]"
 )
@@ -79,11 +68,11 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
     " number of its missions is used up. Robots 1 to --robots are to have a master key.",
     type=FILE,
 )
-@passphrase_option
-@broker_options
+@options.passphrase_option
+@options.broker_options
 @option("--host", help="Address to listen on for visitors; 0.0.0.0 for all.", default="127.0.0.1")
-@option("--port", help="Of the visitors' page.  [default: 8080, or any free one]", type=click.IntRange(0, 65535))
-@option("--operator-port", help="Of the operator's page; 0 is any free one.", type=click.IntRange(0, 65535), default=0)
+@option("--port", help="Of the visitors' page.  [default: 8080, or any free one]", type=PORT)
+@option("--operator-port", help="Of the operator's page; 0 is any free one.", type=PORT, default=0)
 @option(
     "--operator-token-file",
     help="Keeps the operator's token, for its owner alone: with --operator-port a restart leaves an open page useful."
@@ -96,8 +85,8 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
     help="Send visitors to this page of the published kind instead of ours; its host reads the pin.",
     default="",
 )
-@wait_option
-@duration_option
+@options.wait_option
+@options.duration_option
 @option(
     "--events",
     help="Print a JSON object a line instead of a QR code, at_s in each is its time; the first is 'ready' ('waiting'"

@@ -1,1 +1,1 @@
-"""What `phalanx mission` does, once it is asked to."""
+"""Commands of `phalanx mission`, imported when they run."""

@@ -1,8 +1,9 @@
-"""What an author does with missions: encode them, look at them, draw them, and find out what they are worth."""
+"""Encode missions, print them, check them and draw them, for their author."""
 
 from __future__ import annotations
 
 import hashlib
+import itertools
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -13,11 +14,12 @@ from typing import Any
 
 import click
 
-from phalanx.cli.signing_keys import read_signing_key, read_trusted
+from phalanx.cli.credentials import read_signing_key, read_trusted
 from phalanx.cli.terminal import Progress, counted, end_status_line, print_json, status_line, talk
 from phalanx.config.builtin import built_in
 from phalanx.config.lidar import ExtractionConfig, LidarConfig
-from phalanx.errors import PeerError, UsageError
+from phalanx.errors import PeerError, Unavailable, UsageError
+from phalanx.io.private_file import write_private
 from phalanx.mission import BuildOptions, Built, EncodedMission, Mission, Profile, admit, build, check_signature, sign
 from phalanx.mission.authoring.survey import begun_at, roomiest, survey
 from phalanx.mission.file.records import FINAL, FOREVER_S, JOIN, OPEN_START, REPEATABLE, ROAM, START
@@ -30,16 +32,7 @@ from phalanx.mission.worth.outlook import Outlook
 from phalanx.sim.building.floorplan import load_floorplan
 
 from .draw import check_drawable, draw_mission, lived
-from .files import (
-    building,
-    check_folder,
-    doors_of,
-    parse_robots,
-    parse_window,
-    read_encoded,
-    read_plain,
-    write_file,
-)
+from .files import building, check_folder, doors_of, parse_robots, parse_window, read_encoded, read_plain
 from .run import parse_start
 
 WARNINGS = 10  # told by build
@@ -92,11 +85,14 @@ def build_files(
         path = out.with_stem(f"{out.stem}-{one.part}") if one.part else out
         signed = one.mission if key is None else sign(one.mission, key)
         data = signed.encode()
-        write_file(path, data)
+        try:
+            path.write_bytes(data)
+        except OSError as error:
+            raise Unavailable(f"cannot write {path}: {error.strerror}", "choose another --out") from error
         row: dict[str, Any] = {"file": str(path), "bytes": len(data), **_summary(signed)}
         if (one.key.gates and not open_start) or one.key.messages:
             secret = path.with_name(path.name + ".key")
-            write_file(secret, one.key.encode(), secret=True)
+            write_private(secret, one.key.encode(), replace=True)
             row["key"] = str(secret)
         rows.append(row)
     if as_json:
@@ -112,10 +108,7 @@ def build_files(
 def explored(
     name: str | None, start: str | None, what: str, doors: str | None = None, lidar: LidarConfig | None = None
 ) -> tuple[Mission, FloorPlan]:
-    """The mission to find every landmark of a map, which `what` is done with; and the map, with where robots begin.
-
-    Raises: UsageError: none can be made.
-    """
+    """Return the mission to find all landmarks of a map, and the map with a start. Raises: UsageError: no map."""
     if name is None:
         raise UsageError(f"nothing to {what}", f"a YAML file, one of {', '.join(built_in('missions'))}, or --map MAP")
     plan, begin = building(name, doors, swept=True), None if start is None else parse_start(start)
@@ -173,14 +166,8 @@ def _warn(told: Mission, profile: Profile, outlook: Outlook | None, of: str, doo
 
 
 def _seeded(seed: int) -> Callable[[int], bytes]:
-    count = 0
-
-    def random(size: int) -> bytes:
-        nonlocal count
-        count += 1
-        return hashlib.shake_256(f"phalanx mission {seed} {count}".encode()).digest(size)
-
-    return random
+    count = itertools.count(1)
+    return lambda size: hashlib.shake_256(f"phalanx mission {seed} {next(count)}".encode()).digest(size)
 
 
 def _build(told: Mission, options: BuildOptions, random: Callable[[int], bytes]) -> list[Built]:
@@ -255,7 +242,8 @@ def verify(file: Path, trust: tuple[str, ...], robot: int | None, now_s: float |
         check_signature(encoded, trusted)
         if robot is not None or now_s is not None:
             now = time.time() if now_s is None else now_s
-            admit(encoded if robot is not None else _for_anybody(encoded), robot or 0, now, ())
+            for_anybody = replace(encoded, header=replace(encoded.header, robots=()))
+            admit(encoded if robot is not None else for_anybody, robot or 0, now, ())
     except PeerError as error:
         if as_json:
             print_json({"ok": False, "reason": error.reason, "message": str(error)})
@@ -266,10 +254,6 @@ def verify(file: Path, trust: tuple[str, ...], robot: int | None, now_s: float |
         whom = "trusted" if trusted else "whole; signed by"
         click.echo(f"{file}   {whom} {encoded.signer.hex()}")
     return 0
-
-
-def _for_anybody(encoded: EncodedMission) -> EncodedMission:
-    return replace(encoded, header=replace(encoded.header, robots=()))
 
 
 def draw(source: str | None, out: Path, plan: str | None, start: str | None, simulate: bool, seed: int) -> None:

@@ -12,7 +12,6 @@ from pathlib import Path
 import click
 
 from phalanx.cli.terminal import end_status_line, print_json, status_line
-from phalanx.config.mission import CodingConfig
 from phalanx.errors import UsageError
 from phalanx.mission import EncodedMission, Profile, parse_start_key
 from phalanx.mission.file.records import OPEN_START
@@ -85,7 +84,7 @@ def _show_cracked(
     encoded: EncodedMission, found: list[tuple[Cracked, float]], tries: int, of: int, spent_s: float, as_json: bool
 ) -> None:
     rate = tries / spent_s if spent_s else 0.0
-    paper = encoded.header.profile is Profile.PAPER
+    paper, coding = encoded.header.profile is Profile.PAPER, encoded.header.coding
     beyond = sum(not can_guess(shape) for shape in encoded.header.shapes)
     # A sealed node that was not opened hides how many more gates come after it: what is known so far is extrapolated.
     whole_s = of / rate if rate else 0.0
@@ -100,7 +99,7 @@ def _show_cracked(
                 "seconds": spent_s,
                 "tries_per_s": rate,
                 "extrapolated_s": whole_s,
-                "kdf": None if paper else _kdf(encoded.header.coding),
+                "kdf": None if paper else {"log2_n": coding.kdf_log2_n, "r": coding.kdf_r},
                 "shapes_not_tried": beyond,
             }
         )
@@ -120,7 +119,3 @@ def _show_cracked(
 def _read(found: list[tuple[Cracked, float]]) -> int:
     """Nodes, some of which were found by several aliases."""
     return len({node.node for node, _ in found})
-
-
-def _kdf(coding: CodingConfig) -> dict[str, int]:
-    return {"log2_n": coding.kdf_log2_n, "r": coding.kdf_r}

@@ -40,10 +40,7 @@ NOISE = OdometryNoise(0.03, 0.05)  # as phalanx mission run has it
 
 
 def check_drawable(out: Path) -> None:
-    """A picture can be written there.
-
-    Raises: UsageError: neither PNG nor SVG. Unavailable: matplotlib is not installed.
-    """
+    """Refuse a picture that cannot be drawn. Raises: UsageError: neither PNG nor SVG. Unavailable: no matplotlib."""
     if out.suffix.lower() not in FORMATS:
         raise UsageError(f"{out} is neither PNG nor SVG", "--out mission.svg")
     if importlib.util.find_spec("matplotlib") is None:
@@ -51,10 +48,7 @@ def check_drawable(out: Path) -> None:
 
 
 def lived(mission: Mission, plan: FloorPlan, seed: int) -> list[Report]:
-    """What became of one robot for each part of a mission, with its trace; in the paper profile, as it is faster.
-
-    Raises: UsageError: a robot cannot be put where a part begins.
-    """
+    """Run a robot for each part, in the paper profile, as it is faster. Raises: UsageError: a start has no room."""
     draws = random.Random(seed).randbytes  # noqa: S311  # a simulation's secrets keep nobody out
     orders = orders_of(mission, build(mission, BuildOptions(profile=Profile.PAPER), draws), plan)
     run = orders.run(noise=NOISE, seed=seed, keep_trace=True)
@@ -66,10 +60,7 @@ def lived(mission: Mission, plan: FloorPlan, seed: int) -> list[Report]:
 
 
 def draw_mission(mission: Mission, plan: FloorPlan | None, out: Path, reports: Sequence[Report] = ()) -> None:
-    """Write a PNG or SVG of a mission, on a plan if there is one, with the paths of reports that have traces.
-
-    Raises: UsageError: neither PNG nor SVG. Unavailable: matplotlib is not installed, or it cannot be written.
-    """
+    """Draw a mission, on a plan if there is one, with the traces of reports. Raises: UsageError, Unavailable."""
     check_drawable(out)
     from matplotlib.figure import Figure  # noqa: PLC0415  # only who draws needs it
 
@@ -110,7 +101,10 @@ def _draw_nodes(axes: Any, mission: Mission) -> None:
             label = None if thing.type in shown else thing.type.replace("_", " ")
             shown.add(thing.type)
             axes.plot(thing.x_m, thing.y_m, "o", color=COLOURS[thing.type], markersize=5, label=label, zorder=3)
-            _arrow(axes, thing)
+            if thing.orientation_rad is not None:
+                xs = [thing.x_m, thing.x_m + ARROW_M * math.cos(thing.orientation_rad)]
+                ys = [thing.y_m, thing.y_m + ARROW_M * math.sin(thing.orientation_rad)]
+                axes.plot(xs, ys, color=COLOURS[thing.type], linewidth=1, zorder=3)
         if node.place is not None:
             axes.annotate(node.name, node.place, (4, 4), textcoords="offset points", fontsize=7, zorder=4)
             if node.start or node.final:
@@ -124,10 +118,3 @@ def _draw_paths(axes: Any, reports: Sequence[Report]) -> None:
             once = label if report is reports[0] else None
             x, y = paths[:, which].T
             axes.plot(x, y, style, color=colour, linewidth=width, label=once, zorder=5)
-
-
-def _arrow(axes: Any, thing: Landmark) -> None:
-    if thing.orientation_rad is not None:
-        xs = [thing.x_m, thing.x_m + ARROW_M * math.cos(thing.orientation_rad)]
-        ys = [thing.y_m, thing.y_m + ARROW_M * math.sin(thing.orientation_rad)]
-        axes.plot(xs, ys, color=COLOURS[thing.type], linewidth=1, zorder=3)

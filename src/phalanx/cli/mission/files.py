@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TypeVar
 
-from phalanx.cli.signing_keys import read_trusted
+from phalanx.cli.credentials import read_trusted
 from phalanx.config.builtin import built_in
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.written import read_at_most
-from phalanx.errors import Unavailable, UsageError, did_you_mean
-from phalanx.io.private_file import write_private
+from phalanx.errors import UsageError, did_you_mean
 from phalanx.mission import (
     EncodedMission,
     Mission,
@@ -85,7 +84,7 @@ def _built(path: Path, hint: str, what: str, parse: Callable[[bytes], Parsed]) -
 
 
 def parse_window(said: str) -> tuple[int, int]:
-    """FROM/TO in seconds on the mission's clock; either may be a date, or nothing. Raises: UsageError."""
+    """Return FROM/TO in seconds on the mission's clock; either may be a date, or nothing. Raises: UsageError."""
     begin, slash, end = said.partition("/")
     if not slash:
         raise UsageError(f"{said!r} is no window", "FROM/TO, like 2026-12-01T08:00/2026-12-01T18:00")
@@ -135,17 +134,6 @@ def check_folder(out: Path) -> None:
         raise UsageError(f"no folder {out.parent}", "make it first")
 
 
-def write_file(path: Path, data: bytes, *, secret: bool = False) -> None:
-    """Put a file there; a secret one so that others cannot read it. Raises: Unavailable: it cannot be written."""
-    if secret:
-        write_private(path, data, replace=True)
-        return
-    try:
-        path.write_bytes(data)
-    except OSError as error:
-        raise Unavailable(f"cannot write {path}: {error.strerror}", "choose another --out") from error
-
-
 def _hint(source: str, wanted: str) -> str:
     """What to say instead of a mission that is not there: it may be a building's name."""
     if building := source if source in built_in("maps") else drawn_like(source):
@@ -155,10 +143,7 @@ def _hint(source: str, wanted: str) -> str:
 
 
 def is_encoded(source: str) -> bool:
-    """Whether a command's FILE|BUILTIN is an encoded mission's file, or was meant to be one.
-
-    Raises: UsageError: there is neither.
-    """
+    """Return whether FILE|BUILTIN is, or should be, an encoded mission's file. Raises: UsageError: there is neither."""
     known = built_in("missions")
     if source in known:
         return False
@@ -166,22 +151,8 @@ def is_encoded(source: str) -> bool:
     return data.startswith(MAGIC) or (bool(data) and Path(source).suffix == ENDING)
 
 
-def read_files(paths: Sequence[str], key: Path | None, option: str) -> list[File]:
-    """Encoded missions, each with its start key: the one given, or those that lie beside them.
-
-    Raises: UsageError: one cannot be read, or has no start key; `option` is where to say it. PeerError: one is none.
-    """
-    if key is not None and len(paths) > 1:
-        raise UsageError(f"{option} for {len(paths)} files", f"each with its start key beside it, FILE{ENDING}.key")
-    files = [(Path(path), read_encoded(Path(path))) for path in paths]
-    return [(encoded, start_key_of(path, key, encoded, option)) for path, encoded in files]
-
-
-def start_key_of(path: Path, given: Path | None, encoded: EncodedMission, option: str) -> StartKey | None:
-    """The start key of an encoded mission: the one given, or the one that lies beside its file.
-
-    Raises: UsageError: a sealed mission without one; `option` is where to say it.
-    """
+def start_key_of(path: Path, encoded: EncodedMission, given: Path | None, option: str) -> StartKey | None:
+    """Return the start key that was given, or lies beside the file. Raises: UsageError: a sealed mission has none."""
     beside = path.with_name(path.name + ".key")
     if given is not None or beside.exists():
         return read_start_key(given or beside)
@@ -200,25 +171,23 @@ class Wanted:
     trust: tuple[str, ...]  # whoever must have signed them
     key_option: str  # as people know it
 
-    @property
-    def trusted(self) -> list[bytes] | None:
-        """Public keys; None if any signature will do."""
-        return [read_trusted(key) for key in self.trust] or None
-
     def read(self) -> tuple[list[File], Mission | None]:
-        """What robots get, and what their mission's author says, if somebody asks him; no files, if he alone is asked.
-
-        Raises: UsageError: one cannot be read, or what was asked does not go together. PeerError: a file is refused.
-        """
+        """Read the encoded files and the plain mission. Raises: UsageError: one is unreadable; PeerError: refused."""
         encoded = bool(self.sources) and is_encoded(self.sources[0])
         if not encoded and (self.key is not None or self.trust or self.furnish):
             words = f"{self.key_option}, --trust and --furnish are for encoded missions"
             raise UsageError(words, "phalanx mission build makes one")
         if encoded:
-            files = read_files(self.sources, self.key, self.key_option)
-            for file, _ in files:
-                if self.trust or file.signer:
-                    check_signature(file, self.trusted)
+            if self.key is not None and len(self.sources) > 1:
+                words = f"{self.key_option} for {len(self.sources)} files"
+                raise UsageError(words, f"each with its start key beside it, FILE{ENDING}.key")
+            paths = [Path(each) for each in self.sources]
+            missions = [read_encoded(path) for path in paths]
+            keys = [start_key_of(*each, self.key, self.key_option) for each in zip(paths, missions, strict=True)]
+            for mission in missions:
+                if self.trust or mission.signer:
+                    check_signature(mission, [read_trusted(key) for key in self.trust] or None)
+            files = list(zip(missions, keys, strict=True))
             return files, read_plain(self.furnish) if self.furnish else None
         if len(self.sources) > 1:
             words = "one that is not encoded, or the encoded files of all its parts"
@@ -227,10 +196,7 @@ class Wanted:
 
 
 def building(name: str, doors: str | None, *, swept: bool = False) -> FloorPlan:
-    """A floor plan by name, with doors as wide as --door-width says, perhaps without a map's dust.
-
-    Raises: UsageError: there is none, or no such doors.
-    """
+    """Return a floor plan with doors as --door-width says, perhaps without dust. Raises: UsageError: no such plan."""
     plan = load_floorplan(name, swept=swept)
     return plan if doors is None else replace(plan, extraction=doors_of(doors))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from pathlib import Path
@@ -9,11 +10,11 @@ from typing import Any
 
 import click
 
+from phalanx.cli.credentials import read_trusted
+from phalanx.cli.run import needs_ros2
 from phalanx.cli.run import run as run_until_stopped
-from phalanx.cli.signing_keys import read_trusted
 from phalanx.cli.terminal import print_json
 from phalanx.config.lidar import ExtractionConfig
-from phalanx.errors import UsageError
 from phalanx.mission import admit, check_signature
 
 from .files import doors_of, read_encoded, start_key_of
@@ -32,11 +33,9 @@ def ros2(
     as_json: bool,
 ) -> int:
     """A robot lives a mission until it is done, or nothing is left to try; 1 if it did not complete it."""
-    try:
-        from phalanx.daemon.ros2.ahead import Place  # noqa: PLC0415 - an extra
+    with needs_ros2():
+        from phalanx.daemon.ros2.geometry import Place  # noqa: PLC0415 - an extra
         from phalanx.daemon.ros2.walk import Errand, RosWalk  # noqa: PLC0415
-    except ImportError as error:
-        raise UsageError(f"ROS 2 is not installed: {error}", "pip install 'phalanx-swarm[ros2]'") from error
     encoded = read_encoded(file)
     if trust or encoded.signer:
         check_signature(encoded, [read_trusted(each) for each in trust] or None)
@@ -45,21 +44,14 @@ def ros2(
     x_m, y_m, yaw_rad = parse_start(said_start)
     errand = Errand(
         mission=encoded,
-        key=start_key_of(file, key, encoded, "--key"),
+        key=start_key_of(file, encoded, key, "--key"),
         robot=robot,
         start=Place(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad),
         begin_s=begin_s,
         extraction=doors_of(doors) if doors else ExtractionConfig(),
     )
-    walk = RosWalk(errand, namespace, ros)
-
-    async def live() -> None:
-        try:
-            await walk.live(_tell)
-        finally:
-            walk.close()
-
-    run_until_stopped(live())
+    with contextlib.closing(RosWalk(errand, namespace, ros, _tell)) as walk:
+        run_until_stopped(walk.live())
     lived = walk.lived
     told: dict[str, Any] = {
         "completed": lived.done,

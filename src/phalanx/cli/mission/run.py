@@ -11,17 +11,17 @@ from typing import Any
 
 import click
 
-from phalanx.cli.terminal import Progress, counted, end_status_line, print_json, talk
+from phalanx.cli.terminal import Progress, counted, end_status_line, print_json, stopped, talk
 from phalanx.config.lidar import LidarConfig
 from phalanx.config.mission import MissionConfig
 from phalanx.errors import Unavailable, UsageError
-from phalanx.mission import BuildOptions, Built, EncodedMission, Mission, Profile, admit, build
+from phalanx.mission import BuildOptions, EncodedMission, Mission, Profile, admit, build
 from phalanx.mission.authoring.survey import roomiest
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.observable import LONGEST_S
 from phalanx.sim.building.floorplan import DEFAULT
 from phalanx.sim.building.odometry import OdometryNoise, Pose
-from phalanx.sim.missions.orders import orders_of_files
+from phalanx.sim.missions.orders import File, orders_of_files
 from phalanx.sim.missions.recording import write_recording
 from phalanx.sim.missions.report import Report, drift_words
 from phalanx.sim.missions.run import run_mission, summary
@@ -67,7 +67,7 @@ def run(
     if not name:
         talk(f"in {DEFAULT}; --world names another building")
     if plain is not None and not files:
-        files = [(each.mission, each.key) for each in _built(plain, profile, how["seed"])]
+        files = _encoded(plain, profile, how["seed"])
     orders = orders_of_files(Path(sources[0]).stem, files, plan, plain, start)
     begin_s = float(max(encoded.header.valid_from_s for encoded, _ in files)) if at_s is None else at_s
     if not 0 <= begin_s < LONGEST_S:
@@ -82,9 +82,7 @@ def run(
             setting, os.cpu_count() or 1, lambda share: progress.tell(_so_far(share, setting.duration_s), share)
         )
     except KeyboardInterrupt:
-        end_status_line()
-        click.echo("stopped", err=True)
-        return 1
+        return stopped()
     end_status_line()
     unwritten = _unwritten(record, orders.plan, reports)
     for line in _lacking(reports):
@@ -130,13 +128,10 @@ def _begun(plan: FloorPlan, *, told: bool) -> FloorPlan:
     """The floor plan; with a place where robots begin, if nobody has told it."""
     if told or plan.start is not None:
         return plan
-    start = roomiest(plan)
-    talk(f"{plan.name} does not say where robots begin: where there is most room, --start {_words(start)}")
+    start = x_m, y_m, yaw_rad = roomiest(plan)
+    degrees = math.degrees(yaw_rad)
+    talk(f"{plan.name} does not say where robots begin: where there is most room, --start {x_m:g},{y_m:g},{degrees:g}")
     return replace(plan, start=start)
-
-
-def _words(pose: Pose) -> str:
-    return f"{pose[0]:g},{pose[1]:g},{math.degrees(pose[2]):g}"
 
 
 def _so_far(share: float, duration_s: float) -> str:
@@ -144,11 +139,7 @@ def _so_far(share: float, duration_s: float) -> str:
 
 
 def _admit(encoded: EncodedMission, ids: tuple[int, ...], robots: int, now_s: float) -> None:
-    """Refuse what a robot would: a mission for others, or for another time.
-
-    Args:
-        ids: of the robots that get it; without, it is given to those that it names.
-    """
+    """Refuse what a robot would: a mission for others than `ids` (without, than it names), or for another time."""
     meant = encoded.header.robots
     if not ids and meant and robots > len(meant):
         raise UsageError(f"{robots} robots", f"the mission is for {len(meant)}")
@@ -156,9 +147,11 @@ def _admit(encoded: EncodedMission, ids: tuple[int, ...], robots: int, now_s: fl
         admit(encoded, robot, now_s, ())
 
 
-def _built(plain: Mission, profile: str, seed: int) -> list[Built]:
+def _encoded(plain: Mission, profile: str, seed: int) -> list[File]:
     # From the seed: a simulation's secrets keep nobody out, and the same seed shall give the same digest.
-    return build(plain, BuildOptions(profile=Profile[profile.upper()]), random.Random(seed).randbytes)  # noqa: S311
+    draws = random.Random(seed).randbytes  # noqa: S311
+    options = BuildOptions(profile=Profile[profile.upper()])
+    return [(each.mission, each.key) for each in build(plain, options, draws)]
 
 
 def parse_start(said: str) -> Pose:

@@ -7,11 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from .ahead import Place
+from .geometry import Place
 
 ODOM_IN_MAP = "odom in map"  # the value that says where a robot's odometry begins: x, y, yaw
 OK, WARN, ERROR = 0, 1, 2
-WORD = {OK: "OK", WARN: "WARN", ERROR: "ERROR"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,11 +24,7 @@ class Told:
 
 
 def told_of(state: Mapping[str, Any], odom_in_map: Place) -> tuple[Told, Told]:
-    """Whether others vouch for the robot, and what it found in them.
-
-    Args:
-        state: as `phalanx robot status --json` has it.
-    """
+    """Return a shield and verdicts, from a state as `phalanx robot status --json` has it."""
     tokens, needed = state["tokens"], state["tokens_needed"]
     place = f"{odom_in_map.x_m}, {odom_in_map.y_m}, {odom_in_map.yaw_rad}"
     values = {ODOM_IN_MAP: place} | {f"robot {each['auditor']}": f"{each['left_s']:.1f} s" for each in tokens}

@@ -7,9 +7,10 @@ only one that is kept. Source: rclpy.wait_for_message, which waits and takes as 
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import rclpy
@@ -18,6 +19,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from phalanx.errors import UsageError
+
+from .geometry import Place
 
 NS_PER_S = 1e9
 MOST = 100  # messages that are taken at a time, as many as the deepest queue keeps
@@ -30,21 +33,12 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Inbox:
-    """A topic's newest message; for any thread."""
+    """A topic's newest message; for any thread. `topic` is its whole name, `handle` is for rclpy."""
 
     def __init__(self, node: Any, kind: Any, topic: str, qos: QoSProfile) -> None:
         self._subscription = node.create_subscription(kind, topic, _nobody, qos)
         self._kind, self._lock = kind, threading.Lock()
-
-    @property
-    def topic(self) -> str:
-        """Its whole name."""
-        return str(self._subscription.topic_name)
-
-    @property
-    def handle(self) -> Any:
-        """For rclpy."""
-        return self._subscription.handle
+        self.topic, self.handle = str(self._subscription.topic_name), self._subscription.handle
 
     def take(self) -> Any:
         """The message that came since the last call, the newest of several; None if there was none."""
@@ -62,22 +56,12 @@ class Inbox:
 
 
 class Graph:
-    """A node, until `close`.
-
-    Args:
-        arguments: ROS 2's own, from `--ros-args` on.
-        parameters: by name, with what they are if nobody says otherwise.
-
-    Attributes:
-        node: rclpy's.
-        said: the parameters.
-        is_open: it was not closed.
-    Raises: UsageError: of these.
-    """
+    """A node of ROS 2, until `close`. `said` holds `parameters` as they were set. Raises: UsageError: wrong ones."""
 
     def __init__(self, name: str, namespace: str, arguments: Sequence[str], parameters: Mapping[str, Any]) -> None:
         self.context = rclpy.Context()
-        try:
+        with _refused(), contextlib.ExitStack() as undo:
+            undo.callback(rclpy.try_shutdown, context=self.context)
             rclpy.init(args=[*arguments], context=self.context, signal_handler_options=SignalHandlerOptions.NO)
             # Services that nobody would answer are none: parameters are read once.
             self.node = rclpy.create_node(
@@ -86,26 +70,20 @@ class Graph:
             self.said: dict[str, Any] = {
                 key: self.node.declare_parameter(key, value).value for key, value in parameters.items()
             }
-        except Exception as error:  # rclpy has a dozen kinds, with no common one
-            rclpy.try_shutdown(context=self.context)
-            raise refused(error) from error
+            undo.pop_all()
         self.is_open, self._waiting = True, threading.Lock()
         assert self.context.handle, "it was just begun"
         self._waits = rclpy_implementation.WaitSet(1, 0, 0, 0, 0, 0, self.context.handle)
 
     def inbox(self, kind: Any, topic: str, qos: QoSProfile) -> Inbox:
-        """What comes on that topic. Raises: UsageError: no such name."""
-        try:
+        """Subscribe to a topic. Raises: UsageError: no such name."""
+        with _refused():
             return Inbox(self.node, kind, topic, qos)
-        except Exception as error:
-            raise refused(error) from error
 
     def publisher(self, kind: Any, topic: str, qos: QoSProfile) -> Any:
-        """What says something there. Raises: UsageError: no such name."""
-        try:
+        """Make a publisher of a topic. Raises: UsageError: no such name."""
+        with _refused():
             return self.node.create_publisher(kind, topic, qos)
-        except Exception as error:
-            raise refused(error) from error
 
     def wait(self, inbox: Inbox, most_s: float) -> None:
         """A message waits there, or so much time is over; one thread alone waits."""
@@ -115,8 +93,15 @@ class Graph:
                 self._waits.add_subscription(inbox.handle)
                 self._waits.wait(int(max(0.0, most_s) * NS_PER_S))
 
+    def place(self, name: str) -> Place:
+        """Return the place that a parameter names as [x, y, yaw]. Raises: UsageError: it names none."""
+        said = self.said[name]
+        if len(said) != 3 or not all(map(math.isfinite, said)):
+            raise UsageError(f"{name} {[*said]}", "[x, y, yaw], finite")
+        return Place(x_m=said[0], y_m=said[1], yaw_rad=said[2])
+
     def check(self, *names: str) -> None:
-        """Nothing, if these parameters are numbers above 0. Raises: UsageError."""
+        """Refuse parameters that are no numbers above 0. Raises: UsageError."""
         if not all(0.0 < self.said[name] < math.inf for name in names):
             raise UsageError(f"{', '.join(names)}: {[self.said[name] for name in names]}", "finite, above 0")
 
@@ -141,10 +126,14 @@ class Graph:
         rclpy.try_shutdown(context=self.context)
 
 
-def refused(error: Exception) -> UsageError:
-    """What ROS 2 says, in a line."""
-    words = str(error).strip().splitlines()
-    return UsageError(f"ROS 2: {words[0] if words else type(error).__name__}", "docs/ros2.md")
+@contextlib.contextmanager
+def _refused() -> Iterator[None]:
+    """Raise what ROS 2 refuses as one line."""
+    try:
+        yield
+    except Exception as error:  # rclpy has a dozen kinds, with no common one
+        words = str(error).strip().splitlines()
+        raise UsageError(f"ROS 2: {words[0] if words else type(error).__name__}", "docs/ros2.md") from error
 
 
 def _nobody(_message: Any) -> None:

@@ -19,15 +19,15 @@ from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_system_default
 
-from phalanx.daemon.driver import NoReading
+from phalanx.daemon.driver import Hardware, NoReading
 from phalanx.daemon.driver_thread import HUNG_S
 from phalanx.errors import PeerError, UsageError
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.planner import Planner
 from phalanx.scenarios.scenario import GUARD, Scenario
 
-from .ahead import Pair, Place, point_of, twist_of, velocity_of, yaw_of
-from .diagnostics import WORD, told_of
+from .diagnostics import told_of
+from .geometry import Pair, Place, place_of, point_of, twist_of, velocity_of
 from .graph import RELIABLE, SENSOR, Graph
 
 log = logging.getLogger(__name__)
@@ -51,13 +51,8 @@ PACE_S = 0.005
 FARTHEST_M = 1e6  # what a guard takes for a reading
 
 
-class RosBase:
-    """A robot's base and its planner, behind topics. See `daemon.driver.Base`.
-
-    Args:
-        arguments: ROS 2's own, from `--ros-args` on.
-    Raises: UsageError: of these, or a mission whose controller nobody can advise.
-    """
+class RosBase(Hardware):
+    """Connects a robot's base and its planner by topics. Raises: UsageError: wrong arguments, or nobody can advise."""
 
     def __init__(
         self, rob_id: int, scenario: Scenario, declared: Declaration, namespace: str, arguments: Sequence[str]
@@ -72,14 +67,15 @@ class RosBase:
         said = self._said = self._graph.said
         try:
             self._graph.check("ahead_m", "smoothing_frequency", "source_timeout")
-            if len(said["odom_in_map"]) != 3 or not all(map(math.isfinite, said["odom_in_map"])):
-                raise UsageError(f"odom_in_map {[*said['odom_in_map']]}", "[x, y, yaw], finite")
-            self._make_topics()
+            self._odom_in_map = self._graph.place("odom_in_map")
+            kind = TwistStamped if said["enable_stamped_cmd_vel"] else Twist
+            self._out = self._graph.publisher(kind, said["cmd_vel_out_topic"], RELIABLE)
+            self._diagnostics = self._graph.publisher(DiagnosticArray, "/diagnostics", qos_profile_system_default)
+            self._wishes = self._graph.inbox(kind, said["cmd_vel_in_topic"], RELIABLE)
+            self._odometries = self._graph.inbox(Odometry, said["odom_topic"], SENSOR)
         except UsageError:
             self._graph.close()
             raise
-        x_m, y_m, yaw_rad = said["odom_in_map"]
-        self._odom_in_map = Place(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
         self._odometry: tuple[float, Place, Pair] | None = None  # when it came, where the base is, how its point moves
         self._wish: Pair | None = None  # driving and turning, not yet taken
         self._told: tuple[float, Pair, Pair] | None = None  # since when, from which velocity on, which acceleration
@@ -91,14 +87,6 @@ class RosBase:
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._live, daemon=True)
         self._thread.start()
-
-    def _make_topics(self) -> None:
-        said = self._said
-        kind = TwistStamped if said["enable_stamped_cmd_vel"] else Twist
-        self._out = self._graph.publisher(kind, said["cmd_vel_out_topic"], RELIABLE)
-        self._diagnostics = self._graph.publisher(DiagnosticArray, "/diagnostics", qos_profile_system_default)
-        self._wishes = self._graph.inbox(kind, said["cmd_vel_in_topic"], RELIABLE)
-        self._odometries = self._graph.inbox(Odometry, said["odom_topic"], SENSOR)
 
     # --- its thread ---------------------------------------------------------------------------------------------------
 
@@ -122,17 +110,13 @@ class RosBase:
             self._wake()
 
     def _hear(self) -> None:
-        message = self._odometries.take()
-        if message is not None:
-            self._on_odometry(message)
-
-    def _on_odometry(self, message: Any) -> None:
+        if (message := self._odometries.take()) is None:
+            return
         said, frame, child = self._said, message.header.frame_id, message.child_frame_id
         if frame not in (said["map_frame_id"], said["odom_frame_id"]) or child not in (said["base_frame_id"], ""):
             self._strange = f"it is of {child} in {frame}, not {said['base_frame_id']} in {said['odom_frame_id']}"
             return
-        at, q, twist = message.pose.pose.position, message.pose.pose.orientation, message.twist.twist
-        there = Place(x_m=at.x, y_m=at.y, yaw_rad=yaw_of(q.x, q.y, q.z, q.w))
+        there, twist = place_of(message.pose.pose), message.twist.twist
         base = there if frame == said["map_frame_id"] else self._odom_in_map.of(there)
         moves = velocity_of(twist.linear.x, twist.angular.z, base.yaw_rad, said["ahead_m"])
         if all(abs(number) <= FARTHEST_M for number in (base.x_m, base.y_m, base.yaw_rad, *moves)):  # NaN is not
@@ -161,7 +145,7 @@ class RosBase:
     # --- what the daemon asks -----------------------------------------------------------------------------------------
 
     async def ready(self) -> None:
-        """See `Base`: odometry comes. From now on the robot is told something, at first to stand."""
+        """Return when odometry comes. From now on publish commands, at first to stand."""
         self._speaks = True
         tell_s = time.monotonic() + PATIENCE_S
         while self._known() is None:
@@ -169,9 +153,6 @@ class RosBase:
                 log.warning("robot %d waits: %s", self._id, self._no_odometry())
                 tell_s = math.inf
             await asyncio.sleep(0.05)
-
-    def begin(self) -> None:
-        """See `Hardware`."""
 
     def _no_odometry(self) -> NoReading:
         strange = f": {self._strange}" if self._strange else ""
@@ -210,7 +191,7 @@ class RosBase:
         return _Advised(rob_id, goal_m, self)
 
     def on_advice(self, wake: Callable[[], object]) -> None:
-        """See `Base`."""
+        """Call `wake` from now on, in any thread, when there is advice that was not taken yet."""
         self._wake = wake
 
     def wish(self) -> Pair | None:
@@ -225,7 +206,7 @@ class RosBase:
         message.header.stamp = self._graph.now()
         for each in told_of(state, self._odom_in_map):
             status = DiagnosticStatus(
-                level=getattr(DiagnosticStatus, WORD[each.level]),
+                level=bytes([each.level]),
                 name=f"{self._graph.node.get_fully_qualified_name()}: {each.name}",
                 message=each.message,
                 hardware_id=f"robot {self._id}",

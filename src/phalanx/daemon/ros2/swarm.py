@@ -12,7 +12,6 @@ import threading
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from types import TracebackType
 from typing import Any, Self
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -25,10 +24,9 @@ from phalanx.errors import Held, Unavailable, Unknown, UsageError
 from phalanx.robot import Point, Robot
 from phalanx.robot.roster import HISTORY_STEP_MM, Roster, member
 
-from .ahead import Pair, Place, twist_of, yaw_of
 from .diagnostics import ODOM_IN_MAP, place_in
+from .geometry import Area, Pair, Place, place_of, pose_of, steered, twist_of
 from .graph import LATCHED, RELIABLE, SENSOR, Graph
-from .on_page import Area, pose_of, steered
 
 log = logging.getLogger(__name__)
 
@@ -60,10 +58,7 @@ class _Body:
 
 
 class RosSwarm(Roster):
-    """The robots of a ROS domain, while the context lasts; on the way out those under way are stopped.
-
-    Raises: UsageError: of ROS 2; Unavailable: nobody tells odometry within `wait_s`.
-    """
+    """The robots of a ROS domain, as a context that stops them at its end. Raises: UsageError; Unavailable: none."""
 
     unprotected = (
         "what topics of ROS 2 say is checked by nobody, so pages show no shields; whoever is on the domain drives"
@@ -94,9 +89,7 @@ class RosSwarm(Roster):
             time.sleep(TURN_S)
         return self
 
-    def __exit__(
-        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self._over.set()
         self._thread.join(JOIN_S)
         self._graph.close()
@@ -137,7 +130,7 @@ class RosSwarm(Roster):
         for body in self._bodies:
             self._look_at(body)
         if (grid := self._maps.take()) is not None:
-            self._area = Area.of(grid.info.width, grid.info.height, grid.info.resolution, _origin(grid))
+            self._area = Area.of(grid.info.width, grid.info.height, grid.info.resolution, place_of(grid.info.origin))
         for message in self._diagnostics.take_all():
             for status in message.status:
                 values = {each.key: each.value for each in status.values}
@@ -160,8 +153,7 @@ class RosSwarm(Roster):
     def _hear(self, i: int, body: _Body) -> None:
         if (said := body.odometry.take()) is None:
             return
-        at, q = said.pose.pose.position, said.pose.pose.orientation
-        there = Place(x_m=at.x, y_m=at.y, yaw_rad=yaw_of(q.x, q.y, q.z, q.w))
+        there = place_of(said.pose.pose)
         if not all(abs(number) <= FARTHEST_M for number in (there.x_m, there.y_m, there.yaw_rad)):  # NaN is not
             return
         if said.header.frame_id != "map":
@@ -263,8 +255,3 @@ class RosSwarm(Roster):
         if self._bodies[i].out is None:
             raise Unknown(f"nobody listens on {RAW} or {DIRECT} there")
         return i
-
-
-def _origin(grid: Any) -> Place:
-    at, q = grid.info.origin.position, grid.info.origin.orientation
-    return Place(x_m=at.x, y_m=at.y, yaw_rad=yaw_of(q.x, q.y, q.z, q.w))

@@ -8,10 +8,9 @@ Source: sensor_msgs/LaserScan, REP 103, 105 and 117.
 
 from __future__ import annotations
 
-import bisect
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from phalanx.config.lidar import LidarConfig
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks.scan import LaserScan
 
-from .ahead import Place
+from .geometry import Place
 
 # A lidar that does not see all around looks ahead, give or take so much.
 ASTRAY_RAD = 0.35
@@ -30,12 +29,7 @@ KEPT = 200  # moments of odometry: four seconds of a fast one
 
 @dataclass(frozen=True, slots=True)
 class Beams:
-    """How a driver's scans lie: so many beams, which way round, and which of them is a mission's first.
-
-    Attributes:
-        lidar: that a mission knows.
-        eye: where its middle is on the robot, and where it looks.
-    """
+    """Converts a driver's scans to those of `lidar`, which a mission knows; `eye` is its place on the robot."""
 
     count: int
     clockwise: bool
@@ -56,11 +50,9 @@ class Beams:
 def beams_of(
     count: int, first_rad: float, step_rad: float, limits_m: tuple[float, float], noise_m: float, mounted: Place
 ) -> Beams:
-    """How scans lie whose first beam is at `first_rad` of the laser's frame, each further one `step_rad` on.
+    """Return how scans lie whose first beam is at `first_rad` of the laser's frame, each further one `step_rad` on.
 
-    Args:
-        limits_m: range_min and range_max.
-        mounted: the laser's frame in the robot's.
+    `limits_m` are range_min and range_max, `mounted` is the laser's frame in the robot's.
     Raises: UsageError: no lidar is so, or it looks aside.
     """
     if not (count >= 2 and math.isfinite(first_rad) and 0 < abs(step_rad) < math.pi):
@@ -90,17 +82,13 @@ def beams_of(
 
 
 class Track:
-    """Where the robot's eye has been of late, by odometry, in a frame of its own that begins where it did.
-
-    Attributes:
-        travelled_m: since the beginning, forwards and backwards.
-    """
+    """Follows the robot's eye by odometry, in a frame that begins where it did; `travelled_m` counts both ways."""
 
     def __init__(self, eye: Place) -> None:
         self._eye, self._began = eye, Place()
         self._times: list[float] = []
         self._places: list[Place] = []
-        self.travelled_m = 0.0
+        self.travelled_m, self.newest_s = 0.0, -math.inf
 
     def add(self, t_s: float, base: Place, latest_s: float) -> bool:
         """Odometry said this of that moment; one that is no later than the last is left out.
@@ -118,33 +106,19 @@ class Track:
         if self._places:
             last = self._places[-1]
             # Headings go on where a turn is full: a reading's is no angle but how far it turned.
-            here = Place(
-                x_m=here.x_m,
-                y_m=here.y_m,
-                yaw_rad=last.yaw_rad + math.remainder(here.yaw_rad - last.yaw_rad, math.tau),
-            )
+            yaw_rad = last.yaw_rad + math.remainder(here.yaw_rad - last.yaw_rad, math.tau)
+            here = replace(here, yaw_rad=yaw_rad)
             self.travelled_m += math.dist((here.x_m, here.y_m), (last.x_m, last.y_m))
         self._times.append(t_s)
+        self.newest_s = t_s
         self._places.append(here)
         del self._times[:-KEPT], self._places[:-KEPT]
         return True
 
-    @property
-    def newest_s(self) -> float:
-        """The last moment that odometry told of."""
-        return self._times[-1] if self._times else -math.inf
-
     def at(self, t_s: float) -> Place | None:
         """Where it was at that moment, the last place if odometry is not so far; None before the first."""
-        i = bisect.bisect_right(self._times, t_s)
-        if i == 0:
+        if not self._times or t_s < self._times[0]:
             return None
-        if i == len(self._times):
-            return self._places[-1]
-        before, after = self._places[i - 1], self._places[i]
-        share = (t_s - self._times[i - 1]) / (self._times[i] - self._times[i - 1])
-        return Place(
-            x_m=before.x_m + share * (after.x_m - before.x_m),
-            y_m=before.y_m + share * (after.y_m - before.y_m),
-            yaw_rad=before.yaw_rad + share * (after.yaw_rad - before.yaw_rad),
-        )
+        places = ([each.x_m, each.y_m, each.yaw_rad] for each in self._places)
+        x_m, y_m, yaw_rad = (float(np.interp(t_s, self._times, axis)) for axis in zip(*places, strict=True))
+        return Place(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)

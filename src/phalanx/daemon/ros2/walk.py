@@ -30,7 +30,7 @@ from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.robot.controllers.python_controller import Act
 from phalanx.wire.table import ACTION, DRIVE, KIND_DRIVE
 
-from .ahead import Place, yaw_of
+from .geometry import Place, place_of
 from .graph import RELIABLE, SENSOR, TRAIL, Graph
 from .sweep import Beams, Track, beams_of
 
@@ -85,21 +85,17 @@ class Lived:
 
 
 class RosWalk:
-    """A robot on a mission, until `close`.
+    """Runs a robot's mission until `close`; tells `on_event` what happens, and when, s. Raises: UsageError."""
 
-    Args:
-        arguments: ROS 2's own, from `--ros-args` on.
-    Raises: UsageError: of these, or a topic that is none.
-    """
-
-    def __init__(self, errand: Errand, namespace: str, arguments: Sequence[str]) -> None:
-        self._errand, self.lived = errand, Lived()
+    def __init__(
+        self, errand: Errand, namespace: str, arguments: Sequence[str], on_event: Callable[[float, str], None]
+    ) -> None:
+        self._errand, self.lived, self._on_event = errand, Lived(), on_event
         self._graph = Graph(NAME, namespace, arguments, DEFAULTS)
         said = self._said = self._graph.said
         try:
             self._graph.check("source_timeout")
-            if len(said["laser_in_base"]) != 3 or not all(map(math.isfinite, said["laser_in_base"])):
-                raise UsageError(f"laser_in_base {[*said['laser_in_base']]}", "[x, y, yaw], finite")
+            self._mounted = self._graph.place("laser_in_base")
             kind = TwistStamped if said["enable_stamped_cmd_vel"] else Twist
             self._out = self._graph.publisher(kind, said["cmd_vel_topic"], RELIABLE)
             self._pose = self._graph.publisher(PoseWithCovarianceStamped, said["pose_topic"], RELIABLE)
@@ -109,8 +105,6 @@ class RosWalk:
         except UsageError:
             self._graph.close()
             raise
-        x_m, y_m, yaw_rad = said["laser_in_base"]
-        self._mounted = Place(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
         self._beams: Beams | None = None
         self._track: Track | None = None
         self._controller: ObservedController | None = None
@@ -119,16 +113,13 @@ class RosWalk:
         self._strange = ""
         self._steps = 0
 
-    async def live(self, on_event: Callable[[float, str], None]) -> Lived:
-        """Its mission, to the end or until nothing is left to try; `on_event` hears of each thing that happens, in s.
-
-        Raises: UsageError: no lidar of a mission's; Unavailable: the stamps went back.
-        """
+    async def live(self) -> None:
+        """Run the mission to its end. Raises: UsageError: no lidar of a mission's; Unavailable: stamps went back."""
         heard_s, said = time.monotonic(), False
         while not (self._controller and self._controller.over):
             await asyncio.to_thread(self._graph.wait, self._scans, WAIT_S)
             scan = self._scans.take()
-            if scan is not None and self._step(scan, on_event):
+            if scan is not None and self._step(scan):
                 heard_s, said = time.monotonic(), False
                 continue
             silent_s = time.monotonic() - heard_s
@@ -136,15 +127,11 @@ class RosWalk:
                 self._graph.move(self._out, 0.0, 0.0)
             if silent_s > PATIENCE_S and not said:
                 said = True
-                log.warning("the robot stands: %s", self._strange or self._nothing())
-        return self.lived
+                missing = self._odometries if self._track is None and self._beams else self._scans
+                log.warning("the robot stands: %s", self._strange or f"nothing comes on {missing.topic}")
 
-    def _nothing(self) -> str:
-        missing = self._odometries if self._track is None and self._beams else self._scans
-        return f"nothing comes on {missing.topic}"
-
-    def _step(self, scan: Any, on_event: Callable[[float, str], None]) -> bool:
-        """Whether a scan was lived."""
+    def _step(self, scan: Any) -> bool:
+        """Return whether a scan was lived."""
         t_s = _seconds(scan.header.stamp)
         if t_s < self._last_s - BACK_S:
             raise Unavailable("scans' stamps went back", "begin the mission again")
@@ -171,7 +158,7 @@ class RosWalk:
         raw = self._sensors.raw_of(self._beams.scan_of(scan.ranges))
         pose = place.x_m, place.y_m, place.yaw_rad
         reading = self._sensors.make(self._errand.robot, t_ms, pose, self._track.travelled_m, raw)
-        self._obey(self._controller, t_ms, reading, raw, on_event)
+        self._obey(self._controller, t_ms, reading, raw)
         self._tell_pose(scan.header.stamp, self._controller, self._beams)
         return True
 
@@ -192,8 +179,7 @@ class RosWalk:
             if frames[0] != said["odom_frame_id"] or frames[1] not in (said["base_frame_id"], ""):
                 self._strange = f"odometry is of {frames[1]} in {frames[0]}, not as odom_frame_id and base_frame_id say"
                 continue
-            at, q = message.pose.pose.position, message.pose.pose.orientation
-            base = Place(x_m=at.x, y_m=at.y, yaw_rad=yaw_of(q.x, q.y, q.z, q.w))
+            base = place_of(message.pose.pose)
             if not all(map(math.isfinite, (base.x_m, base.y_m, base.yaw_rad))):
                 self._strange = "odometry makes no sense"
                 continue
@@ -203,14 +189,7 @@ class RosWalk:
             if not self._track.add(t_s, base, scanned_s + said["source_timeout"]):
                 self._strange = f"odometry is dated {t_s - scanned_s:.1f} s ahead of scans"
 
-    def _obey(
-        self,
-        controller: ObservedController,
-        t_ms: int,
-        reading: bytes,
-        raw: bytes,
-        on_event: Callable[[float, str], None],
-    ) -> None:
+    def _obey(self, controller: ObservedController, t_ms: int, reading: bytes, raw: bytes) -> None:
         self._steps += 1
         controller.keep(self._steps, t_ms, reading, raw)
         for output in controller.on_evidence(self._steps, t_ms, reading, b""):
@@ -221,20 +200,20 @@ class RosWalk:
                 action = parse_action(output.payload[ACTION.size :])
                 self._does.publish(String(data=action.name))
                 self.lived.actions.append((t_ms / MILLI, action.name))
-                on_event(t_ms / MILLI, f"does {action.name}")
-        self._note(controller, t_ms / MILLI, on_event)
+                self._on_event(t_ms / MILLI, f"does {action.name}")
+        self._note(controller, t_ms / MILLI)
 
-    def _note(self, controller: ObservedController, t_s: float, on_event: Callable[[float, str], None]) -> None:
+    def _note(self, controller: ObservedController, t_s: float) -> None:
         lived, outcome, phase = self.lived, controller.outcome, controller.memory.walk.phase
         lived.t_s, lived.done = t_s, phase is Phase.DONE
         if outcome is None:
             return
         if outcome.decoded and all(node != outcome.decoded.node for _, node, _ in lived.decoded):
             lived.decoded.append((t_s, outcome.decoded.node, outcome.decoded.name))
-            on_event(t_s, f"decoded {outcome.decoded.name}")
+            self._on_event(t_s, f"decoded {outcome.decoded.name}")
         if outcome.event is not None and not outcome.decoded:
             lived.not_validated.append((t_s, outcome.event.value))
-            on_event(t_s, f"did not find the next landmark: {outcome.event.value}")
+            self._on_event(t_s, f"did not find the next landmark: {outcome.event.value}")
 
     def _tell_pose(self, stamp: Any, controller: ObservedController, beams: Beams) -> None:
         x_m, y_m, yaw_rad = controller.memory.belief.pose

@@ -26,7 +26,7 @@ Cell = str | int | float
 MOST_BYTES = 1 << 16
 MOST_RUNS = 1_000_000
 HINT = "docs/sweeps.md has an example"
-SWEEP_HINT = "pip install 'phalanx-swarm[sweep]'"
+SWEEP_HINT = "pip install '.[sweep]' in a clone"
 KEYS = ("scenario", "seeds", "grid")
 # What `phalanx sim run` has an option for is called as there.
 OPTIONS = ("robots", "spacing_m", "duration_s", "defence", "f_max", "t_audit_s", "t_val_s")

@@ -16,14 +16,12 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Coroutine
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from phalanx.daemon.driver import GO, PACKET_BYTES, READY
 from phalanx.daemon.far_planner import check_adviser, is_far
-from phalanx.daemon.on_air import PLAIN_AIR, Air
 from phalanx.daemon.run import run_robot
 from phalanx.daemon.sealed_air import with_room_for_seals
 from phalanx.daemon.settings import RobotSettings
@@ -33,14 +31,14 @@ from phalanx.errors import PhalanxError, Unavailable, UsageError
 from phalanx.io.children import die_with_parent
 from phalanx.io.keyring import Keys
 from phalanx.robot.planner import ToGoal
-from phalanx.scenarios.behaviour import MakeController, adviser
+from phalanx.scenarios.behaviour import adviser
 from phalanx.scenarios.own import find_planner, mistakes_in
 from phalanx.scenarios.scenario import WHEELS, Scenario, for_robots
 from phalanx.sim.audited.setup import POWER_UP_MS
 
 from .ether import Ether, Weather
 from .field import Field
-from .places import STATION, free_ports, lay_out
+from .places import STATION, Changes, free_ports, lay_out
 
 if TYPE_CHECKING:
     from phalanx.sim.scenarios.recording import Recording
@@ -56,47 +54,18 @@ NICER = -10
 OnStep = Callable[[Field], None]
 
 
-@dataclass(frozen=True, slots=True)
-class Minds:
-    """What drives robots instead of the mission's controller, who advises guards, and what liars run.
-
-    `controller` and `planner` are as robots' files name them, `attacks` as commands do; where that is no file, of one's
-    own, it says nothing here.
-    """
-
-    make: MakeController | None = None
-    controller: str = ""
-    planner: str = ""
-    attacks: tuple[str, ...] = ()
-
-    @property
-    def files(self) -> tuple[str, ...]:
-        """What may be somebody's own file."""
-        return self.controller, self.planner, *self.attacks
-
-
-OF_THE_MISSION = Minds()
-
-
 class Arena:
-    """The world's side of it: answers sensors, moves bodies, carries frames, hears what robots tell of themselves.
+    """Answers sensors, moves the bodies in `field`, carries packets, and reads what robots tell of themselves."""
 
-    Attributes:
-        field: the bodies.
-    """
-
-    def __init__(
-        self, scenario: Scenario, folder: Path, weather: Weather, air: Air, minds: Minds = OF_THE_MISSION
-    ) -> None:
+    def __init__(self, scenario: Scenario, folder: Path, weather: Weather, changes: Changes) -> None:
         keys = Keys.new("arena")
         if scenario.controller == WHEELS:
             gateway, operator = (keys.public(who) for who in STATION.values())
             scenario = replace(scenario, gateway_key=gateway, operator_key=operator)
-        self.field = Field(scenario, getattr(minds.make, "senses", None))
-        self.minds = minds
-        self.on_air = {each.robot: each for each in air.attacks}
-        for each in air.attacks:
-            self.field.distrust(each.robot, each.name)
+        hostile = {each.robot: each.name for each in changes.on_air}
+        self.field = Field(scenario, getattr(changes.make, "senses", None), hostile)
+        self.changes = changes
+        self.on_air = {each.robot: each for each in changes.on_air}
         self._weather, dice = weather, random.Random(scenario.seed)  # noqa: S311 - weather
         clocks = [
             (dice.randint(-weather.clock_ppm, weather.clock_ppm), dice.randint(1, POWER_UP_MS))
@@ -112,11 +81,10 @@ class Arena:
             self._is_silent,
             dice,
         )
-        own: dict[str, str | float] = {"controller": minds.controller, "planner": minds.planner}
-        own |= {"clock_speed": weather.speed} if weather.speed < 1 else {}
         # Of one's own attacks no file can tell: daemons are given them as they are forked.
         told = tuple(each for each in scenario.drawn_attacks() if not each.own)
-        self.places = lay_out(replace(scenario, attacks=told), folder, self._ether.port, ports, clocks, keys, air, own)
+        told_scenario = replace(scenario, attacks=told)
+        self.places = lay_out(told_scenario, folder, self._ether.port, ports, clocks, keys, changes, weather.speed)
         self._ready = 0
         self._all_ready = asyncio.Event()
         self._began_s = 0.0
@@ -124,10 +92,7 @@ class Arena:
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def run(self, on_step: OnStep, recording: Recording | None, robots: Robots) -> None:
-        """From the moment when all robots are ready to the scenario's end; then they are told to end.
-
-        Raises: Unavailable: a robot does not become ready.
-        """
+        """Run the scenario once all robots are ready, then end them. Raises: Unavailable: one does not get ready."""
         loop, n = asyncio.get_running_loop(), self.field.scenario.robots
         for i in range(n):
             self._spawn(self._sensors(i))
@@ -147,17 +112,13 @@ class Arena:
                 self.field.advance(now_s)
                 if now_s >= next_step_s:
                     next_step_s += 1.0
-                    robots.ended()
-                    self._hear_of_failed(robots, now_s)
-                    on_step(self.field)
+                    self._step(robots, now_s, on_step)
                 if recording:
                     recording.write(self.field, [])
                 await asyncio.sleep(TURN_S)
             self.field.advance(duration_s)
             self.look()
-            robots.ended()
-            self._hear_of_failed(robots, duration_s)
-            on_step(self.field)
+            self._step(robots, duration_s, on_step)
             self._over = True
             robots.end()
             await asyncio.sleep(LAST_ANSWERS_S)
@@ -171,9 +132,11 @@ class Arena:
         self._ether.close()
         self.places.close()
 
-    def _hear_of_failed(self, robots: Robots, now_s: float) -> None:
+    def _step(self, robots: Robots, now_s: float, on_step: OnStep) -> None:
+        robots.ended()
         for rob_id, how in robots.failed.items():
             self.field.fail(rob_id, how, now_s)
+        on_step(self.field)
 
     def _spawn(self, job: Coroutine[None, None, None]) -> None:
         self._tasks.add(asyncio.ensure_future(job))
@@ -264,12 +227,9 @@ async def _packet(link: socket.socket) -> bytes:
 
 
 class Robots:
-    """A process for each robot of an arena; all are gone when the context is left.
+    """Runs a process for each robot of an arena, as a context; `failed` says how one ended before it was told to.
 
     They are forked, so that code and data are in memory once: nothing else of this process may have threads.
-
-    Attributes:
-        failed: how a robot's process ended, by the robot's id, if that was before it was told to.
     """
 
     def __init__(self, arena: Arena) -> None:
@@ -293,9 +253,7 @@ class Robots:
             self.failed[self._living.pop(pid)] = _how_ended(os.waitstatus_to_exitcode(status))
         return bool(gone)
 
-    def __exit__(
-        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self.end()
         until_s = time.monotonic() + END_TIMEOUT_S
         while self._living:
@@ -323,7 +281,8 @@ def _forked(settings: RobotSettings, arena: Arena) -> int:
         arena.close()
         die_with_parent()
         if os.getppid() == parent:
-            with mistakes_in(*arena.minds.files):
+            changes = arena.changes
+            with mistakes_in(changes.controller, changes.planner, *changes.attacks):
                 asyncio.run(_until_told(settings, arena))
         code = 0
     except PhalanxError as error:
@@ -366,25 +325,16 @@ def _go_first() -> None:
 
 
 def play_in_arena(
-    scenario: Scenario,
-    folder: Path,
-    weather: Weather,
-    on_step: OnStep,
-    recording: Recording | None = None,
-    air: Air = PLAIN_AIR,
-    minds: Minds = OF_THE_MISSION,
+    scenario: Scenario, folder: Path, weather: Weather, on_step: OnStep, recording: Recording | None, changes: Changes
 ) -> Field:
-    """The field, at the end of the scenario's time.
-
-    Raises: UsageError: no program for trusted nodes, an attack that no arena plays; Unavailable.
-    """
+    """Return the field at the scenario's end. Raises: UsageError: no nodes, or it cannot be played; Unavailable."""
     _check(scenario, weather)
-    scenario = with_room_for_seals(scenario) if air.sealed else scenario
-    planner = None if is_far(minds.planner) else find_planner(minds.planner or None)
-    if adviser(scenario, minds.make, ToGoal if is_far(minds.planner) else planner):
-        check_adviser(scenario, is_far=is_far(minds.planner))
+    scenario = with_room_for_seals(scenario) if changes.sealed else scenario
+    planner = None if is_far(changes.planner) else find_planner(changes.planner or None)
+    if adviser(scenario, changes.make, ToGoal if is_far(changes.planner) else planner):
+        check_adviser(scenario, is_far=is_far(changes.planner))
     program()
-    arena = Arena(scenario, folder, weather, air, minds)
+    arena = Arena(scenario, folder, weather, changes)
     log.warning("trusted nodes are processes, which protect from nobody here")
     try:
         _go_first()

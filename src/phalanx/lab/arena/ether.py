@@ -7,7 +7,7 @@ is for all is said once. Source: docs/robot.md.
 from __future__ import annotations
 
 import asyncio
-import heapq
+import contextlib
 import random
 import socket
 from collections.abc import Callable, Sequence
@@ -42,10 +42,7 @@ BUFFER_BYTES = 1 << 22
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Weather:
-    """What the air does to frames, and the processes' clocks do, beside the scenario's loss.
-
-    Raises: UsageError: a value is out of range.
-    """
+    """Loss and delay of packets, and drift of clocks, beside the scenario's loss. Raises: UsageError: out of range."""
 
     repeats: float = within(0.0, 0.0, 0.9, "share of frames that arrive twice")
     delay_ms: float = within(5.0, 0.0, 10_000.0, "each frame is late by up to so much, so that one overtakes another")
@@ -59,16 +56,9 @@ class Weather:
 
 
 class Ether:
-    """The air at a port of this machine's.
+    """The air at a `port` of this machine, in a world whose counts of packets grow.
 
-    Args:
-        world: who is where; its counts of frames grow.
-        ports: each robot's, by its index, and behind them perhaps that of a gateway in range of all.
-        is_silent: whether a robot's radio is off, by index.
-        dice: of loss, delay and repetition.
-
-    Attributes:
-        port: where robots speak to.
+    The last of `ports` may be a gateway's, in range of all; `is_silent` tells whether a robot's radio is off, by index.
     """
 
     def __init__(
@@ -84,8 +74,6 @@ class Ether:
         self._ports, self._is_silent, self._robots = ports, is_silent, len(world.fleet.robot)
         self._index = {(LOOPBACK, port): i for i, port in enumerate(ports)}
         self._rates = rates_of(config)
-        self._waiting: list[tuple[float, int, int, bytes]] = []
-        self._number = 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
         self._socket.setblocking(False)
@@ -93,23 +81,11 @@ class Ether:
         self.port = int(self._socket.getsockname()[1])
 
     async def carry(self) -> None:
-        """Frames are carried, until this is cancelled."""
+        """Carry packets until this is cancelled."""
         loop = asyncio.get_running_loop()
-        came = asyncio.Event()
-        loop.add_reader(self._socket, self._hear, came)
+        loop.add_reader(self._socket, self._hear)
         try:
-            while True:
-                now_s = loop.time()
-                while self._waiting and self._waiting[0][0] <= now_s:
-                    _, _, to, frame = heapq.heappop(self._waiting)
-                    self._deliver(to, frame)
-                wait_s = self._waiting[0][0] - now_s if self._waiting else None
-                came.clear()
-                try:
-                    async with asyncio.timeout(wait_s):
-                        await came.wait()
-                except TimeoutError:
-                    pass
+            await loop.create_future()
         finally:
             loop.remove_reader(self._socket)
 
@@ -117,7 +93,7 @@ class Ether:
         """Nobody is heard any more."""
         self._socket.close()
 
-    def _hear(self, came: asyncio.Event) -> None:
+    def _hear(self) -> None:
         for _ in range(AT_ONCE):
             try:
                 frame, where = self._socket.recvfrom(FRAME_MAX + 1)
@@ -126,7 +102,6 @@ class Ether:
             i = self._index.get(where, -1)
             if i >= 0 and 0 < len(frame) <= FRAME_MAX and not self._is_silent(i):
                 self._say(i, frame)
-                came.set()
 
     def _say(self, i: int, frame: bytes) -> None:
         if i == self._robots:
@@ -137,17 +112,17 @@ class Ether:
         reach = self._world.reach
         near = reach.ids[reach.near[i] : in_range(reach, i)].tolist()
         is_audit = bool(frame[0] & request.AUDIT)
-        dst = self._addressee(frame) if is_audit and len(frame) >= request.AUDIT_HEAD_BYTES else 0
+        dst = int(get_u16(row(frame), request.AT_DST)) if is_audit and len(frame) >= request.AUDIT_HEAD_BYTES else 0
+        took_us = int(unicast_us(self._rates, len(frame)) if dst else broadcast_us(self._rates, len(frame)))
         lost, counts = self._config.loss, self._world.air.counts[i]
         if dst:
             near = [j for j in near if j == dst - 1]
             tries = next((k for k in range(1, self._config.tries) if self._dice.random() >= lost), self._config.tries)
-            kind, took_us = AUDIT_UNICAST, tries * self._airtime_us(frame, dst)
+            kind, took_us = AUDIT_UNICAST, tries * took_us
             # Only the last try may fail as well.
             lost = lost if tries == self._config.tries else 0.0
         else:
             kind = AUDIT_BROADCAST if is_audit else APP_BROADCAST
-            took_us = self._airtime_us(frame, dst)
         told = counts[kind]
         told[SENT] += 1
         told[BYTES] += len(frame)
@@ -166,21 +141,11 @@ class Ether:
             if j < self._robots and self._dice.random() >= self._config.loss:
                 self._put(j, frame)
 
-    def _addressee(self, frame: bytes) -> int:
-        return int(get_u16(row(frame), request.AT_DST))
-
-    def _airtime_us(self, frame: bytes, dst: int) -> int:
-        return int(unicast_us(self._rates, len(frame)) if dst else broadcast_us(self._rates, len(frame)))
-
     def _put(self, to: int, frame: bytes) -> None:
         late_s = LEAST_DELAY_S + self._dice.random() * self._weather.delay_ms / 1000 / self._weather.speed
-        self._number += 1
-        heapq.heappush(self._waiting, (asyncio.get_running_loop().time() + late_s, self._number, to, frame))
+        asyncio.get_running_loop().call_later(late_s, self._deliver, to, frame)
 
     def _deliver(self, to: int, frame: bytes) -> None:
-        if self._is_silent(to):
-            return
-        try:
-            self._socket.sendto(frame, (LOOPBACK, self._ports[to]))
-        except OSError:
-            return  # no room, or nobody there: lost
+        if not self._is_silent(to):
+            with contextlib.suppress(OSError):  # no room, or nobody there: lost
+                self._socket.sendto(frame, (LOOPBACK, self._ports[to]))

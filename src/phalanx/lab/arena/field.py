@@ -24,23 +24,18 @@ STOP = b"\0"  # what motors are told by trusted nodes; commands begin with anoth
 
 
 class Field(Run):
-    """A scenario whose robots are elsewhere; robots by their index.
-
-    Attributes:
-        failed: how the process of a robot, by its id, ended before the arena's time was over, and when; its motors
-            stand, but nobody stopped it.
-    """
+    """A scenario whose robots are elsewhere; `failed` says how and when a process ended, by id, before its time."""
 
     has_station = True
 
-    def __init__(self, scenario: Scenario, senses: Senses | None = None) -> None:
+    def __init__(self, scenario: Scenario, senses: Senses | None, on_air: Mapping[int, str]) -> None:
         self._gone = np.zeros(scenario.robots, bool)
         super().__init__(scenario)
         self.sense(senses)
         self._drawn = scenario.drawn_attacks()
         self._moving = np.zeros(scenario.robots, bool)
         self._states: dict[int, Mapping[str, Any]] = {}
-        self._on_air: dict[int, str] = {}
+        self._on_air = on_air  # robots whose radios rehearse attacks are none of the correct
         self.failed: dict[int, tuple[str, float]] = {}
 
     def advance(self, until_s: float) -> None:
@@ -114,18 +109,17 @@ class Field(Run):
     def summary(self) -> dict[str, Any]:
         """See `Run`. In real time no run is like another, so it has no digest."""
         said = super().summary() | {"digest": None, "processes": [self._process(i) for i in range(len(self.ids))]}
-        if (
-            self.scenario.controller == WHEELS
-        ):  # it has no goal, and its bodies none of the sizes by which contacts count
+        # It has no goal, and its bodies none of the sizes by which contacts count.
+        if self.scenario.controller == WHEELS:
             said |= {"contacts": None, "mean_distance_to_goal_m": None, "distance_series": []}
         for name in ("correct_in_safe_mode", "without_quorum"):
             said[name] = [each for each in said[name] if each not in self._on_air]
-        said["on_air"] = [self._hostile(rob_id, name) for rob_id, name in sorted(self._on_air.items())]
+        said["on_air"] = []
+        for rob_id, name in sorted(self._on_air.items()):
+            safe_us = int(self.world.safe_us[rob_id - 1])
+            ended = None if safe_us < 0 else safe_us / 1e6
+            said["on_air"].append({"robot": rob_id, "attack": name, "safe_mode_s": ended})
         return said
-
-    def distrust(self, rob_id: int, name: str) -> None:
-        """This robot's radio rehearses an attack: it is not one of the correct."""
-        self._on_air[rob_id] = name
 
     def fail(self, rob_id: int, how: str, at_s: float) -> None:
         """Note that the process of a robot has ended too early: it is none of the correct any more."""
@@ -138,10 +132,6 @@ class Field(Run):
     def _correct(self) -> NDArray[np.bool_]:
         correct: NDArray[np.bool_] = super()._correct & ~self._gone
         return correct
-
-    def _hostile(self, rob_id: int, name: str) -> dict[str, Any]:
-        safe_us = int(self.world.safe_us[rob_id - 1])
-        return {"robot": rob_id, "attack": name, "safe_mode_s": None if safe_us < 0 else safe_us / 1e6}
 
     def _process(self, i: int) -> dict[str, Any]:
         how, at_s = self.failed.get(i + 1, (None, None))

@@ -6,13 +6,11 @@ import contextlib
 import json
 import socket
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 
 from phalanx.daemon.driver import sense_path, wheels_path
-from phalanx.daemon.on_air import Air
+from phalanx.daemon.on_air import OnAir
 from phalanx.daemon.settings import RobotSettings, read_robot
 from phalanx.daemon.signed_mission import sign_mission
 from phalanx.errors import Unavailable
@@ -20,6 +18,7 @@ from phalanx.io.keyring import Keys, pem
 from phalanx.io.mission_key import issued
 from phalanx.io.ports import LOOPBACK
 from phalanx.io.private_file import write_private
+from phalanx.scenarios.behaviour import MakeController
 from phalanx.scenarios.file import written_scenario
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.table import BOARD
@@ -27,13 +26,25 @@ from phalanx.wire.table import BOARD
 STATION = {"gateway": "orders", "operator": "stops"}  # what each signs
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Changes:
+    """Replaces the mission's controller, planner and attacks, and says how robots speak.
+
+    `controller` and `planner` are as robots' files name them, `attacks` as commands do; "" names no file of one's own.
+    """
+
+    make: MakeController | None
+    controller: str
+    planner: str
+    attacks: tuple[str, ...]
+    sealed: bool
+    on_air: tuple[OnAir, ...]
+
+
 @dataclass(slots=True)
 class Places:
-    """What an arena has laid out for its robots, robots in the order of their ids."""
+    """Files of an arena's robots, and the sockets of their bodies, in the order of their ids."""
 
-    scenario: Scenario
-    folder: Path
-    ports: list[int] = field(default_factory=list)
     robots: list[RobotSettings] = field(default_factory=list)
     sensors: list[socket.socket] = field(default_factory=list)
     wheels: list[socket.socket] = field(default_factory=list)
@@ -51,17 +62,12 @@ def lay_out(
     ports: list[int],
     clocks: list[tuple[int, int]],
     keys: Keys,
-    on_air: Air,
-    own: Mapping[str, str | float] = MappingProxyType({}),
+    changes: Changes,
+    speed: float,
 ) -> Places:
-    """Keys, a file for each robot, and the sockets of its body, in the folder; for a gateway too, if it has a port.
-
-    `own` is what all robots' files say beside that; "" is not said.
-
-    Raises: Unavailable: no room there.
-    """
+    """Write robots' keys and files, open their bodies' sockets; also a gateway's, with a port. Raises: Unavailable."""
     today, air = time.strftime("%Y-%m-%d"), f"{LOOPBACK}:{air_port}"
-    places = Places(scenario, folder, ports)
+    places = Places()
     write_private(folder / "mission.yaml", json.dumps(written_scenario(scenario), indent=1).encode())
     ids = range(1, scenario.robots + 1)
     for rob_id in ids:
@@ -77,8 +83,8 @@ def lay_out(
         number, sealed = keys.issue()
         signed = sign_mission(scenario, number, keys.signer("missions"))
         write_private(folder / name, issued(number, sealed, {}, signed.told))
-    strangers = {each.robot for each in on_air.attacks if each.name == "foreign-key"}
-    frames = "sealed" if on_air.sealed else "plain"
+    strangers = {each.robot for each in changes.on_air if each.name == "foreign-key"}
+    frames = "sealed" if changes.sealed else "plain"
     for rob_id, port, (ppm, ahead_ms) in zip(ids, ports, clocks, strict=False):
         said = {
             "robot": rob_id,
@@ -91,7 +97,10 @@ def lay_out(
             "clock_ahead_ms": ahead_ms,
             "driver": "arena:.",
             "radio": {"here": f"{LOOPBACK}:{port}", "peers": [air], "frames": frames},
-        } | {name: words for name, words in own.items() if words}
+            "controller": changes.controller,
+            "planner": changes.planner,
+            "clock_speed": speed,
+        }
         path = folder / f"robot-{rob_id}.yaml"
         write_private(path, json.dumps(said, indent=1).encode())
         places.robots.append(read_robot(path))

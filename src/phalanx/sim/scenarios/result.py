@@ -15,7 +15,7 @@ from phalanx.scenarios.scenario import Scenario
 
 Table = Literal["robots", "verdicts", "runs"]
 VERDICT = np.dtype([("seed", "i8"), ("time_s", "f8"), ("auditor", "i4"), ("auditee", "i4"), ("refusal", "i4")])
-RESEARCH_HINT = "pip install 'phalanx-swarm[research]'"
+RESEARCH_HINT = "pip install '.[research]' in a clone"
 # Of a summary, what is no number of the run as a whole.
 SERIES = ("distance_series", "compromised", "bytes_per_s_per_robot")
 

@@ -1,4 +1,7 @@
-"""Secrets of the operator's, out of files or the environment: only this package reads that."""
+"""Read the operator's secrets from files, the terminal or the environment, which only this package reads.
+
+Signing keys are PEM, of OpenSSL or `phalanx keys export`.
+"""
 
 from __future__ import annotations
 
@@ -8,21 +11,28 @@ import re
 import secrets
 import ssl
 import stat
+import sys
 from pathlib import Path
 
-from phalanx.config.written import file_meant
+import click
+from cryptography.exceptions import UnsupportedAlgorithm
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+from cryptography.hazmat.primitives.serialization import load_pem_private_key, load_pem_public_key
+
+from phalanx.config.written import file_meant, read_at_most
 from phalanx.errors import UsageError
 from phalanx.io import Login
-from phalanx.io.broker import EMBEDDED
 
 log = logging.getLogger(__name__)
+SHORTEST = 12  # letters of a passphrase
+KEY_HINT = "openssl genpkey -algorithm ed25519 -out operator.pem makes one"
+MOST_BYTES = 1 << 16
 
 
 def read_login(path: Path | None) -> Login | None:
-    """The broker's login from a file or the environment, or None.
+    """Return the broker's login from a file, which is never repeated, or the environment.
 
-    Raises: UsageError: the file cannot be read or holds no user:password (what is in it is never repeated); or
-        SSL_CERT_FILE, by which brokers are known, is no file of certificates.
+    Raises: UsageError: the file holds no user:password, or SSL_CERT_FILE, by which brokers are known, no certificates.
     """
     _check_authorities()
     username = os.environ.get("PHALANX_BROKER_USERNAME", "")
@@ -44,16 +54,15 @@ def _check_authorities() -> None:
 
 def login_for(broker: str, path: Path | None) -> Login | None:
     """The same, for a broker by this name or URL. Raises: UsageError: as `read_login`, or a file for one of our own."""
+    from phalanx.io.broker import EMBEDDED  # noqa: PLC0415 - missions need no broker
+
     if path is not None and broker in EMBEDDED:
         raise UsageError("a login for a broker of our own", "give it with a --broker URL only")
     return read_login(path)
 
 
 def login_in(path: Path | None) -> Login | None:
-    """The login in a file, if one is given.
-
-    Raises: UsageError: as `read_login`.
-    """
+    """Return the login in a file, if one is given. Raises: UsageError: as `read_login`."""
     if path is None:
         return None
     username, colon, password = first_line(path, "a file with one line user:password").partition(":")
@@ -63,10 +72,7 @@ def login_in(path: Path | None) -> Login | None:
 
 
 def visitors_login_in(path: Path | None, gateways: Login | None) -> Login | None:
-    """What phones say to the broker, in every QR code; a warning if that is the gateway's own account there.
-
-    Raises: UsageError: as `read_login`.
-    """
+    """Return the login that QR codes hold; warn if it is the gateway's own. Raises: UsageError: as `read_login`."""
     said = login_in(path)
     if said and gateways and said.username == gateways.username:
         log.warning(
@@ -77,10 +83,7 @@ def visitors_login_in(path: Path | None, gateways: Login | None) -> Login | None
 
 
 def first_line(path: Path, hint: str) -> str:
-    """What a secret's file says in its first line, "" if it is empty.
-
-    Raises: UsageError: it cannot be read; `hint` is what it should be.
-    """
+    """Return the first line of a secret's file, or "". Raises: UsageError: it is unreadable; `hint` says what it is."""
     try:
         # Editors of Windows begin with a mark. And not more of it than a secret has: it may be a device.
         with path.open(encoding="utf-8-sig") as file:
@@ -96,10 +99,7 @@ def _hint_of(error: Exception, path: Path, hint: str) -> str:
 
 
 def kept_token(path: Path) -> str:
-    """The operator's token in this file, which is made for its owner alone if there is none.
-
-    Raises: UsageError: it cannot be read or made, others may read it, or it holds something else.
-    """
+    """Return the operator's token in a file, which is made if it is not there. Raises: UsageError: it is not ours."""
     try:
         # Opened once, and never followed elsewhere: between a look and a second opening somebody could swap it.
         with os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600), "r+") as file:
@@ -118,3 +118,50 @@ def kept_token(path: Path) -> str:
     if not re.fullmatch(r"[0-9A-Za-z_.~-]{16,255}", token):
         raise UsageError(f"{path} holds no token", "16 or more letters and digits; an empty file gets one")
     return token
+
+
+def passphrase_of(keys: Path, file: Path | None) -> str:
+    """As `passphrase`; nobody is asked for that of a file that is not there. Raises: UsageError: it is not, too."""
+    from phalanx.io.keyring import read_sealed  # noqa: PLC0415 - logins need no numpy
+
+    read_sealed(keys)
+    return passphrase(file)
+
+
+def passphrase(file: Path | None, *, new: bool = False) -> str:
+    """That of a file of keys, from a file's first line or asked for. Raises: UsageError: none, or too short."""
+    if file is not None:
+        said = first_line(file, "a file whose first line is the passphrase")
+    elif sys.stdin.isatty():
+        what = "New passphrase" if new else "Passphrase"
+        said = click.prompt(what, hide_input=True, confirmation_prompt=new, err=True, default="", show_default=False)
+    else:
+        raise UsageError("nobody is there to say a passphrase", "--passphrase-file FILE")
+    if not said or (new and len(said) < SHORTEST):
+        raise UsageError(f"a passphrase of {len(said)} letters", f"{SHORTEST} or more: some words that nobody guesses")
+    return str(said)
+
+
+def read_signing_key(path: Path) -> Ed25519PrivateKey:
+    """Return an operator's key. Raises: UsageError."""
+    try:
+        key = load_pem_private_key(read_at_most(path, MOST_BYTES, KEY_HINT), None)
+    except (ValueError, TypeError, UnsupportedAlgorithm) as error:
+        raise UsageError(f"{path} holds no private key without a password", KEY_HINT) from error
+    if not isinstance(key, Ed25519PrivateKey):
+        raise UsageError(f"{path} is not an Ed25519 key", KEY_HINT)
+    return key
+
+
+def read_trusted(said: str) -> bytes:
+    """Return a public key, from 64 hex digits, or the PEM file of it. Raises: UsageError."""
+    if re.fullmatch(r"[0-9a-fA-F]{64}", said):
+        return bytes.fromhex(said)
+    hint = "64 hex digits, or the file that openssl pkey -in operator.pem -pubout writes"
+    try:
+        key = load_pem_public_key(read_at_most(Path(said), MOST_BYTES, hint))
+    except (ValueError, UnsupportedAlgorithm) as error:
+        raise UsageError(f"{said} holds no public key", hint) from error
+    if not isinstance(key, Ed25519PublicKey):
+        raise UsageError(f"{said} is not an Ed25519 key", hint)
+    return key.public_bytes_raw()
