@@ -7,12 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from phalanx.bti import request, rounds
-from phalanx.bti.audit import ACMD, OUTPUT_HEAD_BYTES, SEND
+from phalanx.bti.audit import ACMD, SEND
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig
 from phalanx.pool import NO_ROW
-from phalanx.robot import actions, chained, handlers
+from phalanx.robot import actions, handlers
 from phalanx.robot.actions import EVERYBODY, Action, Actuate, RetryAt, RoundAt, Transmit, Verdict
 from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.audited import loop, pybot
@@ -82,7 +82,7 @@ def test_whatever_a_controller_puts_out_in_one_step_fits_into_the_buffer(swarm, 
     w = swarm.work
     one = OUTPUT.encode(type=kind, payload=bytes([1]) * size)
     count = len(w.out) // len(one)
-    assert len(one) == OUTPUT_HEAD_BYTES + size
+    assert len(one) == OUTPUT.size + size
     w.out[: count * len(one)] = row(one * count)
     actions.clear(w)
     handlers.put_out(swarm.fleet, ME, w, 5000, count * len(one))
@@ -157,7 +157,7 @@ def test_no_room_for_anything_else_withdraws_nothing(asking):
 def test_a_request_is_withdrawn_if_the_a_node_lets_no_fragment_out(asking):
     asking.robot.quota = 1
     again = row(asking.fragment)
-    while chained.take(asking.fleet, ME, asking.work, SEND, asking.now_ms, again, len(again)) > 0:
+    while handlers.take(asking.fleet, ME, asking.work, SEND, asking.now_ms, again, len(again)) > 0:
         pass
     actions.clear(asking.work)
     handlers.ask_with(asking.fleet, ME, asking.work, asking.now_ms, asking.length)

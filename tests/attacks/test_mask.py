@@ -12,7 +12,7 @@ from test_answers import BOOT_MS, ROUND_MS, VICTIM, Asking
 from phalanx.bti import audit, log, request, rounds
 from phalanx.bti.nodes import Limits
 from phalanx.config import BtiConfig
-from phalanx.robot import actions, chained, handlers
+from phalanx.robot import actions, handlers
 from phalanx.robot.actions import Action, Transmit
 from phalanx.robot.attacks.mask import Mask
 from phalanx.scenarios.file import find_scenario
@@ -105,7 +105,7 @@ class Seeking(Asking):
 
     def senses(self, now_ms: int) -> None:
         """So that its s-chain is another."""
-        chained.take(self.fleet, VICTIM, self.work, audit.INPUT, now_ms, row(bytes(8)), 8)
+        handlers.take(self.fleet, VICTIM, self.work, audit.INPUT, now_ms, row(bytes(8)), 8)
 
     def listens_ms(self) -> int:
         """For how long, when its next round is due."""

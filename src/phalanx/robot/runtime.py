@@ -14,7 +14,6 @@ from phalanx.config import BtiConfig
 
 from .actions import Action, Actuate, RetryAt, RoundAt, Transmit, Verdict, is_earlier
 from .attacks.liar import Liar
-from .attacks.wrapper import Wrapper
 from .robot import Robot
 
 # Soon after the mission key, and at another moment for each robot.
@@ -42,7 +41,7 @@ class Runtime:
         in_safe_mode: whether the a-node has stopped it; nothing is due any more.
     """
 
-    def __init__(self, robot: Robot | Wrapper, config: BtiConfig, now_ms: int) -> None:
+    def __init__(self, robot: Robot, config: BtiConfig, now_ms: int) -> None:
         self.robot, self._config = robot, config
         self.in_safe_mode = False
         robot.on_boot(now_ms)

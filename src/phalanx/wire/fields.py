@@ -15,10 +15,13 @@ from phalanx.arrays import U8x1
 from phalanx.kernel import intrinsic, kernel
 
 from .record import LARGEST_F32, LARGEST_NUMBER, Field
+from .table import OUTPUT, STATE
 
 Row: TypeAlias = U8x1
 
 U32_BYTES, F32_BYTES = (Field("", kind, "").size for kind in ("u32", "f32"))
+OUTPUT_HEAD_BYTES, OUTPUT_LENGTH = OUTPUT.size, OUTPUT.at("payload")
+ID, TIME = map(STATE.at, ("id", "t"))  # as in every message of a controller's
 _INT64: Any = np.int64
 
 
@@ -110,6 +113,18 @@ def put_u64(row: Row, at: int, value: int) -> None:
 def put_f32(row: Row, at: int, value: float) -> None:
     """`value`, rounded once to f32, is written; the caller keeps it finite."""
     put_u32(row, at, whole(np.float32(value).view(np.uint32)))
+
+
+@kernel
+def put_head(out: Row, at: int, entry: int, length: int, kind: int, rob_id: int, t_ms: int) -> int:
+    """Write the head of an `output` of a controller, and its message's kind, id and time; return where that begins."""
+    out[at] = entry
+    put_u16(out, at + OUTPUT_LENGTH, length)
+    begin = at + OUTPUT_HEAD_BYTES
+    out[begin] = kind
+    put_u16(out, begin + ID, rob_id)
+    put_u64(out, begin + TIME, t_ms)
+    return begin
 
 
 @kernel

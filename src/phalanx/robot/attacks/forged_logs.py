@@ -41,7 +41,7 @@ class AlterEntries(Liar):
             kind, rob_id, t, x_m, *rest = MOTION.unpack_from(self.entry(n))
             altered = MOTION.pack(kind, rob_id, t, x_m + ASIDE_M, *rest)
             self.w.entry[ENTRY_HEAD_BYTES : ENTRY_HEAD_BYTES + SENSOR.size] = memoryview(altered)
-        self.record(n)
+        self.record(self.w.entry[:n])
         return self.carry_out(now_ms, n)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from phalanx.bti import request, trusted
 from phalanx.bti.fleet import PENDING, PLAIN, START
-from phalanx.robot import handlers
 from phalanx.robot.actions import Action
 from phalanx.wire.fields import Row, get_u16, row
 from phalanx.wire.table import AUDIT_TOKEN, HASH_BYTES, KEY_BYTES, MAC_BYTES, TOKEN, TOKEN_REQUEST
@@ -72,7 +71,7 @@ class ShareTokens(TokenForger):
         actions = super().on_packet(now_ms, packet)
         for token in tokens_in(actions):
             fields = AUDIT_TOKEN.decode(token.packet)
-            q = self.shown(int(self.w.told[handlers.TOLD_PLACE]))
+            q = self.shown(int(self.w.place[0]))
             hckpt = q[request.AT_HCKPT : request.AT_HCKPT + HASH_BYTES].tobytes()
             self._issued.append(Token(self.id, fields["t"], hckpt, fields["mac"]))
         return actions

@@ -112,7 +112,7 @@ class Dawdle(Liar):
         """The controller decides at once; its outputs wait."""
         n = self.poll(now_ms, reading)
         if n > 0:
-            self.record(n)
+            self.record(self.w.entry[:n])
             self._waiting = [(now_ms + self.DELAY_MS, output) for output in self.decide(n)]
         # Nothing is missing and nothing is late yet: this is what it would have put out by now.
         self._put_out = [output for _, output in self._waiting]

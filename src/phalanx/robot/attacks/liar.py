@@ -18,16 +18,16 @@ from phalanx.bti.audit import INPUT, RECV
 from phalanx.bti.fleet import Fleet
 from phalanx.bti.log import ENTRY_HEAD_BYTES
 from phalanx.bti.work import Work
-from phalanx.robot import chained
+from phalanx.robot import handlers
 from phalanx.robot.actions import Action, Transmit
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.compiled import compiled
 from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send, checked_outputs
+from phalanx.robot.robot import Robot
 from phalanx.wire.fields import Row, get_u16, row
 from phalanx.wire.table import KIND_STATE, SENSOR, STATE
 
 from .attack import Attack, Scene
-from .wrapper import Wrapper
 
 MOTION = STATE.form  # of a `sensor` too: kind, id, t, position, velocity
 
@@ -55,7 +55,7 @@ class Motion:
     vy_mps: float
 
 
-class Liar(Wrapper):
+class Liar(Robot):
     """A robot that lies in one way. Honest before `plan.start_ms` and from `plan.stop_ms` on.
 
     While it lies, `sensed`, `heard` and `round_due` take the place of what an honest c-node does at these events.
@@ -81,6 +81,7 @@ class Liar(Wrapper):
         make_controller: Callable[[int], Controller] | None = None,
     ) -> None:
         super().__init__(fleet, i, work, make_controller)
+        self.is_own = False  # its mistakes are the adversary's
         self.plan = plan
         self.first_deviation_ms: int | None = None
         self.last_deviation_ms: int | None = None
@@ -236,19 +237,19 @@ class Liar(Wrapper):
         """The sender of the request just opened gets its token, whatever its log shows."""
         src = int(self.w.case[0].tee)
         refused = audit.issue(self.f, self.i, self.w, self.shown(place), self.w.small[2])
-        return self.robot.answer(now_ms, place, src, refused)
+        return self.answer(now_ms, place, src, refused)
 
     def pass_by(self, now_ms: int, frame: bytes) -> None:
         """The a-node takes and chains the frame; the c-node pretends that it never came."""
-        chained.chain(self.f, self.i, self.w, RECV, now_ms, row(frame), len(frame))
+        handlers.chain(self.f, self.i, self.w, RECV, now_ms, row(frame), len(frame))
 
     def believe(self, t_ms: int, frame: bytes) -> None:
         """The c-node logs the frame and acts on it as if it had come at `t_ms`."""
-        n = chained.plain(self.w, RECV, t_ms, row(frame), len(frame))
-        self.record(n)
+        n = handlers.plain(self.w, RECV, t_ms, row(frame), len(frame))
+        self.record(self.w.entry[:n])
         if self.controller:
             self.controller.on_recv(t_ms, frame)
-            self.robot.keep_state()
+            self.keep_state()
         else:
             r, s = self.f.robot[self.i], self.f.settings[0]
             state = self.f.state[self.i]
@@ -256,11 +257,7 @@ class Liar(Wrapper):
 
     def poll(self, now_ms: int, reading: bytes) -> int:
         """The s-node has chained a reading, whose entry is in `work.entry`; the c-node logs nothing yet."""
-        return int(chained.chain(self.f, self.i, self.w, INPUT, now_ms, row(reading), len(reading)))
-
-    def record(self, n: int) -> None:
-        """The entry in `work.entry` is in the log, whatever it is."""
-        chained.record(self.f, self.i, self.w, n)
+        return int(handlers.chain(self.f, self.i, self.w, INPUT, now_ms, row(reading), len(reading)))
 
     def entry(self, n: int) -> bytes:
         """The payload of the entry in `work.entry[:n]`."""

@@ -134,7 +134,7 @@ class Interleave(Liar):
         if self._stock:
             entry = self._stock.pop(0)
             self.w.entry[: len(entry)] = entry
-            self.record(len(entry))
+            self.record(entry)
             actions = self.carry_out(now_ms, len(entry))
             if not self._stock and self._round_waits:
                 self._round_waits = False

@@ -9,7 +9,6 @@ from typing import Final, Protocol
 from phalanx.robot import actions
 from phalanx.robot.actions import Action, Actuate
 from phalanx.robot.attacks.liar import Liar
-from phalanx.robot.attacks.wrapper import Wrapper
 from phalanx.robot.controllers.python_controller import OwnMistake
 from phalanx.robot.planner import Planner, advice_of, overheard
 from phalanx.robot.robot import Robot
@@ -38,8 +37,6 @@ class Looks(Protocol):
         ...
 
 
-# A robot that runs in Python: an honest one, or one in an adversary's hands.
-InPython = Robot | Wrapper
 NO_PLANNERS: Mapping[int, Planner] = {}
 # What an event says. A record of numpy takes 5 us for a field, and all of them as a tuple 1.
 _EVENT: Final = itemgetter(*map(list(CLOCK.names or ()).index, ("robot", "kind", "now_us", "body", "arg")))
@@ -47,7 +44,7 @@ _EVENT: Final = itemgetter(*map(list(CLOCK.names or ()).index, ("robot", "kind",
 
 def handle(
     world: World,
-    robots: Mapping[int, InPython],
+    robots: Mapping[int, Robot],
     planners: Mapping[int, Planner] = NO_PLANNERS,
     stage: Looks | None = None,
     trace: Trace | None = None,
@@ -63,9 +60,8 @@ def handle(
         _plan(world, robot, planners[i], kind, now_ms)
     seen = _look(world, robot, stage, now_us, now_ms) if stage and kind == CONTROL else b""
     asked = _actions(world, robot, kind, now_ms, seen, arg)
-    if isinstance(robot, Wrapper):
-        robot.checked(METHODS[kind], asked)
-    elif robot.is_own:
+    robot.checked(METHODS[kind], asked)
+    if robot.is_own:
         _check_commands(driven, robot, asked)
     if trace and trace.rob_id == robot.id:
         trace.event(now_us, METHODS[kind], _payload(world, kind, seen, arg), asked)
@@ -83,13 +79,13 @@ def _payload(world: World, kind: int, seen: bytes, arg: int) -> bytes | str:
     return "after it has listened" if kind == loop.ROUND and arg else ""
 
 
-def _look(world: World, robot: InPython, stage: Looks, now_us: int, now_ms: int) -> bytes:
+def _look(world: World, robot: Robot, stage: Looks, now_us: int, now_ms: int) -> bytes:
     x_m, y_m = world.pos[robot.i].tolist()
     lies = isinstance(robot, Liar) and robot.lies(now_ms)
     return stage.look(robot.id, now_us / 1e6, (x_m, y_m), lies=lies)
 
 
-def _plan(world: World, robot: InPython, planner: Planner, kind: int, now_ms: int) -> None:
+def _plan(world: World, robot: Robot, planner: Planner, kind: int, now_ms: int) -> None:
     if kind == MESSAGE:
         overheard(planner, now_ms, world.frame[: world.frame_len[0]].tobytes())
     elif kind == CONTROL:
@@ -111,16 +107,15 @@ def _check_commands(driven: int, robot: Robot, asked: list[Action]) -> None:
             )
 
 
-def _actions(world: World, robot: InPython, kind: int, now_ms: int, seen: bytes, arg: int) -> list[Action]:
+def _actions(world: World, robot: Robot, kind: int, now_ms: int, seen: bytes, arg: int) -> list[Action]:
     if kind == CONTROL:
         return robot.on_reading(now_ms, world.reading[: world.frame_len[0]].tobytes() + seen)
     if kind == MESSAGE:
         return robot.on_packet(now_ms, world.frame[: world.frame_len[0]].tobytes())
     if kind == loop.WAKE:
         return robot.on_wake(now_ms) if isinstance(robot, Liar) and robot.lies(now_ms) else []
-    if isinstance(robot, Robot):
-        # Other robots in Python learn that their radio is full by `on_no_room`.
-        robot.busy = bool(world.runs[robot.i] == TRACED and world.air.nic[robot.i].long_used)
+    # Other robots in Python learn that their radio is full by `on_no_room`.
+    robot.busy = bool(world.runs[robot.i] == TRACED and world.air.nic[robot.i].long_used)
     if kind == loop.ROUND:
         return robot.on_round(now_ms, listened=bool(arg))
     if kind == loop.RETRY:

@@ -1,6 +1,6 @@
 """Trace one robot: print each of its events, and the actions that it asked for.
 
-A traced robot runs the handlers of compiled code one event at a time, so a traced run has the digests of any other.
+A traced robot runs the steps of the compiled handlers from Python, so a traced run has the digests of any other.
 """
 
 from __future__ import annotations

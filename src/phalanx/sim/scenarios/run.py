@@ -110,7 +110,7 @@ class Run:
         self._distances: list[tuple[float, float | None]] = []
         self._digest = hashlib.sha256()
         self._trace: Trace | None = None
-        self.robots: dict[int, pybot.InPython] = {}
+        self.robots: dict[int, Robot] = {}
         self._compromise(drawn, controller, chance)
         self.planners: dict[int, Planner] = {}
         if make_planner:

@@ -186,7 +186,7 @@ class ProtectedSwarm(Ordered):
         self._to_stop = set[int]()
         self._liars: dict[int, Liar] = {}
         # By row, those that run in Python.
-        self._nodes: dict[int, pybot.InPython] = {}
+        self._nodes: dict[int, AuditedRobot] = {}
         if self._work:
             make = self._work.make_controller
             self._nodes = {i: AuditedRobot(self.world.fleet, i, self.world.work, make) for i in range(count)}

@@ -22,12 +22,12 @@ from phalanx.mission.walk.keyring import Keyring
 from phalanx.mission.walk.opening import Known
 from phalanx.robot.actions import Action
 from phalanx.robot.attacks.attack import Scene
-from phalanx.robot.attacks.wrapper import Wrapper
 from phalanx.robot.controllers.mission.controller import MissionController
 from phalanx.robot.controllers.mission.evidence import pack_evidence, unpack_evidence
 from phalanx.robot.controllers.mission.readings import with_hash_of
 from phalanx.robot.controllers.mission.surroundings import Pose
 from phalanx.robot.controllers.python_controller import Act, Controller, Output
+from phalanx.robot.robot import Robot
 from phalanx.wire.fields import get_u32
 from phalanx.wire.table import DRIVE, KIND_DRIVE
 
@@ -48,7 +48,7 @@ class CheatPlan:
     onward: int = 0  # the node behind it
 
 
-class MissionCheat(Wrapper):
+class MissionCheat(Robot):
     """A compromised c-node on a mission."""
 
     scene: ClassVar[Scene] = "team"
@@ -57,6 +57,7 @@ class MissionCheat(Wrapper):
         self, fleet: Fleet, i: int, work: Work, make_controller: Callable[[int], Controller], *, plan: CheatPlan
     ) -> None:
         super().__init__(fleet, i, work, make_controller)
+        self.is_own = False  # its mistakes are the adversary's
         self.plan = plan
         self.first_deviation_ms: int | None = None
         self.output_missing = False
@@ -72,7 +73,7 @@ class MissionCheat(Wrapper):
     def take_over(self, controller: MissionController) -> None:
         """What an honest robot has come to know is what it goes on from, in the middle of a mission."""
         assert isinstance(self._honest, MissionController)
-        self.robot.controller, self._honest.memory = controller, controller.memory
+        self.controller, self._honest.memory = controller, controller.memory
 
     def on_boot(self, now_ms: int) -> None:
         """The mission key has just been loaded."""
@@ -88,22 +89,22 @@ class MissionCheat(Wrapper):
     def decide(self, entry_len: int) -> list[Output]:
         """The outputs, lies among them, beside those of an honest controller."""
         reading = self.w.entry[ENTRY_HEAD_BYTES:entry_len].tobytes()
-        step, t_ms = self.robot.step, get_u32(self.w.entry, ENTRY_T)
+        step, t_ms = self.step, get_u32(self.w.entry, ENTRY_T)
         assert isinstance(self._honest, MissionController)
-        due = self._honest.on_evidence(step, t_ms, reading, self._honest.keep(step, t_ms, reading, self.robot.raw))
+        due = self._honest.on_evidence(step, t_ms, reading, self._honest.keep(step, t_ms, reading, self.raw))
         if t_ms < self._from_ms:
             return super().decide(entry_len)
         outputs = self.lie(step, t_ms, reading)
         self.f.robot[self.i].step = step + 1
-        self.robot.keep_state()
+        self.keep_state()
         if outputs != due and self.first_deviation_ms is None:
             self.first_deviation_ms, self.output_missing = t_ms, len(outputs) < len(due)
         return outputs
 
     def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
         """What it puts out instead; here, still what an honest robot would."""
-        evidence = self.robot.evidence(step, t_ms, reading)
-        self.robot.keep_evidence(evidence)
+        evidence = self.evidence(step, t_ms, reading)
+        self.keep_evidence(evidence)
         return self.mission.on_evidence(step, t_ms, reading, evidence)
 
 
@@ -145,7 +146,7 @@ class ShowUnsensed(MissionCheat):
         told = with_hash_of(reading, raw)
         evidence = self.mission.keep(step, t_ms, told, raw)
         if evidence:
-            self.robot.keep_evidence(self.shown(evidence))
+            self.keep_evidence(self.shown(evidence))
         return self.mission.on_evidence(step, t_ms, told, evidence)
 
     def shown(self, evidence: bytes) -> bytes:
@@ -160,4 +161,4 @@ class ForgeClaim(ShowUnsensed):
         """The claim as made, the scan as it was."""
         sensors = self.mission.missions.sensors
         claim, _ = unpack_evidence(evidence, sensors.lidar.beams)
-        return pack_evidence(claim, self.robot.raw[: sensors.scan_bytes], self.robot.raw[sensors.scan_bytes :])
+        return pack_evidence(claim, self.raw[: sensors.scan_bytes], self.raw[sensors.scan_bytes :])
