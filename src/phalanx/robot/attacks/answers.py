@@ -27,31 +27,28 @@ class StaleAnswers(Liar):
         self._repeated = b""
 
     def on_packet(self, now_ms: int, packet: bytes) -> list[Action]:
-        """Keep the token that it issues."""
         actions = super().on_packet(now_ms, packet)
         self._issued.update({each.to: each.packet for each in tokens_in(actions) if each.packet != self._repeated})
         return actions
 
-    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
-        """To the first fragment of a request the old token is sent at once, and all of it is passed over."""
-        if not self.is_request(frame):
-            return super().heard(now_ms, frame)
+    def asked(self, now_ms: int, frame: bytes) -> list[Action]:
+        """Send the old token at the first fragment of a request, and pass over the rest."""
         src, no = (int(get_u16(row(frame), at)) for at in (request.AT_SRC, request.AT_REQUEST))
         if src in self._issued:
             self._answered[src] = no
             self.gained += 1
             self._repeated = self._issued.pop(src)
             return self.send(now_ms, self._repeated, src)
-        return [] if self._answered.get(src) == no else super().heard(now_ms, frame)
+        return [] if self._answered.get(src) == no else super().asked(now_ms, frame)
 
 
 class WrongCheckpoint(Liar):
     """Vouches for where the log begins, as it has before, and not for the checkpoint that was to be vouched for."""
 
-    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
-        """A request is read as if its claim were its start."""
-        if self.profile == PLAIN or not self.is_request(frame):
-            return super().heard(now_ms, frame)
+    def asked(self, now_ms: int, frame: bytes) -> list[Action]:
+        """Read a request as if its claim were its start."""
+        if self.profile == PLAIN:
+            return super().asked(now_ms, frame)
         if (place := self.whole_request(now_ms, frame)) < 0:
             return []
         q = self.shown(place)
@@ -60,9 +57,7 @@ class WrongCheckpoint(Liar):
             at = request.HEAD_BYTES + tokens * request.TOKEN_BYTES
             length = int(get_u16(q, request.AT_CHECKPOINT_LEN))
             trusted.sha1(q[at : at + length], length, q[request.AT_HCKPT : request.AT_HCKPT + HASH_BYTES])
-        actions = self.vouch(now_ms, place)
-        self.gained += len(actions) > 1
-        return actions
+        return self.vouch(now_ms, place)
 
 
 class Drain(RefuseToAudit):
@@ -81,7 +76,7 @@ class Drain(RefuseToAudit):
         self._sent_ms: dict[int, int] = {}
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """The next one that is due; never to those whom it asks for audits of its own."""
+        """Send the next one that is due; never to those whom it asks for audits of its own."""
         f, i = self.f, self.i
         if self.profile == PLAIN or f.robot["request_len"][i] > 0:
             return []
@@ -102,7 +97,7 @@ class Drain(RefuseToAudit):
         return []
 
     def _make(self, now_ms: int, tor: int) -> bool:
-        """A true token request, in a request that shows an empty log since boot; its own log shows the flush."""
+        """Make a true token request, in a request that shows an empty log since boot; its own log shows the flush."""
         spare_ms = int(self.f.settings[0].t_audit) * 2 // 5
         treq = row(bytes(TOKEN_REQUEST.size))
         if now_ms - self._made_ms < spare_ms:  # its own audits need token requests too

@@ -7,12 +7,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from phalanx.bti import request, rounds
+from phalanx.bti import request
 from phalanx.bti.fleet import BOUND, PLAIN
 from phalanx.robot.actions import EVERYBODY, Action, Transmit
-from phalanx.wire.table import AUDIT_FRAGMENT, KIND_STATE
+from phalanx.wire.table import AUDIT_FRAGMENT
 
-from .liar import MOTION, Liar
+from .claims import INVENTED
+from .liar import Liar
 from .silence import RefuseToAudit
 
 GHOSTS = 400
@@ -34,12 +35,11 @@ class Flood(Liar, ABC):
         self._got = self.f.robot["got"]
 
     def begin_round(self, now_ms: int) -> list[Action]:
-        """The moment is remembered."""
         self._round_ms = now_ms
         return super().begin_round(now_ms)
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """More, unless its own audits are due."""
+        """Pour more, unless its own audits are due."""
         before_ms, after_ms = self.QUIET_MS
         self.period_ms = type(self).period_ms
         shares = self.SHARES and self.profile == BOUND
@@ -52,7 +52,7 @@ class Flood(Liar, ABC):
 
     @abstractmethod
     def pour(self, now_ms: int) -> list[Action]:
-        """More of it."""
+        """Send more of it."""
 
 
 class RequestFlood(Flood):
@@ -68,8 +68,8 @@ class RequestFlood(Flood):
         self._asked_ms: dict[int, int] = {}
 
     def pour(self, now_ms: int) -> list[Action]:
-        """The next auditor hears of the next victim; under its own name only, no more than are looked at."""
-        others = [rob_id for rob_id in self.plan.ids if rob_id != self.id]
+        """Tell the next auditor of the next victim; under its own name only, no more than are looked at."""
+        others = self.others
         if len(others) < 2:
             return []
         auditor = others[self._turn % len(others)]
@@ -91,7 +91,7 @@ class FrameFlood(Flood):
     TRIED_MS: ClassVar[int] = 30  # so long the radio tries; what comes meanwhile it throws away, and the bucket counts
 
     def pour(self, now_ms: int) -> list[Action]:
-        """One more: to all, or where airtime is counted, to nobody, so that the radio tries again and again."""
+        """Send to all, or where airtime is counted, to nobody, so that the radio tries again and again."""
         bound = self.profile == BOUND
         if bound:
             self.period_ms = self.TRIED_MS
@@ -106,7 +106,6 @@ class CovertTalk(Flood):
     period_ms = 2
 
     def pour(self, now_ms: int) -> list[Action]:
-        """One more kilobyte."""
         others = self.plan.accomplices or tuple(sorted(self.seen))
         if not others:
             return []
@@ -119,7 +118,7 @@ class LogFlood(Liar):
     period_ms = 20
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """The longest frame that the a-node lets out now."""
+        """Send the longest frame that the a-node lets out now."""
         for size in (1500, 360, 150, 40):
             if actions := self.send(now_ms, b"\x60" + bytes(size), EVERYBODY):
                 return actions
@@ -137,70 +136,7 @@ class LongFrames(RefuseToAudit):
     BYTES: ClassVar[int] = 368  # a byte more, and a full bucket is too small
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """One more, when the bucket is full enough for it."""
         return self.send(now_ms, b"\x60" + bytes(self.BYTES - 1), EVERYBODY)
-
-
-class SlotSquat(Liar):
-    """Begins requests at every auditor and never ends them: an auditor puts only so many together at a time.
-
-    A hole of ours, closed in bti/request.py.
-    """
-
-    period_ms = 300
-
-    def on_wake(self, now_ms: int) -> list[Action]:
-        """The same last fragment to each, once more."""
-        others = [rob_id for rob_id in self.plan.ids if rob_id not in (self.id, *self.plan.accomplices)]
-        actions = [action for auditor in others for action in self.send(now_ms, self._last_of_two(auditor), auditor)]
-        self.gained += len(actions)
-        return actions
-
-    def _last_of_two(self, auditor: int) -> bytes:
-        return AUDIT_FRAGMENT.encode(src=self.id, dst=auditor, request=0, index=1, count=2, bytes=b"\0")
-
-
-class TalkOver(Liar):
-    """Talks while a robot that it does not hear asks for audits: whom both are near hears neither.
-
-    It knows the mission, so when that robot's rounds begin and when it asks again, and is silent in between. What it
-    says are AUDIT frames of no meaning, which no log shows; accomplices take turns. It passes its own audits.
-    A hole of ours, closed in bti/request.py.
-    """
-
-    period_ms = 1
-    FIRST_MS: ClassVar[int] = 200  # the first robot's first round, in a mission's time
-    LASTS_MS: ClassVar[int] = 40
-    AT_ONCE: ClassVar[int] = 4  # leaves no gap that a long fragment fits into
-    _first_ms = _again_ms = 0
-
-    def on_wake(self, now_ms: int) -> list[Action]:
-        """A few short frames, if the victim asks now and it is this liar's turn.
-
-        First when the victim's round begins, and then each time that it asks again those that did not answer.
-        """
-        if not self._first_ms:
-            s, period_ms = self.f.settings[0], int(self.f.settings[0].t_audit)
-            round_ms = self.FIRST_MS + int(rounds.mixed(int(s.mission_seed) + 1, self._victim())) % period_ms
-            self._first_ms = now_ms + (int(self.f.robot[self.i].t_key) + round_ms + 2 - now_ms) % period_ms
-            self._again_ms = period_ms // 2 + int(s.retry) - 1
-        asks_ms = (now_ms - self._first_ms) % self._again_ms
-        if now_ms < self._first_ms or asks_ms >= self.LASTS_MS:
-            self.period_ms = (self._first_ms - now_ms - 1) % self._again_ms + 1  # when it is asked again
-            return []
-        self.period_ms = 1
-        turns = len(self.plan.accomplices) + 1
-        if asks_ms % turns != sum(other < self.id for other in self.plan.accomplices):
-            return []
-        noise = audit_frame(self.id, 0, 0x7D, b"")
-        actions = [action for _ in range(self.AT_ONCE) for action in self.send(now_ms, noise, EVERYBODY)]
-        self.gained += len(actions)
-        return actions
-
-    def _victim(self) -> int:
-        """Somebody whom it does not hear, if there is one."""
-        others = [name for name in self.plan.ids if name not in (self.id, *self.plan.accomplices)]
-        return min([name for name in others if name not in self.seen] or others)
 
 
 class GhostAuditors(Liar):
@@ -212,9 +148,9 @@ class GhostAuditors(Liar):
     period_ms = 5
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """One more ghost, far enough away to be in nobody's way."""
-        name = 60_000 + int(self.plan.chance.integers(GHOSTS))
-        return self.send(now_ms, MOTION.pack(KIND_STATE, name, now_ms, 900.0, -900.0, 0.0, 0.0), EVERYBODY)
+        """Claim one more ghost, far enough away to be in nobody's way."""
+        name = INVENTED + int(self.plan.chance.integers(GHOSTS))
+        return self.claim_motion(now_ms, name, (900.0, -900.0, 0.0, 0.0))
 
 
 class Jam(Flood):
@@ -225,7 +161,6 @@ class Jam(Flood):
     SHARES = False
 
     def pour(self, now_ms: int) -> list[Action]:
-        """Noise."""
         noise = bytes(int(self.f.settings[0].frame_max) - request.AUDIT_HEAD_BYTES)
         return [Transmit(audit_frame(0, 0, 0x7F, noise), EVERYBODY)]
 

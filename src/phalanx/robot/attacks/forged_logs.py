@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from phalanx.bti import log, request, rounds, trusted
+from phalanx.bti.audit import INPUT, RECV
 from phalanx.bti.fleet import PENDING, START
 from phalanx.bti.log import ENTRY_HEAD_BYTES
 from phalanx.robot.actions import Action
@@ -22,10 +23,10 @@ class DropEntries(Liar):
     """Has not heard its neighbours, it says: nobody is in its way, and it drives straight to the goal."""
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
-        """Audit traffic only."""
+        """Pretend that what is no audit traffic never came; the a-node chains it all the same."""
         if frame[0] & request.AUDIT:
             return super().heard(now_ms, frame)
-        self.pass_by(now_ms, frame)
+        self.chain(RECV, now_ms, frame)
         return []
 
 
@@ -33,12 +34,12 @@ class AlterEntries(Liar):
     """Writes another reading into its log than the s-node gave it, and acts on that."""
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
-        """The entry altered between s-node and log."""
-        n = self.poll(now_ms, reading)
+        """Alter the entry between s-node and log."""
+        n = self.chain(INPUT, now_ms, reading)
         if n <= 0:
             return []
         if reading[0] == SENSOR.tag:
-            kind, rob_id, t, x_m, *rest = MOTION.unpack_from(self.entry(n))
+            kind, rob_id, t, x_m, *rest = MOTION.unpack_from(self.w.entry[ENTRY_HEAD_BYTES:n].tobytes())
             altered = MOTION.pack(kind, rob_id, t, x_m + ASIDE_M, *rest)
             self.w.entry[ENTRY_HEAD_BYTES : ENTRY_HEAD_BYTES + SENSOR.size] = memoryview(altered)
         self.record(self.w.entry[:n])
@@ -53,13 +54,11 @@ class ReorderEntries(DropEntries):
         self._held: list[tuple[int, bytes]] = []
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
-        """Held back, if it is not audit traffic."""
         if not frame[0] & request.AUDIT:
             self._held.append((now_ms, frame))
         return super().heard(now_ms, frame)
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
-        """First what was held back long enough."""
         while self._held and self._held[0][0] + BELIEVED_AFTER_MS <= now_ms:
             self.believe(*self._held.pop(0))
         return super().sensed(now_ms, reading)
@@ -69,7 +68,7 @@ class InsertEntries(Liar):
     """Has heard a robot that is not there: its log gives a reason to drive where it wants."""
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
-        """An invented state before each reading: beside it on the side of the goal, coming nearer."""
+        """Log an invented state before each reading: beside it on the side of the goal, coming nearer."""
         if reading[0] == SENSOR.tag:
             _, _, _, x_m, y_m, vx_mps, vy_mps = MOTION.unpack_from(reading)
             nobody = max(self.plan.ids) + 1
@@ -82,7 +81,6 @@ class TruncateLog(Hijack):
     """Has just been switched on, it says at each round: before that, no log."""
 
     def round_due(self, now_ms: int) -> list[Action]:
-        """All forgotten, and then the round."""
         rounds.forget_checkpoint(self.f, self.i)
         put_u32(self.f.checkpoint[self.i, START], rounds.AT_T_KEY, now_ms)
         return super().round_due(now_ms)
@@ -92,7 +90,6 @@ class ForgeCheckpoint(Hijack):
     """Starts its log at a checkpoint of its own making, taken after what it did, under tokens of an older one."""
 
     def next_packet(self, now_ms: int) -> list[Action]:
-        """Once there is a new checkpoint, it is the start."""
         actions = super().next_packet(now_ms)
         f, i, r = self.f, self.i, self.f.robot[self.i]
         if self.lies(now_ms) and r.checkpoint_at >= 0:
@@ -107,7 +104,6 @@ class SwapNodes(Hijack):
     """Shows one node's chain where the other's belongs."""
 
     def make_request(self, now_ms: int) -> bool:
-        """The tops and their MACs changed places."""
         made = super().make_request(now_ms)
         if not made or not self.lies(now_ms):
             return made
@@ -131,7 +127,7 @@ class StaleLog(Hijack):
     _kept = b""
 
     def next_packet(self, now_ms: int) -> list[Action]:
-        """While it is honest, the newest request is kept."""
+        """Keep the newest request while it is honest."""
         actions = super().next_packet(now_ms)
         r = self.f.robot[self.i]
         if not self.lies(now_ms) and r.request_len > 0:
@@ -139,7 +135,7 @@ class StaleLog(Hijack):
         return actions
 
     def make_request(self, now_ms: int) -> bool:
-        """The kept request, if there is one, with a fresh token request in it."""
+        """Show the kept request, if there is one, with a fresh token request in it."""
         if not self.lies(now_ms) or not self._kept:
             return super().make_request(now_ms)
         f, i, r = self.f, self.i, self.f.robot[self.i]

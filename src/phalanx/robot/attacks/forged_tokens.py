@@ -32,7 +32,6 @@ class TokenForger(Hijack, ABC):
     period_ms = 100
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """All tokens it has, offered once more."""
         if self.profile != PLAIN:
             for token in self.tokens(now_ms):
                 hckpt, mac = row(token.hckpt), row(token.mac)
@@ -43,16 +42,14 @@ class TokenForger(Hijack, ABC):
 
     @abstractmethod
     def tokens(self, now_ms: int) -> list[Token]:
-        """What it has to offer."""
+        """Return what it has to offer."""
 
 
 class ForgeTokens(TokenForger):
     """Guesses MACs."""
 
     def tokens(self, now_ms: int) -> list[Token]:
-        """Fresh ones, in the names of others."""
-        dice = self.plan.chance
-        names = [rob_id for rob_id in self.plan.ids if rob_id != self.id]
+        dice, names = self.plan.chance, self.others
         return [
             Token(names[int(dice.integers(len(names)))], now_ms, dice.bytes(HASH_BYTES), dice.bytes(MAC_BYTES))
             for _ in range(10)
@@ -67,7 +64,6 @@ class ShareTokens(TokenForger):
         self._issued: list[Token] = []
 
     def on_packet(self, now_ms: int, packet: bytes) -> list[Action]:
-        """Keep the token that it issues."""
         actions = super().on_packet(now_ms, packet)
         for token in tokens_in(actions):
             fields = AUDIT_TOKEN.decode(token.packet)
@@ -77,7 +73,7 @@ class ShareTokens(TokenForger):
         return actions
 
     def tokens(self, now_ms: int) -> list[Token]:
-        """The newest, in its own name and in the auditees'."""
+        """Return the newest, in its own name and in the auditees'."""
         newest = self._issued[-10:]
         return newest + [token._replace(tor=rob_id, t=now_ms) for token in newest for rob_id in self.plan.ids[:3]]
 
@@ -90,7 +86,6 @@ class ReplayTokens(TokenForger):
         self._kept: set[Token] = set()
 
     def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
-        """Every token that comes is kept."""
         actions = super().on_packet(now_ms, frame)
         f, i, r = self.f, self.i, self.f.robot[self.i]
         for which, count in ((START, r.tokens_start), (PENDING, r.tokens_pending)):
@@ -100,7 +95,7 @@ class ReplayTokens(TokenForger):
         return actions
 
     def tokens(self, now_ms: int) -> list[Token]:
-        """All of them; and each as if it were from now, which its MAC does not cover."""
+        """Return all of them; and each as if it were from now, which its MAC does not cover."""
         kept = sorted(self._kept)
         return kept + [token._replace(t=now_ms) for token in kept]
 
@@ -109,7 +104,6 @@ class SelfIssue(TokenForger):
     """Asks its own a-node for a token for itself."""
 
     def tokens(self, now_ms: int) -> list[Token]:
-        """At most one, from itself."""
         profile, anode = self.profile, self.f.anode[self.i]
         treq, mac, hckpt = row(bytes(TOKEN_REQUEST.size)), row(bytes(MAC_BYTES)), row(bytes(HASH_BYTES))
         if trusted.anode_token_request(profile, anode, now_ms, self.id, treq) < 0:
@@ -123,15 +117,11 @@ class SelfIssue(TokenForger):
 class Collude(Hijack):
     """Issues tokens to its accomplices for whatever they show, and gets theirs."""
 
-    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
-        """An accomplice's request gets its token at once."""
-        src = int(get_u16(row(frame), request.AT_SRC)) if self.is_request(frame) else 0
-        if self.profile == PLAIN or src not in self.plan.accomplices:
-            return super().heard(now_ms, frame)
+    def asked(self, now_ms: int, frame: bytes) -> list[Action]:
+        if self.profile == PLAIN or get_u16(row(frame), request.AT_SRC) not in self.plan.accomplices:
+            return super().asked(now_ms, frame)
         place = self.whole_request(now_ms, frame)
-        actions = self.vouch(now_ms, place) if place >= 0 else []
-        self.gained += len(actions) > 1
-        return actions
+        return self.vouch(now_ms, place) if place >= 0 else []
 
 
 class ZeroKey(Hijack):
@@ -139,7 +129,7 @@ class ZeroKey(Hijack):
 
     @classmethod
     def before_key(cls, rob_id: int, profile: int, anode: Row, f_max: int) -> None:
-        """One token of each of f_max + 1 invented auditors, whom no true token replaces; good until the clock ends."""
+        """Install tokens of f_max + 1 invented auditors, which no true token replaces; good until the clock ends."""
         zero, hckpt = bytes(KEY_BYTES), bytes(HASH_BYTES)
         for tor in range(0xFFFF - f_max, 0x10000):
             t = (1 << 32) - 1

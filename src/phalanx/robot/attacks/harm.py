@@ -10,6 +10,8 @@ if TYPE_CHECKING:  # the list of attacks does not wait for it
     import numpy as np
     from numpy.typing import NDArray
 
+    from .liar import Liar
+
 
 class Watched(Protocol):
     """A run, as far as harm is read from it (phalanx.sim.scenarios.run.Run is one)."""
@@ -35,20 +37,6 @@ class Watched(Protocol):
         """(N,), for how long each robot was on the air."""
 
 
-class Lying(Protocol):
-    """A liar, as far as harm is read from it (liar.Liar is one)."""
-
-    i: int  # its place in the fleet
-
-    @property
-    def alive_s(self) -> float:
-        """For how long it has had its mission key, until Safe Mode."""
-
-    @property
-    def lied_s(self) -> float:
-        """For how long it has lied, until Safe Mode."""
-
-
 @dataclass(frozen=True, slots=True)
 class Harm:
     """One way to measure damage."""
@@ -69,17 +57,17 @@ def _apart_m(attacked: Watched, honest: Watched) -> NDArray[np.float64]:
     return apart
 
 
-def _astray(_liar: Lying, attacked: Watched, honest: Watched) -> float:
+def _astray(_liar: Liar, attacked: Watched, honest: Watched) -> float:
     # Others only: where a liar has taken itself is no harm to anybody.
     correct = _correct(attacked)
     return float(_apart_m(attacked, honest)[correct].mean()) if correct else 0.0
 
 
-def _starved(_liar: Lying, attacked: Watched, _honest: Watched) -> float:
+def _starved(_liar: Liar, attacked: Watched, _honest: Watched) -> float:
     return float(attacked.in_safe_mode[_correct(attacked)].sum())
 
 
-def _airtime(liar: Lying, attacked: Watched, honest: Watched) -> float:
+def _airtime(liar: Liar, attacked: Watched, honest: Watched) -> float:
     # A liar in Safe Mode is silent: neither the time after it counts, nor what an honest robot would have said then.
     needed_s = float(honest.airtime_s[liar.i]) * liar.alive_s / attacked.now_s
     return 100 * (float(attacked.airtime_s[liar.i]) - needed_s) / liar.lied_s if liar.lied_s else 0.0

@@ -1,4 +1,4 @@
-"""A compromised robot: the honest c-node, with some of its methods overridden. What every attack has in common.
+"""A compromised robot: the honest one, with some of its methods overridden. What every attack has in common.
 
 Beside the lying c-node runs an honest controller, fed with what this robot's sensors and radio really said. What the
 a-node lets through and that controller would not have said, or the other way round, is a deviation: so no attack has to
@@ -7,6 +7,7 @@ be believed about when it began. An attack sees what a c-node sees, and its plan
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -14,12 +15,11 @@ from typing import ClassVar
 import numpy as np
 
 from phalanx.bti import audit, request
-from phalanx.bti.audit import INPUT, RECV
+from phalanx.bti.audit import RECV
 from phalanx.bti.fleet import Fleet
-from phalanx.bti.log import ENTRY_HEAD_BYTES
 from phalanx.bti.work import Work
 from phalanx.robot import handlers
-from phalanx.robot.actions import Action, Transmit
+from phalanx.robot.actions import EVERYBODY, Action, Transmit
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.compiled import compiled
 from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send, checked_outputs
@@ -58,7 +58,7 @@ class Motion:
 class Liar(Robot):
     """A robot that lies in one way. Honest before `plan.start_ms` and from `plan.stop_ms` on.
 
-    While it lies, `sensed`, `heard` and `round_due` take the place of what an honest c-node does at these events.
+    While it lies, `sensed`, `heard`, `asked` and `round_due` replace what an honest c-node does at these events.
 
     Class attributes:
         scene: where such an attack is tried.
@@ -174,6 +174,11 @@ class Liar(Robot):
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
         """`on_packet` while it lies."""
+        is_request = is_audit(frame, request.FRAGMENT) and len(frame) > request.FRAGMENT_HEAD_BYTES
+        return self.asked(now_ms, frame) if is_request else super().on_packet(now_ms, frame)
+
+    def asked(self, now_ms: int, frame: bytes) -> list[Action]:
+        """`heard` of a part of a request for an audit."""
         return super().on_packet(now_ms, frame)
 
     def round_due(self, now_ms: int) -> list[Action]:
@@ -213,14 +218,32 @@ class Liar(Robot):
 
     # --- what several attacks need ------------------------------------------------------------------------------------
 
-    @staticmethod
-    def is_request(frame: bytes) -> bool:
-        """Whether the frame is part of a request for an audit."""
-        is_audit = bool(frame[0] & request.AUDIT) and len(frame) > request.FRAGMENT_HEAD_BYTES
-        return is_audit and frame[request.AT_SUB] == request.FRAGMENT
+    @property
+    def others(self) -> list[int]:
+        """Return the ids of all robots but itself."""
+        return [rob_id for rob_id in self.plan.ids if rob_id != self.id]
+
+    @property
+    def victims(self) -> list[int]:
+        """Return the ids of all robots that are not compromised."""
+        return [rob_id for rob_id in self.others if rob_id not in self.plan.accomplices]
+
+    def nearest(self, *, but: int = 0) -> Motion:
+        """Return the motion of the nearest robot that it has heard of, except one."""
+        heard = [motion for rob_id, motion in self.seen.items() if rob_id != but]
+        return min(heard, key=lambda other: math.hypot(other.x_m - self.me.x_m, other.y_m - self.me.y_m))
+
+    def claim_motion(self, now_ms: int, name: int, motion: Iterable[float], to: int = EVERYBODY) -> list[Action]:
+        """Send a state in a robot's name: position, m, and velocity, m/s."""
+        return self.send(now_ms, MOTION.pack(KIND_STATE, name, now_ms, *motion), to)
+
+    def count(self, actions: list[Action]) -> list[Action]:
+        """Count what an attack on the audits has sent."""
+        self.gained += len(actions)
+        return actions
 
     def whole_request(self, now_ms: int, frame: bytes) -> int:
-        """The fragment is taken; the place of the request if it is whole now and well-formed, -1 otherwise."""
+        """Take a fragment; return the place of the request if it is whole now and well-formed, -1 otherwise."""
         place = int(request.take_fragment(self.f, self.i, row(frame), len(frame), now_ms))
         if place < 0:
             return -1
@@ -229,22 +252,20 @@ class Liar(Robot):
         return place if audit.open_request(self.w, q, length, src) == 0 else -1
 
     def shown(self, place: int) -> Row:
-        """The request that is at this place, or just was."""
+        """Return the request that is at this place, or just was."""
         q: Row = self.f.rx.rows[self.f.rx_info[self.i, place].row]
         return q
 
     def vouch(self, now_ms: int, place: int) -> list[Action]:
-        """The sender of the request just opened gets its token, whatever its log shows."""
+        """Send a token to the sender of the request just opened, whatever its log shows."""
         src = int(self.w.case[0].tee)
         refused = audit.issue(self.f, self.i, self.w, self.shown(place), self.w.small[2])
-        return self.answer(now_ms, place, src, refused)
-
-    def pass_by(self, now_ms: int, frame: bytes) -> None:
-        """The a-node takes and chains the frame; the c-node pretends that it never came."""
-        handlers.chain(self.f, self.i, self.w, RECV, now_ms, row(frame), len(frame))
+        actions = self.answer(now_ms, place, src, refused)
+        self.gained += len(actions) > 1
+        return actions
 
     def believe(self, t_ms: int, frame: bytes) -> None:
-        """The c-node logs the frame and acts on it as if it had come at `t_ms`."""
+        """Log a packet and act on it as if it had come at `t_ms`."""
         n = handlers.plain(self.w, RECV, t_ms, row(frame), len(frame))
         self.record(self.w.entry[:n])
         if self.controller:
@@ -255,19 +276,19 @@ class Liar(Robot):
             state = self.f.state[self.i]
             r.state_len = dispatch.on_recv(s.controller, self.f.params, r.id, t_ms, row(frame), len(frame), state)
 
-    def poll(self, now_ms: int, reading: bytes) -> int:
-        """The s-node has chained a reading, whose entry is in `work.entry`; the c-node logs nothing yet."""
-        return int(handlers.chain(self.f, self.i, self.w, INPUT, now_ms, row(reading), len(reading)))
-
-    def entry(self, n: int) -> bytes:
-        """The payload of the entry in `work.entry[:n]`."""
-        return self.w.entry[ENTRY_HEAD_BYTES:n].tobytes()
+    def chain(self, kind: int, now_ms: int, payload: bytes) -> int:
+        """Have a trusted node chain bytes, and log nothing; return the length of the entry in `work.entry`."""
+        return int(handlers.chain(self.f, self.i, self.w, kind, now_ms, row(payload), len(payload)))
 
 
 def tokens_in(actions: Iterable[Action]) -> list[Transmit]:
     """Return the tokens among the packets that go out."""
-    packets = [each for each in actions if isinstance(each, Transmit) and each.packet[0] & request.AUDIT]
-    return [each for each in packets if each.packet[request.AT_SUB] == request.TOKEN]
+    return [each for each in actions if isinstance(each, Transmit) and is_audit(each.packet, request.TOKEN)]
+
+
+def is_audit(packet: bytes, sub: int) -> bool:
+    """Return whether a packet is AUDIT traffic of a kind: HELLO, FRAGMENT, TOKEN or SEEK of `request`."""
+    return bool(request.is_audit(row(packet), len(packet))) and packet[request.AT_SUB] == sub
 
 
 def lying(

@@ -22,7 +22,7 @@ protocol = partial(Attack, scene="protocol")  # its harm is what its protocol co
 # fmt: off
 LIBRARY: dict[str, tuple[Attack, ...]] = {
     "What it says and does": (
-        Attack("spoof", "spoof.Spoof", STOPPED, ASTRAY, 5,
+        Attack("spoof", "claims.Spoof", STOPPED, ASTRAY, 5,
                options={"strong": Option((0, 1), ("none",)), "every": Option(least=0.1)},
                does="claims on behalf of other robots that they stand between a victim and the goal",
                stopped_by="replay never sends such a state: no auditor issues a token, and the tokens it has run out"),
@@ -53,7 +53,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                does="says that invented robots race outwards past those farthest out: who keeps pace is out of range",
                stopped_by="replay sends no such state; and in `bound` all that neighbours say pushes no harder than "
                           "four of them can (docs/adr/0026)"),
-        Attack("seize-orders", "seize.SeizeOrders", by_defence("harmless", "stopped", "stopped"), ASTRAY, 0.5,
+        Attack("seize-orders", "claims.SeizeOrders", by_defence("harmless", "stopped", "stopped"), ASTRAY, 0.5,
                on_wheels=True,
                does="gives orders to all in the gateway's name, with the highest number, stops, and old ones again",
                stopped_by="robots check who signed an order, its number and its age; and replay sends none"),
@@ -69,17 +69,17 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                  does="says in each turn of another place where nobody was that it has seen it",
                  stopped_by="replay has been where its sensor says; and what a robot said that fell silent soon after "
                             "is seen again"),
-        protocol("open-breach", "pretences.OpenBreach", against="perimeter",
+        protocol("open-breach", "pretences.PointElsewhere", against="perimeter",
                  does="says of the intruder that was seen last that it comes where the robot farthest from it is",
                  stopped_by="replay says what the s-node chained that it sees, and where"),
         protocol("point-elsewhere", "pretences.PointElsewhere", against="tracking",
                  does="says that the target is where the robot farthest from it is",
                  stopped_by="replay says what the s-node chained that it sees, and where"),
-        protocol("show-intruder", "senses.ShowIntruder", NOT_COVERED, against="perimeter",
+        protocol("show-intruder", "senses.ShowThing", NOT_COVERED, against="perimeter",
                  does="somebody outside shows its sensor, close by, the intruder that was spoken of last",
                  stopped_by="nothing: the s-node chains what the sensor says, and a robot that believes it is honest "
                             "(§2.2)"),
-        protocol("show-target", "senses.ShowTarget", NOT_COVERED, against="tracking",
+        protocol("show-target", "senses.ShowThing", NOT_COVERED, against="tracking",
                  does="somebody outside shows its sensor, close by, a target that is not there",
                  stopped_by="nothing, as with an intruder"),
     ),
@@ -162,11 +162,11 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
         Attack("frame-flood", "floods.FrameFlood", LIMITED, AIRTIME, 40,
                does="fills the channel with long AUDIT frames, which no log shows",
                stopped_by="nothing ends it; in `bound` AUDIT frames draw airtime from a leaky bucket of the a-node's"),
-        Attack("talk-over", "floods.TalkOver", HARMLESS, STARVED, 1, crowd=True,
+        Attack("talk-over", "timing.TalkOver", HARMLESS, STARVED, 1, crowd=True,
                does="talks, in short AUDIT frames, whenever somebody whom it does not hear asks for audits",
                stopped_by="a fragment that was lost is said again, at a time that nobody can foresee; in `bound` the "
                           "a-node's bucket limits how much of the time can be talked over"),
-        Attack("mask", "mask.Mask", HARMLESS, STARVED, 1, crowd=True,
+        Attack("mask", "timing.Mask", HARMLESS, STARVED, 1, crowd=True,
                does="talks whenever somebody says that it is there, and audits nobody: others shall know no auditors",
                stopped_by="who lacks tokens asks who is there, at a time that nobody can foresee, and each who hears "
                           "it answers it alone, until that has arrived"),
@@ -187,11 +187,11 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                     "fill others' logs",
                stopped_by="replay sends no such frame; and in `bound` logs have room for f_max robots that do so "
                           "until then"),
-        Attack("slot-squat", "floods.SlotSquat", HARMLESS, STARVED, 1, crowd=True,
+        Attack("slot-squat", "timing.SlotSquat", HARMLESS, STARVED, 1, crowd=True,
                does="begins requests for audits with everybody and never ends them, so that no others fit in",
                stopped_by="a request that is not whole in time loses its place, and its sender none before "
                           "T_audit / 2"),
-        Attack("push-out", "places.PushOut", HARMLESS, STARVED, 1, crowd=True,
+        Attack("push-out", "timing.PushOut", HARMLESS, STARVED, 1, crowd=True,
                does="audits nobody, and begins a request with whomever a victim asks, between the victim's fragments",
                stopped_by="an auditor has places for f_max + 3 robots, and a robot has one"),
         Attack("stale-answers", "answers.StaleAnswers", HARMLESS, STARVED, 1, crowd=True,
@@ -263,50 +263,50 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                           "`paper` has none"),
     ),
     "What it senses and hears": (
-        errand("spoof-scan", "missions.senses.SpoofScan", STOPPED, FALSE, 1, against="sensors",
+        errand("spoof-scan", "missions.world.SpoofScan", STOPPED, FALSE, 1, against="sensors",
                does="shows the lidar another room, in which a door stands elsewhere",
                stopped_by="what is seen where it should not be does not decode; without a match there is no fix "
                           "and no way on"),
-        errand("drag-scan", "missions.senses.DragScan", by_defence("harmless", "not covered", "not covered"), FIX, 0.5,
+        errand("drag-scan", "missions.world.DragScan", by_defence("harmless", "not covered", "not covered"), FIX, 0.5,
                against="sensors",
                does="shows the lidar the true building, which slides aside by 5 cm a second",
                stopped_by="nothing: who can show a robot's lidar a whole building is believed; all fixes from one "
                           "node to the next may move it by no more than it can have drifted there, but from that "
                           "one on they may again; no landmark misleads a robot in `none`, nor corrects it"),
         # Its limit is what can have drifted: 0.25 m, and a tenth of the 7 m that it can drive until the time-out.
-        errand("freeze-scan", "missions.senses.FreezeScan", by_defence("harmless", "limited", "limited"), FIX, 0.3,
+        errand("freeze-scan", "missions.world.FreezeScan", by_defence("harmless", "limited", "limited"), FIX, 0.3,
                against="sensors", limit=1.0,
                does="a fault, no attack: the lidar repeats its last scan",
                stopped_by="a landmark that stays before the robot says at each step that it has not moved: "
                           "believed until all those fixes come to more than it can have drifted; nothing new "
                           "decodes, and the time-out holds it; no landmark misleads a robot in `none`, nor "
                           "corrects it"),
-        errand("move-code", "missions.walls.MoveCode", STOPPED, WRONG, 1, against="walls",
+        errand("move-code", "missions.world.MoveCode", STOPPED, WRONG, 1, against="walls",
                does="hangs the code of the shelf 5 m before it",
                stopped_by="the text is public, but hashed together with where it hangs: elsewhere it does not decode"),
-        errand("clone-code", "missions.walls.CloneCode", by_defence("bites", "harmless", "harmless"), WRONG, 1,
+        errand("clone-code", "missions.world.CloneCode", by_defence("bites", "harmless", "harmless"), WRONG, 1,
                against="walls",
                does="hangs a copy of the code of the shelf 5 m before it",
                stopped_by="the copy does not decode where it hangs; the robot goes on to the code itself"),
-        errand("nudge-code", "missions.walls.NudgeCode", HARMLESS, FIX, 0.3,
+        errand("nudge-code", "missions.world.NudgeCode", HARMLESS, FIX, 0.3,
                against="walls",
                does="hangs the code of the shelf 0.4 m aside",
                stopped_by="the robot knows how sure it is of its pose; what hangs farther off does not decode"),
-        errand("stale-message", "missions.messages.StaleMessage", STOPPED, WRONG, 1, against="messages",
+        errand("stale-message", "missions.world.StaleMessage", STOPPED, WRONG, 1, against="messages",
                does="sends the controller's release of yesterday, which the robot waits for and nobody gave today",
                stopped_by="a controller's message is random and made anew for each mission: yesterday's opens "
                           "nothing today"),
-        errand("drown-message", "missions.messages.DrownMessage", by_defence("harmless", "stopped", "stopped"), WRONG,
+        errand("drown-message", "missions.world.DrownMessage", by_defence("harmless", "stopped", "stopped"), WRONG,
                against="messages",
                does="sends the robot random messages all the time, until it has forgotten the true one",
                stopped_by="nothing is done that should not be; what the robot waits for is lost, until it is sent "
                           "again"),
     ),
     "What its body does": (
-        errand("dead-wheel", "missions.body.DeadWheel", STOPPED, FALSE, 1, against="body",
+        errand("dead-wheel", "missions.world.DeadWheel", STOPPED, FALSE, 1, against="body",
                does="a fault: one wheel turns and does not move the robot, which odometry cannot know",
                stopped_by="landmarks do not come where odometry says that they should: nothing decodes"),
-        errand("slip", "missions.body.Slip", STOPPED, FALSE, 1, against="body",
+        errand("slip", "missions.world.Slip", STOPPED, FALSE, 1, against="body",
                does="lets both wheels slip: each moves the robot by half of what it turns",
                stopped_by="as for `dead-wheel`; what slips by less than a tenth is drift, and corrected"),
     ),

@@ -32,14 +32,13 @@ class Pretender(Liar):
         self.claimed: dict[int, tuple[int, list[int]]] = {}
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
-        """As an honest robot, and it is noted."""
         if said := fields_of(CLAIM, frame):
             _, rob_id, _, *places = said
             self.claimed[rob_id] = now_ms, places
         return super().heard(now_ms, frame)
 
     def claim(self, now_ms: int, here: int, holds: int, wants: int = NOWHERE) -> list[Action]:
-        """Its claim, to everybody."""
+        """Send its claim to everybody."""
         return self.send(now_ms, CLAIM.form.pack(KIND_CLAIM, self.id, now_ms, here, holds, wants), EVERYBODY)
 
 
@@ -47,7 +46,7 @@ class HogCells(Pretender):
     """Says that it is in the cells that those ask for whose turn comes next."""
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """Who spoke longest ago speaks, and drives, next."""
+        """Claim what they want who spoke longest ago, and so drive next."""
         next_first = sorted((heard_ms, places) for heard_ms, places in self.claimed.values())
         wanted = [wants for _, (_, _, wants) in next_first if wants != NOWHERE]
         return self.claim(now_ms, *wanted[:2]) if len(wanted) > 1 else []
@@ -63,7 +62,6 @@ class ClaimArea(Pretender):
     _turn = 0
 
     def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
-        """All as ever but its claim."""
         if not (self.lies(now_ms) and isinstance(output, Send) and fields_of(CLAIM, output.payload)):
             return super().put_out(now_ms, output)
         here, following = (self.places[(self._turn + more) % len(self.places)] for more in range(2))
@@ -72,7 +70,7 @@ class ClaimArea(Pretender):
 
     @property
     def places(self) -> Sequence[int]:
-        """Of which it says so."""
+        """Return the places of which it says so."""
         assert isinstance(self._honest, PlaceController), "as all who go to places"
         return [place for place, (at_ms, _) in enumerate(self._honest.visits) if not at_ms] or PLACES
 
@@ -82,7 +80,6 @@ class ClaimVisits(ClaimArea):
 
     @property
     def places(self) -> Sequence[int]:
-        """The upper half."""
         return PLACES[len(PLACES) // 2 :]
 
 
@@ -92,24 +89,17 @@ class PointElsewhere(Pretender):
     _seen: tuple[int, float, float] = 0, 0.0, 0.0  # until somebody has seen something
 
     def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
-        """As an honest robot, and it is noted."""
         if said := fields_of(SIGHTING, frame):
             self._seen = said[3:]
         return super().on_packet(now_ms, frame)
 
     def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
-        """All but what it sees."""
         hides = self.lies(now_ms) and isinstance(output, Send) and fields_of(SIGHTING, output.payload)
         return [] if hides else super().put_out(now_ms, output)
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """Its own word is always the latest."""
         assert isinstance(self._honest, PeerController), "as all who see things"
         number, *at_m = self._seen
         others = ((each.x_m, each.y_m) for each in self._honest.others.values())
         x, y = max(others, key=lambda place_m: math.dist(place_m, at_m))
         return self.send(now_ms, SIGHTING.form.pack(KIND_SIGHTING, self.id, now_ms, number, x, y), EVERYBODY)
-
-
-class OpenBreach(PointElsewhere):
-    """The same of intruders: who would help to catch one goes elsewhere."""

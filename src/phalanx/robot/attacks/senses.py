@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from phalanx.bti import rounds
+from phalanx.bti.audit import INPUT
 from phalanx.bti.fleet import START
 from phalanx.robot.actions import Action
 from phalanx.robot.controllers.peer_bodies import BEHIND_T, fields_of
@@ -25,7 +26,6 @@ class SpoofGps(Liar):
     """Somebody outside draws the robot's position sensor aside; the robot itself is honest."""
 
     def read(self, now_ms: int, reading: bytes) -> bytes:
-        """The reading, drawn aside."""
         if not self.lies(now_ms) or reading[0] != SENSOR.tag:
             return reading
         aside_m = DRIFT_MPS * (now_ms - self.plan.start_ms) / 1000
@@ -42,26 +42,17 @@ class ShowThing(Liar):
     _number = 0  # until somebody has spoken of one
 
     def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
-        """As an honest robot, and it is noted."""
         if said := fields_of(SIGHTING, frame):
             self._number = said[BEHIND_T]
         return super().on_packet(now_ms, frame)
 
     def read(self, now_ms: int, reading: bytes) -> bytes:
-        """The reading, and what is not there; nothing to a sensor that sees no things."""
+        """Return the reading, and what is not there; nothing to a sensor that sees no things."""
         mine = self._honest
         if not self.lies(now_ms) or not isinstance(mine, PeerController) or len(mine.body.beside(reading)) != SEEN.size:
             return reading
         aside_m = self.ASIDE_STEPS * mine.task.step_m
         return reading[: mine.body.sensor.size] + SEEN.form.pack(self._number, aside_m, aside_m)
-
-
-class ShowIntruder(ShowThing):
-    """The same of an intruder."""
-
-
-class ShowTarget(ShowThing):
-    """The same of the one target there is."""
 
 
 class StuckSensor(Liar):
@@ -70,7 +61,6 @@ class StuckSensor(Liar):
     _stuck = b""
 
     def read(self, now_ms: int, reading: bytes) -> bytes:
-        """The first reading of those from the start on."""
         if not self.lies(now_ms):
             return reading
         self._stuck = self._stuck or reading
@@ -84,11 +74,9 @@ class StarveSensors(Liar):
     """
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
-        """The s-node is not asked."""
         return []
 
     def next_packet(self, now_ms: int) -> list[Action]:
-        """The request says that the grid begins now, if the log begins at boot."""
         if self.lies(now_ms) and self.f.robot[self.i].booted:
             put_u32(self.f.checkpoint[self.i, START], 0, now_ms)
             self.f.robot[self.i].t_key = now_ms
@@ -104,7 +92,7 @@ class KeyOfTomorrow(StarveSensors):
     T_KEY_MS: ClassVar[int] = (1 << 32) - (1 << 16)
 
     def next_packet(self, now_ms: int) -> list[Action]:
-        """The request says so: all that came before the first lie is forgotten."""
+        """Forget all that came before the first lie."""
         r = self.f.robot[self.i]
         if self.lies(now_ms) and r.t_key != self.T_KEY_MS:
             r.t_key = self.T_KEY_MS
@@ -130,7 +118,7 @@ class Interleave(Liar):
         self._stock: list[np.ndarray[Any, np.dtype[np.uint8]]] = []
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
-        """On the oldest reading of the stock; if there is none, on this one, of which the stock is made."""
+        """Act on the oldest reading of the stock; if there is none, on this one, of which the stock is made."""
         if self._stock:
             entry = self._stock.pop(0)
             self.w.entry[: len(entry)] = entry
@@ -144,14 +132,14 @@ class Interleave(Liar):
         actions = super().sensed(now_ms, reading)
         if now_ms - self._asked_ms >= self.SETTLED_MS and self.f.robot[self.i].request_len == 0:
             for _ in range(self.STOCK):
-                n = self.poll(now_ms, reading)
+                n = self.chain(INPUT, now_ms, reading)
                 if n > 0:
                     self._stock.append(self.w.entry[:n].copy())
             self.deviates(now_ms)
         return actions
 
     def round_due(self, now_ms: int) -> list[Action]:
-        """Not while readings are left that the s-node has chained and the log does not show."""
+        """Wait while readings are left that the s-node has chained and the log does not show."""
         if self._stock:
             self._round_waits = True
             return []
@@ -159,5 +147,4 @@ class Interleave(Liar):
         return super().round_due(now_ms)
 
     def next_packet(self, now_ms: int) -> list[Action]:
-        """No request either."""
         return [] if self._stock else super().next_packet(now_ms)

@@ -13,19 +13,16 @@ class OmitSends(Liar):
     """Broadcasts its state no more, so that nobody keeps clear of it."""
 
     def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
-        """Commands only."""
         return [] if self.lies(now_ms) and isinstance(output, Send) else super().put_out(now_ms, output)
 
 
 class Unasked(Liar):
-    """Asks nobody for an audit, nor shows its log."""
+    """Asks nobody for an audit, nor shows its log; a request that is under way is broken off."""
 
     def round_due(self, now_ms: int) -> list[Action]:
-        """No round."""
         return []
 
     def next_packet(self, now_ms: int) -> list[Action]:
-        """No request; one that is under way is broken off."""
         return [] if self.lies(now_ms) else super().next_packet(now_ms)
 
 
@@ -36,21 +33,16 @@ class RefuseAudit(Unasked, Hijack):
 class RefuseToAudit(Liar):
     """Says that it audits, and never does: whoever asks it has lost a request."""
 
-    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
-        """Everything but requests."""
-        if self.is_request(frame):
-            self.gained += 1
-            return []
-        return super().heard(now_ms, frame)
+    def asked(self, now_ms: int, frame: bytes) -> list[Action]:
+        self.gained += 1
+        return []
 
 
 class Crash(Unasked):
     """Its c-node is dead: the actuators go on with the last command they had."""
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
-        """Nothing."""
         return []
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
-        """Nothing."""
         return []

@@ -66,28 +66,26 @@ class MissionCheat(Robot):
 
     @property
     def mission(self) -> MissionController:
-        """The controller that is made to lie."""
+        """Return the controller that is made to lie."""
         assert isinstance(self.controller, MissionController)
         return self.controller
 
     def take_over(self, controller: MissionController) -> None:
-        """What an honest robot has come to know is what it goes on from, in the middle of a mission."""
+        """Go on from what an honest robot has come to know, in the middle of a mission."""
         assert isinstance(self._honest, MissionController)
         self.controller, self._honest.memory = controller, controller.memory
 
     def on_boot(self, now_ms: int) -> None:
-        """The mission key has just been loaded."""
         self._from_ms = now_ms + self.plan.after_ms
         super().on_boot(now_ms)
 
     def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
-        """A frame has arrived."""
         if not frame[0] & request.AUDIT:
             self._honest.on_recv(now_ms, frame)
         return super().on_packet(now_ms, frame)
 
     def decide(self, entry_len: int) -> list[Output]:
-        """The outputs, lies among them, beside those of an honest controller."""
+        """Return the outputs, lies among them, beside those of an honest controller."""
         reading = self.w.entry[ENTRY_HEAD_BYTES:entry_len].tobytes()
         step, t_ms = self.step, get_u32(self.w.entry, ENTRY_T)
         assert isinstance(self._honest, MissionController)
@@ -102,7 +100,7 @@ class MissionCheat(Robot):
         return outputs
 
     def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
-        """What it puts out instead; here, still what an honest robot would."""
+        """Return what it puts out instead; here, still what an honest robot would."""
         evidence = self.evidence(step, t_ms, reading)
         self.keep_evidence(evidence)
         return self.mission.on_evidence(step, t_ms, reading, evidence)
@@ -112,7 +110,7 @@ class SkipNode(MissionCheat):
     """Leaves out a node: from its checkpoint on it pretends to itself that the node was decoded."""
 
     def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
-        """Once, the walk stands behind the node; then it goes on from there."""
+        """Put the walk behind the node, once; then it goes on from there."""
         walk, node = self.mission.memory.walk, self.plan.node
         if node not in walk.opened:
             x_m, y_m, _ = self.mission.pose(reading)
@@ -128,7 +126,7 @@ class DriveDark(MissionCheat):
     """Drives to where nothing that was decoded leads."""
 
     def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
-        """The mission's outputs, with its own speeds in them."""
+        """Put its own speeds into the mission's outputs."""
         x_m, y_m, heading = self.mission.pose(reading)
         bearing = wrap(math.atan2(self.plan.toward_m[1] - y_m, self.plan.toward_m[0] - x_m) - heading)
         turn = max(-MOST_MRADPS, min(MOST_MRADPS, round(1500 * bearing)))
@@ -141,7 +139,7 @@ class ShowUnsensed(MissionCheat):
     """Shows auditors a scan that its lidar never made."""
 
     def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
-        """The mission goes on by what is imagined."""
+        """Go on with the mission by what is imagined."""
         raw = self.plan.imagine(self.mission.pose(reading))
         told = with_hash_of(reading, raw)
         evidence = self.mission.keep(step, t_ms, told, raw)
@@ -150,7 +148,7 @@ class ShowUnsensed(MissionCheat):
         return self.mission.on_evidence(step, t_ms, told, evidence)
 
     def shown(self, evidence: bytes) -> bytes:
-        """What goes into the log for it."""
+        """Return what goes into the log for it."""
         return evidence
 
 
@@ -158,7 +156,7 @@ class ForgeClaim(ShowUnsensed):
     """Shows the scan that its lidar made, and claims that the node is to be seen in it."""
 
     def shown(self, evidence: bytes) -> bytes:
-        """The claim as made, the scan as it was."""
+        """Keep the claim as made, and the scan as it was."""
         sensors = self.mission.missions.sensors
         claim, _ = unpack_evidence(evidence, sensors.lidar.beams)
         return pack_evidence(claim, self.raw[: sensors.scan_bytes], self.raw[sensors.scan_bytes :])

@@ -1,0 +1,115 @@
+"""What is done to an honest robot's world: its lidar, the codes on walls, its messages, its wheels."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, ClassVar
+
+from phalanx.mission.landmarks import FloorPlan, LaserScan, WallCode
+
+from .between import Between, Look, Pose
+
+
+class SpoofScan(Between):
+    """Scans recorded one room on: a door is in sight there too, but elsewhere than the one that is due."""
+
+    THERE_M: ClassVar[tuple[float, float]] = (5.0, 0.5)
+
+    def scan(self, pose: Pose, look: Look) -> LaserScan:
+        if not self.lies:
+            return look(pose)
+        return look((pose[0] + self.THERE_M[0], pose[1] + self.THERE_M[1], pose[2]))
+
+
+class DragScan(Between):
+    """The whole building, true in itself, slides away: a little with every metre, as odometry would drift."""
+
+    DRAG_MPS: ClassVar[float] = 0.05
+
+    def scan(self, pose: Pose, look: Look) -> LaserScan:
+        aside_m = self.DRAG_MPS * max(0.0, self.now_s - self.plan.start_s)
+        return look((pose[0], pose[1] + aside_m, pose[2]))
+
+
+class FreezeScan(Between):
+    """A fault: the lidar repeats its last scan for ever."""
+
+    starts_s = 4.0
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)
+        self._stuck: LaserScan | None = None
+
+    def scan(self, pose: Pose, look: Look) -> LaserScan:
+        if not self.lies:
+            return look(pose)
+        self._stuck = self._stuck or look(pose)
+        return self._stuck
+
+
+class MoveCode(Between):
+    """A code is taken down and hung up elsewhere, in the robot's way."""
+
+    AHEAD_M: ClassVar[float] = 5.0
+
+    def building(self, plan: FloorPlan) -> FloorPlan:
+        return replace(plan, codes=tuple(aside(code, self.AHEAD_M, 0.0) for code in plan.codes))
+
+
+class CloneCode(MoveCode):
+    """A copy of a code hangs in the robot's way, and the code where it belongs."""
+
+    def building(self, plan: FloorPlan) -> FloorPlan:
+        return replace(plan, codes=(*plan.codes, *super().building(plan).codes))
+
+
+class NudgeCode(Between):
+    """A code is moved by less than a robot searches: it decodes, and the fix is as wrong as the code."""
+
+    SIDE_M: ClassVar[float] = 0.4
+
+    def building(self, plan: FloorPlan) -> FloorPlan:
+        return replace(plan, codes=tuple(aside(code, 0.0, self.SIDE_M) for code in plan.codes))
+
+
+def aside(code: WallCode, ahead_m: float, side_m: float) -> WallCode:
+    """Return the code, hung so far off its wall and so far along it, and read from the same direction."""
+    cosine, sine = math.cos(code.facing_rad), math.sin(code.facing_rad)
+    return replace(
+        code,
+        x_m=code.x_m + ahead_m * cosine - side_m * sine,
+        y_m=code.y_m + ahead_m * sine + side_m * cosine,
+    )
+
+
+class StaleMessage(Between):
+    """The release of yesterday, sent today, when the goods are not released."""
+
+    released = False
+
+    def messages(self, messages: tuple[bytes, ...]) -> tuple[bytes, ...]:
+        return (*messages, *self.plan.yesterday.said) if self.lies else messages
+
+
+class DrownMessage(Between):
+    """So many messages that the robot has forgotten the true one when it needs it."""
+
+    def messages(self, messages: tuple[bytes, ...]) -> tuple[bytes, ...]:
+        return (*messages, self.plan.chance.bytes(32)) if self.lies else messages
+
+
+class DeadWheel(Between):
+    """One wheel turns in the air: odometry says straight on, and the robot goes round in circles."""
+
+    def wheels(self) -> tuple[float, float]:
+        return (0.0, 1.0) if self.lies else (1.0, 1.0)
+
+
+class Slip(Between):
+    """Both wheels slip: the robot goes half as far as it believes."""
+
+    SHARE: ClassVar[float] = 0.5
+
+    def wheels(self) -> tuple[float, float]:
+        return (self.SHARE, self.SHARE) if self.lies else (1.0, 1.0)
