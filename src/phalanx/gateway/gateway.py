@@ -12,10 +12,8 @@ from phalanx.errors import Late, Unknown, UsageError
 from phalanx.io import Server
 from phalanx.link import Command, Request, SharedAnswer
 from phalanx.robot import Robot, Swarm
-from phalanx.robot.at_work import AtWork
 from phalanx.robot.on_mission import OnMission
-from phalanx.robot.shield import Shielded, Unprotected
-from phalanx.robot.swarm import Routed
+from phalanx.robot.swarm import AtWork, Routed, Shielded, Unprotected
 
 from . import vocabulary
 from .brakes import Brakes

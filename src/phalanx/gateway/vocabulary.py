@@ -17,7 +17,7 @@ from typing import Any
 
 from phalanx.errors import BadPayload
 from phalanx.robot import Led, Point, Robot
-from phalanx.robot.shield import Audit, Shield
+from phalanx.robot.swarm import Audit, Shield
 
 APPLICATION = "0"
 REQUEST_ROBOTS = 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from phalanx.robot.at_work import AtWork
+from phalanx.robot.swarm import AtWork
 
 LOOK_EVERY_S = 1.0
 MOST_THINGS = 32

@@ -155,10 +155,3 @@ def encode(w: Work, action: Action) -> None:
         round_at(w, action.at_ms, int(action.listened))
     else:
         verdict(w, action.auditee, int(action.refusal))
-
-
-__all__ = [
-    "ACTUATE", "COUNT", "EVERYBODY", "RETRY_AT", "ROUND_AT", "TRANSMIT", "VERDICT", "Action", "Actuate", "RetryAt",
-    "RoundAt", "Transmit", "Verdict", "actuate", "clear", "decode", "encode", "is_earlier", "retry_at", "round_at",
-    "transmit", "verdict",
-]  # fmt: skip

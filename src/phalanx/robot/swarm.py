@@ -100,3 +100,82 @@ class Stepped(Swarm, Protocol):
 
     def step(self, dt_s: float) -> None:
         """Let so many seconds pass."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shield:
+    """One robot's shield at one moment."""
+
+    address: str
+    needed: int  # f_max + 1, fresh tokens that keep it alive
+    full_s: float  # T_val, how long a token counts
+    vouchers: tuple[tuple[str, float], ...]  # addresses, each with the seconds for which it still counts, longest first
+    safe_mode: bool  # it has been stopped
+    attack: str  # name of the one it runs, as the operator chose it; "" for an honest robot. Visitors are not told
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Audit:
+    """An audit that has ended, and between whom, by address."""
+
+    auditor: str
+    auditee: str
+    refusal: str  # why no token was issued, in words; "" if one was
+
+
+@dataclass(frozen=True, slots=True)
+class AttackChoice:
+    """An attack that an operator can have a robot run: its name, and what it does."""
+
+    name: str
+    does: str
+
+
+@runtime_checkable
+class Shielded(Routed, Protocol):
+    """A swarm whose robots audit each other; their orders are logged, and sent by radio."""
+
+    def shields(self) -> Sequence[Shield]:
+        """One for every robot."""
+
+    def new_audits(self) -> Sequence[Audit]:
+        """Those that ended since the last call, oldest first."""
+
+    def attacks(self) -> Sequence[AttackChoice]:
+        """What a robot can be made to do."""
+
+    def compromise(self, address: str, attack: str) -> None:
+        """The robot lies from now on.
+
+        Raises: Unknown: no such robot, or no such attack; or it is compromised or stopped already.
+        """
+
+
+@runtime_checkable
+class Unprotected(Swarm, Protocol):
+    """A swarm whose robots do not audit each other, though people may expect it."""
+
+    @property
+    def unprotected(self) -> str:
+        """Why not, for people; "" where nobody expects it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Done:
+    """What has come of a swarm's work lately."""
+
+    name: str  # of the work
+    score: float | None  # None while there was nothing to count
+    counts: str  # what the score counts, and its unit: "% watched"
+    lately_s: float  # so far back it counts
+
+
+@runtime_checkable
+class AtWork(Swarm, Protocol):
+    """A swarm that may have work of its own, which it does while nobody drives it."""
+
+    def done(self) -> Done | None:
+        """What has come of it, called about once a second; None where they wait for people."""
+
+    def things(self) -> Sequence[Point]:
+        """Where the things are now that the work is about, those in the area."""
