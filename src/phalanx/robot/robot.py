@@ -156,7 +156,7 @@ class Robot:
             n = handlers.think(self.f, self.i, self.w, entry_len)
             return unpack_outputs(self.w.out[:n].tobytes())
         reading = self.w.entry[ENTRY_HEAD_BYTES:entry_len].tobytes()
-        step, t_ms = self.step, self._entry_time()
+        step, t_ms = self._step, self._entry_time()
         evidence = b""
         if isinstance(self.controller, EvidenceController):
             evidence = self.evidence(step, t_ms, reading)
@@ -169,8 +169,7 @@ class Robot:
         return checked_outputs(outputs, self._frame_max, self.controller)
 
     @property
-    def step(self) -> int:
-        """How many readings it has had."""
+    def _step(self) -> int:
         return int(self._step_of[self.i])
 
     def evidence(self, step: int, t_ms: int, reading: bytes) -> bytes:

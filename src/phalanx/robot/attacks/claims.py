@@ -73,7 +73,7 @@ class Spoof(Liar):
         while self._turn < due:
             victim = victims[self._turn % len(victims)]
             self._turn += 1
-            names = [rob_id for rob_id in self.others if rob_id != victim]
+            names = [rob_id for rob_id in self.others() if rob_id != victim]
             if names and not self._strong:
                 names = [names[int(self.plan.chance.integers(len(names)))]]
             for name in names:
@@ -158,7 +158,7 @@ class NotANumber(Liar):
     period_ms = 100
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        names, dice = self.others, self.plan.chance
+        names, dice = self.others(), self.plan.chance
         name = names[int(dice.integers(len(names)))] if names else self.id
         numbers = [(math.nan, 0.0, -math.inf, 1e30)[int(each)] for each in dice.integers(0, 4, 4)]
         numbers[int(dice.integers(2))] = math.nan  # of the place, which every controller reads

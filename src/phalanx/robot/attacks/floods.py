@@ -69,7 +69,7 @@ class RequestFlood(Flood):
 
     def pour(self, now_ms: int) -> list[Action]:
         """Tell the next auditor of the next victim; under its own name only, no more than are looked at."""
-        others = self.others
+        others = self.others()
         if len(others) < 2:
             return []
         auditor = others[self._turn % len(others)]

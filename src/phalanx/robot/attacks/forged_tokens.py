@@ -49,7 +49,7 @@ class ForgeTokens(TokenForger):
     """Guesses MACs."""
 
     def tokens(self, now_ms: int) -> list[Token]:
-        dice, names = self.plan.chance, self.others
+        dice, names = self.plan.chance, self.others()
         return [
             Token(names[int(dice.integers(len(names)))], now_ms, dice.bytes(HASH_BYTES), dice.bytes(MAC_BYTES))
             for _ in range(10)

@@ -218,15 +218,13 @@ class Liar(Robot):
 
     # --- what several attacks need ------------------------------------------------------------------------------------
 
-    @property
     def others(self) -> list[int]:
         """Return the ids of all robots but itself."""
         return [rob_id for rob_id in self.plan.ids if rob_id != self.id]
 
-    @property
     def victims(self) -> list[int]:
         """Return the ids of all robots that are not compromised."""
-        return [rob_id for rob_id in self.others if rob_id not in self.plan.accomplices]
+        return [rob_id for rob_id in self.others() if rob_id not in self.plan.accomplices]
 
     def nearest(self, *, but: int = 0) -> Motion:
         """Return the motion of the nearest robot that it has heard of, except one."""

@@ -50,7 +50,7 @@ class TalkOver(Liar):
         if not self._first_ms:
             s, period_ms = self.f.settings[0], int(self.f.settings[0].t_audit)
             # Somebody whom it does not hear, if there is one.
-            victim = min([name for name in self.victims if name not in self.seen] or self.victims)
+            victim = min([name for name in self.victims() if name not in self.seen] or self.victims())
             round_ms = first_round_ms(int(s.mission_seed), victim, period_ms)
             self._first_ms = now_ms + (int(self.f.robot[self.i].t_key) + round_ms + 2 - now_ms) % period_ms
             self._again_ms = period_ms // 2 + int(s.retry) - 1
@@ -89,7 +89,7 @@ class Mask(RefuseToAudit):
         """Talk if somebody says HELLO now; wake next when somebody does again."""
         s, period_ms = self.f.settings[0], int(self.f.settings[0].t_audit)
         if not self._moments:
-            first_ms = [first_round_ms(int(s.mission_seed), other, period_ms) for other in self.victims]
+            first_ms = [first_round_ms(int(s.mission_seed), other, period_ms) for other in self.victims()]
             self._moments = tuple(sorted({(at + k) % period_ms for at in first_ms for k in range(self.LASTS_MS)}))
         now = (now_ms - int(self.f.robot[self.i].t_key)) % period_ms
         following = bisect_right(self._moments, now)
@@ -107,7 +107,7 @@ class SlotSquat(Liar):
     period_ms = 300
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        return [action for auditor in self.victims for action in begin_request(self, now_ms, auditor)]
+        return [action for auditor in self.victims() for action in begin_request(self, now_ms, auditor)]
 
 
 class PushOut(RefuseToAudit):
@@ -125,7 +125,7 @@ class PushOut(RefuseToAudit):
         s = self.f.settings[0]
         self._tokens, self._t_audit_ms = int(s.f_max) + 1, int(s.t_audit)
         self._body = int(s.frame_max) - request.FRAGMENT_HEAD_BYTES
-        victim = max(self.victims, default=self.id)
+        victim = max(self.victims(), default=self.id)
         self._round_ms = first_round_ms(int(s.mission_seed), victim, self._t_audit_ms)
         self._asks = self.f.robot[victim - 1]
         self._again_ms: dict[int, int] = {}
