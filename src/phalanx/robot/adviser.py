@@ -1,4 +1,4 @@
-"""Who advises robots from elsewhere: it is sent what they sense and hear, and answers with advice.
+"""Advise robots from elsewhere: receive what they sense and hear, and answer with advice.
 
 What a robot sends is what its computer says, and that may be taken over. So a reading that makes no sense is not shown
 to the planner. And where advice is signed, a reading that is dated ahead is not answered, or what is signed now could
@@ -49,7 +49,7 @@ class Adviser:
         self._first: dict[int, tuple[str, float, int]] = {}  # from where a robot's first reading came, and both clocks
 
     def answer(self, who: Hashable, host: str, said: bytes) -> bytes:
-        """What to answer to this packet: advice, or b"" for nothing. What a planner raises goes on.
+        """Return the answer to this packet: advice, or b"" for nothing. What a planner raises goes on.
 
         Args:
             who: told from all others that send.
@@ -75,7 +75,7 @@ class Adviser:
         return self._signer.sign(robot, t_ms, wish) if wish and self._signer else wish
 
     def _is_its_time(self, robot: int, host: str, t_ms: int) -> bool:
-        """Whether the robot's clock went no faster than ours since it was first heard, and where it was then."""
+        """Return whether the robot is where it was first heard, and its clock went no faster than ours since then."""
         now_ms = self._clock_ms()
         there, began_ms, first_ms = self._first.setdefault(robot, (host, now_ms, t_ms))
         since_ms = now_ms - began_ms

@@ -1,7 +1,7 @@
-"""Who advises a guarded robot: any program at all. What it says is advice, and the guard decides (docs/guard.md).
+"""Planners advise guarded robots, and the guard decides (docs/guard.md).
 
-A planner needs none of what a controller promises: it may use chance, a clock, a network, a learned policy. Nobody
-replays it; only what it said is in the log.
+A planner is any program: it may use chance, a clock, a network, a learned policy. Nobody replays it; only its advice
+is in the log.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ MakePlanner = Callable[[int, Pair], "Planner"]
 
 
 class Planner(ABC):
-    """What wishes for one robot.
+    """An adviser of one robot.
 
     Args:
         rob_id: 1..65535.
@@ -33,7 +33,7 @@ class Planner(ABC):
 
     @abstractmethod
     def advise(self, t_s: float, position_m: Pair, velocity_mps: Pair) -> Sequence[float] | None:
-        """The velocity that it wants, m/s, x and y, or None for nothing to say; asked at each reading, `t_s` its time.
+        """Return the velocity that it wants, m/s, x and y, or None; called at each reading, `t_s` its time.
 
         Two numbers are advice whatever they are: the guard shortens what is too fast, and ignores NaN and infinity.
         """
@@ -46,12 +46,12 @@ class ToGoal(Planner):
     """Straight to the goal, slower near it: an honest planner that does not look where it goes."""
 
     def advise(self, _t_s: float, position_m: Pair, _velocity_mps: Pair) -> Sequence[float]:
-        """As far as the goal is away, each second; the guard knows how fast that may be."""
+        """Return the way to the goal as a velocity; the guard knows how fast that may be."""
         return [to - at for to, at in zip(self.goal_m, position_m, strict=True)]
 
 
 def advice_of(planner: Planner, t_ms: int, reading: bytes) -> bytes:
-    """What a planner advises on a reading, as it is logged; b"" for nothing.
+    """Return a planner's advice on a reading, as it is logged; b"" for nothing.
 
     Raises: OwnMistake: it returned something else. What the planner raises goes on to the caller.
     """
@@ -72,7 +72,7 @@ def advice_of(planner: Planner, t_ms: int, reading: bytes) -> bytes:
 
 
 def overheard(planner: Planner, t_ms: int, frame: bytes) -> None:
-    """A planner has been told of a broadcast, if it was one of where a robot is."""
+    """Pass a broadcast to a planner, if it is a robot's state."""
     if len(frame) == STATE.size and frame[0] == KIND_STATE:
         _, rob_id, _, x, y, vx, vy = STATE.form.unpack(frame)
         planner.hear(t_ms / 1000, rob_id, (x, y), (vx, vy))

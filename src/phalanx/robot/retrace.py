@@ -48,7 +48,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Where a log stops being an honest robot's, and why: `entry` counts from 0."""
+    """The place where a log stops being an honest robot's, and why: `entry` counts from 0."""
 
     entry: int
     t_ms: int
@@ -56,7 +56,7 @@ class Finding:
 
 
 def entries_of(raw: bytes) -> Iterator[Entry]:
-    """The entries, up to one that was cut short."""
+    """Yield the entries, up to one that was cut short."""
     data, at = row(raw), 0
     while at < len(raw):
         kind, _, end = map(int, log.piece_at(data, at, len(raw)))
@@ -92,7 +92,7 @@ class Retracer:
         self._t_control, self._seed = config.t_control_ms, mission_seed
 
     def first_lie(self, raw: bytes, rob_id: int, t_key_ms: int) -> Finding | None:
-        """The first entry that an honest robot's log would not have there; None for an honest log.
+        """Return the first entry that an honest robot's log would not have there; None for an honest log.
 
         Args:
             raw: the log from the mission key on; what is cut short at its end is left out.

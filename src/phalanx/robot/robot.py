@@ -173,7 +173,7 @@ class Robot:
         return int(self._step_of[self.i])
 
     def evidence(self, step: int, t_ms: int, reading: bytes) -> bytes:
-        """What to keep of `raw`: nothing if the log is half full, as the rest is for what comes without being asked."""
+        """Return what to keep of `raw`: nothing if the log is half full, as the rest is for unasked packets."""
         assert isinstance(self.controller, EvidenceController)
         kept = self.controller.keep(step, t_ms, reading, self.raw)
         if self.profile == PLAIN:
@@ -248,12 +248,12 @@ class Robot:
         self._is_kept = True
 
     def bring_up(self) -> None:
-        """Its state in the fleet's memory is up to date, for a checkpoint or for whoever looks there."""
+        """Bring its state in the fleet's memory up to date."""
         if not self._is_kept:
             self.keep_state()
 
     def _judge(self, place: int, src: int) -> int:
-        """As `handlers.judge`, with the mission's plain-Python controller."""
+        """Audit as `handlers.judge` does, with the mission's plain-Python controller."""
         info = self.f.rx_info[self.i, place]
         q, length = self.f.rx.rows[info.row], int(info.len)
         try:

@@ -30,16 +30,16 @@ Make = Callable[[int, int], bytes]
 
 
 class Air(Protocol):
-    """What a station speaks through."""
+    """The radio of a station."""
 
     def is_busy(self) -> bool:
-        """Whether what was said last is still waiting to go out."""
+        """Return whether the last frame still waits to go out."""
 
     def is_deaf(self, robot: int) -> bool:
-        """Whether it is known that the robot was stopped for good."""
+        """Return whether the robot is known to be stopped for good."""
 
     def say(self, frame: bytes, robot: int) -> None:
-        """The frame goes out to a robot, or to EVERYBODY."""
+        """Send a frame to a robot, or to EVERYBODY."""
 
 
 class Station:
@@ -63,16 +63,16 @@ class Station:
         self._told: dict[int, int] = {}
 
     def tell(self, robot: int, kind: int, make: Make) -> None:
-        """An order for the robot waits, in the place of one of its kind; for any thread."""
+        """Queue an order for the robot, in the place of one of its kind; for any thread."""
         self._waiting[robot, kind] = make
 
     def release(self) -> None:
-        """Robots may be driven again, and are told so, whoever had them stand: a station before this one, too."""
+        """Let robots be driven again, and tell them so: a station before this one may have had them stand."""
         self.held = False
         self._let_go = True
 
     def hush(self) -> None:
-        """No colour waits any longer, and no order for its robot's log: for the last words."""
+        """Drop waiting colours, and wait for no robot's log: for the last orders."""
         self._drop(COLOUR)
 
     @property
@@ -81,11 +81,11 @@ class Station:
         return bool(self._waiting or self._at_once)
 
     def told(self, robot: int) -> int | None:
-        """The number of the last order to the robot; None if one to move is still to be said."""
+        """Return the number of the last order to the robot; None if one to move still waits."""
         return None if (robot, MOTION) in self._waiting else self._told.get(robot, 0)
 
     def speak(self, air: Air, now_s: float, said_ms: int) -> float:
-        """What is due goes out, one frame at a time; `said_ms` is the signers' clock.
+        """Send what is due, one frame at a time; `said_ms` is the signers' clock.
 
         Returns: when to ask again, s; never if nothing waits.
         """

@@ -58,7 +58,7 @@ class Swarm(Protocol):
         """Width and height of the area."""
 
     def robots(self) -> Sequence[Robot]:
-        """Every robot that is there now."""
+        """Return every robot that is there now."""
 
     def drive(self, address: str, left_pct: int, right_pct: int) -> None:
         """Turn the wheels, -100..100, until told otherwise; ends waypoint following."""
@@ -136,16 +136,16 @@ class Shielded(Routed, Protocol):
     """A swarm whose robots audit each other; their orders are logged, and sent by radio."""
 
     def shields(self) -> Sequence[Shield]:
-        """One for every robot."""
+        """Return one for every robot."""
 
     def new_audits(self) -> Sequence[Audit]:
-        """Those that ended since the last call, oldest first."""
+        """Return those that ended since the last call, oldest first."""
 
     def attacks(self) -> Sequence[AttackChoice]:
-        """What a robot can be made to do."""
+        """Return what a robot can be made to do."""
 
     def compromise(self, address: str, attack: str) -> None:
-        """The robot lies from now on.
+        """Have the robot lie from now on.
 
         Raises: Unknown: no such robot, or no such attack; or it is compromised or stopped already.
         """
@@ -162,7 +162,7 @@ class Unprotected(Swarm, Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Done:
-    """What has come of a swarm's work lately."""
+    """The results of a swarm's work lately."""
 
     name: str  # of the work
     score: float | None  # None while there was nothing to count
@@ -175,7 +175,7 @@ class AtWork(Swarm, Protocol):
     """A swarm that may have work of its own, which it does while nobody drives it."""
 
     def done(self) -> Done | None:
-        """What has come of it, called about once a second; None where they wait for people."""
+        """Return its results; called about once a second, None where robots wait for people."""
 
     def things(self) -> Sequence[Point]:
-        """Where the things are now that the work is about, those in the area."""
+        """Return the places of the things that the work is about, those in the area."""

@@ -104,17 +104,17 @@ class Liar(Robot):
 
     @property
     def alive_s(self) -> float:
-        """For how long it has had its mission key, until Safe Mode."""
+        """Seconds for which it has had its mission key, until Safe Mode."""
         return (self.sensed_ms - int(self.f.robot[self.i].t_key)) / 1000
 
     @property
     def lied_s(self) -> float:
-        """For how long it has lied, until Safe Mode."""
+        """Seconds for which it has lied, until Safe Mode."""
         return max(0, min(self.sensed_ms, self.plan.stop_ms) - self.plan.start_ms) / 1000
 
     @classmethod
     def before_key(cls, rob_id: int, profile: int, anode: Row, f_max: int) -> None:
-        """The robot is powered up, its c-node runs, and the mission key has not been loaded yet; `anode` can be called.
+        """Act before the mission key is loaded: the c-node runs, and `anode` can be called.
 
         Source: docs/spec/rebound.md (zero key).
         """
@@ -155,34 +155,34 @@ class Liar(Robot):
         return self.round_due(now_ms) if self.lies(now_ms) else super().begin_round(now_ms)
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """Something out of turn, each `period_ms` while it lies."""
+        """Act out of turn, each `period_ms` while it lies."""
         return []
 
     # --- what subclasses override -------------------------------------------------------------------------------------
 
     def saw(self, rob_id: int, motion: Motion) -> None:
-        """Somebody said in this robot's name where it is."""
+        """Note a state that came in a robot's name."""
         self.seen[rob_id] = motion
 
     def read(self, now_ms: int, reading: bytes) -> bytes:
-        """What the sensor itself says, before the s-node has it."""
+        """Return what the sensor itself says, before the s-node has it."""
         return reading
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
-        """`on_reading` while it lies."""
+        """Handle a reading while it lies."""
         return super().on_reading(now_ms, reading)
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
-        """`on_packet` while it lies."""
+        """Handle a packet while it lies."""
         is_request = is_audit(frame, request.FRAGMENT) and len(frame) > request.FRAGMENT_HEAD_BYTES
         return self.asked(now_ms, frame) if is_request else super().on_packet(now_ms, frame)
 
     def asked(self, now_ms: int, frame: bytes) -> list[Action]:
-        """`heard` of a part of a request for an audit."""
+        """Handle a fragment of a request for an audit while it lies."""
         return super().on_packet(now_ms, frame)
 
     def round_due(self, now_ms: int) -> list[Action]:
-        """`begin_round` while it lies."""
+        """Begin a round while it lies."""
         return super().begin_round(now_ms)
 
     # --- what goes out is watched -------------------------------------------------------------------------------------
@@ -206,11 +206,11 @@ class Liar(Robot):
         return actions
 
     def lies(self, now_ms: int) -> bool:
-        """Whether it lies at this moment."""
+        """Return whether it lies at this moment."""
         return self.plan.start_ms <= now_ms < self.plan.stop_ms
 
     def deviates(self, now_ms: int, *, output_missing: bool = False) -> None:
-        """Remembers the moment: this an honest robot would not have done, or had done otherwise."""
+        """Note the moment: an honest robot would not have done this, or otherwise."""
         if self.first_deviation_ms is None:
             self.first_deviation_ms = now_ms
             self.output_missing = output_missing

@@ -70,21 +70,21 @@ class Between:
         return self.now_s >= self.plan.start_s
 
     def deliver(self, sent: Sent) -> Sent:
-        """What arrives of what the operator sent."""
+        """Return what arrives of what the operator sent."""
         return sent
 
     def building(self, plan: FloorPlan) -> FloorPlan:
-        """The building that the robot is in."""
+        """Return the building that the robot is in."""
         return plan
 
     def scan(self, pose: Pose, look: Look) -> LaserScan:
-        """What the lidar says."""
+        """Return the scan of the lidar."""
         return look(pose)
 
     def wheels(self) -> tuple[float, float]:
-        """(left, right) share of each wheel's turn that moves the robot."""
+        """Return the share of each wheel's turn, left and right, that moves the robot."""
         return 1.0, 1.0
 
     def messages(self, messages: tuple[bytes, ...]) -> tuple[bytes, ...]:
-        """What the robot hears of what was sent in this moment."""
+        """Return what the robot hears of what was sent in this moment."""
         return messages
