@@ -38,15 +38,15 @@ WORK = make_work(BtiConfig())
 def append(action: Action) -> None:
     match action:
         case Transmit(packet, to):
-            actions.transmit(WORK, row(b"xy" + packet + b"z"), 2, len(packet), to)
+            actions.carry(WORK, actions.TRANSMIT, to, row(b"xy" + packet + b"z"), 2, len(packet))
         case Actuate(command):
-            actions.actuate(WORK, row(b"x" + command + b"yz"), 1, len(command))
+            actions.carry(WORK, actions.ACTUATE, 0, row(b"x" + command + b"yz"), 1, len(command))
         case RetryAt(at_ms):
-            actions.retry_at(WORK, at_ms)
+            actions.append(WORK, actions.RETRY_AT, at_ms, 0)
         case RoundAt(at_ms, listened):
-            actions.round_at(WORK, at_ms, int(listened))
+            actions.append(WORK, actions.ROUND_AT, at_ms, int(listened))
         case Verdict(auditee, refusal):
-            actions.verdict(WORK, auditee, int(refusal))
+            actions.append(WORK, actions.VERDICT, auditee, int(refusal))
 
 
 @given(each_action, each_action)

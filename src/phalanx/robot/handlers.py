@@ -104,7 +104,7 @@ def act(f: Fleet, i: int, w: Work, now: int, command: Row, length: int) -> int:
     """Pass a command through the a-node to the actuators, and log it. Returns: as `chain`."""
     n = take(f, i, w, ACMD, now, command, length)
     if n > 0:
-        actions.actuate(w, command, 0, length)
+        actions.carry(w, actions.ACTUATE, 0, command, 0, length)
     return n
 
 
@@ -113,7 +113,7 @@ def send(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int, to: int)
     """Pass a packet through the a-node to the radio, and log it unless it is audit traffic. Returns: as `chain`."""
     n = take(f, i, w, SEND, now, packet, length)
     if n > 0:
-        actions.transmit(w, w.entry, ENTRY_HEAD_BYTES, n - ENTRY_HEAD_BYTES, to)
+        actions.carry(w, actions.TRANSMIT, to, w.entry, ENTRY_HEAD_BYTES, n - ENTRY_HEAD_BYTES)
     return n
 
 
@@ -286,7 +286,7 @@ def judge(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
 def answer(f: Fleet, i: int, w: Work, now: int, place: int, src: int, refused: int) -> None:
     """Count the verdict on the request at `place`, and send the token if it is a good one."""
     r = f.robot[i]
-    actions.verdict(w, src, refused)
+    actions.append(w, actions.VERDICT, src, refused)
     if refused:
         r.audits_refused += 1
         return
@@ -318,10 +318,10 @@ def on_round(f: Fleet, i: int, w: Work, now: int, listened: int, busy: int) -> N
 @kernel
 def listen(f: Fleet, i: int, w: Work, now: int) -> bool:
     """Ask for the next round, and return whether this one waits until the robot has listened (request.listens)."""
-    actions.round_at(w, now + f.settings[0].t_audit, 0)
+    actions.append(w, actions.ROUND_AT, now + f.settings[0].t_audit, 0)
     wait_ms = request.listens(f, i, now, w.small[1])
     if wait_ms > 0:
-        actions.round_at(w, now + wait_ms, 1)
+        actions.append(w, actions.ROUND_AT, now + wait_ms, 1)
     return wait_ms > 0
 
 
@@ -395,4 +395,4 @@ def ask_with(f: Fleet, i: int, w: Work, now: int, length: int) -> None:
         return
     at_ms = rounds.next_retry(f, i, now)
     if at_ms >= 0:
-        actions.retry_at(w, at_ms)
+        actions.append(w, actions.RETRY_AT, at_ms, 0)

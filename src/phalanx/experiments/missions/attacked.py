@@ -31,8 +31,8 @@ from phalanx.mission import (
 from phalanx.mission.graph import Node
 from phalanx.mission.landmarks import FloorPlan, LaserScan
 from phalanx.mission.landmarks.lidar import Lidar
+from phalanx.robot.attacks.harm import FALSE_FIX_M, FALSE_FIX_RAD, Walked
 from phalanx.robot.attacks.missions.between import Between, MissionPlan, Sent
-from phalanx.robot.attacks.missions.harm import FALSE_FIX_M, FALSE_FIX_RAD, Walked
 from phalanx.robot.attacks.missions.unprotected import PlainWalker
 from phalanx.sim.building.odometry import OdometryNoise, Pose
 from phalanx.sim.missions.body import Building

@@ -17,8 +17,8 @@ from phalanx.errors import UsageError
 from phalanx.experiments.trial import Trial, said_of
 from phalanx.mission import parse_mission
 from phalanx.robot.attacks.attack import Attack, Verdict
+from phalanx.robot.attacks.harm import FALSE_FIX_M, Guessed, Walked
 from phalanx.robot.attacks.missions.guesses import Guess
-from phalanx.robot.attacks.missions.harm import FALSE_FIX_M, Guessed, Walked
 
 from .attacked import ROBOT, Operator, honest_errand, plan_of, walk
 from .errand import AREA_M, building, errand, shelf_alone

@@ -12,8 +12,8 @@ from phalanx.robot.actions import EVERYBODY, Action
 from phalanx.wire import driven
 from phalanx.wire.driven import GATEWAY, ORDER, SIGNATURE_BYTES, SIGNER_KEY_BYTES, TELL_STOP, TELL_WHEELS
 
+from .hijack import OmitSends
 from .liar import Liar, Motion
-from .silence import OmitSends
 
 # Each victim hears a lie in each control period: the adversary broadcasts "faster than correct c-nodes". Several liars
 # may share the work: ten of them at that pace fill the channel by themselves.

@@ -13,8 +13,8 @@ from phalanx.robot.actions import EVERYBODY, Action, Transmit
 from phalanx.wire.table import AUDIT_FRAGMENT
 
 from .claims import INVENTED
+from .hijack import RefuseToAudit
 from .liar import Liar
-from .silence import RefuseToAudit
 
 GHOSTS = 400
 

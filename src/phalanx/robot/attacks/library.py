@@ -5,8 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from .attack import HOLE_OF_THE_PAPER, STOPPED, Attack, Option, by_defence
-from .harm import AIRTIME, ASTRAY, STARVED
-from .missions.harm import FALSE, FIX, READ, WRONG
+from .harm import AIRTIME, ASTRAY, FALSE, FIX, READ, STARVED, WRONG
 
 HARMLESS = by_defence("harmless", "harmless", "harmless")
 NOT_COVERED = by_defence("not covered", "not covered", "not covered")
@@ -40,7 +39,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                does="broadcasts NaN, infinity and 10^30 as everybody's place",
                stopped_by="controllers drop such numbers before they compute; and replay sends none"),
         # The same flock with other dice: 0.2 to 0.3 m.
-        Attack("omit-sends", "silence.OmitSends", STOPPED, ASTRAY, 0.4, on_wheels=True,
+        Attack("omit-sends", "hijack.OmitSends", STOPPED, ASTRAY, 0.4, on_wheels=True,
                does="stops broadcasting where it is: others forget it, and do not keep clear",
                stopped_by="replay sends states that the log lacks"),
         Attack("hijack", "hijack.Hijack", STOPPED, ASTRAY, 1.5, on_wheels=True,
@@ -125,31 +124,31 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                does="polls no sensors, and says that the mission key comes in 49 days, so that no reading is due "
                     "until then",
                stopped_by="a log that begins at boot begins before its own token request"),
-        Attack("refuse-audit", "silence.RefuseAudit", STOPPED, ASTRAY, 1.5, on_wheels=True,
+        Attack("refuse-audit", "hijack.RefuseAudit", STOPPED, ASTRAY, 1.5, on_wheels=True,
                does="drives as it likes, and shows its log to nobody",
                stopped_by="tokens run out by themselves: not to be audited is to be stopped"),
-        Attack("refuse-to-audit", "silence.RefuseToAudit", HARMLESS, STARVED, 1, crowd=True,
+        Attack("refuse-to-audit", "hijack.RefuseToAudit", HARMLESS, STARVED, 1, crowd=True,
                does="takes requests for audits, and answers none",
                stopped_by="nothing has to: others are asked instead, of which P2 wants f_max + 1 correct ones in "
                           "range"),
     ),
     "How it comes by tokens": (
-        Attack("forge-tokens", "forged_tokens.ForgeTokens", STOPPED, ASTRAY, 1.5, on_wheels=True,
+        Attack("forge-tokens", "tokens.ForgeTokens", STOPPED, ASTRAY, 1.5, on_wheels=True,
                does="drives as it likes, and offers its a-node a hundred tokens with guessed MACs each second",
                stopped_by="a MAC of 64 bits under a key that no c-node knows"),
-        Attack("share-tokens", "forged_tokens.ShareTokens", STOPPED, ASTRAY, 1.5, on_wheels=True,
+        Attack("share-tokens", "tokens.ShareTokens", STOPPED, ASTRAY, 1.5, on_wheels=True,
                does="drives as it likes, and installs the tokens that it made for others as its own",
                stopped_by="the MAC is over the auditee's id"),
-        Attack("replay-tokens", "forged_tokens.ReplayTokens", STOPPED, ASTRAY, 1.5, on_wheels=True,
+        Attack("replay-tokens", "tokens.ReplayTokens", STOPPED, ASTRAY, 1.5, on_wheels=True,
                does="drives as it likes, and installs the tokens of its honest days again and again",
                stopped_by="a token counts from the moment of its request, however late it is installed"),
-        Attack("self-issue", "forged_tokens.SelfIssue", STOPPED, ASTRAY, 1.5, on_wheels=True,
+        Attack("self-issue", "tokens.SelfIssue", STOPPED, ASTRAY, 1.5, on_wheels=True,
                does="drives as it likes, and has its own a-node issue it tokens",
                stopped_by="IssueToken never issues to itself; and one auditor counts once"),
-        Attack("collude", "forged_tokens.Collude", STOPPED, ASTRAY, 4, crowd=True,
+        Attack("collude", "tokens.Collude", STOPPED, ASTRAY, 4, crowd=True,
                does="drives as it likes; accomplices issue tokens to each other without a look at the log",
                stopped_by="f_max accomplices give f_max tokens at most, and f_max + 1 are needed"),
-        Attack("zero-key", "forged_tokens.ZeroKey", HOLE_OF_THE_PAPER, ASTRAY, 1.5,
+        Attack("zero-key", "tokens.ZeroKey", HOLE_OF_THE_PAPER, ASTRAY, 1.5,
                does="makes itself tokens before the mission key comes, under the key zero and dated 49 days "
                     "ahead; then drives",
                stopped_by="in `bound` a node without a key computes no MAC, and loading one clears the tokens"),
@@ -194,14 +193,14 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
         Attack("push-out", "timing.PushOut", HARMLESS, STARVED, 1, crowd=True,
                does="audits nobody, and begins a request with whomever a victim asks, between the victim's fragments",
                stopped_by="an auditor has places for f_max + 3 robots, and a robot has one"),
-        Attack("stale-answers", "answers.StaleAnswers", HARMLESS, STARVED, 1, crowd=True,
+        Attack("stale-answers", "tokens.StaleAnswers", HARMLESS, STARVED, 1, crowd=True,
                does="answers every other request for an audit with the last token that it really issued to that robot",
                stopped_by="nothing has to: as an answer counts only a token that is not older than the request"),
-        Attack("wrong-checkpoint", "answers.WrongCheckpoint", HARMLESS, STARVED, 1, crowd=True,
+        Attack("wrong-checkpoint", "tokens.WrongCheckpoint", HARMLESS, STARVED, 1, crowd=True,
                does="answers requests for audits with fresh tokens for the checkpoint at which the log begins",
                stopped_by="nothing has to: as an answer counts only a token for the checkpoint that the request "
                           "claims"),
-        Attack("drain", "answers.Drain", HARMLESS, STARVED, 1, crowd=True,
+        Attack("drain", "tokens.Drain", HARMLESS, STARVED, 1, crowd=True,
                does="sends each auditor one true token request again and again, so that it has no audits left for "
                     "others",
                stopped_by="nothing has to: a token request counts once, and a-nodes make few"),
@@ -210,7 +209,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
         Attack("nondeterministic", "hijack.Nondeterministic", by_defence("harmless", "stopped", "stopped"), ASTRAY, 1,
                does="a fault, no attack: the last bit of each command is a matter of chance",
                stopped_by="replay gives other bytes: audits cannot tell such a robot from a liar (docs/adr/0012)"),
-        Attack("crash", "silence.Crash", STOPPED, ASTRAY, 0.4, on_wheels=True,
+        Attack("crash", "hijack.Crash", STOPPED, ASTRAY, 0.4, on_wheels=True,
                does="does nothing any more; its actuators keep doing the last thing they were told",
                stopped_by="replay commands and sends what the log lacks; and nobody asks for its audits"),
         Attack("stuck-sensor", "senses.StuckSensor", NOT_COVERED, ASTRAY, 0.4,

@@ -11,8 +11,8 @@ from phalanx.robot.runtime import first_round_ms
 from phalanx.wire.table import AUDIT_FRAGMENT
 
 from .floods import audit_frame
+from .hijack import RefuseToAudit
 from .liar import Liar, is_audit
-from .silence import RefuseToAudit
 
 NOISE = 0x7D  # the kind of an AUDIT frame that means nothing
 
