@@ -139,7 +139,7 @@ def test_a_code_moved_by_more_than_the_search_reaches_does_not_decode():
 
 def test_wheels_that_slip_by_less_than_a_tenth_are_only_drift():
     class Little(Slip):
-        SHARE = 0.92
+        SHARES = (0.92, 0.92)
 
     was_not_harmed(attacked(Little, "bound"))
 

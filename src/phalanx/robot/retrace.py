@@ -87,14 +87,7 @@ def first_lie(
         return None
     no_nodes = np.zeros((1, 8), np.uint8)
     fleet = make_fleet(
-        1,
-        config,
-        np.zeros(1),
-        profile=BOUND,
-        controller=0,
-        mission_seed=mission_seed,
-        snode=no_nodes,
-        anode=no_nodes,
+        1, config, np.zeros(1), profile=BOUND, controller=0, mission_seed=mission_seed, snode=no_nodes, anode=no_nodes
     )
     work = make_work(config)
     newest = np.maximum.accumulate(entries["t_ms"])

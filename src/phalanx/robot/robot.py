@@ -7,7 +7,7 @@ Source: RoboRebound §3; docs/spec/rebound.md (c-node).
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -38,6 +38,8 @@ from .controllers.python_controller import (
 )
 from .replay import decide, replay, show_state
 
+MakeController: TypeAlias = Callable[[int], Controller]
+
 
 class Robot:
     """Robot `i` of a fleet.
@@ -54,9 +56,7 @@ class Robot:
     Source: docs/spec/rebound.md.
     """
 
-    def __init__(
-        self, fleet: Fleet, i: int, work: Work, make_controller: Callable[[int], Controller] | None = None
-    ) -> None:
+    def __init__(self, fleet: Fleet, i: int, work: Work, make_controller: MakeController | None = None) -> None:
         self.f, self.i, self.w = fleet, i, work
         self.make_controller = make_controller
         # Asked for at every event: reading a record's field takes a microsecond.

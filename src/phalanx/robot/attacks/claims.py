@@ -65,7 +65,6 @@ class Spoof(Liar):
             super().saw(rob_id, motion)
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """Tell the lies that are due."""
         victims = sorted(self.seen)
         due = (now_ms - self.plan.start_ms) * len(victims) // self._period_ms
         self._turn = max(self._turn, due - len(victims))
@@ -133,7 +132,6 @@ class Expel(Liar):
     _turn = 0
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """Claim one more of them, when the bucket is full enough for it."""
         if len(self.seen) < 2:
             return []
         heard = self.seen.values()
@@ -191,7 +189,6 @@ class SeizeOrders(Liar):
         return super().on_packet(now_ms, frame)
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """Give one of the three, when the bucket is full enough for it."""
         told = ORDER.decode(self._heard) if self._heard else {"mission": 1, "said": self._heard_ms}
         fields = {
             "mission": told["mission"],

@@ -39,7 +39,6 @@ class Flood(Liar, ABC):
         return super().begin_round(now_ms)
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """Pour more, unless its own audits are due."""
         before_ms, after_ms = self.QUIET_MS
         self.period_ms = type(self).period_ms
         shares = self.SHARES and self.profile == BOUND
@@ -118,7 +117,6 @@ class LogFlood(Liar):
     period_ms = 20
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """Send the longest frame that the a-node lets out now."""
         for size in (1500, 360, 150, 40):
             if actions := self.send(now_ms, b"\x60" + bytes(size), EVERYBODY):
                 return actions

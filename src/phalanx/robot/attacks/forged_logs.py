@@ -34,7 +34,6 @@ class AlterEntries(Liar):
     """Writes another reading into its log than the s-node gave it, and acts on that."""
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
-        """Alter the entry between s-node and log."""
         n = self.chain(INPUT, now_ms, reading)
         if n <= 0:
             return []
@@ -127,7 +126,6 @@ class StaleLog(Hijack):
     _kept = b""
 
     def next_packet(self, now_ms: int) -> list[Action]:
-        """Keep the newest request while it is honest."""
         actions = super().next_packet(now_ms)
         r = self.f.robot[self.i]
         if not self.lies(now_ms) and r.request_len > 0:

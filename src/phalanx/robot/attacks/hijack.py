@@ -51,7 +51,6 @@ class Flee(Hijack):
     """Drives away from everybody, and out of range of any auditor."""
 
     def wanted_mps2(self) -> tuple[float, float]:
-        """Return full acceleration away from the goal."""
         away_x, away_y = self.me.x_m - self.plan.goal_m[0], self.me.y_m - self.plan.goal_m[1]
         far = max(abs(away_x), abs(away_y), 1e-9)
         return FULL_MPS2 * away_x / far, FULL_MPS2 * away_y / far

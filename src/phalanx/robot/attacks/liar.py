@@ -8,7 +8,7 @@ be believed about when it began. An attack sees what a c-node sees, and its plan
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -22,8 +22,8 @@ from phalanx.robot import handlers
 from phalanx.robot.actions import EVERYBODY, Action, Transmit
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.compiled import compiled
-from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send, checked_outputs
-from phalanx.robot.robot import Robot
+from phalanx.robot.controllers.python_controller import Act, Output, Send, checked_outputs
+from phalanx.robot.robot import MakeController, Robot
 from phalanx.wire.fields import Row, get_u16, row
 from phalanx.wire.table import KIND_STATE, SENSOR, STATE
 
@@ -73,12 +73,7 @@ class Liar(Robot):
     attack: Attack
 
     def __init__(
-        self,
-        fleet: Fleet,
-        i: int,
-        work: Work,
-        plan: Plan,
-        make_controller: Callable[[int], Controller] | None = None,
+        self, fleet: Fleet, i: int, work: Work, plan: Plan, make_controller: MakeController | None = None
     ) -> None:
         super().__init__(fleet, i, work, make_controller)
         self.is_own = False  # its mistakes are the adversary's
@@ -290,12 +285,7 @@ def is_audit(packet: bytes, sub: int) -> bool:
 
 
 def lying(
-    attack: Attack,
-    fleet: Fleet,
-    i: int,
-    work: Work,
-    plan: Plan,
-    make_controller: Callable[[int], Controller] | None = None,
+    attack: Attack, fleet: Fleet, i: int, work: Work, plan: Plan, make_controller: MakeController | None = None
 ) -> Liar:
     """Robot `i`, compromised; arguments as for a `Liar`."""
     liar: Liar = attack.kind(fleet, i, work, plan, make_controller)

@@ -38,7 +38,6 @@ class Pretender(Liar):
         return super().heard(now_ms, frame)
 
     def claim(self, now_ms: int, here: int, holds: int, wants: int = NOWHERE) -> list[Action]:
-        """Send its claim to everybody."""
         return self.send(now_ms, CLAIM.form.pack(KIND_CLAIM, self.id, now_ms, here, holds, wants), EVERYBODY)
 
 

@@ -92,7 +92,6 @@ class KeyOfTomorrow(StarveSensors):
     T_KEY_MS: ClassVar[int] = (1 << 32) - (1 << 16)
 
     def next_packet(self, now_ms: int) -> list[Action]:
-        """Forget all that came before the first lie."""
         r = self.f.robot[self.i]
         if self.lies(now_ms) and r.t_key != self.T_KEY_MS:
             r.t_key = self.T_KEY_MS

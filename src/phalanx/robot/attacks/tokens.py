@@ -180,7 +180,6 @@ class WrongCheckpoint(Liar):
     """Vouches for where the log begins, as it has before, and not for the checkpoint that was to be vouched for."""
 
     def asked(self, now_ms: int, frame: bytes) -> list[Action]:
-        """Read a request as if its claim were its start."""
         if self.profile == PLAIN:
             return super().asked(now_ms, frame)
         if (place := self.whole_request(now_ms, frame)) < 0:

@@ -26,8 +26,8 @@ from phalanx.robot.controllers.mission.controller import MissionController
 from phalanx.robot.controllers.mission.evidence import pack_evidence, unpack_evidence
 from phalanx.robot.controllers.mission.readings import with_hash_of
 from phalanx.robot.controllers.mission.surroundings import Pose
-from phalanx.robot.controllers.python_controller import Act, Controller, Output
-from phalanx.robot.robot import Robot
+from phalanx.robot.controllers.python_controller import Act, Output
+from phalanx.robot.robot import MakeController, Robot
 from phalanx.wire.fields import get_u32
 from phalanx.wire.table import DRIVE, KIND_DRIVE
 
@@ -53,9 +53,7 @@ class MissionCheat(Robot):
 
     scene: ClassVar[Scene] = "team"
 
-    def __init__(
-        self, fleet: Fleet, i: int, work: Work, make_controller: Callable[[int], Controller], *, plan: CheatPlan
-    ) -> None:
+    def __init__(self, fleet: Fleet, i: int, work: Work, make_controller: MakeController, *, plan: CheatPlan) -> None:
         super().__init__(fleet, i, work, make_controller)
         self.is_own = False  # its mistakes are the adversary's
         self.plan = plan
@@ -85,7 +83,6 @@ class MissionCheat(Robot):
         return super().on_packet(now_ms, frame)
 
     def decide(self, entry_len: int) -> list[Output]:
-        """Return the outputs, lies among them, beside those of an honest controller."""
         reading = self.w.entry[ENTRY_HEAD_BYTES:entry_len].tobytes()
         step, t_ms = self._step, get_u32(self.w.entry, ENTRY_T)
         assert isinstance(self._honest, MissionController)
@@ -126,7 +123,6 @@ class DriveDark(MissionCheat):
     """Drives to where nothing that was decoded leads."""
 
     def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
-        """Put its own speeds into the mission's outputs."""
         x_m, y_m, heading = self.mission.pose(reading)
         bearing = wrap(math.atan2(self.plan.toward_m[1] - y_m, self.plan.toward_m[0] - x_m) - heading)
         turn = max(-MOST_MRADPS, min(MOST_MRADPS, round(1500 * bearing)))
@@ -139,7 +135,6 @@ class ShowUnsensed(MissionCheat):
     """Shows auditors a scan that its lidar never made."""
 
     def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
-        """Go on with the mission by what is imagined."""
         raw = self.plan.imagine(self.mission.pose(reading))
         told = with_hash_of(reading, raw)
         evidence = self.mission.keep(step, t_ms, told, raw)
@@ -156,7 +151,6 @@ class ForgeClaim(ShowUnsensed):
     """Shows the scan that its lidar made, and claims that the node is to be seen in it."""
 
     def shown(self, evidence: bytes) -> bytes:
-        """Keep the claim as made, and the scan as it was."""
         sensors = self.mission.missions.sensors
         claim, _ = unpack_evidence(evidence, sensors.lidar.beams)
         return pack_evidence(claim, self.raw[: sensors.scan_bytes], self.raw[sensors.scan_bytes :])

@@ -55,7 +55,6 @@ class ForgeGraph(Between):
     ordered = False
 
     def deliver(self, sent: Sent) -> Sent:
-        """Return the adversary's, in the profile of the operator's."""
         header = parse_mission(sent.file).header
         made = build(
             replace(self.plan.wanted, coding=header.coding),
@@ -104,6 +103,5 @@ class SwapKey(Between):
     """The start key of another day comes with the mission of today."""
 
     def deliver(self, sent: Sent) -> Sent:
-        """Send the key of yesterday, which says that it is today's."""
         key = replace(parse_start_key(self.plan.yesterday.key), mission_id=parse_start_key(sent.key).mission_id)
         return replace(sent, key=key.encode())

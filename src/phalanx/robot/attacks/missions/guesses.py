@@ -80,7 +80,6 @@ class GuessPlan(Guess):
     """File, start key and the building's floor plan were captured, or the building was walked through."""
 
     def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[Tried]:
-        """Try what the plan shows, first."""
         return crack(sent, box, plan=shown_by(building, BuildOptions().offset_mm))
 
 
@@ -88,7 +87,6 @@ class GuessGate(GuessGraph):
     """The file alone was captured: the start key came over the link, and is not in it."""
 
     def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[Tried]:
-        """Try every place, behind one gate after the other."""
         if parse_mission(sent.file).header.profile is Profile.PAPER:
             yield from crack(sent, box)
             return
@@ -108,7 +106,6 @@ class GuessToken(Guess):
     one_node = True
 
     def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[Tried]:
-        """Try one token after the other, against the first node."""
         mission, node = parse_mission(sent.file), sent.plain.nodes[0]
         header, mark = mission.header, mission.nodes[0].aliases[0].mark
         (place,) = node.see[0]

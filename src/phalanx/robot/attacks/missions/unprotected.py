@@ -53,7 +53,6 @@ class PlainWalker(Walker):
         self._start = next(i for i, node in enumerate(plain.nodes) if node.start)
 
     def step(self, state: State, seen: Experience) -> tuple[State, Outcome]:
-        """The next state, and what came of an experience."""
         if state.phase is not Phase.SEEKING:
             return state, Outcome(self.order(state), reason=Reason.STOPPED)
         since_s = seen.t_s if state.since_s is None else state.since_s
@@ -72,7 +71,6 @@ class PlainWalker(Walker):
         return state, Outcome(self.order(state), reason=Reason.NO_MATCH)
 
     def order(self, state: State) -> Order:
-        """To the next place, straight on."""
         if state.phase is not Phase.SEEKING or state.target is None:
             return super().order(state)
         return Order(Kind.GO, state.target, toward_m=self._nodes[state.target].place)

@@ -52,9 +52,10 @@ class MoveCode(Between):
     """A code is taken down and hung up elsewhere, in the robot's way."""
 
     AHEAD_M: ClassVar[float] = 5.0
+    SIDE_M: ClassVar[float] = 0.0
 
     def building(self, plan: FloorPlan) -> FloorPlan:
-        return replace(plan, codes=tuple(aside(code, self.AHEAD_M, 0.0) for code in plan.codes))
+        return replace(plan, codes=tuple(aside(code, self.AHEAD_M, self.SIDE_M) for code in plan.codes))
 
 
 class CloneCode(MoveCode):
@@ -64,13 +65,11 @@ class CloneCode(MoveCode):
         return replace(plan, codes=(*plan.codes, *super().building(plan).codes))
 
 
-class NudgeCode(Between):
+class NudgeCode(MoveCode):
     """A code is moved by less than a robot searches: it decodes, and the fix is as wrong as the code."""
 
-    SIDE_M: ClassVar[float] = 0.4
-
-    def building(self, plan: FloorPlan) -> FloorPlan:
-        return replace(plan, codes=tuple(aside(code, 0.0, self.SIDE_M) for code in plan.codes))
+    AHEAD_M = 0.0
+    SIDE_M = 0.4
 
 
 def aside(code: WallCode, ahead_m: float, side_m: float) -> WallCode:
@@ -102,14 +101,13 @@ class DrownMessage(Between):
 class DeadWheel(Between):
     """One wheel turns in the air: odometry says straight on, and the robot goes round in circles."""
 
+    SHARES: ClassVar[tuple[float, float]] = (0.0, 1.0)  # of each wheel's turn, left and right, that moves the robot
+
     def wheels(self) -> tuple[float, float]:
-        return (0.0, 1.0) if self.lies else (1.0, 1.0)
+        return self.SHARES if self.lies else (1.0, 1.0)
 
 
-class Slip(Between):
+class Slip(DeadWheel):
     """Both wheels slip: the robot goes half as far as it believes."""
 
-    SHARE: ClassVar[float] = 0.5
-
-    def wheels(self) -> tuple[float, float]:
-        return (self.SHARE, self.SHARE) if self.lies else (1.0, 1.0)
+    SHARES = (0.5, 0.5)
