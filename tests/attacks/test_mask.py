@@ -14,7 +14,7 @@ from phalanx.bti.nodes import Limits
 from phalanx.config import BtiConfig
 from phalanx.robot import actions, handlers
 from phalanx.robot.actions import Action, Transmit
-from phalanx.robot.attacks.timing import Mask, talk
+from phalanx.robot.attacks.channel import Mask, talk
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attacks
 from phalanx.scenarios.scenario import Scenario

@@ -15,8 +15,7 @@ from phalanx.experiments.missions.errand import errand
 from phalanx.experiments.missions.trial import is_kept, try_mission_attack
 from phalanx.robot.attacks import ATTACKS, ON_MISSIONS
 from phalanx.robot.attacks.harm import Walked
-from phalanx.robot.attacks.missions.between import Between
-from phalanx.robot.attacks.missions.world import NudgeCode, Slip, SpoofScan
+from phalanx.robot.attacks.missions.between import Between, NudgeCode, Slip, SpoofScan
 
 PAGE = Path(__file__).parents[2] / "docs" / "attacks.md"
 WALKED = [name for name, attack in ON_MISSIONS.items() if attack.scene == "errand"]

@@ -22,9 +22,8 @@ from phalanx.errors import PeerError, Unavailable, Unknown
 from phalanx.io.private_file import write_private
 from phalanx.io.udp_radio import Address, UdpRadio, parsed
 from phalanx.robot import Led, Point, Robot
-from phalanx.robot.ordered import Ordered
 from phalanx.robot.roster import HISTORY_STEP_MM, member
-from phalanx.robot.station import Station
+from phalanx.robot.station import Ordered, Station
 from phalanx.robot.swarm import AttackChoice, Audit, Shield
 from phalanx.wire.driven import EVERYBODY, GATEWAY, OPERATOR
 from phalanx.wire.table import (

@@ -23,11 +23,10 @@ from phalanx.robot.attacks.library import ATTACKS
 from phalanx.robot.controllers import dispatch, orders
 from phalanx.robot.controllers.bundled import wheels
 from phalanx.robot.controllers.peer_bodies import STANDS_MM
-from phalanx.robot.ordered import Ordered
 from phalanx.robot.robot import Robot as AuditedRobot
 from phalanx.robot.roster import HISTORY_STEP_MM, Member, member
 from phalanx.robot.signer import Signer
-from phalanx.robot.station import Station
+from phalanx.robot.station import Ordered, Station
 from phalanx.robot.swarm import AttackChoice, Audit, Done, Shield
 from phalanx.scenarios.behaviour import FOREVER_MS
 from phalanx.scenarios.scenario import ORDERS_AS_NEIGHBOURS
