@@ -13,7 +13,7 @@ from phalanx.io import Server
 from phalanx.link import Command, Request, SharedAnswer
 from phalanx.robot import Robot, Swarm
 from phalanx.robot.on_mission import OnMission
-from phalanx.robot.swarm import AtWork, Routed, Shielded, Unprotected
+from phalanx.robot.swarm import AtWork, Routed, Shielded
 
 from . import vocabulary
 from .brakes import Brakes
@@ -190,7 +190,7 @@ class Gateway:
     @property
     def unprotected(self) -> str:
         """Why its robots do not audit each other, for people who may expect it; or ""."""
-        return self.swarm.unprotected if not self.shields and isinstance(self.swarm, Unprotected) else ""
+        return "" if self.shields else str(getattr(self.swarm, "unprotected", ""))
 
     def _asked(self, request: Request) -> bool:
         reads_frames = request.words.get("frames") is True

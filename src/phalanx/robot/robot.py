@@ -93,7 +93,7 @@ class Robot:
         """A packet has arrived at the a-node."""
         heard = handlers.on_packet(self.f, self.i, self.w, now_ms, row(packet), len(packet))
         if heard == handlers.HEARD and self.controller:
-            self.controller.on_recv(self._entry_time(), packet)
+            self.controller.on_recv(int(get_u32(self.w.entry, ENTRY_T)), packet)
             self._is_kept = False
         elif heard == handlers.WHOLE:
             place, src = int(self.w.place[0]), int(self.w.case[0].tee)
@@ -156,7 +156,7 @@ class Robot:
             n = handlers.think(self.f, self.i, self.w, entry_len)
             return unpack_outputs(self.w.out[:n].tobytes())
         reading = self.w.entry[ENTRY_HEAD_BYTES:entry_len].tobytes()
-        step, t_ms = self._step, self._entry_time()
+        step, t_ms = int(self._step_of[self.i]), int(get_u32(self.w.entry, ENTRY_T))
         evidence = b""
         if isinstance(self.controller, EvidenceController):
             evidence = self.evidence(step, t_ms, reading)
@@ -167,10 +167,6 @@ class Robot:
         if not self.controller.is_ours:  # what it does wrong is told at once
             self.keep_state()
         return checked_outputs(outputs, self._frame_max, self.controller)
-
-    @property
-    def _step(self) -> int:
-        return int(self._step_of[self.i])
 
     def evidence(self, step: int, t_ms: int, reading: bytes) -> bytes:
         """Return what to keep of `raw`: nothing if the log is half full, as the rest is for unasked packets."""
@@ -232,9 +228,6 @@ class Robot:
         return bool(request.make_request(self.f, self.i, now_ms, *self.w.small[:3]) > 0)
 
     # --- plain-Python controllers ---
-
-    def _entry_time(self) -> int:
-        return int(get_u32(self.w.entry, ENTRY_T))
 
     def keep_state(self) -> None:
         """Write what a controller in plain Python remembers to where checkpoints are made from."""

@@ -151,15 +151,6 @@ class Shielded(Routed, Protocol):
         """
 
 
-@runtime_checkable
-class Unprotected(Swarm, Protocol):
-    """A swarm whose robots do not audit each other, though people may expect it."""
-
-    @property
-    def unprotected(self) -> str:
-        """Why not, for people; "" where nobody expects it."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Done:
     """The results of a swarm's work lately."""

@@ -6,13 +6,11 @@ from abc import ABC, abstractmethod
 from bisect import bisect_right
 from typing import Any, ClassVar
 
-import numpy as np
-
 from phalanx.bti import request
 from phalanx.bti.fleet import BOUND, PLAIN
 from phalanx.robot.actions import EVERYBODY, Action, Transmit
 from phalanx.robot.runtime import first_round_ms
-from phalanx.wire.table import AUDIT_FRAGMENT
+from phalanx.wire.table import AUDIT_FRAGMENT, AUDIT_HELLO, KIND_AUDIT
 
 from .claims import INVENTED
 from .hijack import RefuseToAudit
@@ -168,9 +166,7 @@ class Jam(Flood):
 
 def audit_frame(src: int, dst: int, sub: int, rest: bytes) -> bytes:
     """`AUDIT ‖ src ‖ dst ‖ sub ‖ rest`. Source: docs/spec/rebound.md."""
-    head = np.zeros(request.AUDIT_HEAD_BYTES, np.uint8)
-    request.audit_head(head, src, dst, sub)
-    return head.tobytes() + rest
+    return AUDIT_HELLO.form.pack(KIND_AUDIT, src, dst, sub) + rest
 
 
 def talk(liar: Liar, now_ms: int, frames: int, sub: int = NOISE) -> list[Action]:

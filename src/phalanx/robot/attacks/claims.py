@@ -103,19 +103,15 @@ class Masquerade(OmitSends):
         return self.claim_motion(now_ms, mask, _in_the_way(self, self.nearest(but=mask)))
 
 
-class FalseState(OmitSends):
+class FalseState(Masquerade):
     """Says of itself that it stands in the nearest robot's way."""
-
-    period_ms = 250
 
     def on_wake(self, now_ms: int) -> list[Action]:
         return self.claim_motion(now_ms, self.id, _in_the_way(self, self.nearest())) if self.seen else []
 
 
-class Equivocate(OmitSends):
+class Equivocate(Masquerade):
     """Tells each victim another state of its own: to each alone where it can, else one after the other to all."""
-
-    period_ms = 250
 
     def on_wake(self, now_ms: int) -> list[Action]:
         alone = self.profile == PLAIN

@@ -5,7 +5,7 @@ Attacks on the audits do this too, and then hide it.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from phalanx.bti.audit import INPUT
 from phalanx.robot.actions import Action
@@ -80,10 +80,7 @@ class Dawdle(Liar):
     _round_waits = False
     _reading: tuple[int, bytes] | None = None
     _told_mps2 = 0.0, 0.0
-
-    def __init__(self, *args: Any, **more: Any) -> None:
-        super().__init__(*args, **more)
-        self._waiting: list[tuple[int, Send | Act]] = []
+    _waiting: tuple[tuple[int, Send | Act], ...] = ()
 
     def on_reading(self, now_ms: int, reading: bytes) -> list[Action]:
         """Have the s-node wait, and then say where the robot is by then."""
@@ -111,7 +108,7 @@ class Dawdle(Liar):
         n = self.chain(INPUT, now_ms, reading)
         if n > 0:
             self.record(self.w.entry[:n])
-            self._waiting = [(now_ms + self.DELAY_MS, output) for output in self.decide(n)]
+            self._waiting = tuple((now_ms + self.DELAY_MS, output) for output in self.decide(n))
         # Nothing is missing and nothing is late yet: this is what it would have put out by now.
         self._put_out = [output for _, output in self._waiting]
         return []
@@ -123,8 +120,10 @@ class Dawdle(Liar):
             (was_ms, reading), self._reading = self._reading, None
             actions += super().on_reading(now_ms, self._moved(now_ms, was_ms, reading))
         self._put_out = []
-        while self._waiting and self._waiting[0][0] <= now_ms:
-            actions += self.put_out(now_ms, self._waiting.pop(0)[1])
+        due = [output for at_ms, output in self._waiting if at_ms <= now_ms]
+        self._waiting = self._waiting[len(due) :]
+        for output in due:
+            actions += self.put_out(now_ms, output)
         self._put_out = None
         if self._round_waits and not self._waiting:
             self._round_waits = False

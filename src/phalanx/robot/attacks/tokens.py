@@ -71,9 +71,7 @@ class ForgeTokens(TokenForger):
 class ShareTokens(TokenForger):
     """Offers tokens that were made for others: those that it issued itself."""
 
-    def __init__(self, *args: Any, **more: Any) -> None:
-        super().__init__(*args, **more)
-        self._issued: list[Token] = []
+    _issued: tuple[Token, ...] = ()
 
     def on_packet(self, now_ms: int, packet: bytes) -> list[Action]:
         actions = super().on_packet(now_ms, packet)
@@ -81,29 +79,27 @@ class ShareTokens(TokenForger):
             fields = AUDIT_TOKEN.decode(token.packet)
             q = self.shown(int(self.w.place[0]))
             hckpt = q[request.AT_HCKPT : request.AT_HCKPT + HASH_BYTES].tobytes()
-            self._issued.append(Token(self.id, fields["t"], hckpt, fields["mac"]))
+            self._issued += (Token(self.id, fields["t"], hckpt, fields["mac"]),)
         return actions
 
     def tokens(self, now_ms: int) -> list[Token]:
         """Return the newest, in its own name and in the auditees'."""
-        newest = self._issued[-10:]
+        newest = list(self._issued[-10:])
         return newest + [token._replace(tor=rob_id, t=now_ms) for token in newest for rob_id in self.plan.ids[:3]]
 
 
 class ReplayTokens(TokenForger):
     """Offers its own tokens again when they are old."""
 
-    def __init__(self, *args: Any, **more: Any) -> None:
-        super().__init__(*args, **more)
-        self._kept: set[Token] = set()
+    _kept: frozenset[Token] = frozenset()
 
     def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
         actions = super().on_packet(now_ms, frame)
         f, i, r = self.f, self.i, self.f.robot[self.i]
         for which, count in ((START, r.tokens_start), (PENDING, r.tokens_pending)):
             hckpt = f.hckpt[i, which].tobytes()
-            for token in f.token[i, which, : int(count)]:
-                self._kept.add(Token(int(token.tor), int(token.t), hckpt, token.mac.tobytes()))
+            tokens = f.token[i, which, : int(count)]
+            self._kept |= {Token(int(each.tor), int(each.t), hckpt, each.mac.tobytes()) for each in tokens}
         return actions
 
     def tokens(self, now_ms: int) -> list[Token]:

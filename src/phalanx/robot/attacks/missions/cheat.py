@@ -84,7 +84,7 @@ class MissionCheat(Robot):
 
     def decide(self, entry_len: int) -> list[Output]:
         reading = self.w.entry[ENTRY_HEAD_BYTES:entry_len].tobytes()
-        step, t_ms = self._step, get_u32(self.w.entry, ENTRY_T)
+        step, t_ms = int(self._step_of[self.i]), get_u32(self.w.entry, ENTRY_T)
         assert isinstance(self._honest, MissionController)
         due = self._honest.on_evidence(step, t_ms, reading, self._honest.keep(step, t_ms, reading, self.raw))
         if t_ms < self._from_ms:

@@ -82,7 +82,8 @@ class PlainWalker(Walker):
         texts = {thing.text for alias in node.see for thing in alias if isinstance(thing, Landmark) and thing.text}
         if texts:
             reach_m = node.within_m or ANY_REACH_M
-            return any(code.text in texts and _distance_m(seen, code) <= reach_m for code in seen.landmarks)
+            seen_m = [(code.text, math.hypot(code.x_m - seen.x_m, code.y_m - seen.y_m)) for code in seen.landmarks]
+            return any(text in texts and away_m <= reach_m for text, away_m in seen_m)
         return node.place is not None and math.dist(node.place, (seen.x_m, seen.y_m)) <= ARRIVE_M
 
     def _reach(self, state: State, seen: Experience, target: int) -> tuple[State, Outcome]:
@@ -104,7 +105,3 @@ class PlainWalker(Walker):
         phase, event = (Phase.DONE, Event.COMPLETED) if over else (Phase.SEEKING, Event.DECODED)
         state = replace(state, phase=phase, at=target, target=following, since_s=seen.t_s)
         return state, Outcome(self.order(state), opened, event=event)
-
-
-def _distance_m(seen: Experience, landmark: Landmark) -> float:
-    return math.hypot(landmark.x_m - seen.x_m, landmark.y_m - seen.y_m)
