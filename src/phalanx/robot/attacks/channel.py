@@ -226,8 +226,6 @@ class Mask(RefuseToAudit):
     """
 
     period_ms = 1
-    LASTS_MS: ClassVar[int] = 1
-    AT_ONCE: ClassVar[int] = 1
     SAYS: ClassVar[int] = NOISE
     AT_ANSWERS: ClassVar[int] = 8  # as many as fill the time for which others answer
     _moments: tuple[int, ...] = ()  # ms of a round, rising, at which to talk
@@ -242,12 +240,12 @@ class Mask(RefuseToAudit):
         s, period_ms = self.f.settings[0], int(self.f.settings[0].t_audit)
         if not self._moments:
             first_ms = [first_round_ms(int(s.mission_seed), other, period_ms) for other in self.victims()]
-            self._moments = tuple(sorted({(at + k) % period_ms for at in first_ms for k in range(self.LASTS_MS)}))
+            self._moments = tuple(sorted({at % period_ms for at in first_ms}))
         now = (now_ms - int(self.f.robot[self.i].t_key)) % period_ms
         following = bisect_right(self._moments, now)
         talks = following > 0 and self._moments[following - 1] == now
         self.period_ms = (self._moments[following % len(self._moments)] - now - 1) % period_ms + 1
-        return talk(self, now_ms, self.AT_ONCE, self.SAYS) if talks else []
+        return talk(self, now_ms, 1, self.SAYS) if talks else []
 
 
 class SlotSquat(Liar):

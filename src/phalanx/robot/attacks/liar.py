@@ -132,12 +132,10 @@ class Liar(Robot):
         return actions
 
     def on_advice(self, advice: bytes) -> None:
-        """A planner said something."""
         self._honest.on_advice(advice)
         super().on_advice(advice)
 
     def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
-        """A frame has arrived."""
         if not frame[0] & request.AUDIT:
             self._honest.on_recv(now_ms, frame)
             if len(frame) == STATE.size and frame[0] == KIND_STATE:
@@ -146,7 +144,6 @@ class Liar(Robot):
         return self.heard(now_ms, frame) if self.lies(now_ms) else super().on_packet(now_ms, frame)
 
     def begin_round(self, now_ms: int) -> list[Action]:
-        """A round is due."""
         return self.round_due(now_ms) if self.lies(now_ms) else super().begin_round(now_ms)
 
     def on_wake(self, now_ms: int) -> list[Action]:
@@ -183,11 +180,9 @@ class Liar(Robot):
     # --- what goes out is watched -------------------------------------------------------------------------------------
 
     def act(self, now_ms: int, command: bytes) -> list[Action]:
-        """A command through the a-node."""
         return self._watched(now_ms, Act(command), super().act(now_ms, command))
 
     def send(self, now_ms: int, frame: bytes, to: int) -> list[Action]:
-        """A frame through the a-node."""
         actions = super().send(now_ms, frame, to)
         return actions if frame[0] & request.AUDIT else self._watched(now_ms, Send(frame), actions)
 

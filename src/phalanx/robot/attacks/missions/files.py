@@ -67,30 +67,26 @@ class ForgeGraph(Between):
         return Sent(self.plan.wanted, mission.encode(), made.key.encode(), ())
 
 
-class _Replay(Between):
-    """Something true is sent when nobody ordered anything: the weakness that the paper names (§VI-G)."""
+class ReplayDay(Between):
+    """The operator's mission of another day, when nobody ordered anything: the weakness of the paper (§VI-G)."""
 
     ordered = False
-
-
-class ReplayDay(_Replay):
-    """The operator's mission of another day."""
 
     def deliver(self, sent: Sent) -> Sent:
         return self.plan.yesterday
 
 
-class ReplayRobot(_Replay):
+class ReplayRobot(ReplayDay):
     """The operator's mission for another robot."""
 
     def deliver(self, sent: Sent) -> Sent:
         return self.plan.others
 
 
-class ReplayAgain(_Replay):
+class ReplayAgain(Between):
     """The operator's mission of today, once more: the robot has done it already."""
 
-    again = True
+    ordered, again = False, True
 
 
 class SetClock(ReplayDay):
