@@ -104,13 +104,13 @@ class Robot:
         """T_audit has passed, or the robot has listened since: say HELLO, take a checkpoint, ask the first auditor."""
         if listened:
             return self.begin_round(now_ms)
-        actions, waits = self._done(handlers.listen, now_ms)
-        return actions if waits else actions + self.begin_round(now_ms)
+        asked, waits = self._done(handlers.listen, now_ms)
+        return asked if waits else asked + self.begin_round(now_ms)
 
     def on_retry(self, now_ms: int) -> list[Action]:
         """The retry time has passed: ask further robots if tokens are missing."""
-        actions, is_missing = self._done(handlers.seek, now_ms)
-        return actions + self.next_packet(now_ms) if is_missing else actions
+        asked, is_missing = self._done(handlers.seek, now_ms)
+        return asked + self.next_packet(now_ms) if is_missing else asked
 
     def on_sent(self, now_ms: int, *, arrived: bool) -> list[Action]:
         """The radio is done with the last fragment."""
@@ -195,7 +195,7 @@ class Robot:
 
     def send(self, now_ms: int, packet: bytes, to: int) -> list[Action]:
         """Pass a packet through the a-node, and log it unless it is audit traffic."""
-        actions, n = self._done(handlers.send, now_ms, row(packet), len(packet), to)
+        asked, n = self._done(handlers.send, now_ms, row(packet), len(packet), to)
         if n == trusted.E_AIRTIME and self.is_own and not packet[0] & request.AUDIT:
             # Else it would be stopped for an output that its log lacks, and nobody would know why.
             raise OwnMistake(
@@ -203,7 +203,7 @@ class Robot:
                 "shorter frames, or fewer: in each state period as much airtime as four of 27 bytes",
                 self.controller,
             )
-        return actions
+        return asked
 
     def answer(self, now_ms: int, place: int, auditee: int, refusal: int) -> list[Action]:
         """End the audit of the request at `place`."""

@@ -19,9 +19,8 @@ class Harm:
 
     words: str  # what is measured, for people
     unit: str
-    of: Callable[
-        ..., float
-    ]  # the number: of a liar in a run, and the same run without it, or what else its scene leaves
+    # The number: of a liar in a run, and the same run without it, or what else its scene leaves.
+    of: Callable[..., float]
 
 
 def _correct(attacked: Run) -> list[int]:
