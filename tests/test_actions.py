@@ -7,12 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from phalanx.bti import request, rounds
-from phalanx.bti.audit import ACMD, OUTPUT_HEAD_BYTES, SEND
+from phalanx.bti.audit import ACMD, SEND
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig
 from phalanx.pool import NO_ROW
-from phalanx.robot import actions, chained, handlers
+from phalanx.robot import actions, handlers
 from phalanx.robot.actions import EVERYBODY, Action, Actuate, RetryAt, RoundAt, Transmit, Verdict
 from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.audited import loop, pybot
@@ -38,15 +38,15 @@ WORK = make_work(BtiConfig())
 def append(action: Action) -> None:
     match action:
         case Transmit(packet, to):
-            actions.transmit(WORK, row(b"xy" + packet + b"z"), 2, len(packet), to)
+            actions.carry(WORK, actions.TRANSMIT, to, row(b"xy" + packet + b"z"), 2, len(packet))
         case Actuate(command):
-            actions.actuate(WORK, row(b"x" + command + b"yz"), 1, len(command))
+            actions.carry(WORK, actions.ACTUATE, 0, row(b"x" + command + b"yz"), 1, len(command))
         case RetryAt(at_ms):
-            actions.retry_at(WORK, at_ms)
+            actions.append(WORK, actions.RETRY_AT, at_ms, 0)
         case RoundAt(at_ms, listened):
-            actions.round_at(WORK, at_ms, int(listened))
+            actions.append(WORK, actions.ROUND_AT, at_ms, int(listened))
         case Verdict(auditee, refusal):
-            actions.verdict(WORK, auditee, int(refusal))
+            actions.append(WORK, actions.VERDICT, auditee, int(refusal))
 
 
 @given(each_action, each_action)
@@ -82,7 +82,7 @@ def test_whatever_a_controller_puts_out_in_one_step_fits_into_the_buffer(swarm, 
     w = swarm.work
     one = OUTPUT.encode(type=kind, payload=bytes([1]) * size)
     count = len(w.out) // len(one)
-    assert len(one) == OUTPUT_HEAD_BYTES + size
+    assert len(one) == OUTPUT.size + size
     w.out[: count * len(one)] = row(one * count)
     actions.clear(w)
     handlers.put_out(swarm.fleet, ME, w, 5000, count * len(one))
@@ -157,7 +157,7 @@ def test_no_room_for_anything_else_withdraws_nothing(asking):
 def test_a_request_is_withdrawn_if_the_a_node_lets_no_fragment_out(asking):
     asking.robot.quota = 1
     again = row(asking.fragment)
-    while chained.take(asking.fleet, ME, asking.work, SEND, asking.now_ms, again, len(again)) > 0:
+    while handlers.take(asking.fleet, ME, asking.work, SEND, asking.now_ms, again, len(again)) > 0:
         pass
     actions.clear(asking.work)
     handlers.ask_with(asking.fleet, ME, asking.work, asking.now_ms, asking.length)

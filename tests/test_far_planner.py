@@ -29,8 +29,7 @@ from phalanx.daemon.settings import read_robot
 from phalanx.errors import UsageError
 from phalanx.io import serial_line
 from phalanx.io.keyring import pem
-from phalanx.robot.adviser import AHEAD_MS, FARTHEST, Adviser
-from phalanx.robot.planner import Planner
+from phalanx.robot.planner import AHEAD_MS, FARTHEST, Adviser, Planner
 from phalanx.robot.signer import AdviceSigner
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire import guarded

@@ -28,7 +28,7 @@ from phalanx.link.envelope import encode_envelope, seal
 from phalanx.link.messages import Publish, Rejected
 from phalanx.link.topics import CommandTopic, full_topic
 from phalanx.robot import Led, Point
-from phalanx.robot.at_work import Done
+from phalanx.robot.swarm import Done
 from phalanx.sim import Dotbots
 
 pytestmark = pytest.mark.waits

@@ -26,7 +26,7 @@ from phalanx.mission import BuildOptions, build, plain_mission, public_key, sign
 from phalanx.mission.landmarks import floorplan_of_yaml
 from phalanx.mission.refused import AlreadyStarted, NotForUs, OutsideWindow
 from phalanx.robot.on_mission import Completed, Decoded, NotValidated, OnMission, drift_of
-from phalanx.robot.shield import Shielded
+from phalanx.robot.swarm import Shielded
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.missions.live import Moment, Standing
 from phalanx.sim.missions.orders import orders_of

@@ -22,7 +22,7 @@ from phalanx.errors import Unknown, UsageError
 from phalanx.io import Client
 from phalanx.robot import Led, Point
 from phalanx.robot.attacks import IN_FLOCKS
-from phalanx.robot.shield import Shielded
+from phalanx.robot.swarm import Shielded
 from phalanx.sim.swarms.protected import MOST_ROBOTS, ProtectedSwarm, draw_places
 
 DT = 0.02

@@ -318,7 +318,7 @@ def test_a_planner_hears_no_frame_that_its_a_node_refused():
     life = Life(mission, 3, OwnClock(Nodes()), None, radio, Listens)
     life.begin()
     life.runtime.check_ms = life.runtime.wake_ms = NEVER_MS
-    life.runtime._rounds = [(NEVER_MS, False)]
+    life.runtime._audits = [(NEVER_MS, False, False)]
     life.runtime._step = 1 << 20  # no reading is due
     while came:
         asyncio.run(life._turn())

@@ -12,9 +12,9 @@ from test_answers import BOOT_MS, ROUND_MS, VICTIM, Asking
 from phalanx.bti import audit, log, request, rounds
 from phalanx.bti.nodes import Limits
 from phalanx.config import BtiConfig
-from phalanx.robot import actions, chained, handlers
+from phalanx.robot import actions, handlers
 from phalanx.robot.actions import Action, Transmit
-from phalanx.robot.attacks.mask import Mask
+from phalanx.robot.attacks.channel import Mask, talk
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attacks
 from phalanx.scenarios.scenario import Scenario
@@ -28,7 +28,7 @@ ASKER = 5
 class Amplify(Mask):
     """What it says in the place of noise is SEEK: the answers of others are the noise."""
 
-    NOISE = request.SEEK
+    SAYS = request.SEEK
 
 
 class Echo(Mask):
@@ -36,7 +36,7 @@ class Echo(Mask):
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
         asks = len(frame) == request.AUDIT_HEAD_BYTES and frame[request.AT_SUB] == request.SEEK
-        return super().heard(now_ms, frame) + (self._say(now_ms, request.SEEK) if asks else [])
+        return super().heard(now_ms, frame) + (talk(self, now_ms, 1, request.SEEK) if asks else [])
 
 
 def star(f_max: int, seed: int, attack: str | type[Mask] = "mask") -> Scenario:
@@ -105,7 +105,7 @@ class Seeking(Asking):
 
     def senses(self, now_ms: int) -> None:
         """So that its s-chain is another."""
-        chained.take(self.fleet, VICTIM, self.work, audit.INPUT, now_ms, row(bytes(8)), 8)
+        handlers.take(self.fleet, VICTIM, self.work, audit.INPUT, now_ms, row(bytes(8)), 8)
 
     def listens_ms(self) -> int:
         """For how long, when its next round is due."""

@@ -21,11 +21,8 @@ from phalanx.experiments.missions.trial import (
     walk,
 )
 from phalanx.robot.attacks import ATTACKS, ON_MISSIONS
-from phalanx.robot.attacks.missions.between import Between
-from phalanx.robot.attacks.missions.body import Slip
-from phalanx.robot.attacks.missions.harm import Walked
-from phalanx.robot.attacks.missions.senses import SpoofScan
-from phalanx.robot.attacks.missions.walls import NudgeCode
+from phalanx.robot.attacks.harm import Walked
+from phalanx.robot.attacks.missions.between import Between, NudgeCode, Slip, SpoofScan
 
 PAGE = Path(__file__).parents[2] / "docs" / "attacks.md"
 WALKED = [name for name, attack in ON_MISSIONS.items() if attack.scene == "errand"]
@@ -148,7 +145,7 @@ def test_a_code_moved_by_more_than_the_search_reaches_does_not_decode():
 
 def test_wheels_that_slip_by_less_than_a_tenth_are_only_drift():
     class Little(Slip):
-        SHARE = 0.92
+        SHARES = (0.92, 0.92)
 
     was_not_harmed(attacked(Little, "bound"))
 

@@ -38,10 +38,6 @@ def test_every_record_names_a_class_that_can_carry_it_out_where_it_is_tried(name
     assert attack.stopped_by
 
 
-def test_no_class_carries_out_two_attacks():
-    assert len({attack.kind for attack in ATTACKS.values()}) == len(ATTACKS)
-
-
 def test_a_class_says_of_itself_what_the_record_needs():
     attack = own_attack(ShoveAside)
     assert (attack.name, attack.does, attack.scene) == ("shove-aside", "Shoves others aside", "flock")

@@ -18,7 +18,7 @@ from phalanx.bti.audit import ACMD, INPUT, RECV, SEND
 from phalanx.bti.fleet import BOUND, PENDING
 from phalanx.bti.log import ENTRY_HEAD_BYTES
 from phalanx.bti.refusal import Refusal
-from phalanx.robot import chained, handlers
+from phalanx.robot import handlers
 from phalanx.robot.attacks.liar import MOTION
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.python_controller import Act, unpack_outputs
@@ -46,7 +46,7 @@ class Auditee(Asking):
 
     def chained(self, kind: int, t_ms: int, payload: bytes) -> bytes:
         """The entry, from the trusted node."""
-        n = chained.chain(self.fleet, VICTIM, self.work, kind, t_ms, row(payload), len(payload))
+        n = handlers.chain(self.fleet, VICTIM, self.work, kind, t_ms, row(payload), len(payload))
         assert n > 0
         return self.work.entry[:n].tobytes()
 

@@ -10,7 +10,17 @@ from __future__ import annotations
 
 from phalanx.kernel import kernel
 from phalanx.wire import table
-from phalanx.wire.fields import Row, copy, get_u16, get_u32, put_u16, put_u32, same
+from phalanx.wire.fields import (
+    OUTPUT_HEAD_BYTES,
+    OUTPUT_LENGTH,
+    Row,
+    copy,
+    get_u16,
+    get_u32,
+    put_u16,
+    put_u32,
+    same,
+)
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
 from . import log, memo, request, rounds, trusted
@@ -21,8 +31,6 @@ from .work import Work
 
 INPUT, RECV, SEND, ACMD = table.ENTRY_INPUT, table.ENTRY_RECV, table.ENTRY_SEND, table.ENTRY_ACMD
 END = 0
-OUTPUT_LENGTH = table.OUTPUT.at("payload")
-OUTPUT_HEAD_BYTES = table.OUTPUT.size
 
 
 @kernel

@@ -49,7 +49,7 @@ class Work(NamedTuple):
     small: U8x2  # (4, 32): token requests, authenticators, hashes
     frame: U8x1  # a radio frame
     entry: U8x1  # a chained entry
-    told: I64x1  # (8,): what happened, for whoever called (see robot/handlers.py)
+    place: I64x1  # (1,): of the request that became whole last
     actions: Annotated[Any, Records(ACTION)]  # of the event that was handled last
     sent: U8x1  # packets and commands of these actions
     used: I64x1  # (2,): how many actions, and bytes of `sent`
@@ -73,7 +73,7 @@ def make_work(config: BtiConfig) -> Work:
         small=np.zeros((4, table.TOKEN_REQUEST.size), np.uint8),
         frame=np.zeros(entry, np.uint8),
         entry=np.zeros(entry, np.uint8),
-        told=np.zeros(8, np.int64),
+        place=np.zeros(1, np.int64),
         actions=np.zeros(2 * entry // table.OUTPUT.size + MORE_ACTIONS, ACTION).view(np.recarray),
         sent=np.zeros(4 * entry, np.uint8),
         used=np.zeros(2, np.int64),

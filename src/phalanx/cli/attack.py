@@ -11,8 +11,8 @@ from phalanx.experiments.bti.attack_trial import Airtime, FlockTrial, Stop, Tria
 from phalanx.experiments.missions.team import TeamTrial, try_in_team
 from phalanx.experiments.missions.trial import MissionTrial, try_mission_attack
 from phalanx.robot.attacks.attack import Attack
+from phalanx.robot.attacks.harm import Guessed, Walked
 from phalanx.robot.attacks.library import ATTACKS
-from phalanx.robot.attacks.missions.harm import Guessed, Walked
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attack, find_controller, is_file, mistakes_in

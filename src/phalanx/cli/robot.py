@@ -18,7 +18,7 @@ from phalanx.daemon.settings import read_robot, robot_schema
 from phalanx.daemon.state import is_running, told
 from phalanx.errors import UsageError
 from phalanx.io.mission_key import read_mission_number
-from phalanx.robot.adviser import Adviser
+from phalanx.robot.planner import Adviser
 from phalanx.robot.signer import AdviceSigner
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_planner, mistakes_in

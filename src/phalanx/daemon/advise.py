@@ -13,7 +13,7 @@ from pathlib import Path
 
 from phalanx.errors import Unavailable, UsageError
 from phalanx.io.udp_radio import OF_ADDRESS, OF_PORT, parsed
-from phalanx.robot.adviser import MOST_BYTES, Adviser
+from phalanx.robot.planner import MOST_BYTES, Adviser
 
 from .far_planner import HINT
 

@@ -20,7 +20,7 @@ from phalanx.recording.recorder import NS, Recorder
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.compiled import compiled
 from phalanx.robot.controllers.python_controller import Controller
-from phalanx.robot.retrace import Entry, Finding, Retracer, entries_of
+from phalanx.robot.retrace import Entry, Finding, entries_of, first_lie
 from phalanx.scenarios.behaviour import on_stage, params_of
 from phalanx.scenarios.file import parse_scenario, written_scenario
 from phalanx.scenarios.scenario import Scenario
@@ -77,8 +77,7 @@ class Kept:
         scenario, made, _ = on_stage(self.scenario, controller)
         if not made:
             made = compiled(dispatch.NUMBERS[scenario.controller], params_of(scenario, self.mission))
-        retracer = Retracer(scenario.bti, made, scenario.seed)
-        return retracer.first_lie(self.plain(), self.robot, self.t_key_ms)
+        return first_lie(self.plain(), self.robot, self.t_key_ms, scenario.bti, made, scenario.seed)
 
     @property
     def head(self) -> dict[str, Any]:

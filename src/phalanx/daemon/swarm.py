@@ -1,4 +1,4 @@
-"""Robots that are processes of their own, as a `phalanx.robot.shield.Shielded` swarm: a gateway's radio among theirs.
+"""Robots that are processes of their own, as a `phalanx.robot.swarm.Shielded` swarm: a gateway's radio among theirs.
 
 It tells them signed orders, and hears where they say they are and which tokens they give each other. With trusted nodes
 of its own it shows a token that those found to be true, and no other; where robots are is what they say.
@@ -21,10 +21,9 @@ from phalanx.errors import PeerError, Unavailable, Unknown
 from phalanx.io.private_file import write_private
 from phalanx.io.udp_radio import Address, UdpRadio, parsed
 from phalanx.robot import Led, Point, Robot
-from phalanx.robot.ordered import Ordered
 from phalanx.robot.roster import HISTORY_STEP_MM, member
-from phalanx.robot.shield import AttackChoice, Audit, Shield
-from phalanx.robot.station import Station
+from phalanx.robot.station import Ordered, Station
+from phalanx.robot.swarm import AttackChoice, Audit, Shield
 from phalanx.wire.driven import EVERYBODY, GATEWAY, OPERATOR
 from phalanx.wire.table import (
     AUDIT_FRAGMENT,

@@ -13,10 +13,8 @@ from phalanx.errors import Late, Unknown, UsageError
 from phalanx.io import Server
 from phalanx.link import Command, Request, SharedAnswer
 from phalanx.robot import Robot, Swarm
-from phalanx.robot.at_work import AtWork
 from phalanx.robot.on_mission import OnMission
-from phalanx.robot.shield import Shielded, Unprotected
-from phalanx.robot.swarm import Routed
+from phalanx.robot.swarm import AtWork, Routed, Shielded
 
 from . import vocabulary
 from .brakes import EXPIRES_S, Brakes
@@ -213,7 +211,7 @@ class Gateway:
     @property
     def unprotected(self) -> str:
         """Why its robots do not audit each other, for people who may expect it; or ""."""
-        return self.swarm.unprotected if not self.shields and isinstance(self.swarm, Unprotected) else ""
+        return "" if self.shields else str(getattr(self.swarm, "unprotected", ""))
 
     def _asked(self, request: Request) -> bool:
         reads_frames = request.words.get("frames") is True

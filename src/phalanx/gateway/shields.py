@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from phalanx.robot.shield import Audit, Shield, Shielded
+from phalanx.robot.swarm import Audit, Shield, Shielded
 
 LOOK_EVERY_S = 0.3
 # Pages let tokens drain by themselves: told again is what is off by more than anybody sees.

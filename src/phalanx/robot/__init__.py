@@ -1,6 +1,6 @@
-"""What a robot is to those who command it, and what controllers and attacks of your own are made of.
+"""Robots as their operators see them, and the parts of controllers and attacks of your own.
 
-The latter are loaded when they are first used: whoever only has a swarm does not wait for them.
+The latter are loaded when they are first used: a swarm alone does not wait for them.
 """
 
 from typing import TYPE_CHECKING

@@ -69,52 +69,24 @@ def clear(w: Work) -> None:
 
 
 @kernel
-def _append(w: Work, kind: int, number: int) -> int:
-    """Append an action of which `number` is the first field; return its index."""
+def append(w: Work, kind: int, number: int, more: int) -> int:
+    """Append an action of two numbers, RETRY_AT, ROUND_AT or VERDICT; return its index."""
     at = int(w.used[COUNT])
     w.used[COUNT] = at + 1
     w.actions[at].kind = kind
     w.actions[at].number = number
+    w.actions[at].more = more
     return at
 
 
 @kernel
-def transmit(w: Work, packet: Row, begin: int, length: int, to: int) -> None:
-    """Append a packet, `packet[begin : begin + length]`, to a robot's id or EVERYBODY."""
-    _carry(w, _append(w, TRANSMIT, to), packet, begin, length)
-
-
-@kernel
-def actuate(w: Work, command: Row, begin: int, length: int) -> None:
-    """Append a command to the actuators, `command[begin : begin + length]`."""
-    _carry(w, _append(w, ACTUATE, 0), command, begin, length)
-
-
-@kernel
-def _carry(w: Work, at: int, source: Row, begin: int, length: int) -> None:
-    used = w.used[BYTES]
+def carry(w: Work, kind: int, to: int, source: Row, begin: int, length: int) -> None:
+    """Append an action with bytes, `source[begin : begin + length]`: TRANSMIT, to an id or EVERYBODY, or ACTUATE."""
+    at, used = append(w, kind, to, 0), w.used[BYTES]
     copy(w.sent, used, source, begin, length)
     w.actions[at].begin = used
     w.actions[at].length = length
     w.used[BYTES] = used + length
-
-
-@kernel
-def retry_at(w: Work, at_ms: int) -> None:
-    """Append a moment for `on_retry`."""
-    _append(w, RETRY_AT, at_ms)
-
-
-@kernel
-def round_at(w: Work, at_ms: int, listened: int) -> None:
-    """Append a moment for `on_round`."""
-    w.actions[_append(w, ROUND_AT, at_ms)].more = listened
-
-
-@kernel
-def verdict(w: Work, auditee: int, refusal: int) -> None:
-    """Append the end of an audit."""
-    w.actions[_append(w, VERDICT, auditee)].more = refusal
 
 
 @kernel
@@ -146,19 +118,12 @@ def encode(w: Work, action: Action) -> None:
     """Make an action the only one in the buffer."""
     clear(w)
     if isinstance(action, Transmit):
-        transmit(w, row(action.packet), 0, len(action.packet), action.to)
+        carry(w, TRANSMIT, action.to, row(action.packet), 0, len(action.packet))
     elif isinstance(action, Actuate):
-        actuate(w, row(action.command), 0, len(action.command))
+        carry(w, ACTUATE, 0, row(action.command), 0, len(action.command))
     elif isinstance(action, RetryAt):
-        retry_at(w, action.at_ms)
+        append(w, RETRY_AT, action.at_ms, 0)
     elif isinstance(action, RoundAt):
-        round_at(w, action.at_ms, int(action.listened))
+        append(w, ROUND_AT, action.at_ms, int(action.listened))
     else:
-        verdict(w, action.auditee, int(action.refusal))
-
-
-__all__ = [
-    "ACTUATE", "COUNT", "EVERYBODY", "RETRY_AT", "ROUND_AT", "TRANSMIT", "VERDICT", "Action", "Actuate", "RetryAt",
-    "RoundAt", "Transmit", "Verdict", "actuate", "clear", "decode", "encode", "is_earlier", "retry_at", "round_at",
-    "transmit", "verdict",
-]  # fmt: skip
+        append(w, VERDICT, action.auditee, int(action.refusal))

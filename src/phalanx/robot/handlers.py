@@ -31,25 +31,22 @@ order or with other bytes (attacks/liar.py).
 
 from __future__ import annotations
 
-from phalanx.bti import audit, request, rounds
-from phalanx.bti.audit import ACMD, INPUT, OUTPUT_HEAD_BYTES, OUTPUT_LENGTH, RECV, SEND
+from phalanx.bti import audit, log, request, rounds, trusted
+from phalanx.bti.audit import ACMD, INPUT, RECV, SEND
 from phalanx.bti.fleet import PAPER, PLAIN, Fleet
-from phalanx.bti.log import ENTRY_HEAD_BYTES, ENTRY_T
+from phalanx.bti.log import ENTRY_HEAD_BYTES, ENTRY_LENGTH, ENTRY_T
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.work import Work
 from phalanx.kernel import kernel, reads_peer
-from phalanx.wire.fields import Row, copy, get_u16, get_u32, put_u16, put_u32
+from phalanx.wire.fields import OUTPUT_HEAD_BYTES, OUTPUT_LENGTH, Row, copy, get_u16, get_u32, put_u16, put_u32
 from phalanx.wire.table import MAC_BYTES, STATE
 
 from . import actions
-from .chained import take
 from .controllers import dispatch
 from .replay import replay_bundled
 
 # What `on_packet` returns beside its actions; negative: the a-node refused the packet.
-NOTHING, HEARD, WHOLE, INSTALLED = 0, 1, 2, 3
-# Of the request that became whole last, and of the token that was installed last, in `work.told`.
-TOLD_TEE, TOLD_PLACE = 0, 1
+NOTHING, HEARD, WHOLE = 0, 1, 2
 ID_AT = STATE.at("id")  # as in every other broadcast of a controller's
 ID_BYTES = STATE.at("t") - ID_AT
 
@@ -107,7 +104,7 @@ def act(f: Fleet, i: int, w: Work, now: int, command: Row, length: int) -> int:
     """Pass a command through the a-node to the actuators, and log it. Returns: as `chain`."""
     n = take(f, i, w, ACMD, now, command, length)
     if n > 0:
-        actions.actuate(w, command, 0, length)
+        actions.carry(w, actions.ACTUATE, 0, command, 0, length)
     return n
 
 
@@ -116,7 +113,7 @@ def send(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int, to: int)
     """Pass a packet through the a-node to the radio, and log it unless it is audit traffic. Returns: as `chain`."""
     n = take(f, i, w, SEND, now, packet, length)
     if n > 0:
-        actions.transmit(w, w.entry, ENTRY_HEAD_BYTES, n - ENTRY_HEAD_BYTES, to)
+        actions.carry(w, actions.TRANSMIT, to, w.entry, ENTRY_HEAD_BYTES, n - ENTRY_HEAD_BYTES)
     return n
 
 
@@ -134,6 +131,49 @@ def think(f: Fleet, i: int, w: Work, length: int) -> int:
     return int(n)
 
 
+# --- what passes the trusted nodes: they chain it, and the c-node logs the same bytes. Source: RoboRebound §3.4 ---
+
+
+@kernel
+def plain(w: Work, kind: int, now: int, payload: Row, length: int) -> int:
+    """Write the entry as a trusted node would make it, where there is none. Source: docs/spec/rebound.md."""
+    if ENTRY_HEAD_BYTES + length > len(w.entry):
+        return -1
+    w.entry[0] = kind
+    put_u32(w.entry, ENTRY_T, now)
+    put_u16(w.entry, ENTRY_LENGTH, length)
+    copy(w.entry, ENTRY_HEAD_BYTES, payload, 0, length)
+    return int(ENTRY_HEAD_BYTES + length)
+
+
+@kernel
+def chain(f: Fleet, i: int, w: Work, kind: int, now: int, payload: Row, length: int) -> int:
+    """Have the trusted node chain a reading (INPUT), a packet (RECV, SEND) or a command (ACMD); write its entry.
+
+    The entry is in `w.entry`. What is behind its head may go on: to the c-node, the radio, the actuators.
+    Returns: the entry's length, or the node's error. Source: RoboRebound Alg. 3, Alg. 4.
+    """
+    profile = f.settings[0].profile
+    if profile == PLAIN:
+        return plain(w, kind, now, payload, length)
+    if kind == INPUT:
+        return int(trusted.snode_poll(profile, f.snode[i], now, payload, length, w.entry))
+    if kind == RECV:
+        return int(trusted.anode_recv(profile, f.anode[i], now, payload, length, w.entry))
+    if kind == SEND:
+        return int(trusted.anode_send(profile, f.anode[i], now, payload, length, w.entry))
+    return int(trusted.anode_actuate(profile, f.anode[i], now, payload, length, w.entry))
+
+
+@kernel
+def take(f: Fleet, i: int, w: Work, kind: int, now: int, payload: Row, length: int) -> int:
+    """Chain as `chain` does, and log the entry unless it is audit traffic."""
+    n = chain(f, i, w, kind, now, payload, length)
+    if n > 0 and f.settings[0].profile != PLAIN and (kind in (INPUT, ACMD) or not int(payload[0]) & request.AUDIT):
+        log.append(f, i, w.entry, n)
+    return n
+
+
 # --- auditor ---
 
 
@@ -141,8 +181,8 @@ def think(f: Fleet, i: int, w: Work, length: int) -> int:
 def on_packet(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) -> int:
     """A packet has arrived: passed on by the a-node, logged and given to the controller, or taken as audit traffic.
 
-    Returns: NOTHING; HEARD: it is logged, and for the controller; INSTALLED: it was a token; WHOLE: it completed a
-        request, at place `told[TOLD_PLACE]`, that a controller in plain Python has to replay. Negative: refused.
+    Returns: NOTHING; HEARD: it is logged, and for the controller; WHOLE: it completed a request, at `work.place[0]`,
+        that a controller in plain Python has to replay. Negative: refused.
     Source: RoboRebound Alg. 4, §3.7.
     """
     actions.clear(w)
@@ -187,9 +227,7 @@ def hear_audit(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) ->
         return hear_fragment(f, i, w, now, packet, length, src)
     if sub == request.TOKEN and length == request.TOKEN_FRAME_BYTES:
         t, mac = get_u32(packet, request.REPLY_T), packet[request.REPLY_MAC : request.TOKEN_FRAME_BYTES]
-        if rounds.on_token(f, i, src, t, mac, now) == 0:
-            w.told[TOLD_TEE] = src
-            return INSTALLED
+        rounds.on_token(f, i, src, t, mac, now)
     if sub == request.SEEK and length == request.AUDIT_HEAD_BYTES:
         n = request.hello_to(f, i, src, now, w.frame)
         if n > 0:
@@ -203,8 +241,7 @@ def hear_fragment(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int,
     place = request.take_fragment(f, i, packet, length, now)
     if place < 0:
         return NOTHING
-    w.told[TOLD_TEE] = src
-    w.told[TOLD_PLACE] = place
+    w.place[0] = place
     refused = knock(f, i, w, place, src)
     if refused == 0:
         if not request.admit(f, i, src, w.case[0].t, now):
@@ -218,10 +255,9 @@ def hear_fragment(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int,
 
 @kernel
 def knock(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
-    """The request has a form and its token request is the sender's a-node's; the token waits in `w.small[2]`.
+    """Check the request's form and its token request, and have the token made in `w.small[2]`: it goes out later.
 
-    Requests without a true token request must not count as audits: liars have any number of them, true ones are
-    limited by their a-nodes. Nothing else can tell but IssueToken. What it made goes out if the replay agrees.
+    Liars have any number of false token requests, which must not count as audits. Only IssueToken can tell.
     Returns: 0 or a `Refusal`. Source: RoboRebound §3.8, §5.1.
     """
     q = f.rx.rows[f.rx_info[i, place].row]
@@ -250,7 +286,7 @@ def judge(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
 def answer(f: Fleet, i: int, w: Work, now: int, place: int, src: int, refused: int) -> None:
     """Count the verdict on the request at `place`, and send the token if it is a good one."""
     r = f.robot[i]
-    actions.verdict(w, src, refused)
+    actions.append(w, actions.VERDICT, src, refused)
     if refused:
         r.audits_refused += 1
         return
@@ -282,10 +318,10 @@ def on_round(f: Fleet, i: int, w: Work, now: int, listened: int, busy: int) -> N
 @kernel
 def listen(f: Fleet, i: int, w: Work, now: int) -> bool:
     """Ask for the next round, and return whether this one waits until the robot has listened (request.listens)."""
-    actions.round_at(w, now + f.settings[0].t_audit, 0)
+    actions.append(w, actions.ROUND_AT, now + f.settings[0].t_audit, 0)
     wait_ms = request.listens(f, i, now, w.small[1])
     if wait_ms > 0:
-        actions.round_at(w, now + wait_ms, 1)
+        actions.append(w, actions.ROUND_AT, now + wait_ms, 1)
     return wait_ms > 0
 
 
@@ -359,4 +395,4 @@ def ask_with(f: Fleet, i: int, w: Work, now: int, length: int) -> None:
         return
     at_ms = rounds.next_retry(f, i, now)
     if at_ms >= 0:
-        actions.retry_at(w, at_ms)
+        actions.append(w, actions.RETRY_AT, at_ms, 0)

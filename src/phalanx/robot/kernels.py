@@ -12,6 +12,7 @@ from phalanx.wire.fields import (
     get_u32,
     get_u64,
     put_f32,
+    put_head,
     put_u16,
     put_u32,
     put_u64,
@@ -22,7 +23,6 @@ from phalanx.wire.fields import (
 from .controllers import neighbours
 from .controllers.declaration import Declaration
 from .controllers.flock_law import limited
-from .controllers.outputs import put_head
 from .controllers.parameters import Params
 from .controllers.sine import sine, sine_cosine
 

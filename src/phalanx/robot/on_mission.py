@@ -1,7 +1,4 @@
-"""What a swarm that lives an encoded mission shows beside robots: how far each is, and what has been decoded.
-
-Of what nobody has decoded there is nothing here to tell but how much it is.
-"""
+"""The state of a swarm that lives an encoded mission: how far each robot is, and what has been decoded."""
 
 from __future__ import annotations
 
@@ -21,13 +18,13 @@ Drift = tuple[int, int, int]
 
 
 def drift_of(way: float, turn: float, curve_radpm: float) -> Drift:
-    """What is told of a belief's drift: its shares, and radians per metre."""
+    """Return a belief's drift in these units, from its shares and radians per metre."""
     return round(1000 * way), round(1000 * turn), round(100 * math.degrees(curve_radpm))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Walk:
-    """How far one robot is."""
+    """The progress of one robot."""
 
     address: str
     name: str
@@ -95,29 +92,29 @@ class OnMission(Swarm, Protocol):
         """The building."""
 
     def walls_mm(self) -> list[list[int]]:
-        """x, y of both ends of each wall, in the area."""
+        """Return x, y of both ends of each wall, in the area."""
 
     def check(self, plain: Mission) -> None:
-        """Nothing, if these robots can live such a mission; asked before it is compiled, which takes its time.
+        """Check that these robots can live such a mission, before it is compiled, which takes its time.
 
         Raises: UsageError: they lack a sensor that it wants.
         """
 
     def prepare(self, plain: Mission, built: Sequence[Built]) -> Callable[[], None]:
-        """What has all robots begin a mission, of which each part is built, in their order, when it is called.
+        """Return a function that has all robots begin a mission, of which each part is built, in their order.
 
-        That raises PeerError if one must not.
+        It raises PeerError if one must not.
         Raises: UsageError: as `check`, or robots cannot be put where a part begins.
         """
 
     def progress(self) -> Progress | None:
-        """The mission that runs, or ran last."""
+        """Return the mission that runs, or ran last."""
 
     def walks(self) -> Sequence[Walk]:
-        """One for every robot."""
+        """Return one for every robot."""
 
     def lit(self) -> Sequence[Lit]:
-        """What was decoded and is somewhere, in the order in which it was."""
+        """Return what was decoded and has a place, in that order."""
 
     def news(self) -> Sequence[tuple[str, News]]:
-        """(address, what is new of that robot) since the last call, oldest first."""
+        """Return (address, news of that robot) since the last call, oldest first."""

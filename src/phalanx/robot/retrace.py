@@ -48,7 +48,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Where a log stops being an honest robot's, and why: `entry` counts from 0."""
+    """The place where a log stops being an honest robot's, and why: `entry` counts from 0."""
 
     entry: int
     t_ms: int
@@ -56,7 +56,7 @@ class Finding:
 
 
 def entries_of(raw: bytes) -> Iterator[Entry]:
-    """The entries, up to one that was cut short."""
+    """Yield the entries, up to one that was cut short."""
     data, at = row(raw), 0
     while at < len(raw):
         kind, _, end = map(int, log.piece_at(data, at, len(raw)))
@@ -68,69 +68,52 @@ def entries_of(raw: bytes) -> Iterator[Entry]:
         at = end
 
 
-class Retracer:
-    """Goes through logs of one mission.
+@reading_peer()
+def first_lie(
+    raw: bytes, rob_id: int, t_key_ms: int, config: BtiConfig, make: Callable[[int], Controller], mission_seed: int
+) -> Finding | None:
+    """Return the first entry that an honest robot's log would not have there; None for an honest log.
 
     Args:
-        make: what makes a robot's controller.
+        raw: the log from the mission key on; what is cut short at its end is left out.
+        t_key_ms: when its mission key was loaded, of its trusted nodes' clock.
+        make: makes a robot's controller.
         mission_seed: of the readings' phases.
+    Raises: PeerError: the log cannot be replayed because of a defect of ours, which is logged.
     """
+    # As numbers: a hostile log has 64 million entries of one byte.
+    entries = np.fromiter(((each.end, each.t_ms) for each in entries_of(raw)), ENTRIES)
+    if not entries.size:
+        return None
+    no_nodes = np.zeros((1, 8), np.uint8)
+    fleet = make_fleet(
+        1, config, np.zeros(1), profile=BOUND, controller=0, mission_seed=mission_seed, snode=no_nodes, anode=no_nodes
+    )
+    work = make_work(config)
+    newest = np.maximum.accumulate(entries["t_ms"])
+    # The check compares with the tops in a request's head, which a log has not: it is not to look behind the end.
+    q = row(raw + bytes(request.HEAD_BYTES))
 
-    def __init__(self, config: BtiConfig, make: Callable[[int], Controller], mission_seed: int) -> None:
-        nowhere = np.zeros((1, 8), np.uint8)
-        self._fleet = make_fleet(
-            1,
-            config,
-            np.zeros(1),
-            profile=BOUND,
-            controller=0,
-            mission_seed=mission_seed,
-            snode=nowhere,
-            anode=nowhere,
-        )
-        self._work, self._make = make_work(config), make
-        self._t_control, self._seed = config.t_control_ms, mission_seed
+    def begin(count: int) -> None:
+        c = work.case[0]
+        c.tee, c.at, c.end, c.waiting, c.step = rob_id, 0, entries["end"][count - 1], 0, 0
+        c.newest, c.t = t_key_ms, newest[count - 1]
+        c.due = t_key_ms + int(rounds.phase_of(mission_seed, rob_id, config.t_control_ms))
+        work.tops[:] = 0
 
-    def first_lie(self, raw: bytes, rob_id: int, t_key_ms: int) -> Finding | None:
-        """The first entry that an honest robot's log would not have there; None for an honest log.
+    def wrong(count: int) -> Refusal:
+        begin(count)
+        return Refusal(int(audit.check_chains(fleet, work, q)))
 
-        Args:
-            raw: the log from the mission key on; what is cut short at its end is left out.
-            t_key_ms: when its mission key was loaded, of its trusted nodes' clock.
-        Raises: PeerError: the log cannot be replayed because of a defect of ours, which is logged.
-        """
-        with reading_peer():
-            return self._first_lie(raw, rob_id, t_key_ms)
-
-    def _first_lie(self, raw: bytes, rob_id: int, t_key_ms: int) -> Finding | None:
-        # As numbers: a hostile log has 64 million entries of one byte.
-        entries = np.fromiter(((each.end, each.t_ms) for each in entries_of(raw)), ENTRIES)
-        if not entries.size:
-            return None
-        newest = np.maximum.accumulate(entries["t_ms"])
-        # The check compares with the tops in a request's head, which a log has not: it is not to look behind the end.
-        q = row(raw + bytes(request.HEAD_BYTES))
-
-        def begin(count: int) -> None:
-            c = self._work.case[0]
-            c.tee, c.at, c.end, c.waiting, c.step = rob_id, 0, entries["end"][count - 1], 0, 0
-            c.newest, c.t = t_key_ms, newest[count - 1]
-            c.due = t_key_ms + int(rounds.phase_of(self._seed, rob_id, self._t_control))
-            self._work.tops[:] = 0
-
-        def wrong(count: int) -> Refusal:
-            begin(count)
-            return Refusal(int(audit.check_chains(self._fleet, self._work, q)))
-
-        count, found = len(entries), None
-        refusal = wrong(count)
-        if refusal in OF_ENTRIES:
-            count = bisect_left(range(count), True, key=lambda n: wrong(n + 1) == refusal)
-            found = Finding(count, max(int(entries["t_ms"][count]), t_key_ms), refusal)
-        if count:
-            begin(count)
-            if replayed := replay(self._fleet, self._work, q, self._make(rob_id), is_claim=False):
-                # What was being read when it differed: an output, or what came when one was overdue.
-                number = int(np.searchsorted(entries["end"], int(self._work.case[0].at)))
-                return Finding(number, int(entries["t_ms"][number]), Refusal(replayed))
-        return found
+    count, found = len(entries), None
+    refusal = wrong(count)
+    if refusal in OF_ENTRIES:
+        count = bisect_left(range(count), True, key=lambda n: wrong(n + 1) == refusal)
+        found = Finding(count, max(int(entries["t_ms"][count]), t_key_ms), refusal)
+    if count:
+        begin(count)
+        if replayed := replay(fleet, work, q, make(rob_id), is_claim=False):
+            # What was being read when it differed: an output, or what came when one was overdue.
+            number = int(np.searchsorted(entries["end"], int(work.case[0].at)))
+            return Finding(number, int(entries["t_ms"][number]), Refusal(replayed))
+    return found

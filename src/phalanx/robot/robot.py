@@ -1,13 +1,13 @@
-"""One robot for callers in Python: events in, actions out.
+"""One robot for callers in Python: events in, actions out, step by step, with the kernels of `handlers`.
 
-A robot with a bundled controller runs whole handlers of `node`. One with a controller in plain Python runs their steps,
-with the controller in between. Attacks wrap a robot and use the same steps (attacks/wrapper.py).
+Controllers in plain Python decide between the steps. Attacks override some of them (attacks/liar.py).
 Source: RoboRebound §3; docs/spec/rebound.md (c-node).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from phalanx.kernel import reading_peer
 from phalanx.wire import guarded, table
 from phalanx.wire.fields import Row, get_u32, row
 
-from . import actions, chained, handlers
+from . import actions, handlers
 from .actions import EVERYBODY, Action
 from .controllers.evidence_controller import EvidenceController
 from .controllers.python_controller import (
@@ -33,9 +33,12 @@ from .controllers.python_controller import (
     Send,
     checked_outputs,
     checked_state,
+    kind_of,
     unpack_outputs,
 )
 from .replay import decide, replay, show_state
+
+MakeController: TypeAlias = Callable[[int], Controller]
 
 
 class Robot:
@@ -53,9 +56,7 @@ class Robot:
     Source: docs/spec/rebound.md.
     """
 
-    def __init__(
-        self, fleet: Fleet, i: int, work: Work, make_controller: Callable[[int], Controller] | None = None
-    ) -> None:
+    def __init__(self, fleet: Fleet, i: int, work: Work, make_controller: MakeController | None = None) -> None:
         self.f, self.i, self.w = fleet, i, work
         self.make_controller = make_controller
         # Asked for at every event: reading a record's field takes a microsecond.
@@ -76,17 +77,12 @@ class Robot:
 
     def on_reading(self, now_ms: int, reading: bytes) -> list[Action]:
         """The sensors were read: the s-node is polled, the controller decides, its outputs go out."""
-        if self.controller is None:
-            handlers.on_reading(self.f, self.i, self.w, now_ms, row(reading), len(reading))
-            return actions.decode(self.w)
         n = self.take(INPUT, now_ms, reading)
-        return [action for output in self.decide(n) for action in self.put_out(now_ms, output)] if n > 0 else []
+        return self.carry_out(now_ms, n) if n > 0 else []
 
     def on_advice(self, advice: bytes) -> None:
         """A planner has advised: log it, and give it to the controller. At most once a reading, or logs fill."""
-        if self.profile != PLAIN:
-            marked = guarded.ADVICE.encode(bytes=advice)
-            log.append(self.f, self.i, row(marked), len(marked))
+        self.record(guarded.ADVICE.encode(bytes=advice))
         if self.controller:
             self.controller.on_advice(advice)
             self.keep_state()
@@ -97,36 +93,62 @@ class Robot:
         """A packet has arrived at the a-node."""
         heard = handlers.on_packet(self.f, self.i, self.w, now_ms, row(packet), len(packet))
         if heard == handlers.HEARD and self.controller:
-            self.controller.on_recv(self._entry_time(), packet)
+            self.controller.on_recv(int(get_u32(self.w.entry, ENTRY_T)), packet)
             self._is_kept = False
         elif heard == handlers.WHOLE:
-            place, src = int(self.w.told[handlers.TOLD_PLACE]), int(self.w.told[handlers.TOLD_TEE])
+            place, src = int(self.w.place[0]), int(self.w.case[0].tee)
             return self.answer(now_ms, place, src, self._judge(place, src))
         return actions.decode(self.w)
 
     def on_round(self, now_ms: int, *, listened: bool) -> list[Action]:
         """T_audit has passed, or the robot has listened since: say HELLO, take a checkpoint, ask the first auditor."""
-        self.bring_up()
-        handlers.on_round(self.f, self.i, self.w, now_ms, listened, self.busy)
-        return actions.decode(self.w)
+        if listened:
+            return self.begin_round(now_ms)
+        asked, waits = self._done(handlers.listen, now_ms)
+        return asked if waits else asked + self.begin_round(now_ms)
 
     def on_retry(self, now_ms: int) -> list[Action]:
         """The retry time has passed: ask further robots if tokens are missing."""
-        self.bring_up()
-        handlers.on_retry(self.f, self.i, self.w, now_ms, self.busy)
-        return actions.decode(self.w)
+        asked, is_missing = self._done(handlers.seek, now_ms)
+        return asked + self.next_packet(now_ms) if is_missing else asked
 
     def on_sent(self, now_ms: int, *, arrived: bool) -> list[Action]:
         """The radio is done with the last fragment."""
-        self.bring_up()
-        handlers.on_sent(self.f, self.i, self.w, now_ms, arrived, self.busy)
-        return actions.decode(self.w)
+        if not arrived:
+            request.not_arrived(self.f, self.i, now_ms)
+        return self.next_packet(now_ms)
 
-    # --- steps of these, for attacks and controllers in Python --------------------------------------------------------
+    # --- steps of these -----------------------------------------------------------------------------------------------
+
+    def _done(self, step: Callable[..., Any], *args: int | Row) -> tuple[list[Action], int]:
+        """Carry out a step of the handlers; return its actions, and the number that it returned."""
+        actions.clear(self.w)
+        returned = step(self.f, self.i, self.w, *args)
+        return actions.decode(self.w), int(returned or 0)
 
     def take(self, kind: int, now_ms: int, payload: bytes) -> int:
         """Chain bytes in a trusted node, and log them; return the length of the entry in `work.entry`, or an error."""
-        return int(chained.take(self.f, self.i, self.w, kind, now_ms, row(payload), len(payload)))
+        return int(handlers.take(self.f, self.i, self.w, kind, now_ms, row(payload), len(payload)))
+
+    def record(self, raw: bytes | Row) -> None:
+        """Log an entry or a mark, where there are logs."""
+        if self.profile != PLAIN:
+            log.append(self.f, self.i, row(bytes(raw)), len(raw))
+
+    def carry_out(self, now_ms: int, entry_len: int) -> list[Action]:
+        """Decide on the INPUT in `work.entry`, and put out what that gives."""
+        asked = (self.checked("put_out", self.put_out(now_ms, output)) for output in self.decide(entry_len))
+        return [action for each in asked for action in each]
+
+    def checked(self, method: str, asked: object) -> list[Action]:
+        """Return what a method returned if that is actions: an attack may be a researcher's own.
+
+        Raises: OwnMistake: it is not.
+        """
+        if isinstance(asked, list) and all(isinstance(each, Action) for each in asked):
+            return asked
+        wrong = next(each for each in asked if not isinstance(each, Action)) if isinstance(asked, list) else asked
+        raise OwnMistake(f"{method} returned {kind_of(wrong)}", "a list of actions, empty for nothing", self, method)
 
     def decide(self, entry_len: int) -> list[Send | Act]:
         """Return the controller's outputs for the INPUT in `work.entry`."""
@@ -134,7 +156,7 @@ class Robot:
             n = handlers.think(self.f, self.i, self.w, entry_len)
             return unpack_outputs(self.w.out[:n].tobytes())
         reading = self.w.entry[ENTRY_HEAD_BYTES:entry_len].tobytes()
-        step, t_ms = self.step, self._entry_time()
+        step, t_ms = int(self._step_of[self.i]), int(get_u32(self.w.entry, ENTRY_T))
         evidence = b""
         if isinstance(self.controller, EvidenceController):
             evidence = self.evidence(step, t_ms, reading)
@@ -146,13 +168,8 @@ class Robot:
             self.keep_state()
         return checked_outputs(outputs, self._frame_max, self.controller)
 
-    @property
-    def step(self) -> int:
-        """How many readings it has had."""
-        return int(self._step_of[self.i])
-
     def evidence(self, step: int, t_ms: int, reading: bytes) -> bytes:
-        """What to keep of `raw`: nothing if the log is half full, as the rest is for what comes without being asked."""
+        """Return what to keep of `raw`: nothing if the log is half full, as the rest is for unasked packets."""
         assert isinstance(self.controller, EvidenceController)
         kept = self.controller.keep(step, t_ms, reading, self.raw)
         if self.profile == PLAIN:
@@ -163,9 +180,8 @@ class Robot:
 
     def keep_evidence(self, evidence: bytes) -> None:
         """Log the evidence, right behind its INPUT."""
-        if evidence and self.profile != PLAIN:
-            marked = table.EVIDENCE.encode(bytes=evidence)
-            log.append(self.f, self.i, row(marked), len(marked))
+        if evidence:
+            self.record(table.EVIDENCE.encode(bytes=evidence))
 
     def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
         """Pass one output through the a-node."""
@@ -175,14 +191,11 @@ class Robot:
 
     def act(self, now_ms: int, command: bytes) -> list[Action]:
         """Pass a command through the a-node, and log it."""
-        actions.clear(self.w)
-        handlers.act(self.f, self.i, self.w, now_ms, row(command), len(command))
-        return actions.decode(self.w)
+        return self._done(handlers.act, now_ms, row(command), len(command))[0]
 
     def send(self, now_ms: int, packet: bytes, to: int) -> list[Action]:
         """Pass a packet through the a-node, and log it unless it is audit traffic."""
-        actions.clear(self.w)
-        n = handlers.send(self.f, self.i, self.w, now_ms, row(packet), len(packet), to)
+        asked, n = self._done(handlers.send, now_ms, row(packet), len(packet), to)
         if n == trusted.E_AIRTIME and self.is_own and not packet[0] & request.AUDIT:
             # Else it would be stopped for an output that its log lacks, and nobody would know why.
             raise OwnMistake(
@@ -190,55 +203,31 @@ class Robot:
                 "shorter frames, or fewer: in each state period as much airtime as four of 27 bytes",
                 self.controller,
             )
-        return actions.decode(self.w)
+        return asked
 
     def answer(self, now_ms: int, place: int, auditee: int, refusal: int) -> list[Action]:
         """End the audit of the request at `place`."""
-        actions.clear(self.w)
-        handlers.answer(self.f, self.i, self.w, now_ms, place, auditee, refusal)
-        return actions.decode(self.w)
-
-    def listen(self, now_ms: int) -> tuple[list[Action], bool]:
-        """Return when the next round is, and whether this one waits until the robot has listened."""
-        actions.clear(self.w)
-        waits = handlers.listen(self.f, self.i, self.w, now_ms)
-        return actions.decode(self.w), bool(waits)
+        return self._done(handlers.answer, now_ms, place, auditee, refusal)[0]
 
     def begin_round(self, now_ms: int) -> list[Action]:
-        """Open a round, and say HELLO."""
-        actions.clear(self.w)
-        handlers.begin_round(self.f, self.i, self.w, now_ms)
-        return actions.decode(self.w)
+        """Open a round: say HELLO, and ask the first auditor."""
+        return self._done(handlers.begin_round, now_ms)[0] + self.next_packet(now_ms)
 
-    def seek(self, now_ms: int) -> tuple[list[Action], bool]:
-        """Ask again who is there, if that is due; return whether tokens are missing."""
-        actions.clear(self.w)
-        is_missing = handlers.seek(self.f, self.i, self.w, now_ms)
-        return actions.decode(self.w), bool(is_missing)
-
-    def not_arrived(self, now_ms: int) -> None:
-        """Note that the last fragment did not arrive."""
-        request.not_arrived(self.f, self.i, now_ms)
-
-    def next_fragment(self, now_ms: int) -> int:
-        """Write the next fragment of the request under way to `work.frame`; return its length, 0 if there is none."""
-        return int(request.next_fragment(self.f, self.i, now_ms, self.w.frame))
+    def next_packet(self, now_ms: int) -> list[Action]:
+        """Send the next fragment of an audit request, or say when to retry."""
+        if self.busy:
+            return []
+        n = request.next_fragment(self.f, self.i, now_ms, self.w.frame)
+        if n == 0 and self.make_request(now_ms):
+            n = request.next_fragment(self.f, self.i, now_ms, self.w.frame)
+        return self._done(handlers.ask_with, now_ms, n)[0]
 
     def make_request(self, now_ms: int) -> bool:
         """Make a request for an audit in `fleet.request`; return whether there is one."""
         self.bring_up()  # its checkpoint is made now
         return bool(request.make_request(self.f, self.i, now_ms, *self.w.small[:3]) > 0)
 
-    def ask_with(self, now_ms: int, length: int) -> list[Action]:
-        """Send the fragment in `work.frame`; without one, say when to retry."""
-        actions.clear(self.w)
-        handlers.ask_with(self.f, self.i, self.w, now_ms, length)
-        return actions.decode(self.w)
-
     # --- plain-Python controllers ---
-
-    def _entry_time(self) -> int:
-        return int(get_u32(self.w.entry, ENTRY_T))
 
     def keep_state(self) -> None:
         """Write what a controller in plain Python remembers to where checkpoints are made from."""
@@ -252,12 +241,12 @@ class Robot:
         self._is_kept = True
 
     def bring_up(self) -> None:
-        """Its state in the fleet's memory is up to date, for a checkpoint or for whoever looks there."""
+        """Bring its state in the fleet's memory up to date."""
         if not self._is_kept:
             self.keep_state()
 
     def _judge(self, place: int, src: int) -> int:
-        """As `handlers.judge`, with the mission's plain-Python controller."""
+        """Audit as `handlers.judge` does, with the mission's plain-Python controller."""
         info = self.f.rx_info[self.i, place]
         q, length = self.f.rx.rows[info.row], int(info.len)
         try:

@@ -14,7 +14,6 @@ from phalanx.config import BtiConfig
 
 from .actions import Action, Actuate, RetryAt, RoundAt, Transmit, Verdict, is_earlier
 from .attacks.liar import Liar
-from .attacks.wrapper import Wrapper
 from .robot import Robot
 
 # Soon after the mission key, and at another moment for each robot.
@@ -42,13 +41,13 @@ class Runtime:
         in_safe_mode: whether the a-node has stopped it; nothing is due any more.
     """
 
-    def __init__(self, robot: Robot | Wrapper, config: BtiConfig, now_ms: int) -> None:
+    def __init__(self, robot: Robot, config: BtiConfig, now_ms: int) -> None:
         self.robot, self._config = robot, config
         self.in_safe_mode = False
         robot.on_boot(now_ms)
         seed = int(robot.f.settings[0].mission_seed)
-        self._rounds = [(now_ms + first_round_ms(seed, robot.id, config.t_audit_ms), False)]
-        self._retries: list[int] = []  # each comes, though an earlier one was asked for later
+        # When a round or a retry is due, whether it is a retry, and whether the robot has listened. Each comes.
+        self._audits = [(now_ms + first_round_ms(seed, robot.id, config.t_audit_ms), False, False)]
         self._retry_ms = -1
         self.check_ms = now_ms + config.p_check_ms
         self.wake_ms = NEVER_MS
@@ -64,7 +63,7 @@ class Runtime:
     @property
     def audit_ms(self) -> int:
         """The next round, or when further robots are asked."""
-        return min([self._rounds[0][0], *self._retries[:1]])
+        return self._audits[0][0]
 
     @property
     def due_ms(self) -> int:
@@ -80,12 +79,11 @@ class Runtime:
 
     def on_audit(self, now_ms: int) -> list[Done]:
         """Do what is due of the audits at `audit_ms`."""
-        if self.audit_ms == self._rounds[0][0]:
-            due_ms, listened = heapq.heappop(self._rounds)
-            return self._kept(now_ms, self.robot.on_round(now_ms, listened=listened), now_ms - due_ms)
-        heapq.heappop(self._retries)
-        self._retry_ms = -1
-        return self._kept(now_ms, self.robot.on_retry(now_ms))
+        due_ms, is_retry, listened = heapq.heappop(self._audits)
+        if is_retry:
+            self._retry_ms = -1
+            return self._kept(now_ms, self.robot.on_retry(now_ms))
+        return self._kept(now_ms, self.robot.on_round(now_ms, listened=listened), now_ms - due_ms)
 
     def on_wake(self, now_ms: int) -> list[Done]:
         """It is an attacker's own turn."""
@@ -116,12 +114,12 @@ class Runtime:
             if isinstance(action, RoundAt):
                 # Rounds keep their pace, however late one of them is.
                 at_ms = action.at_ms if action.listened else action.at_ms - late_ms
-                heapq.heappush(self._rounds, (at_ms, action.listened))
+                heapq.heappush(self._audits, (at_ms, False, action.listened))
             elif isinstance(action, RetryAt):
                 at_ms = max(action.at_ms, now_ms)
                 if is_earlier(at_ms, self._retry_ms):
                     self._retry_ms = at_ms
-                    heapq.heappush(self._retries, at_ms)
+                    heapq.heappush(self._audits, (at_ms, True, False))
             else:
                 done.append(action)
         return done

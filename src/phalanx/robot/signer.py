@@ -1,6 +1,6 @@
-"""Who signs what robots check: orders of a gateway or an operator, and advice.
+"""Sign orders of a gateway or an operator, and advice.
 
-What robots make of them: controllers/orders.py, controllers/bundled/guard.py.
+Robots check them in controllers/orders.py and controllers/bundled/guard.py.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Signer:
 
     @property
     def public(self) -> bytes:
-        """What robots know it by, 32 bytes."""
+        """The public key, 32 bytes."""
         return self._key.public_key().public_bytes_raw()
 
     def wheels(self, robot: int, said_ms: int, left_pct: int, right_pct: int) -> bytes:
@@ -72,7 +72,7 @@ class Signer:
         return self._order(robot, said_ms, TELL_ROUTE, body)
 
     def beacon(self, said_ms: int) -> bytes:
-        """Nothing, to everybody, each second: from when it comes robots learn what is late."""
+        """Order nothing of everybody, each second: by its time robots learn what is late."""
         return self._order(EVERYBODY, said_ms, TELL_NOTHING)
 
     def stop(self, said_ms: int) -> bytes:
@@ -80,7 +80,7 @@ class Signer:
         return self._order(EVERYBODY, said_ms, TELL_STOP)
 
     def go(self, said_ms: int) -> bytes:
-        """Orders to move may be obeyed again."""
+        """Allow orders to move again."""
         return self._order(EVERYBODY, said_ms, TELL_GO)
 
     def _order(self, robot: int, said_ms: int, action: int, body: bytes = b"") -> bytes:
@@ -107,7 +107,7 @@ class AdviceSigner:
 
     @property
     def public(self) -> bytes:
-        """What robots know it by, 32 bytes."""
+        """The public key, 32 bytes."""
         return self._key.public_key().public_bytes_raw()
 
     def sign(self, robot: int, t_ms: int, wish: bytes) -> bytes:

@@ -1,4 +1,4 @@
-"""The station that a gateway and its operator speak through, to robots that check who ordered what.
+"""The station that sends signed orders of a gateway and its operator, and the swarm of robots that obey it.
 
 It says the gateway's beacon and the operator's stop to all, and visitors' orders each to its robot, all of it signed.
 It speaks no faster than the channel and a robot's log have room for, whatever visitors do: of several orders of one
@@ -9,13 +9,18 @@ simulation, or of a gateway.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Protocol
 
+from phalanx.errors import UsageError
 from phalanx.wire.driven import EVERYBODY
 from phalanx.wire.table import ENTRY_HEADER_BYTES
 
+from .controllers import orders
+from .roster import Member, Roster
 from .signer import Signer
+from .swarm import Led, Point
 
 # A robot's log has room for so many bytes of orders a second.
 ORDER_BYTES_PER_S = 700
@@ -30,16 +35,16 @@ Make = Callable[[int, int], bytes]
 
 
 class Air(Protocol):
-    """What a station speaks through."""
+    """The radio of a station."""
 
     def is_busy(self) -> bool:
-        """Whether what was said last is still waiting to go out."""
+        """Return whether the last frame still waits to go out."""
 
     def is_deaf(self, robot: int) -> bool:
-        """Whether it is known that the robot was stopped for good."""
+        """Return whether the robot is known to be stopped for good."""
 
     def say(self, frame: bytes, robot: int) -> None:
-        """The frame goes out to a robot, or to EVERYBODY."""
+        """Send a frame to a robot, or to EVERYBODY."""
 
 
 class Station:
@@ -63,16 +68,16 @@ class Station:
         self._told: dict[int, int] = {}
 
     def tell(self, robot: int, kind: int, make: Make) -> None:
-        """An order for the robot waits, in the place of one of its kind; for any thread."""
+        """Queue an order for the robot, in the place of one of its kind; for any thread."""
         self._waiting[robot, kind] = make
 
     def release(self) -> None:
-        """Robots may be driven again, and are told so, whoever had them stand: a station before this one, too."""
+        """Let robots be driven again, and tell them so: a station before this one may have had them stand."""
         self.held = False
         self._let_go = True
 
     def hush(self) -> None:
-        """No colour waits any longer, and no order for its robot's log: for the last words."""
+        """Drop waiting colours, and wait for no robot's log: for the last orders."""
         self._drop(COLOUR)
 
     @property
@@ -81,11 +86,11 @@ class Station:
         return bool(self._waiting or self._at_once)
 
     def told(self, robot: int) -> int | None:
-        """The number of the last order to the robot; None if one to move is still to be said."""
+        """Return the number of the last order to the robot; None if one to move still waits."""
         return None if (robot, MOTION) in self._waiting else self._told.get(robot, 0)
 
     def speak(self, air: Air, now_s: float, said_ms: int) -> float:
-        """What is due goes out, one frame at a time; `said_ms` is the signers' clock.
+        """Send what is due, one frame at a time; `said_ms` is the signers' clock.
 
         Returns: when to ask again, s; never if nothing waits.
         """
@@ -139,3 +144,53 @@ class Station:
     def _say(self, air: Air, frame: bytes, robot: int, now_s: float) -> None:
         air.say(frame, robot)
         self._may_speak_at_s = now_s + 1 / ORDERS_PER_S
+
+
+class Ordered(Roster):
+    """Members of a simulated or real swarm that obey one station; `ids` has the robots' ids, by row."""
+
+    def __init__(self, members: Iterable[Member], ids: Sequence[int], station: Station) -> None:
+        super().__init__(members)
+        self._ids, self._station = ids, station
+
+    @property
+    def longest_route(self) -> int:
+        """Most points of a route."""
+        return orders.WAYPOINTS_MAX
+
+    def drive(self, address: str, left_pct: int, right_pct: int) -> None:
+        """Turn the wheels for 300 ms; ends waypoint following."""
+        i = self._find(address)
+        self._members[i].route = ()
+        left, right = max(-100, min(100, left_pct)), max(-100, min(100, right_pct))
+        self._tell(i, MOTION, partial(self._station.gateway.wheels, left_pct=left, right_pct=right))
+
+    def hold(self) -> None:
+        """All that do not lie stand still until `release`: the operator says so to all, before all else, and again."""
+        self._station.held = True
+        for each in self._members:
+            each.route = ()
+
+    def release(self) -> None:
+        """They may be driven again."""
+        self._station.release()
+
+    def set_led(self, address: str, led: Led) -> None:
+        """Show a colour."""
+        self._show(self._find(address), led)
+
+    def _show(self, i: int, led: Led) -> None:
+        self._tell(i, COLOUR, partial(self._station.gateway.led, red=led.red, green=led.green, blue=led.blue))
+
+    def _follow(self, i: int, route: Sequence[Point], threshold_mm: float, here: Point) -> None:
+        """Robot i, which is `here`, is to visit these points. Raises: UsageError: more than `longest_route`."""
+        if len(route) > self.longest_route:
+            raise UsageError(f"a route of {len(route)} points", f"at most {self.longest_route}")
+        points = [(round(point.x_mm), round(point.y_mm)) for point in route]
+        near = round(min(max(threshold_mm, 1), orders.THRESHOLD_MAX_MM))
+        self._tell(i, MOTION, partial(self._station.gateway.route, threshold_mm=near, points_mm=points))
+        self._members[i].route = (here, *route) if route else ()
+        self._members[i].threshold_mm = threshold_mm
+
+    def _tell(self, i: int, kind: int, make: partial[bytes]) -> None:
+        self._station.tell(self._ids[i], kind, make)

@@ -58,7 +58,7 @@ class Swarm(Protocol):
         """Width and height of the area."""
 
     def robots(self) -> Sequence[Robot]:
-        """Every robot that is there now."""
+        """Return every robot that is there now."""
 
     def drive(self, address: str, left_pct: int, right_pct: int) -> None:
         """Turn the wheels, -100..100, until told otherwise; ends waypoint following."""
@@ -100,3 +100,73 @@ class Stepped(Swarm, Protocol):
 
     def step(self, dt_s: float) -> None:
         """Let so many seconds pass."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shield:
+    """One robot's shield at one moment."""
+
+    address: str
+    needed: int  # f_max + 1, fresh tokens that keep it alive
+    full_s: float  # T_val, how long a token counts
+    vouchers: tuple[tuple[str, float], ...]  # addresses, each with the seconds for which it still counts, longest first
+    safe_mode: bool  # it has been stopped
+    attack: str  # name of the one it runs, as the operator chose it; "" for an honest robot. Visitors are not told
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Audit:
+    """An audit that has ended, and between whom, by address."""
+
+    auditor: str
+    auditee: str
+    refusal: str  # why no token was issued, in words; "" if one was
+
+
+@dataclass(frozen=True, slots=True)
+class AttackChoice:
+    """An attack that an operator can have a robot run: its name, and what it does."""
+
+    name: str
+    does: str
+
+
+@runtime_checkable
+class Shielded(Routed, Protocol):
+    """A swarm whose robots audit each other; their orders are logged, and sent by radio."""
+
+    def shields(self) -> Sequence[Shield]:
+        """Return one for every robot."""
+
+    def new_audits(self) -> Sequence[Audit]:
+        """Return those that ended since the last call, oldest first."""
+
+    def attacks(self) -> Sequence[AttackChoice]:
+        """Return what a robot can be made to do."""
+
+    def compromise(self, address: str, attack: str) -> None:
+        """Have the robot lie from now on.
+
+        Raises: Unknown: no such robot, or no such attack; or it is compromised or stopped already.
+        """
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Done:
+    """The results of a swarm's work lately."""
+
+    name: str  # of the work
+    score: float | None  # None while there was nothing to count
+    counts: str  # what the score counts, and its unit: "% watched"
+    lately_s: float  # so far back it counts
+
+
+@runtime_checkable
+class AtWork(Swarm, Protocol):
+    """A swarm that may have work of its own, which it does while nobody drives it."""
+
+    def done(self) -> Done | None:
+        """Return its results; called about once a second, None where robots wait for people."""
+
+    def things(self) -> Sequence[Point]:
+        """Return the places of the things that the work is about, those in the area."""

@@ -16,11 +16,14 @@ from phalanx.arrays import U8x1
 from phalanx.kernel import intrinsic, kernel
 
 from .record import LARGEST_F32, LARGEST_NUMBER, Field
+from .table import OUTPUT, STATE
 
 assert sys.byteorder == "little", "numbers lie in memory as they do on the wire"
 Row: TypeAlias = U8x1
 
 U32_BYTES, F32_BYTES = (Field("", kind, "").size for kind in ("u32", "f32"))
+OUTPUT_HEAD_BYTES, OUTPUT_LENGTH = OUTPUT.size, OUTPUT.at("payload")
+ID, TIME = map(STATE.at, ("id", "t"))  # as in every message of a controller's
 _INT64: Any = np.int64
 
 
@@ -118,6 +121,18 @@ def put_f32(row: Row, at: int, value: float) -> None:
 def move(to: Row, to_at: int, source: Row, source_at: int, length: int) -> None:
     """Copy `length` bytes, 0 or more; the rows may be the same, and the places overlap."""
     to[to_at : to_at + length] = source[source_at : source_at + length].copy()
+
+
+@kernel
+def put_head(out: Row, at: int, entry: int, length: int, kind: int, rob_id: int, t_ms: int) -> int:
+    """Write the head of an `output` of a controller, and its message's kind, id and time; return where that begins."""
+    out[at] = entry
+    put_u16(out, at + OUTPUT_LENGTH, length)
+    begin = at + OUTPUT_HEAD_BYTES
+    out[begin] = kind
+    put_u16(out, begin + ID, rob_id)
+    put_u64(out, begin + TIME, t_ms)
+    return begin
 
 
 @kernel

@@ -39,9 +39,9 @@ from phalanx.mission.graph import Node
 from phalanx.mission.landmarks import FloorPlan, LaserScan
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.robot.attacks.attack import Attack, Verdict
+from phalanx.robot.attacks.harm import FALSE_FIX_M, FALSE_FIX_RAD, Guessed, Walked
 from phalanx.robot.attacks.missions.between import Between, MissionPlan, Sent
 from phalanx.robot.attacks.missions.guesses import Guess
-from phalanx.robot.attacks.missions.harm import FALSE_FIX_M, FALSE_FIX_RAD, Guessed, Walked
 from phalanx.robot.attacks.missions.unprotected import PlainWalker
 from phalanx.sim.building.odometry import OdometryNoise, Pose
 from phalanx.sim.missions.body import Building

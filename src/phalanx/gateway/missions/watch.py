@@ -9,8 +9,8 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from typing import Any
 
-from phalanx.robot.at_work import AtWork
 from phalanx.robot.on_mission import Decoded, Lit, News, NotValidated, OnMission, Progress, Walk
+from phalanx.robot.swarm import AtWork
 
 TELL_EVERY_S = LOOK_EVERY_S = 1.0
 MOST_THINGS = 32

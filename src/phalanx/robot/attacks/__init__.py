@@ -1,16 +1,14 @@
 """The attacks: what each is (library.py), and who carries it out: the same robot, lying, in one class each."""
 
-from .attack import Attack, Verdict, own_attack
-from .library import ATTACKS, IN_FLOCKS, IN_PROTOCOLS, IN_SWARMS, LIBRARY, ON_MISSIONS
+from .attack import Attack, own_attack
+from .library import ATTACKS, IN_FLOCKS, IN_PROTOCOLS, IN_SWARMS, ON_MISSIONS
 
 __all__ = [
     "ATTACKS",
     "IN_FLOCKS",
     "IN_PROTOCOLS",
     "IN_SWARMS",
-    "LIBRARY",
     "ON_MISSIONS",
     "Attack",
-    "Verdict",
     "own_attack",
 ]

@@ -44,7 +44,7 @@ class Option:
     least: float = 0.0
 
     def takes(self, value: float | str) -> bool:
-        """Whether it may be this."""
+        """Return whether it may be this."""
         if self.values:
             return value in self.values
         return not isinstance(value, str) and self.least <= value < math.inf
@@ -80,11 +80,11 @@ class Attack:
         return kind
 
     def liars(self, f_max: int) -> int:
-        """How many robots it takes, of the f_max that are tolerated."""
+        """Return how many robots it takes, of the f_max that are tolerated."""
         return f_max if self.crowd else 1
 
     def check(self, options: Mapping[str, float | str]) -> None:
-        """All that is asked of it is something that it does.
+        """Check that all options are options of this attack.
 
         Raises: UsageError: it has no such option, or not with that value.
         """
@@ -101,12 +101,12 @@ class Attack:
                 raise UsageError(f"options of {self.name} have {name}={shown}", f"{name} is {allowed}")
 
     def idle(self, options: Mapping[str, float | str], defence: Defence) -> list[str]:
-        """The options that make no difference under the defence, by name."""
+        """Return the options that make no difference under the defence, by name."""
         return [name for name in options if defence not in self.options[name].defences]
 
 
 def own_attack(made: Attack | type[Any]) -> Attack:
-    """The record of an attack that is not in the library; a class's name and docstring say what it is.
+    """Return the record of an attack that is not in the library; a class's name and docstring say what it is.
 
     Raises: UsageError: it is neither, or never does what its `on_wake` says.
     """
@@ -123,6 +123,6 @@ def own_attack(made: Attack | type[Any]) -> Attack:
 
 
 def _never_wakes(made: Any) -> bool:
-    """Whether a `Liar` has something to do out of turn, and is never called for it."""
+    """Return whether a `Liar` has an `on_wake` that is never called."""
     roots = [each for each in made.__mro__ if "period_ms" in vars(each)]
     return bool(roots) and not made.period_ms and made.on_wake is not roots[-1].on_wake

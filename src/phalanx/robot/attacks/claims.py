@@ -1,20 +1,91 @@
-"""False words about who and where the robot is: in another name, in its own, another to each, or not even a number."""
+"""False claims: who and where a robot is, what it does in other protocols, and orders in the gateway's name."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import ClassVar
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from phalanx.bti.fleet import PLAIN
 from phalanx.robot.actions import EVERYBODY, Action
-from phalanx.wire.table import KIND_STATE
+from phalanx.robot.controllers.peer_bodies import fields_of
+from phalanx.robot.controllers.peers import PeerController
+from phalanx.robot.controllers.places import PLACES, PlaceController
+from phalanx.robot.controllers.python_controller import Act, Send
+from phalanx.wire import driven
+from phalanx.wire.driven import GATEWAY, ORDER, SIGNATURE_BYTES, SIGNER_KEY_BYTES, TELL_STOP, TELL_WHEELS
+from phalanx.wire.protocols import CLAIM, KIND_CLAIM, KIND_SIGHTING, NOWHERE, SIGHTING
 
-from .liar import MOTION, Liar, Motion
-from .silence import OmitSends
-from .spoof import spoofed_state
+from .attack import Scene
+from .hijack import OmitSends
+from .liar import Liar, Motion
 
+# Each victim hears a lie in each control period: the adversary broadcasts "faster than correct c-nodes". Several liars
+# may share the work: ten of them at that pace fill the channel by themselves.
+LIES_PERIOD_S = 0.25
+LIES_MPS, TOLD_APART_MPS = 1.0, 1e-6
 INVENTED = 60_000  # ids from here on are nobody's
+MOST = 2**63 - 1  # the highest number that a robot takes
+
+
+def spoofed_state(
+    victim_pos: tuple[float, float], goal: tuple[float, float], z: float = 150.0, eps: float = 2.0
+) -> tuple[float, float, float, float]:
+    """Position (m) and velocity (m/s) that another robot has, as the liar tells it: in the way of the victim.
+
+    Nearer than z: 1 m from the victim, towards the goal. Farther: z - eps from the goal, on the victim's way. In both
+    cases moving away from the goal at 1 m/s. The paper calls z the maximum distance that is kept between victim and
+    goal; as the formula has it, it is the minimum. The paper's velocity is printed as a second x_spoof.
+    All in m.
+    Source: RoboRebound §5.3.
+    """
+    dx, dy = victim_pos[0] - goal[0], victim_pos[1] - goal[1]
+    distance = math.hypot(dx, dy)
+    # A victim on the goal has no way to it: any direction will do.
+    ux, uy = (dx / distance, dy / distance) if distance > 0.0 else (1.0, 0.0)
+    if distance <= z:
+        return victim_pos[0] - ux, victim_pos[1] - uy, ux, uy
+    return goal[0] + (z - eps) * ux, goal[1] + (z - eps) * uy, ux, uy
+
+
+class Spoof(Liar):
+    """Claims, in the name of a random other robot and for one victim after the other, to be in the victim's way.
+
+    Each victim is lied to each `every` seconds. With `strong=1`, where no a-node makes a broadcast of each frame, every
+    other robot is claimed to be in the way of each victim, which alone hears of it.
+    Source: RoboRebound §5.3; the choice of whose name is ours (docs/spec/rebound.md).
+    """
+
+    period_ms = 10
+    _turn = 0
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._period_ms = max(1, round(1000 * float(self.plan.options.get("every", LIES_PERIOD_S))))
+        self._strong = bool(self.plan.options.get("strong")) and self.profile == PLAIN
+
+    def saw(self, rob_id: int, motion: Motion) -> None:
+        """Accomplices know each other's lies by their pace, and do not fall for them."""
+        if not (self.plan.accomplices and abs(math.hypot(motion.vx_mps, motion.vy_mps) - LIES_MPS) < TOLD_APART_MPS):
+            super().saw(rob_id, motion)
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        victims = sorted(self.seen)
+        due = (now_ms - self.plan.start_ms) * len(victims) // self._period_ms
+        self._turn = max(self._turn, due - len(victims))
+        actions: list[Action] = []
+        while self._turn < due:
+            victim = victims[self._turn % len(victims)]
+            self._turn += 1
+            names = [rob_id for rob_id in self.others() if rob_id != victim]
+            if names and not self._strong:
+                names = [names[int(self.plan.chance.integers(len(names)))]]
+            for name in names:
+                lie = _in_the_way(self, self.seen[victim])
+                actions += self.claim_motion(now_ms, name, lie, victim if self._strong else EVERYBODY)
+        return actions
 
 
 class Masquerade(OmitSends):
@@ -26,38 +97,27 @@ class Masquerade(OmitSends):
     period_ms = 250
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """What the other robot is claimed to say."""
         if len(self.seen) < 2:
             return []
         mask = min(self.seen)
-        victim = self.nearest({rob_id: motion for rob_id, motion in self.seen.items() if rob_id != mask})
-        return self.send(now_ms, _in_the_way(mask, now_ms, victim, self.plan.goal_m), EVERYBODY)
-
-    def nearest(self, robots: Mapping[int, Motion]) -> Motion:
-        """Of some robots the one that is nearest."""
-        return min(robots.values(), key=lambda other: math.hypot(other.x_m - self.me.x_m, other.y_m - self.me.y_m))
+        return self.claim_motion(now_ms, mask, _in_the_way(self, self.nearest(but=mask)))
 
 
 class FalseState(Masquerade):
     """Says of itself that it stands in the nearest robot's way."""
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """Its own state, as it tells it."""
-        if not self.seen:
-            return []
-        return self.send(now_ms, _in_the_way(self.id, now_ms, self.nearest(self.seen), self.plan.goal_m), EVERYBODY)
+        return self.claim_motion(now_ms, self.id, _in_the_way(self, self.nearest())) if self.seen else []
 
 
-class Equivocate(FalseState):
+class Equivocate(Masquerade):
     """Tells each victim another state of its own: to each alone where it can, else one after the other to all."""
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """To each its own."""
         alone = self.profile == PLAIN
         actions: list[Action] = []
         for victim, motion in sorted(self.seen.items()):
-            state = _in_the_way(self.id, now_ms, motion, self.plan.goal_m)
-            actions += self.send(now_ms, state, victim if alone else EVERYBODY)
+            actions += self.claim_motion(now_ms, self.id, _in_the_way(self, motion), victim if alone else EVERYBODY)
         return actions
 
 
@@ -75,10 +135,10 @@ class Expel(Liar):
     _turn = 0
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """One more of them, when the bucket is full enough for it."""
         if len(self.seen) < 2:
             return []
-        middle_x, middle_y = (sum(each) / len(self.seen) for each in zip(*map(_place, self.seen.values()), strict=True))
+        heard = self.seen.values()
+        middle_x, middle_y = (sum(each) / len(heard) for each in zip(*((at.x_m, at.y_m) for at in heard), strict=True))
 
         def out_m(other: Motion) -> float:
             return math.hypot(other.x_m - middle_x, other.y_m - middle_y)
@@ -88,8 +148,7 @@ class Expel(Liar):
         far_m = max(out_m(victim), 1e-9)
         away_x, away_y = (victim.x_m - middle_x) / far_m, (victim.y_m - middle_y) / far_m
         claim = victim.x_m - away_x, victim.y_m - away_y, self.FASTEST_MPS * away_x, self.FASTEST_MPS * away_y
-        name = INVENTED + self._turn % self.NAMES
-        actions = self.send(now_ms, MOTION.pack(KIND_STATE, name, now_ms, *claim), EVERYBODY)
+        actions = self.claim_motion(now_ms, INVENTED + self._turn % self.NAMES, claim)
         self._turn += bool(actions)
         return actions
 
@@ -100,17 +159,142 @@ class NotANumber(Liar):
     period_ms = 100
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """One more of them."""
-        others = [rob_id for rob_id in self.plan.ids if rob_id != self.id]
-        name = others[int(self.plan.chance.integers(len(others)))] if others else self.id
-        numbers = [(math.nan, 0.0, -math.inf, 1e30)[int(each)] for each in self.plan.chance.integers(0, 4, 4)]
-        numbers[int(self.plan.chance.integers(2))] = math.nan  # of the place, which every controller reads
-        return self.send(now_ms, MOTION.pack(KIND_STATE, name, now_ms, *numbers), EVERYBODY)
+        names, dice = self.others(), self.plan.chance
+        name = names[int(dice.integers(len(names)))] if names else self.id
+        numbers = [(math.nan, 0.0, -math.inf, 1e30)[int(each)] for each in dice.integers(0, 4, 4)]
+        numbers[int(dice.integers(2))] = math.nan  # of the place, which every controller reads
+        return self.claim_motion(now_ms, name, numbers)
 
 
-def _place(motion: Motion) -> tuple[float, float]:
-    return motion.x_m, motion.y_m
+class SeizeOrders(Liar):
+    """Has all robots stand, in the gateway's name: by the highest number, by a stop, and by what was said before.
+
+    Whoever believes the first of these obeys no true order any more.
+
+    Attributes:
+        key: what it signs with; its own, unless somebody has given it the gateway's.
+    """
+
+    period_ms = 100
+    _heard: bytes = b""
+    _heard_ms = 0
+    _turn = 0
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self.key = Ed25519PrivateKey.from_private_bytes(self.plan.chance.bytes(SIGNER_KEY_BYTES))
+
+    def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
+        """Remember the gateway's last order: whose mission it is, and what its clock says."""
+        is_order = frame[0] == driven.KIND_ORDER and len(frame) >= ORDER.size + SIGNATURE_BYTES
+        if is_order and ORDER.decode(frame)["signer"] == GATEWAY:
+            self._heard, self._heard_ms = frame, now_ms
+        return super().on_packet(now_ms, frame)
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        told = ORDER.decode(self._heard) if self._heard else {"mission": 1, "said": self._heard_ms}
+        fields = {
+            "mission": told["mission"],
+            "signer": GATEWAY,
+            "said": told["said"] + now_ms - self._heard_ms,
+            "id": 0,
+        }
+        forged = (
+            ORDER.encode(**fields, number=MOST, action=TELL_WHEELS, body=driven.ORDER_WHEELS.encode(left=0, right=0)),
+            ORDER.encode(**fields, number=0, action=TELL_STOP, body=b""),
+        )
+        frames = [raw + self.key.sign(raw) for raw in forged] + [self._heard] * bool(self._heard)
+        actions = self.send(now_ms, frames[self._turn % len(frames)], EVERYBODY)
+        self._turn += bool(actions)
+        return actions
 
 
-def _in_the_way(name: int, now_ms: int, victim: Motion, goal_m: tuple[float, float]) -> bytes:
-    return MOTION.pack(KIND_STATE, name, now_ms, *spoofed_state((victim.x_m, victim.y_m), goal_m))
+class Pretender(Liar):
+    """What all have in common: they know who claimed what, and claim in their own name.
+
+    Attributes:
+        claimed: by id, when it was heard last, ms, and the three places that it claimed.
+    """
+
+    scene: ClassVar[Scene] = "protocol"
+    period_ms = 250
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self.claimed: dict[int, tuple[int, list[int]]] = {}
+
+    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
+        if said := fields_of(CLAIM, frame):
+            _, rob_id, _, *places = said
+            self.claimed[rob_id] = now_ms, places
+        return super().heard(now_ms, frame)
+
+    def claim(self, now_ms: int, here: int, holds: int, wants: int = NOWHERE) -> list[Action]:
+        return self.send(now_ms, CLAIM.form.pack(KIND_CLAIM, self.id, now_ms, here, holds, wants), EVERYBODY)
+
+
+class HogCells(Pretender):
+    """Says that it is in the cells that those ask for whose turn comes next."""
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """Claim what they want who spoke longest ago, and so drive next."""
+        next_first = sorted((heard_ms, places) for heard_ms, places in self.claimed.values())
+        wanted = [wants for _, (_, _, wants) in next_first if wants != NOWHERE]
+        return self.claim(now_ms, *wanted[:2]) if len(wanted) > 1 else []
+
+
+class ClaimArea(Pretender):
+    """Says in its turn that it is at one place after the other where nobody was, in the place of where it is.
+
+    Once a turn, and nothing else: of words that come sooner than its own would nobody believes either (places.py).
+    """
+
+    period_ms = 0
+    _turn = 0
+
+    def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
+        if not (self.lies(now_ms) and isinstance(output, Send) and fields_of(CLAIM, output.payload)):
+            return super().put_out(now_ms, output)
+        here, following = (self.places[(self._turn + more) % len(self.places)] for more in range(2))
+        self._turn += 1
+        return self.claim(now_ms, here, following)
+
+    @property
+    def places(self) -> Sequence[int]:
+        """Return the places of which it says so."""
+        assert isinstance(self._honest, PlaceController), "as all who go to places"
+        return [place for place, (at_ms, _) in enumerate(self._honest.visits) if not at_ms] or PLACES
+
+
+class ClaimVisits(ClaimArea):
+    """Says so of half of them, for ever, so that nobody goes there."""
+
+    @property
+    def places(self) -> Sequence[int]:
+        return PLACES[len(PLACES) // 2 :]
+
+
+class PointElsewhere(Pretender):
+    """Says of what was seen last that it is where the robot farthest from it is, and not what it sees."""
+
+    _seen: tuple[int, float, float] = 0, 0.0, 0.0  # until somebody has seen something
+
+    def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
+        if said := fields_of(SIGHTING, frame):
+            self._seen = said[3:]
+        return super().on_packet(now_ms, frame)
+
+    def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
+        hides = self.lies(now_ms) and isinstance(output, Send) and fields_of(SIGHTING, output.payload)
+        return [] if hides else super().put_out(now_ms, output)
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        assert isinstance(self._honest, PeerController), "as all who see things"
+        number, *at_m = self._seen
+        others = ((each.x_m, each.y_m) for each in self._honest.others.values())
+        x, y = max(others, key=lambda place_m: math.dist(place_m, at_m))
+        return self.send(now_ms, SIGHTING.form.pack(KIND_SIGHTING, self.id, now_ms, number, x, y), EVERYBODY)
+
+
+def _in_the_way(liar: Liar, victim: Motion) -> tuple[float, float, float, float]:
+    return spoofed_state((victim.x_m, victim.y_m), liar.plan.goal_m)

@@ -1,10 +1,13 @@
-"""Commands to the actuators that the controller never gave. Attacks on the audits do this too, and then hide it."""
+"""Commands that the controller never gave, and what a robot leaves out: to speak, to be audited, to audit, to live.
+
+Attacks on the audits do this too, and then hide it.
+"""
 
 from __future__ import annotations
 
-import math
-from typing import Any, ClassVar
+from typing import ClassVar
 
+from phalanx.bti.audit import INPUT
 from phalanx.robot.actions import Action
 from phalanx.robot.controllers.python_controller import Act, Send
 from phalanx.wire.table import ACCELERATION, KIND_ACCELERATION, SENSOR, WHEELS_COMMAND
@@ -26,7 +29,6 @@ class Hijack(Liar):
     """
 
     def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
-        """A command of its own in the place of the controller's."""
         if self.lies(now_ms) and isinstance(output, Act):
             if len(output.payload) == ACCELERATION.size:
                 output = Act(COMMAND.pack(KIND_ACCELERATION, self.id, now_ms, *self.wanted_mps2()))
@@ -36,11 +38,10 @@ class Hijack(Liar):
         return super().put_out(now_ms, output)
 
     def wanted_mps2(self) -> tuple[float, float]:
-        """The acceleration it wants: towards the nearest robot that it has heard of, and along with it."""
+        """Return the acceleration it wants: towards the nearest robot that it has heard of, and along with it."""
         if not self.seen:
             return FULL_MPS2, FULL_MPS2
-        me = self.me
-        victim = min(self.seen.values(), key=lambda other: math.hypot(other.x_m - me.x_m, other.y_m - me.y_m))
+        me, victim = self.me, self.nearest()
         ax = SPRING_PER_S2 * (victim.x_m - me.x_m) + DAMPER_PER_S * (victim.vx_mps - me.vx_mps)
         ay = SPRING_PER_S2 * (victim.y_m - me.y_m) + DAMPER_PER_S * (victim.vy_mps - me.vy_mps)
         return _limited(ax), _limited(ay)
@@ -50,7 +51,6 @@ class Flee(Hijack):
     """Drives away from everybody, and out of range of any auditor."""
 
     def wanted_mps2(self) -> tuple[float, float]:
-        """Full acceleration away from the goal."""
         away_x, away_y = self.me.x_m - self.plan.goal_m[0], self.me.y_m - self.plan.goal_m[1]
         far = max(abs(away_x), abs(away_y), 1e-9)
         return FULL_MPS2 * away_x / far, FULL_MPS2 * away_y / far
@@ -60,7 +60,6 @@ class Nondeterministic(Liar):
     """A fault: the last bit of its commands is not always the same, as of a controller that uses a random source."""
 
     def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
-        """The command, its last bit drawn."""
         if self.lies(now_ms) and isinstance(output, Act) and len(output.payload) == ACCELERATION.size:
             command = bytearray(output.payload)
             command[ACCELERATION.at("ax_mps2")] ^= int(self.plan.chance.integers(2))  # the lowest bit of ax
@@ -81,20 +80,17 @@ class Dawdle(Liar):
     _round_waits = False
     _reading: tuple[int, bytes] | None = None
     _told_mps2 = 0.0, 0.0
-
-    def __init__(self, *args: Any, **more: Any) -> None:
-        super().__init__(*args, **more)
-        self._waiting: list[tuple[int, Send | Act]] = []
+    _waiting: tuple[tuple[int, Send | Act], ...] = ()
 
     def on_reading(self, now_ms: int, reading: bytes) -> list[Action]:
-        """The s-node has to wait, and then says where the robot is by then."""
+        """Have the s-node wait, and then say where the robot is by then."""
         if not self.lies(now_ms) or reading[0] != SENSOR.tag or not self.POLLS_MS:
             return super().on_reading(now_ms, reading)
         self._reading = now_ms, reading
         return []
 
     def _moved(self, now_ms: int, was_ms: int, reading: bytes) -> bytes:
-        """The same reading, so much later: what the sensor would say."""
+        """Return what the sensor would say so much later."""
         dt = (now_ms - was_ms) / 1000
         kind, rob_id, _, *motion = MOTION.unpack_from(reading)
         x_m, y_m, vx_mps, vy_mps = motion
@@ -103,30 +99,31 @@ class Dawdle(Liar):
         return MOTION.pack(kind, rob_id, now_ms, *place, vx_mps + ax * dt, vy_mps + ay * dt) + reading[SENSOR.size :]
 
     def act(self, now_ms: int, command: bytes) -> list[Action]:
-        """What it was told to do last is remembered."""
         if len(command) == ACCELERATION.size:
             self._told_mps2 = COMMAND.unpack(command)[3:]
         return super().act(now_ms, command)
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
-        """The controller decides at once; its outputs wait."""
-        n = self.poll(now_ms, reading)
+        """Have the controller decide at once; its outputs wait."""
+        n = self.chain(INPUT, now_ms, reading)
         if n > 0:
-            self.record(n)
-            self._waiting = [(now_ms + self.DELAY_MS, output) for output in self.decide(n)]
+            self.record(self.w.entry[:n])
+            self._waiting = tuple((now_ms + self.DELAY_MS, output) for output in self.decide(n))
         # Nothing is missing and nothing is late yet: this is what it would have put out by now.
         self._put_out = [output for _, output in self._waiting]
         return []
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """What has waited long enough goes out, and then a round that fell into the wait begins."""
+        """Put out what has waited long enough, and then begin a round that fell into the wait."""
         actions: list[Action] = []
         if self._reading and self._reading[0] + self.POLLS_MS <= now_ms:
             (was_ms, reading), self._reading = self._reading, None
             actions += super().on_reading(now_ms, self._moved(now_ms, was_ms, reading))
         self._put_out = []
-        while self._waiting and self._waiting[0][0] <= now_ms:
-            actions += self.put_out(now_ms, self._waiting.pop(0)[1])
+        due = [output for at_ms, output in self._waiting if at_ms <= now_ms]
+        self._waiting = self._waiting[len(due) :]
+        for output in due:
+            actions += self.put_out(now_ms, output)
         self._put_out = None
         if self._round_waits and not self._waiting:
             self._round_waits = False
@@ -134,11 +131,50 @@ class Dawdle(Liar):
         return actions
 
     def round_due(self, now_ms: int) -> list[Action]:
-        """A checkpoint must not be taken while outputs are pending."""
+        """Wait: a checkpoint must not be taken while outputs are pending."""
         if self._waiting:
             self._round_waits = True
             return []
         return super().round_due(now_ms)
+
+
+class OmitSends(Liar):
+    """Broadcasts its state no more, so that nobody keeps clear of it."""
+
+    def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
+        return [] if self.lies(now_ms) and isinstance(output, Send) else super().put_out(now_ms, output)
+
+
+class Unasked(Liar):
+    """Asks nobody for an audit, nor shows its log; a request that is under way is broken off."""
+
+    def round_due(self, now_ms: int) -> list[Action]:
+        return []
+
+    def next_packet(self, now_ms: int) -> list[Action]:
+        return [] if self.lies(now_ms) else super().next_packet(now_ms)
+
+
+class RefuseAudit(Unasked, Hijack):
+    """Misbehaves, and asks nobody for an audit, nor shows its log."""
+
+
+class RefuseToAudit(Liar):
+    """Says that it audits, and never does: whoever asks it has lost a request."""
+
+    def asked(self, now_ms: int, frame: bytes) -> list[Action]:
+        self.gained += 1
+        return []
+
+
+class Crash(Unasked):
+    """Its c-node is dead: the actuators go on with the last command they had."""
+
+    def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
+        return []
+
+    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
+        return []
 
 
 def _limited(value: float) -> float:

@@ -1,4 +1,4 @@
-"""A compromised robot: the honest c-node, with some of its methods overridden. What every attack has in common.
+"""A compromised robot: the honest one, with some of its methods overridden. What every attack has in common.
 
 Beside the lying c-node runs an honest controller, fed with what this robot's sensors and radio really said. What the
 a-node lets through and that controller would not have said, or the other way round, is a deviation: so no attack has to
@@ -7,27 +7,27 @@ be believed about when it began. An attack sees what a c-node sees, and its plan
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 
 from phalanx.bti import audit, request
-from phalanx.bti.audit import INPUT, RECV
+from phalanx.bti.audit import RECV
 from phalanx.bti.fleet import Fleet
-from phalanx.bti.log import ENTRY_HEAD_BYTES
 from phalanx.bti.work import Work
-from phalanx.robot import chained
-from phalanx.robot.actions import Action, Transmit
+from phalanx.robot import handlers
+from phalanx.robot.actions import EVERYBODY, Action, Transmit
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.compiled import compiled
-from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send, checked_outputs
+from phalanx.robot.controllers.python_controller import Act, Output, Send, checked_outputs
+from phalanx.robot.robot import MakeController, Robot
 from phalanx.wire.fields import Row, get_u16, row
 from phalanx.wire.table import KIND_STATE, SENSOR, STATE
 
 from .attack import Attack, Scene
-from .wrapper import Wrapper
 
 MOTION = STATE.form  # of a `sensor` too: kind, id, t, position, velocity
 
@@ -55,10 +55,10 @@ class Motion:
     vy_mps: float
 
 
-class Liar(Wrapper):
+class Liar(Robot):
     """A robot that lies in one way. Honest before `plan.start_ms` and from `plan.stop_ms` on.
 
-    While it lies, `sensed`, `heard` and `round_due` take the place of what an honest c-node does at these events.
+    While it lies, `sensed`, `heard`, `asked` and `round_due` replace what an honest c-node does at these events.
 
     Class attributes:
         scene: where such an attack is tried.
@@ -73,14 +73,10 @@ class Liar(Wrapper):
     attack: Attack
 
     def __init__(
-        self,
-        fleet: Fleet,
-        i: int,
-        work: Work,
-        plan: Plan,
-        make_controller: Callable[[int], Controller] | None = None,
+        self, fleet: Fleet, i: int, work: Work, plan: Plan, make_controller: MakeController | None = None
     ) -> None:
         super().__init__(fleet, i, work, make_controller)
+        self.is_own = False  # its mistakes are the adversary's
         self.plan = plan
         self.first_deviation_ms: int | None = None
         self.last_deviation_ms: int | None = None
@@ -103,17 +99,17 @@ class Liar(Wrapper):
 
     @property
     def alive_s(self) -> float:
-        """For how long it has had its mission key, until Safe Mode."""
+        """Seconds for which it has had its mission key, until Safe Mode."""
         return (self.sensed_ms - int(self.f.robot[self.i].t_key)) / 1000
 
     @property
     def lied_s(self) -> float:
-        """For how long it has lied, until Safe Mode."""
+        """Seconds for which it has lied, until Safe Mode."""
         return max(0, min(self.sensed_ms, self.plan.stop_ms) - self.plan.start_ms) / 1000
 
     @classmethod
     def before_key(cls, rob_id: int, profile: int, anode: Row, f_max: int) -> None:
-        """The robot is powered up, its c-node runs, and the mission key has not been loaded yet; `anode` can be called.
+        """Act before the mission key is loaded: the c-node runs, and `anode` can be called.
 
         Source: docs/spec/rebound.md (zero key).
         """
@@ -136,12 +132,10 @@ class Liar(Wrapper):
         return actions
 
     def on_advice(self, advice: bytes) -> None:
-        """A planner said something."""
         self._honest.on_advice(advice)
         super().on_advice(advice)
 
     def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
-        """A frame has arrived."""
         if not frame[0] & request.AUDIT:
             self._honest.on_recv(now_ms, frame)
             if len(frame) == STATE.size and frame[0] == KIND_STATE:
@@ -150,43 +144,45 @@ class Liar(Wrapper):
         return self.heard(now_ms, frame) if self.lies(now_ms) else super().on_packet(now_ms, frame)
 
     def begin_round(self, now_ms: int) -> list[Action]:
-        """A round is due."""
         return self.round_due(now_ms) if self.lies(now_ms) else super().begin_round(now_ms)
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """Something out of turn, each `period_ms` while it lies."""
+        """Act out of turn, each `period_ms` while it lies."""
         return []
 
     # --- what subclasses override -------------------------------------------------------------------------------------
 
     def saw(self, rob_id: int, motion: Motion) -> None:
-        """Somebody said in this robot's name where it is."""
+        """Note a state that came in a robot's name."""
         self.seen[rob_id] = motion
 
     def read(self, now_ms: int, reading: bytes) -> bytes:
-        """What the sensor itself says, before the s-node has it."""
+        """Return what the sensor itself says, before the s-node has it."""
         return reading
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
-        """`on_reading` while it lies."""
+        """Handle a reading while it lies."""
         return super().on_reading(now_ms, reading)
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
-        """`on_packet` while it lies."""
+        """Handle a packet while it lies."""
+        is_request = is_audit(frame, request.FRAGMENT) and len(frame) > request.FRAGMENT_HEAD_BYTES
+        return self.asked(now_ms, frame) if is_request else super().on_packet(now_ms, frame)
+
+    def asked(self, now_ms: int, frame: bytes) -> list[Action]:
+        """Handle a fragment of a request for an audit while it lies."""
         return super().on_packet(now_ms, frame)
 
     def round_due(self, now_ms: int) -> list[Action]:
-        """`begin_round` while it lies."""
+        """Begin a round while it lies."""
         return super().begin_round(now_ms)
 
     # --- what goes out is watched -------------------------------------------------------------------------------------
 
     def act(self, now_ms: int, command: bytes) -> list[Action]:
-        """A command through the a-node."""
         return self._watched(now_ms, Act(command), super().act(now_ms, command))
 
     def send(self, now_ms: int, frame: bytes, to: int) -> list[Action]:
-        """A frame through the a-node."""
         actions = super().send(now_ms, frame, to)
         return actions if frame[0] & request.AUDIT else self._watched(now_ms, Send(frame), actions)
 
@@ -200,11 +196,11 @@ class Liar(Wrapper):
         return actions
 
     def lies(self, now_ms: int) -> bool:
-        """Whether it lies at this moment."""
+        """Return whether it lies at this moment."""
         return self.plan.start_ms <= now_ms < self.plan.stop_ms
 
     def deviates(self, now_ms: int, *, output_missing: bool = False) -> None:
-        """Remembers the moment: this an honest robot would not have done, or had done otherwise."""
+        """Note the moment: an honest robot would not have done this, or otherwise."""
         if self.first_deviation_ms is None:
             self.first_deviation_ms = now_ms
             self.output_missing = output_missing
@@ -212,14 +208,30 @@ class Liar(Wrapper):
 
     # --- what several attacks need ------------------------------------------------------------------------------------
 
-    @staticmethod
-    def is_request(frame: bytes) -> bool:
-        """Whether the frame is part of a request for an audit."""
-        is_audit = bool(frame[0] & request.AUDIT) and len(frame) > request.FRAGMENT_HEAD_BYTES
-        return is_audit and frame[request.AT_SUB] == request.FRAGMENT
+    def others(self) -> list[int]:
+        """Return the ids of all robots but itself."""
+        return [rob_id for rob_id in self.plan.ids if rob_id != self.id]
+
+    def victims(self) -> list[int]:
+        """Return the ids of all robots that are not compromised."""
+        return [rob_id for rob_id in self.others() if rob_id not in self.plan.accomplices]
+
+    def nearest(self, *, but: int = 0) -> Motion:
+        """Return the motion of the nearest robot that it has heard of, except one."""
+        heard = [motion for rob_id, motion in self.seen.items() if rob_id != but]
+        return min(heard, key=lambda other: math.hypot(other.x_m - self.me.x_m, other.y_m - self.me.y_m))
+
+    def claim_motion(self, now_ms: int, name: int, motion: Iterable[float], to: int = EVERYBODY) -> list[Action]:
+        """Send a state in a robot's name: position, m, and velocity, m/s."""
+        return self.send(now_ms, MOTION.pack(KIND_STATE, name, now_ms, *motion), to)
+
+    def count(self, actions: list[Action]) -> list[Action]:
+        """Count what an attack on the audits has sent."""
+        self.gained += len(actions)
+        return actions
 
     def whole_request(self, now_ms: int, frame: bytes) -> int:
-        """The fragment is taken; the place of the request if it is whole now and well-formed, -1 otherwise."""
+        """Take a fragment; return the place of the request if it is whole now and well-formed, -1 otherwise."""
         place = int(request.take_fragment(self.f, self.i, row(frame), len(frame), now_ms))
         if place < 0:
             return -1
@@ -228,58 +240,47 @@ class Liar(Wrapper):
         return place if audit.open_request(self.w, q, length, src) == 0 else -1
 
     def shown(self, place: int) -> Row:
-        """The request that is at this place, or just was."""
+        """Return the request that is at this place, or just was."""
         q: Row = self.f.rx.rows[self.f.rx_info[self.i, place].row]
         return q
 
     def vouch(self, now_ms: int, place: int) -> list[Action]:
-        """The sender of the request just opened gets its token, whatever its log shows."""
+        """Send a token to the sender of the request just opened, whatever its log shows."""
         src = int(self.w.case[0].tee)
         refused = audit.issue(self.f, self.i, self.w, self.shown(place), self.w.small[2])
-        return self.robot.answer(now_ms, place, src, refused)
-
-    def pass_by(self, now_ms: int, frame: bytes) -> None:
-        """The a-node takes and chains the frame; the c-node pretends that it never came."""
-        chained.chain(self.f, self.i, self.w, RECV, now_ms, row(frame), len(frame))
+        actions = self.answer(now_ms, place, src, refused)
+        self.gained += len(actions) > 1
+        return actions
 
     def believe(self, t_ms: int, frame: bytes) -> None:
-        """The c-node logs the frame and acts on it as if it had come at `t_ms`."""
-        n = chained.plain(self.w, RECV, t_ms, row(frame), len(frame))
-        self.record(n)
+        """Log a packet and act on it as if it had come at `t_ms`."""
+        n = handlers.plain(self.w, RECV, t_ms, row(frame), len(frame))
+        self.record(self.w.entry[:n])
         if self.controller:
             self.controller.on_recv(t_ms, frame)
-            self.robot.keep_state()
+            self.keep_state()
         else:
             r, s = self.f.robot[self.i], self.f.settings[0]
             state = self.f.state[self.i]
             r.state_len = dispatch.on_recv(s.controller, self.f.params, r.id, t_ms, row(frame), len(frame), state)
 
-    def poll(self, now_ms: int, reading: bytes) -> int:
-        """The s-node has chained a reading, whose entry is in `work.entry`; the c-node logs nothing yet."""
-        return int(chained.chain(self.f, self.i, self.w, INPUT, now_ms, row(reading), len(reading)))
-
-    def record(self, n: int) -> None:
-        """The entry in `work.entry` is in the log, whatever it is."""
-        chained.record(self.f, self.i, self.w, n)
-
-    def entry(self, n: int) -> bytes:
-        """The payload of the entry in `work.entry[:n]`."""
-        return self.w.entry[ENTRY_HEAD_BYTES:n].tobytes()
+    def chain(self, kind: int, now_ms: int, payload: bytes) -> int:
+        """Have a trusted node chain bytes, and log nothing; return the length of the entry in `work.entry`."""
+        return int(handlers.chain(self.f, self.i, self.w, kind, now_ms, row(payload), len(payload)))
 
 
 def tokens_in(actions: Iterable[Action]) -> list[Transmit]:
     """Return the tokens among the packets that go out."""
-    packets = [each for each in actions if isinstance(each, Transmit) and each.packet[0] & request.AUDIT]
-    return [each for each in packets if each.packet[request.AT_SUB] == request.TOKEN]
+    return [each for each in actions if isinstance(each, Transmit) and is_audit(each.packet, request.TOKEN)]
+
+
+def is_audit(packet: bytes, sub: int) -> bool:
+    """Return whether a packet is AUDIT traffic of a kind: HELLO, FRAGMENT, TOKEN or SEEK of `request`."""
+    return bool(request.is_audit(row(packet), len(packet))) and packet[request.AT_SUB] == sub
 
 
 def lying(
-    attack: Attack,
-    fleet: Fleet,
-    i: int,
-    work: Work,
-    plan: Plan,
-    make_controller: Callable[[int], Controller] | None = None,
+    attack: Attack, fleet: Fleet, i: int, work: Work, plan: Plan, make_controller: MakeController | None = None
 ) -> Liar:
     """Robot `i`, compromised; arguments as for a `Liar`."""
     liar: Liar = attack.kind(fleet, i, work, plan, make_controller)

@@ -14,10 +14,10 @@ from phalanx.wire.record import MalformedRecord
 from phalanx.wire.table import ENTRY_HEADER_BYTES, FRAME_MAX
 
 from . import dispatch
-from .outputs import OUT_BYTES
 from .parameters import Params
 from .python_controller import Controller, Output, unpack_outputs
 
+OUT_BYTES = 64  # more than any bundled controller puts out at once
 OWN_OUT_BYTES = 2 * (ENTRY_HEADER_BYTES + FRAME_MAX)  # as in compiled code (bti/work.py)
 
 

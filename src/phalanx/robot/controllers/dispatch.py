@@ -130,5 +130,5 @@ def on_recv(kind: int, params: Params, rob_id: int, t_ms: int, frame: Row, lengt
 def on_input(
     kind: int, params: Params, rob_id: int, step: int, t_ms: int, reading: Row, length: int, state: Row, out: Row
 ) -> int:
-    """The sensors said something; the length of what is in `out` (outputs.py)."""
+    """The sensors said something; the length of what is in `out`."""
     raise NotImplementedError

@@ -25,7 +25,7 @@ from phalanx.binary import INSTALL_COMPILER
 from phalanx.config.flock import FlockConfig
 from phalanx.errors import KernelDefect, OutsideSubset, OwnDefect, Unavailable, UsageError
 from phalanx.kernel import ADDRESSES, FILE_DEFECT, PURE, keep_raised, kernel
-from phalanx.wire.fields import Row, get_u16
+from phalanx.wire.fields import OUTPUT_HEAD_BYTES, OUTPUT_LENGTH, Row, get_u16
 from phalanx.wire.record import Record
 from phalanx.wire.table import ENTRY_ACMD, ENTRY_SEND, FRAME_MAX, KIND_AUDIT
 from phalanx_compiler.errors import SubsetError
@@ -38,7 +38,6 @@ from phalanx_compiler.writes import writes_of
 from . import dispatch
 from .compiled import compiled
 from .declaration import Declaration
-from .outputs import HEAD_BYTES, LENGTH
 from .parameters import Params
 from .python_controller import Controller
 
@@ -75,10 +74,10 @@ def are_outputs(returned: int, out: Row, command_bytes: int, command_kind: int) 
         return False
     at, has_sent = 0, False
     while at < returned:
-        if at + HEAD_BYTES > returned:
+        if at + OUTPUT_HEAD_BYTES > returned:
             return False
-        size = get_u16(out, at + LENGTH)
-        begin = at + HEAD_BYTES
+        size = get_u16(out, at + OUTPUT_LENGTH)
+        begin = at + OUTPUT_HEAD_BYTES
         if size < 1 or size > FRAME_MAX or begin + size > returned:
             return False
         if out[at] == ENTRY_ACMD:

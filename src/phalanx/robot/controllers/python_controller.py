@@ -262,7 +262,7 @@ def kind_of(told: object) -> str:
 
 
 def pack_outputs(outputs: Iterable[Output]) -> bytes:
-    """Return outputs as kernels put them out (outputs.py)."""
+    """Return outputs as kernels put them out."""
     return b"".join(
         OUTPUT.form.pack(ENTRY_SEND if isinstance(output, Send) else ENTRY_ACMD, len(output.payload)) + output.payload
         for output in outputs

@@ -1,7 +1,7 @@
 """Robots that run in Python inside the compiled loop: they get its events, and it carries out their actions.
 
 One robot can be traced: then each of its events is printed, with the actions that it asked for. A traced robot runs the
-handlers of compiled code one event at a time, so a traced run has the digests of any other.
+steps of the compiled handlers from Python, so a traced run has the digests of any other.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from phalanx.bti import request
 from phalanx.robot import actions
 from phalanx.robot.actions import EVERYBODY, Action, Actuate, RetryAt, RoundAt, Transmit
 from phalanx.robot.attacks.liar import Liar
-from phalanx.robot.attacks.wrapper import Wrapper
 from phalanx.robot.controllers.python_controller import OwnMistake
 from phalanx.robot.planner import Planner, advice_of, overheard
 from phalanx.robot.robot import Robot
@@ -44,8 +43,6 @@ class Looks(Protocol):
         ...
 
 
-# A robot that runs in Python: an honest one, or one in an adversary's hands.
-InPython = Robot | Wrapper
 NO_PLANNERS: Mapping[int, Planner] = {}
 # Names in a trace.
 SUBS = {request.HELLO: "HELLO", request.SEEK: "SEEK", request.FRAGMENT: "fragment", request.TOKEN: "token"}
@@ -101,7 +98,7 @@ def described(raw: bytes) -> str:
 
 def handle(
     world: World,
-    robots: Mapping[int, InPython],
+    robots: Mapping[int, Robot],
     planners: Mapping[int, Planner] = NO_PLANNERS,
     stage: Looks | None = None,
     trace: Trace | None = None,
@@ -117,9 +114,8 @@ def handle(
         _plan(world, robot, planners[i], kind, now_ms)
     seen = _look(world, robot, stage, now_us, now_ms) if stage and kind == CONTROL else b""
     asked = _actions(world, robot, kind, now_ms, seen, arg)
-    if isinstance(robot, Wrapper):
-        robot.checked(METHODS[kind], asked)
-    elif robot.is_own:
+    robot.checked(METHODS[kind], asked)
+    if robot.is_own:
         _check_commands(body_kind, robot, asked)
     if trace and trace.rob_id == robot.id:
         trace.event(now_us, METHODS[kind], _payload(world, kind, seen, arg), asked)
@@ -137,13 +133,13 @@ def _payload(world: World, kind: int, seen: bytes, arg: int) -> bytes | str:
     return "after it has listened" if kind == loop.ROUND and arg else ""
 
 
-def _look(world: World, robot: InPython, stage: Looks, now_us: int, now_ms: int) -> bytes:
+def _look(world: World, robot: Robot, stage: Looks, now_us: int, now_ms: int) -> bytes:
     x_m, y_m = world.pos[robot.i].tolist()
     lies = isinstance(robot, Liar) and robot.lies(now_ms)
     return stage.look(robot.id, now_us / 1e6, (x_m, y_m), lies=lies)
 
 
-def _plan(world: World, robot: InPython, planner: Planner, kind: int, now_ms: int) -> None:
+def _plan(world: World, robot: Robot, planner: Planner, kind: int, now_ms: int) -> None:
     if kind == MESSAGE:
         overheard(planner, now_ms, world.frame[: world.frame_len[0]].tobytes())
     elif kind == CONTROL:
@@ -165,16 +161,15 @@ def _check_commands(body_kind: int, robot: Robot, asked: list[Action]) -> None:
             )
 
 
-def _actions(world: World, robot: InPython, kind: int, now_ms: int, seen: bytes, arg: int) -> list[Action]:
+def _actions(world: World, robot: Robot, kind: int, now_ms: int, seen: bytes, arg: int) -> list[Action]:
     if kind == CONTROL:
         return robot.on_reading(now_ms, world.reading[: world.frame_len[0]].tobytes() + seen)
     if kind == MESSAGE:
         return robot.on_packet(now_ms, world.frame[: world.frame_len[0]].tobytes())
     if kind == loop.WAKE:
         return robot.on_wake(now_ms) if isinstance(robot, Liar) and robot.lies(now_ms) else []
-    if isinstance(robot, Robot):
-        # Other robots in Python learn that their radio is full by `on_no_room`.
-        robot.busy = bool(world.runs[robot.i] == TRACED and world.air.nic[robot.i].long_used)
+    # Other robots in Python learn that their radio is full by `on_no_room`.
+    robot.busy = bool(world.runs[robot.i] == TRACED and world.air.nic[robot.i].long_used)
     if kind == loop.ROUND:
         return robot.on_round(now_ms, listened=bool(arg))
     if kind == loop.RETRY:

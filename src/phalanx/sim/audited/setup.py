@@ -20,6 +20,7 @@ from phalanx.errors import UsageError
 from phalanx.robot import handlers
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.controllers import dispatch
+from phalanx.robot.robot import Robot
 from phalanx.robot.runtime import first_round_ms
 from phalanx.sim.radio.channel import NOBODY, make_air
 from phalanx.sim.radio.reach import SKIN, SMALL_SWARM, Reach, make_reach, rebuild, set_aisles
@@ -184,7 +185,7 @@ def make_world(setup: Setup, chance: np.random.Generator) -> World:
     return pack(world)
 
 
-def start(world: World, robots: Mapping[int, pybot.InPython]) -> None:
+def start(world: World, robots: Mapping[int, Robot]) -> None:
     """Everybody's c-node starts, in Python those in `robots` by index, and the first events wait.
 
     Source: RoboRebound §3.6.

@@ -13,8 +13,8 @@ from phalanx.config.mission import MissionConfig
 from phalanx.errors import UsageError
 from phalanx.mission import Action, EncodedMission, Mission, StartKey
 from phalanx.mission.landmarks import FloorPlan
-from phalanx.robot.attacks.wrapper import Wrapper
 from phalanx.robot.controllers.python_controller import Controller
+from phalanx.robot.robot import Robot
 from phalanx.sim.building.odometry import OdometryNoise, Pose
 from phalanx.sim.building.walkers import PEOPLE_MAX
 
@@ -23,7 +23,7 @@ AUDITED_MAX = 32  # in one radio range, each with a lidar of its own
 
 DOES = " does "
 
-MakeWrapper = Callable[[Fleet, int, Work, Callable[[int], Controller]], Wrapper]
+MakeLiar = Callable[[Fleet, int, Work, Callable[[int], Controller]], Robot]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class MissionRun:
     people: int = 0  # who walk about, are seen by lidars and hide codes; robots stop when they touch one
     # How hard robots try
     config: MissionConfig = MissionConfig()  # noqa: RUF009  # frozen
-    liars: Mapping[int, MakeWrapper] = field(default_factory=dict)  # what makes a compromised robot, by number
+    liars: Mapping[int, MakeLiar] = field(default_factory=dict)  # what makes a compromised robot, by number
 
     def __post_init__(self) -> None:
         if not 1 <= self.robots <= ROBOTS_MAX:

@@ -64,7 +64,7 @@ class MissionRobot(Logbook):
         hears: messages that come to it by another road than the radio, with its next reading.
     """
 
-    def __init__(self, number: int, body: MissionBody, inner: pybot.InPython, *, keep_trace: bool) -> None:
+    def __init__(self, number: int, body: MissionBody, inner: Robot, *, keep_trace: bool) -> None:
         assert isinstance(inner.controller, TimedController), "the world has made it"
         super().__init__(number, body, inner.controller, keep_trace=keep_trace)
         self.inner = inner
@@ -166,7 +166,7 @@ class MissionWorld:
         return MissionRobot(number, body, inner, keep_trace=run.keep_trace)
 
     @property
-    def _inners(self) -> dict[int, pybot.InPython]:
+    def _inners(self) -> dict[int, Robot]:
         return {i: robot.inner for i, robot in enumerate(self.robots)}
 
     @property

@@ -106,7 +106,7 @@ class Run:
         self._distances: list[tuple[float, float | None]] = []
         self._digest = hashlib.sha256()
         self._trace: pybot.Trace | None = None
-        self.robots: dict[int, pybot.InPython] = {}
+        self.robots: dict[int, Robot] = {}
         for spec in drawn:
             i = int(spec.robot or 0) - 1
             plan = plan_of(scenario, spec, int(self.world.boot_us[i]) // 1000, chance)

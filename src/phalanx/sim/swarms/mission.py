@@ -26,7 +26,7 @@ from phalanx.robot import Point, Robot
 from phalanx.robot.attacks import ON_MISSIONS
 from phalanx.robot.on_mission import Decoded, Lit, News, Progress, Walk
 from phalanx.robot.roster import Roster, member
-from phalanx.robot.shield import AttackChoice, Audit, Shield
+from phalanx.robot.swarm import AttackChoice, Audit, Shield
 from phalanx.sim.missions.live import WAITING, Lie, Moment, Standing, live
 from phalanx.sim.missions.orders import Orders, check_sensed, furnished, orders_of, start_of
 from phalanx.sim.missions.setup import MissionRun
@@ -266,7 +266,7 @@ class MissionSwarm(Roster):
 
 
 class ShieldedMissionSwarm(MissionSwarm):
-    """A `phalanx.robot.shield.Shielded` swarm of robots on a mission that audit each other while they live it.
+    """A `phalanx.robot.swarm.Shielded` swarm of robots on a mission that audit each other while they live it.
 
     Raises: UsageError: as MissionSwarm; or too few robots.
     """

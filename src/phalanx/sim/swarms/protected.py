@@ -18,18 +18,16 @@ from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig, RadioConfig, WheelsConfig
 from phalanx.errors import Unknown, UsageError
 from phalanx.robot import Led, Point, Robot
-from phalanx.robot.at_work import Done
 from phalanx.robot.attacks.liar import Liar, Plan, lying
 from phalanx.robot.attacks.library import ATTACKS
 from phalanx.robot.controllers import dispatch, orders
 from phalanx.robot.controllers.bundled import wheels
 from phalanx.robot.controllers.peer_bodies import STANDS_MM
-from phalanx.robot.ordered import Ordered
 from phalanx.robot.robot import Robot as AuditedRobot
 from phalanx.robot.roster import HISTORY_STEP_MM, Member, member
-from phalanx.robot.shield import AttackChoice, Audit, Shield
 from phalanx.robot.signer import Signer
-from phalanx.robot.station import Station
+from phalanx.robot.station import Ordered, Station
+from phalanx.robot.swarm import AttackChoice, Audit, Done, Shield
 from phalanx.scenarios.behaviour import FOREVER_MS
 from phalanx.scenarios.scenario import ORDERS_AS_NEIGHBOURS
 from phalanx.sim.audited import loop, pybot
@@ -117,7 +115,7 @@ class StationAir:
 
 
 class ProtectedSwarm(Ordered):
-    """A `phalanx.robot.shield.Shielded` swarm of 2 f_max + 2 to 100 that goes on when told that time has passed.
+    """A `phalanx.robot.swarm.Shielded` swarm of 2 f_max + 2 to 100 that goes on when told that time has passed.
 
     When f_max are stopped, the others still find f_max + 1 to vouch for them. The clock says seconds since 1970.
     Without `keys` they have keys of their own. With a `protocol`, one of ON_WHEELS, they do its work while nobody
@@ -185,7 +183,7 @@ class ProtectedSwarm(Ordered):
         self._to_stop = set[int]()
         self._liars: dict[int, Liar] = {}
         # By row, those that run in Python.
-        self._nodes: dict[int, pybot.InPython] = {}
+        self._nodes: dict[int, AuditedRobot] = {}
         if self._work:
             make = self._work.make_controller
             self._nodes = {i: AuditedRobot(self.world.fleet, i, self.world.work, make) for i in range(count)}

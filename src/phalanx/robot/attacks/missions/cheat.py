@@ -22,12 +22,12 @@ from phalanx.mission.walk.keyring import Keyring
 from phalanx.mission.walk.opening import Known
 from phalanx.robot.actions import Action
 from phalanx.robot.attacks.attack import Scene
-from phalanx.robot.attacks.wrapper import Wrapper
 from phalanx.robot.controllers.mission.controller import MissionController
 from phalanx.robot.controllers.mission.evidence import pack_evidence, unpack_evidence
 from phalanx.robot.controllers.mission.readings import with_hash_of
 from phalanx.robot.controllers.mission.surroundings import Pose
-from phalanx.robot.controllers.python_controller import Act, Controller, Output
+from phalanx.robot.controllers.python_controller import Act, Output
+from phalanx.robot.robot import MakeController, Robot
 from phalanx.wire.fields import get_u32
 from phalanx.wire.table import DRIVE, KIND_DRIVE
 
@@ -48,15 +48,14 @@ class CheatPlan:
     onward: int = 0  # the node behind it
 
 
-class MissionCheat(Wrapper):
+class MissionCheat(Robot):
     """A compromised c-node on a mission."""
 
     scene: ClassVar[Scene] = "team"
 
-    def __init__(
-        self, fleet: Fleet, i: int, work: Work, make_controller: Callable[[int], Controller], *, plan: CheatPlan
-    ) -> None:
+    def __init__(self, fleet: Fleet, i: int, work: Work, make_controller: MakeController, *, plan: CheatPlan) -> None:
         super().__init__(fleet, i, work, make_controller)
+        self.is_own = False  # its mistakes are the adversary's
         self.plan = plan
         self.first_deviation_ms: int | None = None
         self.output_missing = False
@@ -65,45 +64,42 @@ class MissionCheat(Wrapper):
 
     @property
     def mission(self) -> MissionController:
-        """The controller that is made to lie."""
+        """Return the controller that is made to lie."""
         assert isinstance(self.controller, MissionController)
         return self.controller
 
     def take_over(self, controller: MissionController) -> None:
-        """What an honest robot has come to know is what it goes on from, in the middle of a mission."""
+        """Go on from what an honest robot has come to know, in the middle of a mission."""
         assert isinstance(self._honest, MissionController)
-        self.robot.controller, self._honest.memory = controller, controller.memory
+        self.controller, self._honest.memory = controller, controller.memory
 
     def on_boot(self, now_ms: int) -> None:
-        """The mission key has just been loaded."""
         self._from_ms = now_ms + self.plan.after_ms
         super().on_boot(now_ms)
 
     def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
-        """A frame has arrived."""
         if not frame[0] & request.AUDIT:
             self._honest.on_recv(now_ms, frame)
         return super().on_packet(now_ms, frame)
 
     def decide(self, entry_len: int) -> list[Output]:
-        """The outputs, lies among them, beside those of an honest controller."""
         reading = self.w.entry[ENTRY_HEAD_BYTES:entry_len].tobytes()
-        step, t_ms = self.robot.step, get_u32(self.w.entry, ENTRY_T)
+        step, t_ms = int(self._step_of[self.i]), get_u32(self.w.entry, ENTRY_T)
         assert isinstance(self._honest, MissionController)
-        due = self._honest.on_evidence(step, t_ms, reading, self._honest.keep(step, t_ms, reading, self.robot.raw))
+        due = self._honest.on_evidence(step, t_ms, reading, self._honest.keep(step, t_ms, reading, self.raw))
         if t_ms < self._from_ms:
             return super().decide(entry_len)
         outputs = self.lie(step, t_ms, reading)
         self.f.robot[self.i].step = step + 1
-        self.robot.keep_state()
+        self.keep_state()
         if outputs != due and self.first_deviation_ms is None:
             self.first_deviation_ms, self.output_missing = t_ms, len(outputs) < len(due)
         return outputs
 
     def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
-        """What it puts out instead; here, still what an honest robot would."""
-        evidence = self.robot.evidence(step, t_ms, reading)
-        self.robot.keep_evidence(evidence)
+        """Return what it puts out instead; here, still what an honest robot would."""
+        evidence = self.evidence(step, t_ms, reading)
+        self.keep_evidence(evidence)
         return self.mission.on_evidence(step, t_ms, reading, evidence)
 
 
@@ -111,7 +107,7 @@ class SkipNode(MissionCheat):
     """Leaves out a node: from its checkpoint on it pretends to itself that the node was decoded."""
 
     def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
-        """Once, the walk stands behind the node; then it goes on from there."""
+        """Put the walk behind the node, once; then it goes on from there."""
         walk, node = self.mission.memory.walk, self.plan.node
         if node not in walk.opened:
             x_m, y_m, _ = self.mission.pose(reading)
@@ -127,7 +123,6 @@ class DriveDark(MissionCheat):
     """Drives to where nothing that was decoded leads."""
 
     def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
-        """The mission's outputs, with its own speeds in them."""
         x_m, y_m, heading = self.mission.pose(reading)
         bearing = wrap(math.atan2(self.plan.toward_m[1] - y_m, self.plan.toward_m[0] - x_m) - heading)
         turn = max(-MOST_MRADPS, min(MOST_MRADPS, round(1500 * bearing)))
@@ -140,16 +135,15 @@ class ShowUnsensed(MissionCheat):
     """Shows auditors a scan that its lidar never made."""
 
     def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
-        """The mission goes on by what is imagined."""
         raw = self.plan.imagine(self.mission.pose(reading))
         told = with_hash_of(reading, raw)
         evidence = self.mission.keep(step, t_ms, told, raw)
         if evidence:
-            self.robot.keep_evidence(self.shown(evidence))
+            self.keep_evidence(self.shown(evidence))
         return self.mission.on_evidence(step, t_ms, told, evidence)
 
     def shown(self, evidence: bytes) -> bytes:
-        """What goes into the log for it."""
+        """Return what goes into the log for it."""
         return evidence
 
 
@@ -157,7 +151,6 @@ class ForgeClaim(ShowUnsensed):
     """Shows the scan that its lidar made, and claims that the node is to be seen in it."""
 
     def shown(self, evidence: bytes) -> bytes:
-        """The claim as made, the scan as it was."""
         sensors = self.mission.missions.sensors
         claim, _ = unpack_evidence(evidence, sensors.lidar.beams)
-        return pack_evidence(claim, self.robot.raw[: sensors.scan_bytes], self.robot.raw[sensors.scan_bytes :])
+        return pack_evidence(claim, self.raw[: sensors.scan_bytes], self.raw[sensors.scan_bytes :])

@@ -26,7 +26,7 @@ class FlipBit(Between):
     PLACE_BIT: ClassVar[int] = 12  # of millimetres: 4.096 m
 
     def deliver(self, sent: Sent) -> Sent:
-        """With the bit changed. Raises: UsageError: the file has no such bit."""
+        """Change the bit. Raises: UsageError: the file has no such bit."""
         bits = BYTE * len(parse_mission(sent.file).signed_part())
         asked = float(self.plan.options.get("bit", self.plan.chance.integers(bits)))
         if not 0 <= asked < bits:
@@ -55,7 +55,6 @@ class ForgeGraph(Between):
     ordered = False
 
     def deliver(self, sent: Sent) -> Sent:
-        """The adversary's, in the profile of the operator's."""
         header = parse_mission(sent.file).header
         made = build(
             replace(self.plan.wanted, coding=header.coding),
@@ -68,34 +67,26 @@ class ForgeGraph(Between):
         return Sent(self.plan.wanted, mission.encode(), made.key.encode(), ())
 
 
-class _Replay(Between):
-    """Something true is sent when nobody ordered anything: the weakness that the paper names (§VI-G)."""
+class ReplayDay(Between):
+    """The operator's mission of another day, when nobody ordered anything: the weakness of the paper (§VI-G)."""
 
     ordered = False
 
-
-class ReplayDay(_Replay):
-    """The operator's mission of another day."""
-
     def deliver(self, sent: Sent) -> Sent:
-        """Yesterday's."""
-        del sent
         return self.plan.yesterday
 
 
-class ReplayRobot(_Replay):
+class ReplayRobot(ReplayDay):
     """The operator's mission for another robot."""
 
     def deliver(self, sent: Sent) -> Sent:
-        """The other robot's."""
-        del sent
         return self.plan.others
 
 
-class ReplayAgain(_Replay):
+class ReplayAgain(Between):
     """The operator's mission of today, once more: the robot has done it already."""
 
-    again = True
+    ordered, again = False, True
 
 
 class SetClock(ReplayDay):
@@ -108,6 +99,5 @@ class SwapKey(Between):
     """The start key of another day comes with the mission of today."""
 
     def deliver(self, sent: Sent) -> Sent:
-        """With the key of yesterday, which says that it is today's."""
         key = replace(parse_start_key(self.plan.yesterday.key), mission_id=parse_start_key(sent.key).mission_id)
         return replace(sent, key=key.encode())

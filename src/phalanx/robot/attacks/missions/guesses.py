@@ -17,7 +17,7 @@ from phalanx.mission.walk.gate import StartKey
 from phalanx.mission.worth.audit import audit
 from phalanx.mission.worth.cracking import Box, Cracked, Tried, crack_paper, crack_sealed
 from phalanx.mission.worth.guessing import OUT_OF_REACH
-from phalanx.mission.worth.shown import shown_by
+from phalanx.mission.worth.shown import Shown, shown_by
 from phalanx.robot.attacks.attack import Scene
 
 from .between import Between, Sent
@@ -50,24 +50,26 @@ class Guess(Between, ABC):
         """
 
     def in_all(self, plain: Mission, known: int) -> float:
-        """How many tries the whole takes: as many as are `known` of, or what lies behind the nodes that are open."""
-        del plain
+        """Return how many tries the whole takes: `known`, or with what lies behind the nodes that are open."""
         return float(known)
+
+
+def crack(sent: Sent, box: Box, key: StartKey | None = None, plan: Shown | None = None) -> Iterator[Tried]:
+    """Return batches of tries of every place, with the start key that was sent or another."""
+    mission = parse_mission(sent.file)
+    if mission.header.profile is Profile.PAPER:
+        return crack_paper(mission, box)
+    return crack_sealed(mission, key or parse_start_key(sent.key), box, plan=plan)
 
 
 class GuessGraph(Guess):
     """The file and its start key, if it has one, were captured with the robot."""
 
     def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[Tried]:
-        """Every place."""
-        del building
-        mission = parse_mission(sent.file)
-        if mission.header.profile is Profile.PAPER:
-            return crack_paper(mission, box)
-        return crack_sealed(mission, parse_start_key(sent.key), box)
+        return crack(sent, box)
 
     def in_all(self, plain: Mission, known: int) -> float:
-        """A sealed node that was not opened hides how many come after it: the author knows, and the audit says so."""
+        """Count those too that a sealed node hides: the author knows, and the audit says so."""
         if plain.coding is None:  # the paper profile: every node can be tried at once
             return float(known)
         rows = audit(plain, Profile.SEALED, open_start=True).nodes
@@ -78,29 +80,22 @@ class GuessPlan(Guess):
     """File, start key and the building's floor plan were captured, or the building was walked through."""
 
     def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[Tried]:
-        """What the plan shows, first."""
-        mission = parse_mission(sent.file)
-        if mission.header.profile is Profile.PAPER:
-            return crack_paper(mission, box)
-        return crack_sealed(mission, parse_start_key(sent.key), box, plan=shown_by(building, BuildOptions().offset_mm))
+        return crack(sent, box, plan=shown_by(building, BuildOptions().offset_mm))
 
 
 class GuessGate(GuessGraph):
     """The file alone was captured: the start key came over the link, and is not in it."""
 
     def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[Tried]:
-        """Every place, behind one gate after the other."""
-        del building
-        mission = parse_mission(sent.file)
-        if mission.header.profile is Profile.PAPER:
-            yield from crack_paper(mission, box)
+        if parse_mission(sent.file).header.profile is Profile.PAPER:
+            yield from crack(sent, box)
             return
         key = parse_start_key(sent.key)  # for the shape and the offsets of what is behind: more than the adversary has
         while True:
             gates = {
                 node: replace(gate, share=self.plan.chance.bytes(SECRET_BYTES)) for node, gate in key.gates.items()
             }
-            for batch in crack_sealed(mission, StartKey(key.mission_id, gates, {}), box):
+            for batch in crack(sent, box, StartKey(key.mission_id, gates, {})):
                 yield replace(batch, of=int(batch.of * GATES))
 
 
@@ -111,8 +106,6 @@ class GuessToken(Guess):
     one_node = True
 
     def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[Tried]:
-        """One token after the other, against the first node."""
-        del box, building
         mission, node = parse_mission(sent.file), sent.plain.nodes[0]
         header, mark = mission.header, mission.nodes[0].aliases[0].mark
         (place,) = node.see[0]

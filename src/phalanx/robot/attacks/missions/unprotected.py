@@ -53,7 +53,6 @@ class PlainWalker(Walker):
         self._start = next(i for i, node in enumerate(plain.nodes) if node.start)
 
     def step(self, state: State, seen: Experience) -> tuple[State, Outcome]:
-        """The next state, and what came of an experience."""
         if state.phase is not Phase.SEEKING:
             return state, Outcome(self.order(state), reason=Reason.STOPPED)
         since_s = seen.t_s if state.since_s is None else state.since_s
@@ -72,7 +71,6 @@ class PlainWalker(Walker):
         return state, Outcome(self.order(state), reason=Reason.NO_MATCH)
 
     def order(self, state: State) -> Order:
-        """To the next place, straight on."""
         if state.phase is not Phase.SEEKING or state.target is None:
             return super().order(state)
         return Order(Kind.GO, state.target, toward_m=self._nodes[state.target].place)
@@ -84,7 +82,8 @@ class PlainWalker(Walker):
         texts = {thing.text for alias in node.see for thing in alias if isinstance(thing, Landmark) and thing.text}
         if texts:
             reach_m = node.within_m or ANY_REACH_M
-            return any(code.text in texts and _distance_m(seen, code) <= reach_m for code in seen.landmarks)
+            seen_m = [(code.text, math.hypot(code.x_m - seen.x_m, code.y_m - seen.y_m)) for code in seen.landmarks]
+            return any(text in texts and away_m <= reach_m for text, away_m in seen_m)
         return node.place is not None and math.dist(node.place, (seen.x_m, seen.y_m)) <= ARRIVE_M
 
     def _reach(self, state: State, seen: Experience, target: int) -> tuple[State, Outcome]:
@@ -106,7 +105,3 @@ class PlainWalker(Walker):
         phase, event = (Phase.DONE, Event.COMPLETED) if over else (Phase.SEEKING, Event.DECODED)
         state = replace(state, phase=phase, at=target, target=following, since_s=seen.t_s)
         return state, Outcome(self.order(state), opened, event=event)
-
-
-def _distance_m(seen: Experience, landmark: Landmark) -> float:
-    return math.hypot(landmark.x_m - seen.x_m, landmark.y_m - seen.y_m)

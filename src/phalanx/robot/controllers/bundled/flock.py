@@ -20,7 +20,6 @@ from __future__ import annotations
 from phalanx.kernel import kernel
 from phalanx.robot.controllers import flock_law, neighbours
 from phalanx.robot.controllers.declaration import Declaration
-from phalanx.robot.controllers.outputs import put_head
 from phalanx.robot.controllers.parameters import Params
 from phalanx.wire import table
 from phalanx.wire.fields import (
@@ -31,6 +30,7 @@ from phalanx.wire.fields import (
     get_f32,
     get_u16,
     put_f32,
+    put_head,
     whole,
 )
 

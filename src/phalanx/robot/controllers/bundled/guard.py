@@ -28,7 +28,6 @@ from phalanx.config.guard import GuardConfig
 from phalanx.kernel import kernel
 from phalanx.robot.controllers import guard_law, neighbours, promises
 from phalanx.robot.controllers.declaration import Declaration
-from phalanx.robot.controllers.outputs import put_head
 from phalanx.robot.controllers.parameters import Params
 from phalanx.wire import driven, guarded, table
 from phalanx.wire.fields import (
@@ -42,6 +41,7 @@ from phalanx.wire.fields import (
     get_u32,
     get_u64,
     put_f32,
+    put_head,
     put_u64,
     whole,
 )

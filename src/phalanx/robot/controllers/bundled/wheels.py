@@ -23,7 +23,6 @@ from phalanx.config.flock import WheelsConfig
 from phalanx.kernel import kernel
 from phalanx.robot.controllers import orders
 from phalanx.robot.controllers.declaration import Declaration
-from phalanx.robot.controllers.outputs import put_head
 from phalanx.robot.controllers.parameters import Params
 from phalanx.robot.controllers.sine import sine_cosine
 from phalanx.robot.follow import FULL_PCT, percent, steer
@@ -37,6 +36,7 @@ from phalanx.wire.fields import (
     get_i8,
     get_u16,
     get_u64,
+    put_head,
     put_u16,
     put_u64,
     whole,
