@@ -14,7 +14,7 @@ from typing import ClassVar
 from phalanx.wire.protocols import CLAIM, KIND_CLAIM, NOWHERE, PEER, PEER_MEMORY
 from phalanx.wire.record import MalformedRecord
 
-from .peer_bodies import BEHIND_T, ID, DrivenWheels, PeerBody, PointMass, fields_of, is_fine
+from .peer_bodies import BEHIND_T, ID, DrivenWheels, PeerBody, fields_of, is_fine
 from .protocol import Point, Task
 from .python_controller import Controller, Output, Send
 
@@ -52,9 +52,7 @@ class PeerController(Controller, ABC):
     def __init__(self, rob_id: int, task: Task) -> None:
         super().__init__(rob_id)
         self.task = task
-        self.body: PeerBody = (
-            PointMass(rob_id, self.pace_mps) if task.wheels is None else DrivenWheels(rob_id, task.wheels)
-        )
+        self.body = PeerBody(rob_id, self.pace_mps) if task.wheels is None else DrivenWheels(rob_id, task.wheels)
         self.period_ms = task.state_every * task.control_ms  # from one broadcast to the next
         self.here = self.holds = self.wants = NOWHERE
         self.done = 0
