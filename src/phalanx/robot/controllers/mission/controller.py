@@ -46,10 +46,10 @@ from phalanx.wire.table import (
     MISSION_MESSAGE,
 )
 
-from .evidence import BadEvidence, pack_evidence, unpack_evidence
+from .course import Course
+from .evidence import BadEvidence, Eye, codes_at, pack_evidence, parse_sensed, unpack_evidence
 from .pilot import TRAIL_MAX, Drive, Leg, drive
 from .readings import CLEAR, CLEAR_STEP_M, SENSED_MAX_BYTES, Reading, Sensors, scan_sha1
-from .sensed import Eye, codes_at, parse_sensed
 from .surroundings import Pose, Sectors, packed, unpacked
 
 SAID_MAX = 8
@@ -146,6 +146,7 @@ class MissionController(EvidenceController):
     Attributes:
         messages: that have just come by another road than the radio, where nobody audits it.
         tries: hashes or KDFs of the last search for something to claim.
+        seen, outcome: of its last step, None before the first; for whoever watches the robot, no decision reads them.
     """
 
     def __init__(self, rob_id: int, missions: Missions, walker: Walker) -> None:
@@ -155,6 +156,8 @@ class MissionController(EvidenceController):
         self.memory = Memory(begun_at(missions.config, self.given.start))
         self.messages: tuple[bytes, ...] = ()
         self.tries = 0
+        self.seen: Experience | None = None
+        self.outcome: Outcome | None = None
         self._scan = b""
         lidar, each = missions.sensors.lidar, missions.sensors.beams_per_sector
         step = lidar.angle_increment_rad
@@ -174,6 +177,11 @@ class MissionController(EvidenceController):
         """Where it would believe to be by its last reading, had it never validated anything."""
         return _placed(self.given.start, self.memory.odometry)
 
+    @property
+    def over(self) -> bool:
+        """Whether it has stopped for good."""
+        return self.memory.walk.phase in (Phase.DONE, Phase.HELD)
+
     # --- the robot alone ----------------------------------------------------------------------------------------------
 
     def keep(self, step: int, t_ms: int, reading: bytes, raw: bytes) -> bytes:  # noqa: ARG002 - a search knows no steps
@@ -181,10 +189,9 @@ class MissionController(EvidenceController):
         if not self.missions.audited:
             self._scan = raw
             return b""
-        stopped = self.memory.walk.phase in (Phase.HELD, Phase.DONE)
         now = self._parsed(reading)
         end = self.missions.sensors.scan_bytes
-        if stopped or now is None or len(raw) < end:
+        if self.over or now is None or len(raw) < end:
             return b""
         seen = self._experience(t_ms, self._belief(now), now, raw)
         if self._waits(seen):
@@ -235,6 +242,8 @@ class MissionController(EvidenceController):
             self.memory = replace(self.memory, belief=belief, odometry=now.pose)
             return [self._drive(t_ms, Drive())]
         walk, outcome = self.walk(seen, claim)
+        self.seen = seen
+        self.outcome = replace(outcome, trials=outcome.trials + self.tries) if self.tries else outcome
         if outcome.fix is not None:
             belief = fixed(self.missions.config, belief, outcome.fix)
         own_s = 0 if walk.at is None else self.given.mission.nodes[walk.at].timeout_s
@@ -303,9 +312,9 @@ class MissionController(EvidenceController):
 
     def encode(self) -> bytes:
         """All that a replay needs, and no key."""
-        m, leg = self.memory, self.memory.leg
-        around = (*leg.stop, *leg.base, leg.seen_s, leg.waited_s, packed(leg.cells))
-        carried = (leg.passed, leg.best_m, leg.best_s, leg.turning, *around, m.blocked)
+        m, leg, course = self.memory, self.memory.leg, self.memory.leg.course
+        around = (course.turning, *course.stop, *leg.base, leg.seen_s, course.waited_s, packed(leg.cells))
+        carried = (leg.passed, leg.best_m, leg.best_s, *around, m.blocked)
         placed = (m.begun_ms, *m.belief.numbers, *m.odometry)
         head = MISSION_MEMORY.form.pack(*placed, *leg.key, *carried, len(m.said), len(leg.trail))
         trail = b"".join(CRUMB.form.pack(*crumb) for crumb in leg.trail)
@@ -328,9 +337,10 @@ class MissionController(EvidenceController):
             raise MalformedMission("more than a robot remembers")
         messages = tuple(reader.take(SECRET_BYTES) for _ in range(said))
         trail = tuple((x, y) for x, y in (reader.unpack(CRUMB) for _ in range(crumbs)))
-        *places, seen_s, waited_s, cells = around
-        done = (kind, target, begin), bool(passed), best_m, best_s, trail, turning
-        leg = Leg(*done, (places[0], places[1]), (places[2], places[3]), seen_s, waited_s, unpacked(cells))
+        x, y, base_x, base_y, seen_s, waited_s, cells = around
+        course = Course((x, y), turning, waited_s)
+        key = kind, target, begin
+        leg = Leg(key, bool(passed), best_m, best_s, trail, course, (base_x, base_y), seen_s, unpacked(cells))
         walk = parse_state(self.given.mission, reader)
         reader.end()
         before = self.memory

@@ -63,9 +63,10 @@ class Goal(NamedTuple):
 class Course(NamedTuple):
     """How it gets there, from step to step."""
 
-    stop: Stop  # place on the way around that it makes for, centimetres in odometry's frame, or NO_STOP twice
-    turning: int  # how it turns about, as `Leg` has it
-    waited_s: float  # before a long way around
+    stop: Stop = (NO_STOP, NO_STOP)  # place on the way around that it makes for, cm in odometry's frame
+    # 1 or -1 while it turns about, to the left or to the right; 2 or -2 when it has, and 0 before the first time
+    turning: int = 0
+    waited_s: float = 0.0  # before a long way around
 
 
 @kernel
