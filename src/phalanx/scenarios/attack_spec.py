@@ -45,10 +45,9 @@ class AttackSpec:
 
 
 def parse_attack(words: str, own: Attack | None = None) -> AttackSpec:
-    """The attack of `NAME[:robot=I,at=T,until=T,OPTION=VALUE,…]`, times in seconds.
+    """Return the attack of `NAME[:robot=I,at=T,until=T,OPTION=VALUE,…]`, times in seconds.
 
     Args:
-        words: these.
         own: what it is, if it is not in the library.
     Raises: UsageError: it is not of that form.
     """
@@ -65,32 +64,22 @@ def parse_attack(words: str, own: Attack | None = None) -> AttackSpec:
             raise UsageError(f"{key} twice in {words!r}", hint)
         said[key] = _number(value)
     try:
-        return make_attack(name, said, own)
+        for key in {"at", "until"} & said.keys():
+            if isinstance(said[key], str):
+                raise UsageError(f"{key} of {name} is {said[key]!r}", "seconds")
+        robot = said.pop("robot", None)
+        if robot is not None and (isinstance(robot, str) or robot != int(robot)):
+            raise UsageError(f"robot of {name} is {robot!r}", "a robot's id, a whole number")
+        return AttackSpec(
+            name=name,
+            robot=None if robot is None else int(robot),
+            at_s=float(said.pop("at", 15.0)),
+            until_s=float(said.pop("until")) if "until" in said else None,
+            options=said,
+            own=own,
+        )
     except UsageError as error:
         raise UsageError(f"{words!r}: {error}", error.hint) from error
-
-
-def make_attack(name: str, said: Mapping[str, float | str], own: Attack | None = None) -> AttackSpec:
-    """The attack `name` with what was said of it: robot, at, until, and the rest as its options.
-
-    Raises: UsageError: robot, at or until is not a number.
-    """
-    options = dict(said)
-    times = {key: options.pop(key) for key in ("at", "until") if key in options}
-    robot = options.pop("robot", None)
-    for key, value in times.items():
-        if isinstance(value, str):
-            raise UsageError(f"{key} of {name} is {value!r}", "seconds")
-    if robot is not None and (isinstance(robot, str) or robot != int(robot)):
-        raise UsageError(f"robot of {name} is {robot!r}", "a robot's id, a whole number")
-    return AttackSpec(
-        name=name,
-        robot=None if robot is None else int(robot),
-        at_s=float(times.get("at", 15.0)),
-        until_s=float(times["until"]) if "until" in times else None,
-        options=options,
-        own=own,
-    )
 
 
 def _number(words: str) -> float | str:

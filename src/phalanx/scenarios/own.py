@@ -20,7 +20,8 @@ from phalanx.config.written import read_at_most
 from phalanx.errors import OwnFileError, PhalanxError, UsageError, did_you_mean
 from phalanx.robot.attacks.attack import Attack, own_attack
 from phalanx.robot.attacks.liar import Liar
-from phalanx.robot.controllers import own_kernels
+from phalanx.robot.controllers import dispatch, own_kernels
+from phalanx.robot.controllers.compiled import compiled
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.python_controller import Controller, OwnMistake
 from phalanx.robot.planner import MakePlanner, Planner
@@ -53,7 +54,7 @@ def find_controller(
         if made:
             return scenario, made
         chosen = replace(scenario, controller=words)
-        return (scenario, own_kernels.made_of(words, params_of(chosen))) if in_python else (chosen, None)
+        return (scenario, compiled(dispatch.NUMBERS[words], params_of(chosen))) if in_python else (chosen, None)
     if words not in CONTROLLERS:
         raise no_controller(words, in_scenarios())
     return replace(scenario, controller=words), None
@@ -98,34 +99,32 @@ def find_attacks(said: Sequence[str | AttackSpec | Attack | type[Any]]) -> tuple
     """The attacks of each of these; "none" alone is none.
 
     Args:
-        said: words as for `find_attack`; or who lies how, a record, or a class that derives from `Liar`.
+        said: words as for `find_attack`; or an `AttackSpec`, an `Attack`, or a class that derives from `Liar`.
     Raises: as `find_attack`. UsageError: "none" beside an attack.
     """
     if list(said) == ["none"]:
         return ()
     if "none" in said:
         raise UsageError("an attack and none", "one or the other")
-    return tuple(find_attack(each) if isinstance(each, str) else _spec(each) for each in said)
+    return tuple(map(find_attack, said))
 
 
-def find_attack(words: str) -> AttackSpec:
-    """The attack of `NAME[:robot=I,at=T,until=T,OPTION=VALUE,…]`, times in seconds; NAME may be FILE.py:CLASS.
+def find_attack(said: str | AttackSpec | Attack | type[Any]) -> AttackSpec:
+    """Return the attack of `NAME[:robot=I,at=T,until=T,OPTION=VALUE,…]`, times in seconds; NAME may be FILE.py:CLASS.
 
     Raises: as `find_class`. UsageError: it is not of that form.
     """
-    if not is_file(words):
-        return parse_attack(words)
-    path, _, rest = words.partition(":")
+    if isinstance(said, AttackSpec):
+        return said
+    if not isinstance(said, str):
+        own = own_attack(said)
+        return AttackSpec(name=own.name, own=own)
+    if not is_file(said):
+        return parse_attack(said)
+    path, _, rest = said.partition(":")
     name, colon, options = ("", "", rest) if "=" in rest.partition(":")[0] else rest.partition(":")
     own = own_attack(find_class(f"{path}:{name}", Liar))
     return parse_attack(own.name + (f":{options}" if colon or options else ""), own)
-
-
-def _spec(said: AttackSpec | Attack | type[Any]) -> AttackSpec:
-    if isinstance(said, AttackSpec):
-        return said
-    own = own_attack(said)
-    return AttackSpec(name=own.name, own=own)
 
 
 def find_class(words: str, kind: type[Any]) -> Any:
@@ -204,18 +203,14 @@ def _raised_at(error: BaseException) -> list[tuple[str, int | None]]:
 
 
 def _first_shown(places: Iterable[tuple[str, int | None]], files: Sequence[str]) -> str:
-    """Return the first place that is in the files, "FILE.py:LINE"; "" if none is."""
-    return next((f"{shown}:{line}" for name, line in places if (shown := _shown(name, files))), "")
-
-
-def _shown(name: str, files: Sequence[str]) -> str:
-    """Return a source file as the user named it; "" if it is neither one of these nor in the folder of one."""
-    path = Path(name).resolve()
-    for file in files:
-        if path == Path(file).resolve():
-            return file
-        if path.parent == Path(file).resolve().parent and path.is_file():  # and not "<string>"
-            return str(Path(file).with_name(path.name))
+    """Return the first place in these files or their folders, "FILE.py:LINE" as the user named them; "" if none is."""
+    for name, line in places:
+        path = Path(name).resolve()
+        for file in files:
+            if path == Path(file).resolve():
+                return f"{file}:{line}"
+            if path.parent == Path(file).resolve().parent and path.is_file():  # and not "<string>"
+                return f"{Path(file).with_name(path.name)}:{line}"
     return ""
 
 

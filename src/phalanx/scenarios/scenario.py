@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Integral
-from typing import Literal, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 from phalanx.config import BtiConfig
 from phalanx.config.bti import NEIGHBOUR_BYTES
@@ -35,6 +35,7 @@ MOST_ROBOTS = 65_535
 MOST_NEIGHBOURS = 340
 # A flock that closes up has more neighbours than its grid: so many times as many are provided for, and a few.
 CLOSER, SPARE = 1.5, 4
+_Obstacle = TypeVar("_Obstacle", Disc, Box)
 ROWS = ("line", "ring")  # one robot behind the other
 # A robot's log has room for orders, and for what all are told: as much as this many neighbours would say.
 ORDERS_AS_NEIGHBOURS = 40
@@ -176,7 +177,7 @@ class Scenario:
         return Task(
             starts_m=tuple(self.starts_m),
             step_m=self.grid_step_m,
-            boxes=tuple(obstacle for obstacle in self.obstacles if isinstance(obstacle, Box)),
+            boxes=_of_kind(Box, self.obstacles),
             seed=self.seed,
             control_ms=self.bti.t_control_ms,
             state_every=self.bti.steps_per_state,
@@ -223,34 +224,21 @@ class Scenario:
         t_val_s: float | None = None,
         seed: int | None = None,
     ) -> Scenario:
-        """This scenario with some of it said otherwise; None leaves a thing as it is.
+        """Return the scenario with some of it said otherwise; None leaves a thing as it is.
 
         `spacing_m` is both the grid's step and the spacing that the flock keeps; `attacks` replace the scenario's own.
 
         Raises: UsageError: as for the scenario.
         """
-        for name, value in (("t_audit_s", t_audit_s), ("t_val_s", t_val_s)):
+        audits = _given(f_max=f_max)
+        for name, value in (("t_audit", t_audit_s), ("t_val", t_val_s)):
             if value is not None:
-                check_within(name, value, 0.0, LONGEST_S)  # what is not a number has no milliseconds
-        changes: dict[str, object] = {
-            "robots": robots,
-            "grid_step_m": spacing_m,
-            "d_m": spacing_m,
-            "duration_s": duration_s,
-            "defence": defence,
-            "attacks": attacks,
-            "seed": seed,
-        }
-        audits = {
-            "f_max": f_max,
-            "t_audit_ms": None if t_audit_s is None else round(1000 * t_audit_s),
-            "t_val_ms": None if t_val_s is None else round(1000 * t_val_s),
-        }
-        said = {name: value for name, value in audits.items() if value is not None}
+                check_within(f"{name}_s", value, 0.0, LONGEST_S)  # what is not a number has no milliseconds
+                audits[f"{name}_ms"] = round(1000 * value)
         # What bti was given for n_max last time must not stand in the way of a larger f_max.
-        bti = replace(self.bti, **said, n_max=max(self.bti.n_max, (f_max or 0) + 1))
-        changed: dict[str, object] = {name: value for name, value in changes.items() if value is not None}
-        return replace(self, bti=bti, **changed)  # type: ignore[arg-type]
+        bti = replace(self.bti, **audits, n_max=max(self.bti.n_max, (f_max or 0) + 1))
+        plain = _given(robots=robots, duration_s=duration_s, defence=defence, attacks=attacks, seed=seed)
+        return replace(self, bti=bti, **plain, **_given(grid_step_m=spacing_m, d_m=spacing_m))
 
     def _check_driven(self) -> None:
         for name in ("gateway_key", "operator_key"):
@@ -289,8 +277,8 @@ class Scenario:
             d_m=self.d_m,
             n_max=bti.n_max,
             state_every=bti.steps_per_state,
-            discs=tuple(obstacle for obstacle in obstacles if isinstance(obstacle, Disc)),
-            boxes=tuple(obstacle for obstacle in obstacles if isinstance(obstacle, Box)),
+            discs=_of_kind(Disc, obstacles),
+            boxes=_of_kind(Box, obstacles),
         )
 
     def _guard(self, bti: BtiConfig) -> GuardConfig:
@@ -300,8 +288,8 @@ class Scenario:
             state_every=bti.steps_per_state,
             period_ms=bti.t_control_ms,
             delta_ms=bti.delta_ms,
-            discs=tuple(obstacle for obstacle in self.obstacles if isinstance(obstacle, Disc)),
-            boxes=tuple(obstacle for obstacle in self.obstacles if isinstance(obstacle, Box)),
+            discs=_of_kind(Disc, self.obstacles),
+            boxes=_of_kind(Box, self.obstacles),
         )
         for start_m in self.starts_m:
             guard.check_start(start_m)
@@ -321,6 +309,14 @@ def for_robots(scenario: Scenario) -> Scenario:
     """The same, if its robots have room to start. Raises: UsageError: they have not."""
     _ = scenario.starts_m
     return scenario
+
+
+def _of_kind(kind: type[_Obstacle], obstacles: Sequence[Disc | Box]) -> tuple[_Obstacle, ...]:
+    return tuple(obstacle for obstacle in obstacles if isinstance(obstacle, kind))
+
+
+def _given(**options: Any) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if value is not None}
 
 
 def _none_such(what: str, name: str, known: Sequence[str]) -> UsageError:

@@ -36,11 +36,9 @@ from phalanx_compiler.violations import MESSAGES, RAISED
 from phalanx_compiler.writes import writes_of
 
 from . import dispatch
-from .compiled import compiled
 from .declaration import Declaration
 from .outputs import HEAD_BYTES, LENGTH
 from .parameters import Params
-from .python_controller import Controller
 
 ROOT = Path(__file__).resolve().parents[2]
 MOST_STATE_BYTES = 65_535
@@ -133,14 +131,6 @@ def load_kernels(words: str, module: ModuleType) -> None:
         _loaded[key] = dispatch.add_own(plain, {} if PURE else _addresses(words, text, slots, plain))
     dispatch.name_own(words, declaration, _loaded[key])
     _files[_content_of(Path(file))] = declaration, _loaded[key]
-
-
-def made_of(words: str, params: Params) -> Callable[[int], Controller]:
-    """Return what makes the controller of a loaded file for a robot's id, in Python."""
-    make: Any = compiled(dispatch.NUMBERS[words], params)
-    make.state_bytes = int(dispatch.capacity(dispatch.NUMBERS[words], params))
-    result: Callable[[int], Controller] = make
-    return result
 
 
 def _checked(words: str, declared: Declaration) -> Declaration:

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import dis
 import inspect
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -203,6 +204,25 @@ class Controller:
         except UsageError as error:
             name = type(output).__name__
             raise OwnMistake(f"on_reading put out a {name}: {error}", "finite numbers up to 10^6", self) from error
+
+
+class EvidenceController(Controller, ABC):
+    """A controller that also reads data of which the chain holds a hash alone, as scans."""
+
+    @abstractmethod
+    def keep(self, step: int, t_ms: int, reading: bytes, raw: bytes) -> bytes:
+        """Return what to keep of `raw`, whose hash is in `reading`; b"" for nothing.
+
+        The robot calls this before `on_evidence`, and no auditor does: secrets and searches belong here.
+        """
+
+    @abstractmethod
+    def on_evidence(self, step: int, t_ms: int, reading: bytes, evidence: bytes) -> Iterable[Output]:
+        """Decide as `on_input` does, with what was kept. Raises: PeerError: the evidence does not prove the reading."""
+
+    def on_input(self, step: int, t_ms: int, reading: bytes) -> Iterable[Output]:
+        """Decide on a reading of which nothing was kept."""
+        return self.on_evidence(step, t_ms, reading, b"")
 
 
 def checked_outputs(told: object, room: int, whose: object) -> list[Output]:
