@@ -128,10 +128,9 @@ def find_attack(said: str | AttackSpec | Attack | type[Any]) -> AttackSpec:
 
 
 def find_class(words: str, kind: type[Any]) -> Any:
-    """The class of "FILE.py:CLASS"; of "FILE.py" the only one that is derived from `kind`.
+    """Return the class of "FILE.py:CLASS"; of "FILE.py" the only one that is derived from `kind`.
 
     For a controller, CLASS may also be a function that makes one for a robot's id; for an attack, its record.
-
     Raises: UsageError: no such file or class, or the file raises. Unavailable: it cannot be read.
     """
     path, _, name = words.partition(":")
@@ -167,11 +166,10 @@ def _class_in(module: ModuleType, path: Path, name: str, kind: type[Any]) -> Any
 
 @contextlib.contextmanager
 def mistakes_in(*named: str | None) -> Iterator[None]:
-    """Turn what the files in these "FILE.py:CLASS" do wrong into a `UsageError` that names file and line.
+    """Turn mistakes of the files in these "FILE.py:CLASS" into a `UsageError` that names file and line.
 
-    So nobody has to read a traceback of ours; it is logged, at DEBUG. Names that are of no file do nothing. What other
-    files in the same folder raise counts as well. A call of ours may fail before a line of the file runs, as of a
-    method that takes other arguments: then there is no line to name.
+    The traceback is logged, at DEBUG. Names that are of no file do nothing; what other files in the same folder raise
+    counts as well. A call of ours may fail before a line of the file runs: then there is no line to name.
     """
     files = [words.partition(":")[0] for words in named if words and is_file(words)]
     try:

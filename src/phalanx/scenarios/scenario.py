@@ -44,10 +44,10 @@ MOST_AREA_M = 65.0  # a waypoint is 16 bits of millimetres
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """A swarm, where it starts, what it does, who lies, and what protects it.
+    """A swarm, where it starts, what it does, which robots lie, and what protects it.
 
-    `flock` and `bti` are kept in agreement with the rest: a scenario's goal, spacing and obstacles are its flock's, and
-    both provide for `n_max` neighbours.
+    `flock` and `bti` agree with the rest: a scenario's goal, spacing and obstacles are its flock's, and both provide
+    for `n_max` neighbours.
 
     Raises: UsageError: a value is out of range, or two contradict each other.
     Source: RoboRebound §4, §5.2, §5.3; docs/scenarios.md.

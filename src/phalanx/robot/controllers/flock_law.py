@@ -27,11 +27,10 @@ PACE_MPS = 1.0
 
 
 def flock_params(config: FlockConfig) -> Params:
-    """The mission's parameters as kernels read them: 25 numbers, then the obstacles.
+    """Return the mission's parameters as kernels read them: 25 numbers, then the obstacles.
 
-    An obstacle acts within d' = 0.5 kappa d, where its bump ends, so that the paper's r' = kappa d' changes nothing.
-    c = |a - b| / sqrt(4 a b) as in the original; Table 3 prints it without bars, and a < b would then push robots that
-    are at the right spacing.
+    An obstacle acts within d' = 0.5 kappa d, where its bump ends: the paper's r' = kappa d' changes nothing. Table 3
+    prints c = |a - b| / sqrt(4 a b) without bars: a < b would then push robots that are at the right spacing.
 
     Source: RoboRebound Table 3; Olfati-Saber 2006, eq. 8, 15.
     """
@@ -93,10 +92,9 @@ def neighbour_push(params: Params, dx: float, dy: float, dvx: float, dvy: float)
 
 @kernel
 def obstacles_push(params: Params, x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
-    """What all obstacles add: each acts as a robot at its nearest point, which slides along with us.
+    """Return what all obstacles add: each acts as a robot at its nearest point, which slides along with us.
 
     Inside an obstacle, where the original is silent, that point counts as if it lay behind us, so that it pushes out.
-
     Source: Olfati-Saber 2006, Lemma 4, eq. 53, 59 (beta).
     """
     ax, ay = 0.0, 0.0
@@ -155,7 +153,7 @@ def _wall_push(params: Params, dx: float, dy: float, dvx: float, dvy: float) -> 
 
 @kernel
 def goal_pull(params: Params, x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
-    """What the goal, at rest, adds; linear, as a saturated pull would move robots 2 m in 150 s.
+    """Return what the goal adds; linear, as a saturated pull would move robots 2 m in 150 s.
 
     Source: RoboRebound Table 3; Olfati-Saber 2006, eq. 24.
     """

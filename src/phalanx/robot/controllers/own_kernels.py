@@ -1,8 +1,8 @@
-"""A user's own controller of the form of a bundled one, compiled when it is loaded.
+"""A user's own controller as kernels, compiled when it is loaded.
 
-Its file has a `CONTROLLER` and kernels (declaration.py). They are compiled with the machine's C compiler into the
-user's cache and called by their addresses (dispatch.py). Without a compiler, compiled code calls them in Python; with
-PHALANX_PURE=1 all is Python.
+Its file has a `CONTROLLER` and kernels (declaration.py). The machine's C compiler compiles them into the user's cache,
+and dispatch.py calls them by address. Without a compiler, compiled code calls them in Python; with PHALANX_PURE=1 all
+is Python.
 """
 
 from __future__ import annotations

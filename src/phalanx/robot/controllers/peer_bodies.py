@@ -1,6 +1,6 @@
-"""The bodies that protocols drive: a point mass that accelerates, and two wheels that visitors may drive as well.
+"""The bodies that protocols drive: a point mass, and two wheels that visitors may drive as well.
 
-What a protocol decides is in metres and the same for both; here it becomes commands.
+Protocols decide in metres, the same for both; here their decisions become commands.
 """
 
 from __future__ import annotations
@@ -118,10 +118,10 @@ class PeerBody:
 
 
 class DrivenWheels(PeerBody):
-    """Two wheels that obey signed orders as `wheels` do; nobody's orders, they do the protocol's work.
+    """Two wheels that obey signed orders as `wheels` do, and otherwise do the protocol's work.
 
-    The operator's stop holds them. A visitor's route is driven to its end. It is a `wheels` controller that decides all
-    of that, and this takes the wheels where that leaves them idle.
+    A `wheels` controller decides what orders demand: a stop, a route to its end, a joystick. This drives where it is
+    idle.
     """
 
     sensor, per_m = WHEELS_SENSOR, 1000

@@ -1,8 +1,7 @@
-"""What the protocols have in common: a robot that says where it is and what it takes on, and knows what others said.
+"""The common part of protocols: a robot that says where it is and what it takes on, and knows what others said.
 
 The mission names its robots, so a liar's invented ones are nobody: each robot remembers the others, no more and no
-less, and nobody is ever forgotten, for who is silent still stands there. Source: RoboRebound §2.1 (coordination by
-messages); docs/protocols.md.
+less. None is forgotten, for one that is silent still stands there. Source: RoboRebound §2.1; docs/protocols.md.
 """
 
 from __future__ import annotations

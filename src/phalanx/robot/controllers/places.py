@@ -1,9 +1,9 @@
-"""What patrols and explorers have in common: places to be at, each taken on by one robot, and who was where when.
+"""The common part of patrols and explorers: places, each taken on by one robot, and which robot was where when.
 
-A robot claims the place it goes to; of two who claim the same, the one with the lower id goes there. Whoever says that
-it was at a place is believed from its next word on, if that comes a turn later: a word that comes sooner shows that
-somebody speaks in its name. It is no longer believed if it falls silent so soon after that it may have been stopped
-for this very lie: by P1 a liar is silent within `doubt_ms`. Nor is it when it is heard again: that is somebody else.
+A robot claims the place it goes to; of two that claim the same, the one with the lower id goes there. A robot that says
+it was at a place is believed from its next message on, if that comes a turn later: one that comes sooner shows that
+somebody speaks in its name. It is doubted again if it falls silent within `doubt_ms`: by P1 liars are stopped by then.
+It is still doubted when it is heard again: that is somebody else.
 
 Source: RoboRebound §2.1 (they split up the region), §3.2 (bounded-time interaction); docs/protocols.md.
 """
@@ -18,7 +18,7 @@ from phalanx.wire.protocols import NOWHERE, VISIT, WAITING
 from phalanx.wire.record import MalformedRecord
 
 from .peers import SILENT_PERIODS, PeerController
-from .protocol import Point, Stage, Task
+from .protocol import Point, Stage, Task, squared_m
 
 NEAR = 0.25  # of a step: so near to a place one is there
 PLACES_A_SIDE = 6
@@ -55,7 +55,8 @@ class PlaceController(PeerController):
 
     def turn(self, t_ms: int, at_m: Point) -> None:
         """It is at its place, or takes on another."""
-        if self.holds != NOWHERE and math.sqrt(self._squared_m(at_m, self.holds)) < NEAR * self.task.step_m:
+        away_m = math.sqrt(squared_m(at_m, place_m(self.task, self.holds)))
+        if self.holds != NOWHERE and away_m < NEAR * self.task.step_m:
             self.here, self.holds = self.holds, NOWHERE
             self.visits[self.here] = t_ms, self.rob_id
         heard = {rob_id: each for rob_id, each in self.others.items() if not self.is_silent(each, t_ms)}
@@ -68,13 +69,9 @@ class PlaceController(PeerController):
 
     def _choices(self, t_ms: int, at_m: Point, taken: Collection[int]) -> Iterator[tuple[float, int]]:
         for place in PLACES:
-            worth = self.worth(t_ms, place, math.sqrt(self._squared_m(at_m, place)))
+            worth = self.worth(t_ms, place, math.sqrt(squared_m(at_m, place_m(self.task, place))))
             if worth is not None and place not in taken:
                 yield worth, place
-
-    def _squared_m(self, at_m: Point, place: int) -> float:
-        x, y = place_m(self.task, place)
-        return (at_m[0] - x) * (at_m[0] - x) + (at_m[1] - y) * (at_m[1] - y)
 
     def last_visit_ms(self, t_ms: int, place: int) -> int:
         """When somebody was there who is believed; 0 for never."""

@@ -1,21 +1,11 @@
-"""How a researcher writes a controller in plain Python, and the bundled ones behind the same interface.
+"""Controllers in plain Python, and the bundled ones behind the same interface.
 
-An auditor feeds a copy of the controller the same readings and frames and compares every byte. A controller that can
-answer the same inputs differently convicts honest robots. So:
+An auditor feeds a copy of the controller the same readings and packets and compares every byte: a controller that can
+answer the same inputs differently convicts honest robots. Packets come from liars, so whatever bytes they hold, nothing
+raises, and NaN goes no further; `on_reading` and `on_state` see finite numbers alone. It remembers a bounded number of
+bytes, and `decode(encode())` changes nothing that follows.
 
-- what it does depends on the mission, its robot's id, and the calls so far: no clock but `t_ms`, no random source, no
-  file, no global that changes, no thread;
-- nothing is iterated whose order can differ: no `set`, no `id()`, no `hash()` of a string;
-- floats know + - * / and `math.sqrt`, in a written order. `math.sin`, `exp`, `**`, `sum` of an array and anything of a
-  linear-algebra library differ between machines in the last bit (`controllers.sine` has a sine that does not);
-- numbers are rounded once, where they become bytes;
-- all that it remembers is in its `memory`: the base class then encodes it. With an `encode` of your own, all is in
-  that, and `decode(encode())` changes nothing that follows;
-- it remembers a bounded number of bytes, however many others talk to it;
-- frames come from liars, readings from the world: whatever they hold, nothing raises, and NaN goes no further.
-  `on_reading` and `on_state` see finite numbers alone, `on_input` and `on_recv` see any bytes.
-
-Source: RoboRebound §3.7 (deterministic replay); docs/adr/0012-determinism-of-controllers.md.
+Source: RoboRebound §3.7; docs/own-controller.md has all rules; docs/adr/0012-determinism-of-controllers.md.
 """
 
 from __future__ import annotations
@@ -58,12 +48,7 @@ TYPED = {"on_input": "on_reading", "on_recv": "on_state"}  # what each of these 
 
 
 class OwnMistake(OwnFileError):
-    """A researcher's class did what it must not.
-
-    Attributes:
-        whose: the object that did it.
-        method: of that object, in which it happened.
-    """
+    """A researcher's object `whose` did what it must not, in its `method`."""
 
     def __init__(self, message: str, hint: str, whose: object, method: str = "on_input") -> None:
         super().__init__(message, hint)
@@ -85,14 +70,11 @@ class OwnMistake(OwnFileError):
 
 
 class Controller:
-    """A robot's controller: an object of a class derived from this, one for each robot. A new one has just booted.
+    """A robot's controller: one object for each robot. A new one has just booted.
 
     Override `on_reading` and, to listen to others, `on_state`. Assign a new value to `self.memory` to remember
-    something.
-
-    To work with bytes of your own, override `on_input` in the place of `on_reading`, `on_recv` in the place of
-    `on_state`, `encode` and `decode` in the place of `memory`, and put out `Act` and `Send` in the place of `Command`
-    and `State`; any of these by itself.
+    something. To work with bytes instead, override `on_input` for `on_reading`, `on_recv` for `on_state`, `encode` and
+    `decode` for `memory`, and put out `Act` and `Send` for `Command` and `State`; any of these by itself.
 
     Args:
         rob_id: 1..65535.
@@ -102,8 +84,7 @@ class Controller:
         state_bytes: longest encoding; 0 for as much as the scenario has room for.
         reading_bytes: longest reading, of a robot whose driver has sensors of its own; 0 for the scenario's.
         senses: a lidar and bumpers, which simulations and arenas then have; their readings are as much longer.
-        is_ours: whether tests show that it answers the same inputs alike. Then a simulation replays them once, and not
-            for each auditor.
+        is_ours: whether tests show that it is deterministic. Then a simulation replays it once, not for each auditor.
     """
 
     memory: Any = None
@@ -147,7 +128,7 @@ class Controller:
     def on_reading(self, step: int, t_ms: int, reading: Reading) -> Decision:  # noqa: ARG002
         """Decide on a reading, the `step`th from 0, taken at `t_ms` of the s-node's clock.
 
-        Returns: what to do and to broadcast, in this order: commands first.
+        Returns: commands first, then what to broadcast.
         """
         raise OwnMistake(f"{type(self).__name__} has no on_reading", "on_reading(self, step, t_ms, reading)", self)
 
@@ -183,8 +164,7 @@ class Controller:
     def on_input(self, step: int, t_ms: int, reading: bytes) -> Iterable[Output]:
         """Decide on a reading, the `step`th from 0, taken at `t_ms` of the s-node's clock.
 
-        Returns: what to do and to broadcast, in this order: commands first. A reading that makes no sense lets the
-            robot coast, in silence.
+        Returns: commands first, then what to broadcast. At a reading that makes no sense the robot coasts, in silence.
         """
         size = Reading.RECORD.size
         seen = Reading.find(reading[:size], beside=reading[size:])

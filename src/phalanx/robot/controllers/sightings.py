@@ -1,10 +1,8 @@
-"""What guards and trackers have in common: things that move, told by who sees them, and a few robots that go to each.
+"""The common part of guards and trackers: things that move, reported by robots that see them; a few go to each.
 
-A sensor tells where the nearest thing is, seen from the robot, and which one, but no farther than `SIGHT_STEPS`. Who
-speaks says what it sees. Of one thing the latest word counts: so a robot's own eyes come first, while they see it. The
-`party` nearest robots go to it, all others to their posts, which is where they began. A word is forgotten after
-`FRESH_PERIODS`, so a lie is too, once its liar is silent; and of each robot only its last word is known, so a liar's
-inventions are never more than one.
+A sensor reports the nearest thing within `SIGHT_STEPS`, seen from the robot. Of one thing the latest message counts: a
+robot's own eyes come first, while they see it. The `party` nearest robots go to it, all others to their posts. Messages
+are forgotten after `FRESH_PERIODS`, and of each robot only the last is known: a liar never invents more than one thing.
 
 Source: RoboRebound §2.1, §2.3 (decisions on what others report); docs/protocols.md.
 """
@@ -23,7 +21,7 @@ from phalanx.wire.record import MalformedRecord
 
 from .peer_bodies import BEHIND_T, ID, fields_of, is_fine
 from .peers import PeerController
-from .protocol import Point, Stage, Task
+from .protocol import Point, Stage, Task, squared_m
 from .python_controller import Output, Send
 
 SIGHT_STEPS = 0.5  # of the robots' own step: so far a sensor sees
@@ -166,8 +164,3 @@ def drawn(words: str) -> tuple[float, float]:
     """Two shares of one, the same for the same words with any version of any library."""
     number = int(hashlib.sha256(words.encode()).hexdigest(), 16)
     return (number >> 224) / (1 << 32), (number >> 192) % (1 << 32) / (1 << 32)
-
-
-def squared_m(one: Point, other: Point) -> float:
-    """Of the way from one to the other, m²."""
-    return (one[0] - other[0]) * (one[0] - other[0]) + (one[1] - other[1]) * (one[1] - other[1])

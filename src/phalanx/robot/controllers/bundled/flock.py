@@ -1,16 +1,10 @@
 """Olfati-Saber flocking: neighbours at their distance (alpha), around obstacles (beta), to the goal (gamma).
 
-Reads the sensor's record `sensor`, hears and broadcasts `state`, commands `acceleration`; its own state is a
-`flock_memory` and its neighbours (phalanx.wire.table): 18 + 26 n bytes.
-
-The state is the paper's checkpoint less the c-node's own part. Neighbours lie in it by rising id and are summed in that
-order. One not heard for `forget_ms` is forgotten: who has driven out of range would otherwise push for ever from where
-it was last seen, and a liar's inventions would outlive the liar. The price: a robot that is switched off and silent is
-soon forgotten too, though it still stands there (the paper keeps the time it was heard, and does not say what for).
-Times are those of the log's entries; what a frame says of its own time is not believed, and not used.
-
-A reading that makes no sense (another's id, NaN, beyond 10^6) changes nothing: the robot is told to coast and says
-nothing.
+Its state is a `flock_memory` and its neighbours (phalanx.wire.table), 18 + 26 n bytes: the paper's checkpoint less the
+c-node's own part. Neighbours lie in it by rising id and are summed in that order. One not heard for `forget_ms` is
+forgotten: it would otherwise push for ever from where it was last seen, and a liar's inventions would outlive the liar.
+The price: a robot that is silent is forgotten too, though it still stands there. Times are those of the log's entries;
+a packet's own time is not used. A reading that makes no sense changes nothing: the robot coasts and says nothing.
 
 Source: RoboRebound Alg. 1, §5.2 (the checkpoint), Table 3; Olfati-Saber 2006, eq. 8-17, 47-59.
 """
@@ -76,10 +70,7 @@ def begin(_params: Params, _rob_id: int, state: Row) -> int:
 
 @kernel
 def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
-    """Whether the first `length` bytes are a state that this robot can be in; to be asked of every foreign checkpoint.
-
-    The other kernels believe their state: a count too high would have them read and write past its row.
-    """
+    """Return whether the first `length` bytes are a state that this robot can be in (dispatch.py)."""
     if length < HEAD_BYTES or length != size(state) or length > capacity(params) or not are_fine(state, X, NUMBERS):
         return False
     return neighbours.are_neighbours(state, HEAD_BYTES, rob_id)
@@ -87,9 +78,9 @@ def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
 
 @kernel
 def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, state: Row) -> int:
-    """What the sender of a broadcast says is remembered, anything else ignored; the new length of the encoding.
+    """Remember a broadcast, ignore anything else; return the new length of the encoding.
 
-    Who is new when N_max are known takes the place of the one heard longest ago, of these of the lowest id.
+    When N_max are known, a new sender takes the place of the one heard longest ago, of these of the lowest id.
     Source: docs/spec/rebound.md (which to forget).
     """
     if length != STATE_BYTES or frame[0] != table.KIND_STATE or not are_fine(frame, MOTION, NUMBERS):

@@ -1,21 +1,16 @@
 """The guard: what a planner advises is done as far as the mission's envelope lets it.
 
-Reads the sensor's record `sensor`, is advised by `wish`, hears and broadcasts `state`, whose velocity is what it
-promises (promises.py), commands `acceleration`; its own state is a `guard_memory` and its neighbours
-(phalanx.wire.guarded): 127 + 26 n bytes. A planner may be anything: what it says is in the log, auditors replay the
-guard over it, and whatever it says the command is inside the envelope.
+It is advised by `wish`; the velocity in its broadcasts is what it promises (promises.py). Its state is a `guard_memory`
+and its neighbours (phalanx.wire.guarded): 127 + 26 n bytes. Advice is in the log and auditors replay the guard over it:
+whatever a planner says, the command is inside the envelope. The guard tries the wish, then smaller shares of it, and
+brakes if none leaves room and keeps what it promised. It stands still
 
-It tries the wish, then smaller shares of it, and brakes if none leaves room and keeps what it promised. It stands still
-
-- when advice is too old, or was never given, or is no finite velocity: such advice is none at all; nor is any that is
-  not signed by whom the mission names, if it names one;
+- when advice is too old, missing, no finite velocity, or not signed by the adviser that the mission names;
 - for the first `forget_ms`, to hear who is there;
 - for `forget_ms` after it has heard a robot where that robot cannot have got to since it was heard last, for then
   somebody speaks in another's name; or more robots than it can remember.
 
-A reading that makes no sense (another's id, NaN, beyond 10^6) changes nothing: the robot is told to coast and says
-nothing.
-
+A reading that makes no sense (another's id, NaN, beyond 10^6) changes nothing: the robot coasts and says nothing.
 Source: docs/guard.md (the law, and why it keeps clear); RoboRebound Alg. 1 (the frame of it).
 """
 
@@ -110,10 +105,7 @@ def begin(params: Params, _rob_id: int, state: Row) -> int:
 
 @kernel
 def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
-    """Whether the first `length` bytes are a state that this robot can be in; to be asked of every foreign checkpoint.
-
-    The other kernels believe their state: a count too high would have them read and write past its row.
-    """
+    """Return whether the first `length` bytes are a state that this robot can be in (dispatch.py)."""
     if length < HEAD_BYTES or length != size(state) or length > _longest(params):
         return False
     if not are_fine(state, OLD_X, REMEMBERED) or state[FRESH] > guarded.IS_FRESH:
@@ -131,10 +123,10 @@ def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
 
 @kernel
 def on_advice(params: Params, rob_id: int, advice: Row, length: int, state: Row) -> int:
-    """A wish is remembered, anything else ignored; the new length of the encoding.
+    """Remember a wish, ignore anything else; return the new length of the encoding.
 
-    Where the mission names an adviser it has to be his, newer than the last, and the first since the last reading: so
-    that nobody has auditors look at signatures all day.
+    If the mission names an adviser it has to be his, newer than the last, and the first since the last reading: so
+    nobody makes auditors check signatures all day.
     """
     at, adviser = WISH_X, guard_law.adviser_at(params)
     if adviser > 0:
@@ -173,9 +165,9 @@ def _is_signed(params: Params, adviser: int, rob_id: int, advice: Row, length: i
 
 @kernel
 def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, state: Row) -> int:
-    """Where the sender of a broadcast says it is is remembered, anything else ignored; the new length of the encoding.
+    """Remember a broadcast, ignore anything else; return the new length of the encoding.
 
-    Who is new when N_max are known takes the place of the one heard longest ago, of these of the lowest id.
+    When N_max are known, a new sender takes the place of the one heard longest ago, of these of the lowest id.
     """
     if length != STATE_BYTES or frame[0] != table.KIND_STATE or not are_fine(frame, MOTION, NUMBERS):
         return size(state)
@@ -209,7 +201,7 @@ def _can_be(params: Params, t_ms: int, frame: Row, at: int, state: Row) -> bool:
 
 @kernel
 def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, length: int, state: Row, out: Row) -> int:
-    """A command, and when it is due a broadcast, are in `out`; their length together.
+    """Put a command, and a broadcast when it is due, into `out`; return their length together.
 
     Source: docs/guard.md; RoboRebound §4 (when to broadcast).
     """
@@ -305,9 +297,9 @@ def _is_good(params: Params, t_ms: int, now: guard_law.Motion, state: Row, ax: f
 
 @kernel
 def _promised(params: Params, t_ms: int, now: guard_law.Motion, state: Row) -> tuple[float, float]:
-    """What it promises: as much of its wish as is fair to each neighbour, if its brakes are in that.
+    """Return the promise: as much of its wish as is fair to each neighbour, if its brakes are in that; else its brakes.
 
-    Else what they are in; and if it is too fast for that, or nobody is near, nothing but the envelope's speed.
+    If it is too fast for that, or nobody is near, it promises the envelope's speed alone.
     """
     speed = params[guard_law.SPEED]
     gx, gy = guard_law.shortened(*_wished(params, t_ms, state), promises.MEANT * speed)

@@ -1,15 +1,10 @@
 """Robots that visitors drive: two wheels and an LED, by joystick or along a route.
 
-Reads the sensor's record `wheels_sensor` (mm, degrees), obeys an `order` that it can check (orders.py), broadcasts
-`wheels_state`, commands `wheels_command`; its own state is a `wheels_memory` and its route (phalanx.wire.driven):
-158 + 4 n bytes. Whom it obeys, by their keys, is in that state from the first on, so that nobody obeys another.
+It obeys an `order` that it can check (orders.py). Its state is a `wheels_memory` and its route (phalanx.wire.driven):
+158 + 4 n bytes, with the keys it obeys. Left, right and heard are the last joystick order; a point of the route that is
+reached is taken out. While somebody holds it, it stands. A reading that makes no sense stops the wheels, in silence.
 
-Lengths and directions are those of docs/spec/vocabulary.md: x to the right, y down, the nose along (-sin, cos). The
-state's left, right and heard are the last joystick's word, and the n points are what is left of the route: a point that
-is reached is taken out. While somebody holds it, it stands.
-
-A reading that makes no sense changes nothing: the wheels stop, and the robot says nothing.
-
+Lengths and directions are those of docs/spec/vocabulary.md: x to the right, y down, the nose along (-sin, cos).
 Source: docs/spec/vocabulary.md (what orders mean); RoboRebound Alg. 1 (the frame of it).
 """
 
@@ -104,10 +99,7 @@ def begin(params: Params, _rob_id: int, state: Row) -> int:
 
 @kernel
 def is_encoding(params: Params, _rob_id: int, state: Row, length: int) -> bool:
-    """Whether the first `length` bytes are a state that a robot can be in; to be asked of every foreign checkpoint.
-
-    The other kernels believe their state: a count too high would have them read and write past its row.
-    """
+    """Return whether the first `length` bytes are a state that this robot can be in (dispatch.py)."""
     if not ROUTE <= length <= CAPACITY_BYTES or length != size(state) or not are_fine(state, X, POSE_NUMBERS):
         return False
     left, right = get_i8(state, LEFT), get_i8(state, RIGHT)
@@ -182,7 +174,7 @@ def _obey(who: int, t_ms: int, frame: Row, end: int, state: Row) -> None:
 
 @kernel
 def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, length: int, state: Row, out: Row) -> int:
-    """A command, and when it is due a broadcast, are in `out`; their length together.
+    """Put a command, and a broadcast when it is due, into `out`; return their length together.
 
     Source: docs/spec/vocabulary.md; RoboRebound §4 (when to broadcast).
     """

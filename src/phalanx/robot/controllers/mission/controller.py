@@ -1,11 +1,7 @@
 """A robot on an encoded mission, as a controller that peers replay without its keys and without its map.
 
-Where nobody audits it, it takes in more than a chain could hold: each scan, its camera's codes, what others report.
-
-What it reads, says and commands are the records `mission_reading`, `mission_message`, `drive` and `action` of
-phalanx.wire.table; what it remembers, which is its checkpoint, is a `mission_memory`, what it says, `crumb`s of the way
-here, and the walk (mission/walk/checkpoint.py). Evidence: evidence.py.
-
+Where nobody audits it, it takes in more than a chain could hold: each scan, its camera's codes, what others report. Its
+checkpoint is a `mission_memory`, what it says, `crumb`s of the way here, and the walk (mission/walk/checkpoint.py).
 Source: docs/spec/mission.md (Under audit); docs/adr/0020.
 """
 
@@ -33,17 +29,8 @@ from phalanx.mission.walk.checkpoint import encode_state, parse_state, state_cap
 from phalanx.mission.walk.fix import begun_at, fixed, moved
 from phalanx.mission.walk.found import Claim
 from phalanx.robot.controllers.python_controller import Act, Controller, EvidenceController, Output, Send
+from phalanx.wire import table
 from phalanx.wire.record import MalformedRecord
-from phalanx.wire.table import (
-    ACTION,
-    CRUMB,
-    DRIVE,
-    KIND_ACTION,
-    KIND_DRIVE,
-    KIND_MISSION_MESSAGE,
-    MISSION_MEMORY,
-    MISSION_MESSAGE,
-)
 
 from .course import Course
 from .evidence import BadEvidence, Eye, codes_at, pack_evidence, parse_sensed, unpack_evidence
@@ -116,8 +103,8 @@ class Missions:
         return replace(
             config,
             reading_bytes=self.sensors.reading_bytes,
-            command_bytes=DRIVE.size,
-            state_bytes=MISSION_MEMORY.size + SAID_MAX * SECRET_BYTES + TRAIL_MAX * CRUMB.size + max(walks),
+            command_bytes=table.DRIVE.size,
+            state_bytes=table.MISSION_MEMORY.size + SAID_MAX * SECRET_BYTES + TRAIL_MAX * table.CRUMB.size + max(walks),
             evidence_max_bytes=CLAIM_ROOM_BYTES + self.sensors.scan_bytes + SENSED_MAX_BYTES + PACKING_BYTES,
             evidence_bytes_per_s=EVIDENCE_BYTES_PER_S,
         )
@@ -200,9 +187,9 @@ class MissionController(EvidenceController):
         if claim:
             is_shown = 1 <= claim.shape.place < AT_POSITION or claim.shape.sensors
             return pack_evidence(claim, raw[:end], raw[end:]) if is_shown else pack_evidence(claim, b"")
-        moved = now.travelled_m - self._fixed[0] > AGAIN_M or abs(wrap(now.heading_rad - self._fixed[1])) > AGAIN_RAD
+        moved = now.travelled_m - self._fixed[0] > AGAIN_M or abs(wrap(now.pose[2] - self._fixed[1])) > AGAIN_RAD
         if moved and self.walker.sees_again(walk, seen):
-            self._fixed = now.travelled_m, now.heading_rad
+            self._fixed = now.travelled_m, now.pose[2]
             return pack_evidence(None, raw[:end], raw[end:])
         return b""
 
@@ -210,7 +197,7 @@ class MissionController(EvidenceController):
 
     def on_recv(self, t_ms: int, frame: bytes) -> None:  # noqa: ARG002 - a message is good whenever it comes
         """An encoded message is remembered; anything else is not for this controller."""
-        if len(frame) == MISSION_MESSAGE.size and frame[0] == KIND_MISSION_MESSAGE:
+        if len(frame) == table.MISSION_MESSAGE.size and frame[0] == table.KIND_MISSION_MESSAGE:
             message = frame[-SECRET_BYTES:]
             self.memory = replace(self.memory, walk=self.walker.hear(self.memory.walk, message))
 
@@ -291,14 +278,14 @@ class MissionController(EvidenceController):
 
     def _drive(self, t_ms: int, command: Drive) -> Act:
         speed, turn = round(command.speed_mps * MILLI), round(command.turn_radps * MILLI)
-        return Act(DRIVE.form.pack(KIND_DRIVE, self.rob_id, t_ms, speed, turn))
+        return Act(table.DRIVE.form.pack(table.KIND_DRIVE, self.rob_id, t_ms, speed, turn))
 
     def _actions(self, t_ms: int, outcome: Outcome) -> list[Output]:
         """What is to be done at a node just decoded, and what leads on from it."""
         here = outcome.decoded.do if outcome.decoded else None
         onward = outcome.order.do if outcome.event is not None and outcome.order.kind is Kind.DO else None
         said = [action_bytes(action) for action in (here, onward) if action is not None]
-        head = ACTION.form.pack(KIND_ACTION, self.rob_id, t_ms)
+        head = table.ACTION.form.pack(table.KIND_ACTION, self.rob_id, t_ms)
         return [Act(head + action) for action in said if len(action) <= ACTION_MAX_BYTES]
 
     def _messages(self, step: int) -> list[Output]:
@@ -315,14 +302,14 @@ class MissionController(EvidenceController):
         around = (course.turning, *course.stop, *leg.base, leg.seen_s, course.waited_s, packed(leg.cells))
         carried = (leg.passed, leg.best_m, leg.best_s, *around, m.blocked)
         placed = (m.begun_ms, *m.belief.numbers, *m.odometry)
-        head = MISSION_MEMORY.form.pack(*placed, *leg.key, *carried, len(m.said), len(leg.trail))
-        trail = b"".join(CRUMB.form.pack(*crumb) for crumb in leg.trail)
+        head = table.MISSION_MEMORY.form.pack(*placed, *leg.key, *carried, len(m.said), len(leg.trail))
+        trail = b"".join(table.CRUMB.form.pack(*crumb) for crumb in leg.trail)
         return head + b"".join(m.said) + trail + encode_state(self.given.mission, m.walk)
 
     def decode(self, encoding: bytes) -> None:
         """It remembers what this checkpoint says; its keys are not in there. Raises: MalformedMission."""
         reader = Reader(encoding)
-        begun_ms, *numbers = reader.unpack(MISSION_MEMORY)
+        begun_ms, *numbers = reader.unpack(table.MISSION_MEMORY)
         belief, odometry = of_numbers(numbers[:NUMBERS]), tuple(numbers[NUMBERS : NUMBERS + 3])
         kind, target, begin, *rest = numbers[NUMBERS + 3 :]
         passed, best_m, best_s, turning, *around, blocked, said, crumbs = rest
@@ -335,7 +322,7 @@ class MissionController(EvidenceController):
         if said > SAID_MAX or crumbs > TRAIL_MAX:
             raise MalformedMission("more than a robot remembers")
         messages = tuple(reader.take(SECRET_BYTES) for _ in range(said))
-        trail = tuple((x, y) for x, y in (reader.unpack(CRUMB) for _ in range(crumbs)))
+        trail = tuple((x, y) for x, y in (reader.unpack(table.CRUMB) for _ in range(crumbs)))
         x, y, base_x, base_y, seen_s, waited_s, cells = around
         course = Course((x, y), turning, waited_s)
         key = kind, target, begin
@@ -351,7 +338,7 @@ class MissionController(EvidenceController):
 
 def message_frame(rob_id: int, message: bytes) -> bytes:
     """An encoded message, as a robot says it, or a station whose id is nobody's."""
-    return MISSION_MESSAGE.form.pack(KIND_MISSION_MESSAGE, rob_id, message)
+    return table.MISSION_MESSAGE.form.pack(table.KIND_MISSION_MESSAGE, rob_id, message)
 
 
 def _placed(origin: Pose, odometry: Pose) -> Pose:

@@ -1,9 +1,8 @@
-"""What a c-node keeps of a reading that is too long for a chain: evidence, as its log holds it and auditors read it.
+"""Evidence: what a c-node keeps of a reading that is too long for a chain, as its log holds it and auditors read it.
 
-The chain has the reading's SHA-1. The reading itself is kept only where the controller claims something on the strength
-of it, so a robot can pretend not to have seen a thing, and cannot pretend to have seen one. Behind a scan's ranges, and
-hashed with them, stands what other sensors read, and the codes in the camera's picture, each a `sensed`. Where a code
-is follows from its corners, by robot and auditor alike; no picture is kept. Source: docs/spec/mission.md (Under audit).
+The chain has the reading's SHA-1. The reading itself is kept only to prove a claim: a robot can pretend not to have
+seen a thing, but not to have seen one. Behind a scan's ranges stand other sensors' readings and the codes in the
+camera's picture, each a `sensed`. A code's place follows from its corners. Source: docs/spec/mission.md (Under audit).
 """
 
 from __future__ import annotations

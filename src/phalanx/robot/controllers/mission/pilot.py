@@ -1,10 +1,9 @@
 """From an instruction to wheels, so that auditors come to the same command: no scan, no libm, no memory but its state.
 
-The robot heads for the place where its instruction begins, then along the direction, or straight to a place that it
-knows; around whatever is in the way (course.py), as far as it sees or remembers it (surroundings.py). Back it goes the
-way it came, where it does not see the place: straight would lead into every corner of the building.
-
-How long it tries without headway, and how far it follows a direction, is a share of the time that its mission gives it.
+The robot heads for the place where its instruction begins, then along the direction, or straight to a known place;
+around whatever is in the way (course.py), as far as it sees or remembers it. Back it goes the way it came, where it
+does not see the place: straight would lead into every corner of the building. Its patience without headway, and how far
+it follows a direction, are shares of the mission's time.
 """
 
 from __future__ import annotations
@@ -118,8 +117,7 @@ def _anew(leg: Leg, key: tuple[int, int, int], trail: tuple[tuple[int, int], ...
 def _steered(leg: Leg, goal: Point, beyond: Point, now: Reading, sectors: Sectors, t_s: float) -> tuple[Leg, Drive]:
     cells = np.empty(SIDE * SIDE, np.uint8)
     fade = min(FRESH, max(0, int(t_s // FADE_S - leg.seen_s // FADE_S)))
-    pose = now.x_m, now.y_m, now.heading_rad
-    seen = Seen(np.frombuffer(leg.cells, np.uint8), leg.base, fade, pose, now.clear, sectors.fan)
+    seen = Seen(np.frombuffer(leg.cells, np.uint8), leg.base, fade, now.pose, now.clear, sectors.fan)
     wanted = Goal(goal, beyond, looks=goal is not beyond)
     speed, turn, base, course = steer(seen, wanted, leg.course, t_s - leg.seen_s, cells)
     return replace(leg, course=course, base=base, seen_s=t_s, cells=cells.tobytes()), Drive(speed, turn)

@@ -1,10 +1,9 @@
-"""What a robot remembers of the things around it: a square of cells that moves along, in the frame of its odometry.
+"""A robot's memory of the things around it: a square of cells that moves along, in the frame of its odometry.
 
-Fixes move the map under a robot, and not what stands beside it: so nothing here knows the map. A thing in view is as
-the reading says; one that is out of view or hidden is remembered for a few seconds, which is long enough to turn about
-and go around it, and short enough for a person who has gone.
-
-A cell is a number: FRESH when something was hit in it, one less with every FADE_S, 0 when it is free or unknown.
+Fixes move the map under a robot, not the things beside it: so nothing here knows the map. A thing in view is as the
+reading says; one out of view or hidden is remembered for a few seconds: long enough to turn about and go around it, and
+short enough for a person who has gone. A cell is FRESH when something was hit in it, one less with every FADE_S, 0 when
+it is free or unknown.
 """
 
 from __future__ import annotations
