@@ -1,7 +1,4 @@
-"""What a recording says, from its beginning on: read as it lies in the file, without its index, within bounds.
-
-A file that was cut short is read up to there, and says so at its end. Source: mcap.dev.
-"""
+"""Read a recording as it lies in the file, without its index, within bounds, and a cut file up to there: mcap.dev."""
 
 from __future__ import annotations
 
@@ -46,10 +43,7 @@ def is_recording(path: Path) -> bool:
 
 
 def read_recording(path: Path, hint: str, most_bytes: int = MOST_BYTES) -> Iterator[Said]:
-    """What is in it, in the order of the file.
-
-    Raises: UsageError: it is no recording, or unpacks to more than `most_bytes`. Unavailable: it cannot be read.
-    """
+    """Yield what is in it. Raises: UsageError: no recording, or over `most_bytes`. Unavailable: it cannot be read."""
     topics: dict[int, str] = {}
     try:
         for record in _records(path, hint, most_bytes):

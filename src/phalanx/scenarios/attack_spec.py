@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from phalanx.config.parameter import check_limits, told, within
+from phalanx.config.parameter import check_limits, described, told, within
 from phalanx.errors import UsageError
 from phalanx.robot.attacks.attack import Attack
 from phalanx.robot.attacks.library import ATTACKS
@@ -16,16 +16,12 @@ LONGEST_S = 7 * 86_400.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AttackSpec:
-    """Who lies how, from when to when.
-
-    Raises: UsageError: a value is out of range.
-    Source: RoboRebound §5.3 (from 15 s).
-    """
+    """An attack on a robot and when it lies. Raises: UsageError: a value is out of range. Source: RoboRebound §5.3."""
 
     name: str = field(metadata=told("of one of the attacks in robot/attacks"))
-    robot: int | None = field(default=None, metadata=told("id of who is compromised; None: the seed chooses"))
+    robot: int | None = described(None, "id of who is compromised; None: the seed chooses")
     at_s: float = within(15.0, 0.0, LONGEST_S, "when it begins to lie")
-    until_s: float | None = field(default=None, metadata=told("when it is honest again; None for never"))
+    until_s: float | None = described(None, "when it is honest again; None for never")
     options: Mapping[str, float | str] = field(
         default_factory=dict, hash=False, metadata=told("the attack's own, by name")
     )

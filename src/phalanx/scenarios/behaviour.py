@@ -89,10 +89,7 @@ def on_stage(
 def adviser(
     scenario: Scenario, controller: MakeController | None, planner: MakePlanner | None = None
 ) -> MakePlanner | None:
-    """Who advises each robot: `planner` or `ToGoal`; None where nobody can.
-
-    Raises: UsageError: a planner for robots that nobody can advise.
-    """
+    """Return what advises each robot, None where nobody can. Raises: UsageError: a planner for such robots."""
     advised = driving(scenario).advised is not None and controller is None
     if planner and not advised:
         raise UsageError("a planner, but nobody that it could advise", "a mission with controller: guard")

@@ -1,7 +1,4 @@
-"""A researcher's own file, "FILE.py:CLASS" or "FILE.py" with kernels, and its mistakes as one line with file and line.
-
-Files are run as Python runs a script: whoever names one trusts it.
-"""
+"""A researcher's own file, "FILE.py:CLASS" or "FILE.py" with kernels, run as a script: whoever names one trusts it."""
 
 from __future__ import annotations
 
@@ -61,10 +58,7 @@ def find_controller(
 
 
 def find_own(words: str) -> Callable[[int], Controller] | None:
-    """Return what makes controllers of a file's class; None of a file with kernels, which now go by these words.
-
-    Raises: as `find_class`, and as `load_kernels`.
-    """
+    """Return what makes controllers of a file's class; None of a file with kernels, which now go by these words."""
     path, _, name = words.partition(":")
     if not name and own_kernels.is_loaded(words, Path(path)):
         return None
@@ -78,10 +72,7 @@ def find_own(words: str) -> Callable[[int], Controller] | None:
 
 
 def find_planner(words: MakePlanner | str | None) -> MakePlanner | None:
-    """The planner of "FILE.py:CLASS"; what is none of words is what it is.
-
-    Raises: as `find_class`. UsageError: it names no file.
-    """
+    """Return the planner of "FILE.py:CLASS"; no words: as it is. Raises: UsageError: as `find_class`, or no file."""
     if not isinstance(words, str):
         return words
     if not is_file(words):
@@ -110,10 +101,7 @@ def find_attacks(said: Sequence[str | AttackSpec | Attack | type[Any]]) -> tuple
 
 
 def find_attack(said: str | AttackSpec | Attack | type[Any]) -> AttackSpec:
-    """Return the attack of `NAME[:robot=I,at=T,until=T,OPTION=VALUE,…]`, times in seconds; NAME may be FILE.py:CLASS.
-
-    Raises: as `find_class`. UsageError: it is not of that form.
-    """
+    """Return the attack of `NAME[:robot=I,at=T,until=T,OPTION=VALUE,…]`, times in seconds, NAME or FILE.py:CLASS."""
     if isinstance(said, AttackSpec):
         return said
     if not isinstance(said, str):

@@ -14,7 +14,7 @@ from phalanx.config.bti import NEIGHBOUR_BYTES
 from phalanx.config.defence import DEFENCES, Defence
 from phalanx.config.flock import FARTHEST_M, Box, Disc, FlockConfig
 from phalanx.config.guard import GuardConfig
-from phalanx.config.parameter import check_key, check_limits, check_within, told, within
+from phalanx.config.parameter import check_key, check_limits, check_within, described, told, within
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError, did_you_mean
 from phalanx.robot.attacks.library import IN_SWARMS
@@ -53,45 +53,35 @@ class Scenario:
     Source: RoboRebound §4, §5.2, §5.3; docs/scenarios.md.
     """
 
-    name: str = field(default="", metadata=told("what it is called"))
-    about: str = field(default="", metadata=told("what it shows, in a line"))
-    robots: int = field(default=25, metadata=told("on a square grid, ids 1.. row by row from the corner at the origin"))
-    formation: Formation = field(
-        default="grid",
-        metadata=told("or in a line, in a ring, or on two grids, the second a step out of the first one's hearing"),
+    name: str = described("", "what it is called")
+    about: str = described("", "what it shows, in a line")
+    robots: int = described(25, "on a square grid, ids 1.. row by row from the corner at the origin")
+    formation: Formation = described(  # noqa: RUF009 - made a field
+        "grid", "or in a line, in a ring, or on two grids, the second a step out of the first one's hearing"
     )
     grid_step_m: float = within(25.0, 0.01, 1e4, "between two robots of the grid, the line or the ring")
-    d_m: float = field(default=20.0, metadata=told("spacing that the flock keeps"))
-    goal_m: tuple[float, float] = field(default=(500.0, 500.0), metadata=told("where it goes"))
+    d_m: float = described(20.0, "spacing that the flock keeps")
+    goal_m: tuple[float, float] = described((500.0, 500.0), "where it goes")
     duration_s: float = within(150.0, 0.1, LONGEST_S, "simulated time")
-    defence: Defence = field(
-        default="bound",
-        metadata=told(
-            "none: robots are alone with the liar; paper: RoboRebound as printed; bound: as docs/spec/rebound.md"
-        ),
+    defence: Defence = described(  # noqa: RUF009 - made a field
+        "bound", "none: robots are alone with the liar; paper: RoboRebound as printed; bound: as docs/spec/rebound.md"
     )
-    controller: str = field(default="flock", metadata=told("what honest robots run"))
-    seed: int = field(default=0, metadata=told("chooses broadcasts' phases, back-offs, and robots to compromise"))
-    attacks: tuple[AttackSpec, ...] = field(default=(), metadata=told("at most one a robot"))
-    obstacles: tuple[Disc | Box, ...] = field(
-        default=(), metadata=told("on the ground; the flock must be told to avoid them (c1_beta, c2_beta)")
+    controller: str = described("flock", "what honest robots run")
+    seed: int = described(0, "chooses broadcasts' phases, back-offs, and robots to compromise")
+    attacks: tuple[AttackSpec, ...] = described((), "at most one a robot")
+    obstacles: tuple[Disc | Box, ...] = described(
+        (), "on the ground; the flock must be told to avoid them (c1_beta, c2_beta)"
     )
-    area_m: tuple[float, float] = field(default=(2.0, 2.0), metadata=told("what robots on wheels stay within"))
-    gateway_key: str = field(
-        default="", metadata=told("whose orders robots on wheels obey: Ed25519, public, 64 hexadecimal digits")
-    )
-    operator_key: str = field(default="", metadata=told("whose stop they obey, the same"))
+    area_m: tuple[float, float] = described((2.0, 2.0), "what robots on wheels stay within")
+    gateway_key: str = described("", "whose orders robots on wheels obey: Ed25519, public, 64 hexadecimal digits")
+    operator_key: str = described("", "whose stop they obey, the same")
     order_looks: int = within(16, 1, 255, "so many orders' signatures they look at from one reading to the next")
     contact_m: float = within(1.0, 0.0, 1e3, "two robots as near as that touch")
-    n_max: int | None = field(
-        default=None, metadata=told("neighbours provided for; None for what grid and radio's range come to")
-    )
-    hub: int = field(
-        default=0,
-        metadata=told(
-            "so many robots, the first, stand where aisles meet: the others, each in its aisle, hear them alone; "
-            "0: all hear all in range"
-        ),
+    n_max: int | None = described(None, "neighbours provided for; None for what grid and radio's range come to")
+    hub: int = described(
+        0,
+        "so many robots, the first, stand where aisles meet: the others, each in its aisle, hear them alone; "
+        "0: all hear all in range",
     )
     bti: BtiConfig = field(default_factory=BtiConfig, metadata=told("parameters of the audits"))
     flock: FlockConfig = field(default_factory=FlockConfig, metadata=told("parameters of the controller"))
@@ -148,10 +138,7 @@ class Scenario:
 
     @property
     def starts_m(self) -> list[tuple[float, float]]:
-        """N places, where the robots stand at first, in the order of ids; all are at rest.
-
-        Raises: UsageError: robots on wheels do not fit into their area.
-        """
+        """Return N places, where the robots stand at first. Raises: UsageError: wheels do not fit into their area."""
         n, step_m, row = self.robots, self.grid_step_m, self.robots_per_edge
         if self.controller == WHEELS:
             corner_m = [(side_m - step_m * (row - 1)) / 2 for side_m in self.area_m]
@@ -197,10 +184,7 @@ class Scenario:
         return min(1 + 2 * steps if self.formation in ROWS else math.pi * steps**2, self.robots)
 
     def drawn_attacks(self) -> tuple[AttackSpec, ...]:
-        """The attacks, each with the robot it is about: no two with the same.
-
-        Robots are ranked by SHA-256 of seed and id, which no version of any library changes.
-        """
+        """Return the attacks with their robots, no two the same: ranked by SHA-256, the same with any library."""
         named = {attack.robot for attack in self.attacks}
 
         def rank(robot: int) -> bytes:
@@ -224,11 +208,9 @@ class Scenario:
         t_val_s: float | None = None,
         seed: int | None = None,
     ) -> Scenario:
-        """Return the scenario with some of it said otherwise; None leaves a thing as it is.
+        """Return the scenario with other values; None leaves one as it is. Raises: UsageError: as for the scenario.
 
         `spacing_m` is both the grid's step and the spacing that the flock keeps; `attacks` replace the scenario's own.
-
-        Raises: UsageError: as for the scenario.
         """
         audits = _given(f_max=f_max)
         for name, value in (("t_audit", t_audit_s), ("t_val", t_val_s)):

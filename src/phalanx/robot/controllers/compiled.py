@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from phalanx.arrays import Params
 from phalanx.errors import UsageError
 from phalanx.kernel import reading_peer
 from phalanx.wire.fields import row
@@ -16,7 +17,6 @@ from phalanx.wire.table import ENTRY_HEADER_BYTES, FRAME_MAX
 
 from . import dispatch
 from .outputs import OUT_BYTES
-from .parameters import Params
 from .python_controller import Controller, Output, unpack_outputs
 
 OWN_OUT_BYTES = 2 * (ENTRY_HEADER_BYTES + FRAME_MAX)  # as in compiled code (bti/work.py)

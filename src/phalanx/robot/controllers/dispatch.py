@@ -13,12 +13,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from phalanx.arrays import Params
 from phalanx.errors import UsageError
 from phalanx.kernel import Linked, link, linked, written
 from phalanx.wire.fields import Row, whole
 
 from .declaration import OWN, Declaration, bundled
-from .parameters import Params
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 

@@ -13,12 +13,11 @@ from typing import TypeAlias
 
 import numpy as np
 
+from phalanx.arrays import Params
 from phalanx.config.guard import GuardConfig
 from phalanx.kernel import kernel
 from phalanx.wire.fields import whole
 from phalanx.wire.guarded import ENVELOPE_BYTES
-
-from .parameters import Params
 
 # Of a robot at a reading: place, m; velocity, m/s; and the command that is still in force, m/s²; x and y of each.
 Motion: TypeAlias = tuple[float, float, float, float, float, float]

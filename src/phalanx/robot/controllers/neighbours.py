@@ -11,10 +11,27 @@ from phalanx.wire.fields import F32_BYTES, Row, are_fine, copy, get_u16, get_u64
 
 EACH_BYTES = table.NEIGHBOUR.size
 HEARD, PLACE = map(table.NEIGHBOUR.at, ("heard", "x_m"))
-MOTION = table.STATE.at("x_m")  # of a broadcast: position and velocity, as they are remembered
-MOTION_BYTES = table.STATE.size - MOTION
+STATE_BYTES, SENSOR_BYTES = table.STATE.size, table.SENSOR.size
+ID, MOTION = map(table.STATE.at, ("id", "x_m"))  # position and velocity, in a reading too, and as remembered
+MOTION_BYTES = STATE_BYTES - MOTION
 NUMBERS = MOTION_BYTES // F32_BYTES
 COUNT_BYTES = table.FLOCK_MEMORY.size - table.FLOCK_MEMORY.at("count")
+
+
+@kernel
+def is_reading(rob_id: int, reading: Row, length: int) -> bool:
+    """Return whether these bytes are a finite reading of this robot's, a `sensor`."""
+    is_own = length == SENSOR_BYTES and reading[0] == table.KIND_SENSOR and get_u16(reading, ID) == rob_id
+    return is_own and are_fine(reading, MOTION, NUMBERS)
+
+
+@kernel
+def sender(rob_id: int, frame: Row, length: int) -> int:
+    """Return the id of the other robot whose finite `state` these bytes are, or 0."""
+    if length != STATE_BYTES or frame[0] != table.KIND_STATE or not are_fine(frame, MOTION, NUMBERS):
+        return 0
+    rob = get_u16(frame, ID)
+    return rob if rob != rob_id else 0
 
 
 @kernel

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from phalanx import __version__
+from phalanx.arrays import Params
 from phalanx.binary import INSTALL_COMPILER
 from phalanx.config.flock import FlockConfig
 from phalanx.errors import KernelDefect, OutsideSubset, OwnDefect, Unavailable, UsageError
@@ -38,7 +39,6 @@ from phalanx_compiler.writes import writes_of
 from . import dispatch
 from .declaration import Declaration
 from .outputs import HEAD_BYTES, LENGTH
-from .parameters import Params
 
 ROOT = Path(__file__).resolve().parents[2]
 MOST_STATE_BYTES = 65_535

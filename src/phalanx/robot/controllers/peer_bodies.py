@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 
+from phalanx.arrays import Params
 from phalanx.robot.follow import steer
 from phalanx.wire.fields import get_u64, row
 from phalanx.wire.record import LARGEST_NUMBER, MalformedRecord, Record
@@ -19,7 +20,6 @@ from . import dispatch
 from .bundled import wheels
 from .compiled import compiled
 from .orders import POINT_BYTES
-from .parameters import Params
 from .protocol import Point
 from .python_controller import Act, Output, Send
 from .sine import sine_cosine

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import math
 
+from phalanx.arrays import Params
 from phalanx.kernel import kernel
 from phalanx.wire import guarded
 from phalanx.wire.fields import F32_BYTES, Row, get_f32, get_u64, put_f32, put_u64, whole
 
 from . import guard_law
-from .parameters import Params
 
 WIDE = 0.8
 # A disc has speeds up to (1/2 + WIDE) |g|: a promise of more than so much of the envelope's speed would be none.
@@ -116,10 +116,7 @@ def reach(
 
 @kernel
 def make(params: Params, t_ms: int, state: Row, gx: float, gy: float) -> tuple[float, float]:
-    """Promise g from now on, and remember it; if too many still hold, extend the newest, which is kept already.
-
-    Returns: what is said.
-    """
+    """Promise g and remember it, or extend the newest promise if too many still hold; return what is said."""
     if not is_meant(params, gx, gy):
         return gx, gy
     oldest, newest = MADE_AT, MADE_AT

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, ClassVar
 from phalanx.config.flock import Box
 
 if TYPE_CHECKING:  # whoever asks for names loads nothing else
-    from .parameters import Params
+    from phalanx.arrays import Params
+
     from .python_controller import Controller
 
 Point = tuple[float, float]

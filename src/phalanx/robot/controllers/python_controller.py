@@ -126,10 +126,7 @@ class Controller:
     # --- typed -------------------------------------------------------------------------------------------------------
 
     def on_reading(self, step: int, t_ms: int, reading: Reading) -> Decision:  # noqa: ARG002
-        """Decide on a reading, the `step`th from 0, taken at `t_ms` of the s-node's clock.
-
-        Returns: commands first, then what to broadcast.
-        """
+        """Decide on a reading, the `step`th from 0, taken at `t_ms` of the s-node's clock: commands, then `State`s."""
         raise OwnMistake(f"{type(self).__name__} has no on_reading", "on_reading(self, step, t_ms, reading)", self)
 
     def on_state(self, t_ms: int, state: State) -> None:
@@ -143,10 +140,7 @@ class Controller:
         return self._encoding
 
     def decode(self, encoding: bytes) -> None:
-        """Remember what this checkpoint holds, and nothing else.
-
-        Raises: PeerError: not what `encode` of this robot's controller can give.
-        """
+        """Remember this checkpoint, and nothing else. Raises: PeerError: `encode` of this robot gives no such."""
         if self._packing:
             self.memory = self._packing.decode(encoding)
         elif encoding:
@@ -162,9 +156,9 @@ class Controller:
         """Hear a planner's advice, whatever it is."""
 
     def on_input(self, step: int, t_ms: int, reading: bytes) -> Iterable[Output]:
-        """Decide on a reading, the `step`th from 0, taken at `t_ms` of the s-node's clock.
+        """Decide on a reading, the `step`th from 0, taken at `t_ms` of the s-node's clock: commands, then broadcasts.
 
-        Returns: commands first, then what to broadcast. At a reading that makes no sense the robot coasts, in silence.
+        At a reading that makes no sense the robot coasts, in silence.
         """
         size = Reading.RECORD.size
         seen = Reading.find(reading[:size], beside=reading[size:])
@@ -193,7 +187,7 @@ class EvidenceController(Controller, ABC):
     def keep(self, step: int, t_ms: int, reading: bytes, raw: bytes) -> bytes:
         """Return what to keep of `raw`, whose hash is in `reading`; b"" for nothing.
 
-        The robot calls this before `on_evidence`, and no auditor does: secrets and searches belong here.
+        Only the robot calls this, before `on_evidence`: secrets and searches belong here.
         """
 
     @abstractmethod
@@ -206,10 +200,7 @@ class EvidenceController(Controller, ABC):
 
 
 def checked_outputs(told: object, room: int, whose: object) -> list[Output]:
-    """Return a controller's outputs, if they can be put out: of at most `room` bytes each.
-
-    Raises: OwnMistake: no outputs, in the wrong order, or one that no a-node lets out. Source: docs/own-controller.md.
-    """
+    """Return a controller's outputs. Raises: OwnMistake: one is none, out of order, or not of 1 to `room` bytes."""
     asked = overridden(whose, "on_input")
     some = "a list of Command and State" if asked == "on_reading" else "a list of Act and Send"
 
@@ -238,10 +229,7 @@ def checked_outputs(told: object, room: int, whose: object) -> list[Output]:
 
 
 def checked_state(told: object, room: int, whose: object) -> bytes:
-    """Return what `encode` returned, if there is room for it: at most so many bytes.
-
-    Raises: OwnMistake: not bytes, or too many. Source: docs/own-controller.md.
-    """
+    """Return what `encode` returned. Raises: OwnMistake: not bytes, or more than there is room for."""
     if not isinstance(told, bytes):
         hint = "bytes, as struct packs them; b'' for nothing"
         raise OwnMistake(f"encode returned {kind_of(told)}", hint, whose, "encode")

@@ -12,9 +12,8 @@ from __future__ import annotations
 import hashlib
 import math
 from abc import abstractmethod
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from phalanx.wire.protocols import KIND_SIGHTING, NOWHERE, SEEN, SIGHTED, SIGHTING
 from phalanx.wire.record import MalformedRecord
@@ -28,9 +27,8 @@ SIGHT_STEPS = 0.5  # of the robots' own step: so far a sensor sees
 FRESH_PERIODS = 2  # of broadcasts: so long a word counts
 
 
-@dataclass(frozen=True, slots=True)
-class Sighted:
-    """What a robot said last of a thing that it sees: heard when, which thing, and where it is."""
+class Sighted(NamedTuple):
+    """The last message of a robot on a thing that it sees: heard when, which thing, and where it is."""
 
     at_ms: int = 0
     number: int = NOWHERE
@@ -112,8 +110,7 @@ class SightController(PeerController):
 
     def encode(self) -> bytes:
         """A `peer_memory`, and a `sighted` of each robot behind it, its own too."""
-        said = (SIGHTED.form.pack(each.at_ms, each.number, each.x_m, each.y_m) for each in self.sighted.values())
-        return super().encode() + b"".join(said)
+        return super().encode() + b"".join(SIGHTED.form.pack(*each) for each in self.sighted.values())
 
     def decode(self, encoding: bytes) -> None:
         """Back to a checkpoint. Raises: MalformedRecord: not one of this robot's."""

@@ -11,22 +11,13 @@ Source: RoboRebound Alg. 1, §5.2 (the checkpoint), Table 3; Olfati-Saber 2006, 
 
 from __future__ import annotations
 
+from phalanx.arrays import Params
 from phalanx.kernel import kernel
 from phalanx.robot.controllers import flock_law, neighbours
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.outputs import put_head
-from phalanx.robot.controllers.parameters import Params
 from phalanx.wire import table
-from phalanx.wire.fields import (
-    F32_BYTES,
-    Row,
-    are_fine,
-    copy,
-    get_f32,
-    get_u16,
-    put_f32,
-    whole,
-)
+from phalanx.wire.fields import Row, are_fine, copy, get_f32, get_u16, put_f32, whole
 
 CONTROLLER = Declaration(
     reads=table.SENSOR,
@@ -35,15 +26,9 @@ CONTROLLER = Declaration(
     remembers=(table.FLOCK_MEMORY, table.NEIGHBOUR),
     params=flock_law.flock_params,
 )
-STATE_BYTES = table.STATE.size
-SENSOR_BYTES = table.SENSOR.size
+STATE_BYTES, MOTION, MOTION_BYTES = neighbours.STATE_BYTES, neighbours.MOTION, neighbours.MOTION_BYTES
 COMMAND_BYTES = table.ACCELERATION.size
-ID = table.STATE.at("id")  # as in the other two
-MOTION = table.STATE.at("x_m")  # position and velocity, as in the reading and in what is remembered
 AX, AY = map(table.ACCELERATION.at, ("ax_mps2", "ay_mps2"))
-MOTION_BYTES = table.STATE.size - MOTION
-NUMBERS = MOTION_BYTES // F32_BYTES
-
 X, Y, VX, VY, COUNT = map(table.FLOCK_MEMORY.at, ("x_m", "y_m", "vx_mps", "vy_mps", "count"))
 HEAD_BYTES = table.FLOCK_MEMORY.size
 EACH_BYTES, PLACE = neighbours.EACH_BYTES, neighbours.PLACE
@@ -71,22 +56,19 @@ def begin(_params: Params, _rob_id: int, state: Row) -> int:
 @kernel
 def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
     """Return whether the first `length` bytes are a state that this robot can be in (dispatch.py)."""
-    if length < HEAD_BYTES or length != size(state) or length > capacity(params) or not are_fine(state, X, NUMBERS):
-        return False
-    return neighbours.are_neighbours(state, HEAD_BYTES, rob_id)
+    fits = HEAD_BYTES <= length <= capacity(params) and length == size(state)
+    return fits and are_fine(state, X, neighbours.NUMBERS) and neighbours.are_neighbours(state, HEAD_BYTES, rob_id)
 
 
 @kernel
 def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, state: Row) -> int:
     """Remember a broadcast, ignore anything else; return the new length of the encoding.
 
-    When N_max are known, a new sender takes the place of the one heard longest ago, of these of the lowest id.
-    Source: docs/spec/rebound.md (which to forget).
+    When N_max are known, a new sender replaces the one heard longest ago (docs/spec/rebound.md), of these the lowest
+    id.
     """
-    if length != STATE_BYTES or frame[0] != table.KIND_STATE or not are_fine(frame, MOTION, NUMBERS):
-        return size(state)
-    rob = get_u16(frame, ID)
-    if rob in (0, rob_id):
+    rob = neighbours.sender(rob_id, frame, length)
+    if rob == 0:
         return size(state)
     at = neighbours.place_of(rob, state, HEAD_BYTES)
     full = get_u16(state, COUNT) == whole(params[flock_law.N_MAX])
@@ -99,14 +81,12 @@ def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, sta
 
 @kernel
 def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, length: int, state: Row, out: Row) -> int:
-    """Put a command, and a broadcast when it is due, into `out`; return their length together.
+    """Put a command, and a broadcast when it is due, into `out`; return their length. Source: RoboRebound Alg. 1, §4.
 
-    A broadcast is due when (step + rob_id) mod 6 = 0, so that a fleet started at once does not send at once.
-    Source: RoboRebound Alg. 1, §4.
+    Broadcasts are due when (step + rob_id) mod 6 = 0, so that robots started at once do not send at once.
     """
     end = put_head(out, 0, table.ENTRY_ACMD, COMMAND_BYTES, table.KIND_ACCELERATION, rob_id, t_ms)
-    known = length == SENSOR_BYTES and reading[0] == table.KIND_SENSOR and get_u16(reading, ID) == rob_id
-    if not known or not are_fine(reading, MOTION, NUMBERS):
+    if not neighbours.is_reading(rob_id, reading, length):
         put_f32(out, end + AX, 0.0)
         put_f32(out, end + AY, 0.0)
         return end + COMMAND_BYTES

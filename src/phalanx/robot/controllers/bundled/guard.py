@@ -18,13 +18,13 @@ from __future__ import annotations
 
 import math
 
+from phalanx.arrays import Params
 from phalanx.bti import trusted
 from phalanx.config.guard import GuardConfig
 from phalanx.kernel import kernel
 from phalanx.robot.controllers import guard_law, neighbours, promises
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.outputs import put_head
-from phalanx.robot.controllers.parameters import Params
 from phalanx.wire import driven, guarded, table
 from phalanx.wire.fields import (
     F32_BYTES,
@@ -50,12 +50,9 @@ CONTROLLER = Declaration(
     config=GuardConfig,
     params=guard_law.guard_params,
 )
-STATE_BYTES = table.STATE.size
-SENSOR_BYTES = table.SENSOR.size
+STATE_BYTES, MOTION = neighbours.STATE_BYTES, neighbours.MOTION
 COMMAND_BYTES = table.ACCELERATION.size
 WISH_BYTES = guarded.WISH.size
-ID = table.STATE.at("id")  # as in the other two
-MOTION = table.STATE.at("x_m")  # position and velocity, as in the reading
 SENSED_X, SENSED_Y, SENSED_VX, SENSED_VY = map(table.SENSOR.at, ("x_m", "y_m", "vx_mps", "vy_mps"))
 AX, AY = map(table.ACCELERATION.at, ("ax_mps2", "ay_mps2"))
 WISH_X = guarded.WISH.at("vx_mps")
@@ -63,8 +60,6 @@ SIGNED_BYTES = guarded.SIGNED_BYTES
 SIGNED_MISSION, SIGNED_ID, SIGNED_T, SIGNED_X = map(guarded.SIGNED_WISH.at, ("mission", "id", "t", "vx_mps"))
 VELOCITY_X, VELOCITY_Y = map(table.STATE.at, ("vx_mps", "vy_mps"))  # in a broadcast what is promised
 PLACE_BYTES = VELOCITY_X - MOTION
-NUMBERS = (STATE_BYTES - MOTION) // F32_BYTES
-
 ENVELOPE_BYTES = guarded.ENVELOPE_BYTES
 OLD_X, OLD_Y, WISHED_X, WISHED_Y = map(guarded.GUARD_MEMORY.at, ("ax_mps2", "ay_mps2", "vx_mps", "vy_mps"))
 FRESH, WISHED, STANDS, COUNT = map(guarded.GUARD_MEMORY.at, ("fresh", "wished", "stands", "count"))
@@ -125,8 +120,8 @@ def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
 def on_advice(params: Params, rob_id: int, advice: Row, length: int, state: Row) -> int:
     """Remember a wish, ignore anything else; return the new length of the encoding.
 
-    If the mission names an adviser it has to be his, newer than the last, and the first since the last reading: so
-    nobody makes auditors check signatures all day.
+    An adviser's has to be newer than the last, and the first since the last reading: so nobody makes auditors check
+    signatures all day.
     """
     at, adviser = WISH_X, guard_law.adviser_at(params)
     if adviser > 0:
@@ -165,14 +160,9 @@ def _is_signed(params: Params, adviser: int, rob_id: int, advice: Row, length: i
 
 @kernel
 def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, state: Row) -> int:
-    """Remember a broadcast, ignore anything else; return the new length of the encoding.
-
-    When N_max are known, a new sender takes the place of the one heard longest ago, of these of the lowest id.
-    """
-    if length != STATE_BYTES or frame[0] != table.KIND_STATE or not are_fine(frame, MOTION, NUMBERS):
-        return size(state)
-    rob = get_u16(frame, ID)
-    if rob in (0, rob_id):
+    """Remember a broadcast, ignore anything else, as a flock's robots do; return the new length of the encoding."""
+    rob = neighbours.sender(rob_id, frame, length)
+    if rob == 0:
         return size(state)
     forget_ms = whole(params[guard_law.FORGET_MS])
     at = neighbours.place_of(rob, state, HEAD_BYTES)
@@ -201,10 +191,7 @@ def _can_be(params: Params, t_ms: int, frame: Row, at: int, state: Row) -> bool:
 
 @kernel
 def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, length: int, state: Row, out: Row) -> int:
-    """Put a command, and a broadcast when it is due, into `out`; return their length together.
-
-    Source: docs/guard.md; RoboRebound §4 (when to broadcast).
-    """
+    """Put a command, and a broadcast when it is due, into `out`; return their length. Source: docs/guard.md."""
     end = put_head(out, 0, table.ENTRY_ACMD, COMMAND_BYTES, table.KIND_ACCELERATION, rob_id, t_ms)
     forget_ms = whole(params[guard_law.FORGET_MS])
     if step == 0:
@@ -214,9 +201,7 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
         if guard_law.adviser_at(params) == 0:
             put_u64(state, WISHED, t_ms)
     ax, ay, said = 0.0, 0.0, whole(0)
-    known = length == SENSOR_BYTES and reading[0] == table.KIND_SENSOR and get_u16(reading, ID) == rob_id
-    known = known and are_fine(reading, MOTION, NUMBERS)
-    if known:
+    if neighbours.is_reading(rob_id, reading, length):
         neighbours.forget(forget_ms, t_ms, state, HEAD_BYTES)
         now = _now(reading, state)
         if (step + rob_id) % whole(params[guard_law.STATE_EVERY]) == 0:

@@ -14,12 +14,12 @@ import math
 
 import numpy as np
 
+from phalanx.arrays import Params
 from phalanx.config.wheels import WheelsConfig
 from phalanx.kernel import kernel
 from phalanx.robot.controllers import orders
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.outputs import put_head
-from phalanx.robot.controllers.parameters import Params
 from phalanx.robot.controllers.sine import sine_cosine
 from phalanx.robot.follow import FULL_PCT, percent, steer
 from phalanx.wire import driven, table
@@ -129,10 +129,7 @@ def _are_signers(params: Params, state: Row) -> bool:
 
 @kernel
 def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, state: Row) -> int:
-    """An order that this robot has to obey is obeyed, anything else ignored; the new length of the encoding.
-
-    Source: docs/spec/orders.md.
-    """
+    """Obey an order that this robot has to obey; return the new length of the encoding. Source: docs/spec/orders.md."""
     if not orders.is_order(whole(params[MISSION]), rob_id, frame, length):
         return size(state)
     who = whole(frame[orders.WHO])
@@ -174,10 +171,7 @@ def _obey(who: int, t_ms: int, frame: Row, end: int, state: Row) -> None:
 
 @kernel
 def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, length: int, state: Row, out: Row) -> int:
-    """Put a command, and a broadcast when it is due, into `out`; return their length together.
-
-    Source: docs/spec/vocabulary.md; RoboRebound §4 (when to broadcast).
-    """
+    """Put a command, and a broadcast when it is due, into `out`; return their length."""
     left, right = whole(0), whole(0)
     state[CHECKS] = 0
     known = length == READING_BYTES and reading[0] == table.KIND_WHEELS_SENSOR and get_u16(reading, ID) == rob_id

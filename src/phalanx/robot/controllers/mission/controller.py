@@ -95,10 +95,7 @@ class Missions:
         return make
 
     def audits(self, config: BtiConfig) -> BtiConfig:
-        """The audits' parameters with room for these missions' readings, states and evidence.
-
-        Raises: UsageError: a mission is too large to be shown to auditors.
-        """
+        """Return the audits' parameters with room for these missions. Raises: UsageError: one is too large to show."""
         walks = [state_capacity(a.mission, self.config, a.pool) for a in self.assigned.values()]
         return replace(
             config,

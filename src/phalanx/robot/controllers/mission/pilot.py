@@ -126,10 +126,7 @@ def _steered(leg: Leg, goal: Point, beyond: Point, now: Reading, sectors: Sector
 def _goal(
     leg: Leg, order: Order, pose: Pose, now: Reading, sectors: Sectors, t_s: float, line_m: float
 ) -> tuple[Leg, Point, Point, float]:
-    """(leg, goal and what lies beyond it in the robot's frame, metres that are left).
-
-    Fewer than none are left where the direction has led too far.
-    """
+    """Return (leg, goal and what lies beyond it, robot frame, metres left: < 0 where the direction led too far)."""
     place = _local(pose, order.place_m or pose[:2])
     if order.kind is Kind.BACK:
         return _homeward(leg, place, pose, now, sectors)
