@@ -41,11 +41,9 @@ class AttackSpec:
 
 
 def parse_attack(words: str, own: Attack | None = None) -> AttackSpec:
-    """Return the attack of `NAME[:robot=I,at=T,until=T,OPTION=VALUE,…]`, times in seconds.
+    """Return the attack of `NAME[:robot=I,at=T,until=T,OPTION=VALUE,…]`. Raises: UsageError: it is not of that form.
 
-    Args:
-        own: what it is, if it is not in the library.
-    Raises: UsageError: it is not of that form.
+    Times are in seconds. `own` is the attack, if it is not in the library.
     """
     name, colon, rest = words.partition(":")
     hint = "NAME[:robot=I,at=T,until=T,OPTION=VALUE,…], for example spoof:robot=7,at=15"

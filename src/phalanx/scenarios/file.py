@@ -49,11 +49,8 @@ def read_scenario(path: Path) -> Scenario:
 
 
 def parse_scenario(data: bytes, source: str) -> Scenario:
-    """The scenario that `data` spells; without a name it is called as its file.
+    """Return the scenario in YAML of at most 64 KiB; without a name it is called as its file, the `source`.
 
-    Args:
-        data: YAML, UTF-8, at most 64 KiB.
-        source: the file's name, for errors.
     Raises: UsageError: it is not a scenario.
     """
     if len(data) > MOST_BYTES:

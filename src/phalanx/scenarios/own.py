@@ -37,7 +37,7 @@ logger = logging.getLogger(__name__)
 def find_controller(
     words: str | None, scenario: Scenario, *, in_python: bool = False
 ) -> tuple[Scenario, Callable[[int], Controller] | None]:
-    """The scenario, and what makes its controllers: None where that is a bundled one, or one of a file with kernels.
+    """Return the scenario, and what makes its controllers: None for a bundled one, or one of a file with kernels.
 
     Args:
         words: "FILE.py:CLASS", "FILE.py" with kernels, the name of a bundled controller, or None for the scenario's.
@@ -87,12 +87,7 @@ def no_controller(words: str, known: Collection[str]) -> UsageError:
 
 
 def find_attacks(said: Sequence[str | AttackSpec | Attack | type[Any]]) -> tuple[AttackSpec, ...]:
-    """The attacks of each of these; "none" alone is none.
-
-    Args:
-        said: words as for `find_attack`; or an `AttackSpec`, an `Attack`, or a class that derives from `Liar`.
-    Raises: as `find_attack`. UsageError: "none" beside an attack.
-    """
+    """Return the attacks of all of these, as `find_attack`; () of "none". Raises: UsageError: "none" and another."""
     if list(said) == ["none"]:
         return ()
     if "none" in said:
@@ -118,7 +113,7 @@ def find_attack(said: str | AttackSpec | Attack | type[Any]) -> AttackSpec:
 def find_class(words: str, kind: type[Any]) -> Any:
     """Return the class of "FILE.py:CLASS"; of "FILE.py" the only one that is derived from `kind`.
 
-    For a controller, CLASS may also be a function that makes one for a robot's id; for an attack, its record.
+    A controller's may also be a function that makes one for a robot's id; an attack's, its record.
     Raises: UsageError: no such file or class, or the file raises. Unavailable: it cannot be read.
     """
     path, _, name = words.partition(":")
@@ -154,10 +149,10 @@ def _class_in(module: ModuleType, path: Path, name: str, kind: type[Any]) -> Any
 
 @contextlib.contextmanager
 def mistakes_in(*named: str | None) -> Iterator[None]:
-    """Turn mistakes of the files in these "FILE.py:CLASS" into a `UsageError` that names file and line.
+    """Turn mistakes of the files in these "FILE.py:CLASS", or beside them, into a `UsageError` with file and line.
 
-    The traceback is logged, at DEBUG. Names that are of no file do nothing; what other files in the same folder raise
-    counts as well. A call of ours may fail before a line of the file runs: then there is no line to name.
+    The traceback is logged, at DEBUG. If no line of a file ran, as of a method that takes other arguments, none is
+    named.
     """
     files = [words.partition(":")[0] for words in named if words and is_file(words)]
     try:

@@ -44,10 +44,7 @@ MOST_AREA_M = 65.0  # a waypoint is 16 bits of millimetres
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """A swarm, where it starts, what it does, which robots lie, and what protects it.
-
-    `flock` and `bti` agree with the rest: a scenario's goal, spacing and obstacles are its flock's, and both provide
-    for `n_max` neighbours.
+    """A swarm, where it starts, what it does, which robots lie, and what protects it; `flock` and `bti` follow these.
 
     Raises: UsageError: a value is out of range, or two contradict each other.
     Source: RoboRebound §4, §5.2, §5.3; docs/scenarios.md.
@@ -117,15 +114,13 @@ class Scenario:
         n_max = self._neighbours() if self.n_max is None else self.n_max
         guarded = self.controller == GUARD
         advised = OWN[self.controller].advised if self.controller in OWN else None
-        bti = replace(self.bti, n_max=n_max, advice_bytes=advised.size if advised else 0)
+        sizes = {"advice_bytes": advised.size if advised else 0}
         if guarded:
             signed = bool(self.guard.adviser_key)
             key_bytes = SIGNER_KEY_BYTES * signed  # behind what a guard remembers
-            bti = replace(
-                bti,
-                advice_bytes=SIGNED_BYTES if signed else WISH.size,
-                state_bytes=GUARD_MEMORY.size + NEIGHBOUR_BYTES * n_max + key_bytes,
-            )
+            sizes["advice_bytes"] = SIGNED_BYTES if signed else WISH.size
+            sizes["state_bytes"] = GUARD_MEMORY.size + NEIGHBOUR_BYTES * n_max + key_bytes
+        bti = replace(self.bti, n_max=n_max, **sizes)
         object.__setattr__(self, "bti", bti)
         object.__setattr__(self, "flock", self._flock(bti))
         if guarded:

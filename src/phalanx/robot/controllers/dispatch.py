@@ -38,12 +38,7 @@ _functions: dict[str, list[Callable[..., Any]]] = {}
 
 
 def add_own(functions: dict[str, Callable[..., Any]], addresses: dict[str, int]) -> int:
-    """Return the number of a new own controller. Raises: UsageError: there are too many.
-
-    Args:
-        functions: its kernels uncompiled, by name, which are called where the package is not compiled.
-        addresses: of its kernels in C, by name, which are called where it is.
-    """
+    """Return the number of a new own controller: its functions, and addresses in C. Raises: UsageError: too many."""
     place = len(_functions["size"])
     if place == MOST_OWN:
         raise UsageError(f"more than {MOST_OWN} controllers of one's own in a process", "a new process")

@@ -28,12 +28,10 @@ PACE_MPS = 1.0
 
 
 def flock_params(config: FlockConfig) -> Params:
-    """Return the mission's parameters as kernels read them: 25 numbers, then the obstacles.
+    """Return the mission's parameters as kernels read them: 25 numbers, then the obstacles. Source: Table 3; eq. 8, 15.
 
     An obstacle acts within d' = 0.5 kappa d, where its bump ends: the paper's r' = kappa d' changes nothing. Table 3
     prints c = |a - b| / sqrt(4 a b) without bars: a < b would then push robots that are at the right spacing.
-
-    Source: RoboRebound Table 3; Olfati-Saber 2006, eq. 8, 15.
     """
     radius = config.kappa * config.d_m
     head = (

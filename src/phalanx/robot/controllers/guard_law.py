@@ -91,8 +91,8 @@ def towards(params: Params, vx: float, vy: float, to_x: float, to_y: float) -> t
 def straightened(params: Params, vx: float, vy: float, ax: float, ay: float) -> tuple[float, float]:
     """Return the command, with no more of it across the velocity than the envelope's turn rate allows, m/s².
 
-    A command turns a velocity by its part across, over the least speed before the next one is in force. Brakes stay as
-    they are, and nothing gets faster. Source: docs/guard.md.
+    That part over the least speed before the next command turns the velocity. Brakes stay, nothing gets faster:
+    docs/guard.md.
     """
     turn, speed = params[TURN], math.sqrt(vx * vx + vy * vy)
     if turn == 0.0 or speed <= ON_THE_SPOT * params[SPEED]:

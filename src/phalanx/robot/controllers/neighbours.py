@@ -1,6 +1,6 @@
-"""The robots that a controller has heard: records `neighbour` of phalanx.wire.table by rising id, behind its own head.
+"""The robots that a controller has heard: records `neighbour` by rising id, behind its own head.
 
-`head` is how long that is; its last two bytes count them. So the list's order is the same whoever replays it.
+`head` is how long that is; its last two bytes count them. So the order is the same in any replay.
 """
 
 from __future__ import annotations
@@ -103,6 +103,16 @@ def remove(at: int, state: Row, head: int) -> None:
     """Who is there is forgotten."""
     copy(state, at, state, at + EACH_BYTES, end(state, head) - EACH_BYTES - at)
     put_u16(state, head - COUNT_BYTES, count(state, head) - 1)
+
+
+@kernel
+def remember(rob: int, n_max: int, t_ms: int, frame: Row, state: Row, head: int) -> None:
+    """Put `rob`, which was heard to say `frame`; if it is new and there are `n_max`, in place of the oldest."""
+    at = place_of(rob, state, head)
+    if count(state, head) == n_max and not is_at(rob, at, state, head):
+        remove(oldest(state, head), state, head)
+        at = place_of(rob, state, head)
+    put(rob, t_ms, frame, at, state, head)
 
 
 @kernel

@@ -113,8 +113,8 @@ def _content_of(path: Path) -> tuple[Path, bytes]:
 def load_kernels(words: str, module: ModuleType) -> None:
     """Let `words` name the controller in a module, which was run from its file.
 
-    Raises: UsageError: a kernel is missing or takes other arguments, or the cache is not safe. OutsideSubset: it cannot
-        be compiled. Unavailable: the cache cannot be written.
+    Raises: UsageError: a kernel is missing or takes other arguments, or the cache is not safe. OutsideSubset: one
+    cannot be compiled. Unavailable: the cache cannot be written.
     """
     file = str(module.__file__)
     declaration = _checked(words, module.CONTROLLER)

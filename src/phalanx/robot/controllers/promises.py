@@ -103,9 +103,9 @@ def fair_mps(params: Params, gap_x: float, gap_y: float) -> float:
 def reach(
     params: Params, place: tuple[float, float], said: tuple[float, float], known_s: float
 ) -> tuple[float, float, float]:
-    """Return where a robot can be whose reading at `place` is at most `known_s` old: a middle, and how far from it, m.
+    """Return where a robot can be whose reading at `place` is `known_s` old at most: a middle, and how far from it, m.
 
-    With its body's room and a braking robot's creep. A promise holds for `promise_ms`; then the envelope's speed does.
+    With its room and a braking robot's creep. A promise holds for `promise_ms`; then the envelope's speed does.
     """
     kept_s = min(known_s, params[guard_law.PROMISE_MS] * 1e-3)
     mx, my, wide = disc(params, said[0], said[1])

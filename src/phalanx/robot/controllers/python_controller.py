@@ -1,11 +1,8 @@
 """Controllers in plain Python, and the bundled ones behind the same interface.
 
-An auditor feeds a copy of the controller the same readings and packets and compares every byte: a controller that can
-answer the same inputs differently convicts honest robots. Packets come from liars, so whatever bytes they hold, nothing
-raises, and NaN goes no further; `on_reading` and `on_state` see finite numbers alone. It remembers a bounded number of
-bytes, and `decode(encode())` changes nothing that follows.
-
-Source: RoboRebound §3.7; docs/own-controller.md has all rules; docs/adr/0012-determinism-of-controllers.md.
+An auditor feeds a copy of the controller the same readings and packets and compares every byte: one that can answer the
+same inputs differently convicts honest robots. Packets come from liars, so whatever bytes they hold, nothing raises,
+and NaN goes no further. Source: RoboRebound §3.7; docs/own-controller.md (all rules); docs/adr/0012.
 """
 
 from __future__ import annotations
@@ -70,14 +67,11 @@ class OwnMistake(OwnFileError):
 
 
 class Controller:
-    """A robot's controller: one object for each robot. A new one has just booted.
+    """A robot's controller: one object for each robot, whose id is 1..65535. A new one has just booted.
 
-    Override `on_reading` and, to listen to others, `on_state`. Assign a new value to `self.memory` to remember
-    something. To work with bytes instead, override `on_input` for `on_reading`, `on_recv` for `on_state`, `encode` and
-    `decode` for `memory`, and put out `Act` and `Send` for `Command` and `State`; any of these by itself.
-
-    Args:
-        rob_id: 1..65535.
+    Override `on_reading` and, to listen to others, `on_state`; assign to `self.memory` to remember something. To work
+    with bytes instead, override `on_input` for `on_reading`, `on_recv` for `on_state`, `encode` and `decode` for
+    `memory`, and put out `Act` and `Send` for `Command` and `State`; any of these by itself.
 
     Class attributes:
         memory: what it remembers at boot: a frozen dataclass, whose fields say how it is encoded (wire/packing.py).
@@ -156,10 +150,7 @@ class Controller:
         """Hear a planner's advice, whatever it is."""
 
     def on_input(self, step: int, t_ms: int, reading: bytes) -> Iterable[Output]:
-        """Decide on a reading, the `step`th from 0, taken at `t_ms` of the s-node's clock: commands, then broadcasts.
-
-        At a reading that makes no sense the robot coasts, in silence.
-        """
+        """Decide on a reading as bytes; at one that makes no sense the robot coasts, in silence."""
         size = Reading.RECORD.size
         seen = Reading.find(reading[:size], beside=reading[size:])
         if seen is None or (self.senses and not self.senses.is_readable(seen.beside)):
@@ -185,10 +176,7 @@ class EvidenceController(Controller, ABC):
 
     @abstractmethod
     def keep(self, step: int, t_ms: int, reading: bytes, raw: bytes) -> bytes:
-        """Return what to keep of `raw`, whose hash is in `reading`; b"" for nothing.
-
-        Only the robot calls this, before `on_evidence`: secrets and searches belong here.
-        """
+        """Return what to keep of `raw`, whose hash is in `reading`; b"" for nothing. Secrets: no auditor calls this."""
 
     @abstractmethod
     def on_evidence(self, step: int, t_ms: int, reading: bytes, evidence: bytes) -> Iterable[Output]:

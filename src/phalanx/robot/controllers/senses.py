@@ -14,12 +14,11 @@ RANGE = np.dtype(np.float32).newbyteorder("<")  # on any machine
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Senses:
-    """A lidar and bumpers. A point mass has no heading: all is counterclockwise from the east of the world's frame.
+    """A lidar and bumpers; all is counterclockwise from the east of the world's frame, for a point mass has no heading.
 
     Behind the 27 bytes of a reading stand `beams` ranges, f32 little-endian, m from the robot's middle, infinity where
-    nothing is within `range_m`; and `bumpers` bytes, a sector each, 1 where it touches something.
-
-    Raises: UsageError: a value is out of range.
+    nothing is within `range_m`; and `bumpers` bytes, 1 where its sector touches. Raises: UsageError: a value out of
+    range.
     """
 
     beams: int = within(0, 0, 360)

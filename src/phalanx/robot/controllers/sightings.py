@@ -1,10 +1,9 @@
 """The common part of guards and trackers: things that move, reported by robots that see them; a few go to each.
 
-A sensor reports the nearest thing within `SIGHT_STEPS`, seen from the robot. Of one thing the latest message counts: a
-robot's own eyes come first, while they see it. The `party` nearest robots go to it, all others to their posts. Messages
-are forgotten after `FRESH_PERIODS`, and of each robot only the last is known: a liar never invents more than one thing.
-
-Source: RoboRebound §2.1, §2.3 (decisions on what others report); docs/protocols.md.
+A sensor reports the nearest thing within `SIGHT_STEPS`. Of one thing the latest message counts, so a robot's own eyes
+come first. The `party` nearest robots go to it, all others to their posts. Messages are forgotten after
+`FRESH_PERIODS`, and of each robot only the last is known: a liar never invents more than one thing. Source: RoboRebound
+§2.1, §2.3.
 """
 
 from __future__ import annotations

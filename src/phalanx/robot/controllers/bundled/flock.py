@@ -1,10 +1,9 @@
 """Olfati-Saber flocking: neighbours at their distance (alpha), around obstacles (beta), to the goal (gamma).
 
-Its state is a `flock_memory` and its neighbours (phalanx.wire.table), 18 + 26 n bytes: the paper's checkpoint less the
-c-node's own part. Neighbours lie in it by rising id and are summed in that order. One not heard for `forget_ms` is
+Its state is a `flock_memory` and its neighbours by rising id, 18 + 26 n bytes. One not heard for `forget_ms` is
 forgotten: it would otherwise push for ever from where it was last seen, and a liar's inventions would outlive the liar.
-The price: a robot that is silent is forgotten too, though it still stands there. Times are those of the log's entries;
-a packet's own time is not used. A reading that makes no sense changes nothing: the robot coasts and says nothing.
+The price: a silent robot is forgotten too, though it still stands there. Times are the log's; a packet's own is not
+used. A reading that makes no sense changes nothing: the robot coasts and says nothing.
 
 Source: RoboRebound Alg. 1, §5.2 (the checkpoint), Table 3; Olfati-Saber 2006, eq. 8-17, 47-59.
 """
@@ -17,7 +16,7 @@ from phalanx.robot.controllers import flock_law, neighbours
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.outputs import put_head
 from phalanx.wire import table
-from phalanx.wire.fields import Row, are_fine, copy, get_f32, get_u16, put_f32, whole
+from phalanx.wire.fields import Row, are_fine, copy, get_f32, put_f32, whole
 
 CONTROLLER = Declaration(
     reads=table.SENSOR,
@@ -29,7 +28,7 @@ CONTROLLER = Declaration(
 STATE_BYTES, MOTION, MOTION_BYTES = neighbours.STATE_BYTES, neighbours.MOTION, neighbours.MOTION_BYTES
 COMMAND_BYTES = table.ACCELERATION.size
 AX, AY = map(table.ACCELERATION.at, ("ax_mps2", "ay_mps2"))
-X, Y, VX, VY, COUNT = map(table.FLOCK_MEMORY.at, ("x_m", "y_m", "vx_mps", "vy_mps", "count"))
+X, Y, VX, VY = map(table.FLOCK_MEMORY.at, ("x_m", "y_m", "vx_mps", "vy_mps"))
 HEAD_BYTES = table.FLOCK_MEMORY.size
 EACH_BYTES, PLACE = neighbours.EACH_BYTES, neighbours.PLACE
 
@@ -62,29 +61,16 @@ def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
 
 @kernel
 def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, state: Row) -> int:
-    """Remember a broadcast, ignore anything else; return the new length of the encoding.
-
-    When N_max are known, a new sender replaces the one heard longest ago (docs/spec/rebound.md), of these the lowest
-    id.
-    """
+    """Remember a broadcast, in place of the one heard longest ago if full; return the new length of the encoding."""
     rob = neighbours.sender(rob_id, frame, length)
-    if rob == 0:
-        return size(state)
-    at = neighbours.place_of(rob, state, HEAD_BYTES)
-    full = get_u16(state, COUNT) == whole(params[flock_law.N_MAX])
-    if full and not neighbours.is_at(rob, at, state, HEAD_BYTES):
-        neighbours.remove(neighbours.oldest(state, HEAD_BYTES), state, HEAD_BYTES)
-        at = neighbours.place_of(rob, state, HEAD_BYTES)
-    neighbours.put(rob, t_ms, frame, at, state, HEAD_BYTES)
+    if rob != 0:
+        neighbours.remember(rob, whole(params[flock_law.N_MAX]), t_ms, frame, state, HEAD_BYTES)
     return size(state)
 
 
 @kernel
 def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, length: int, state: Row, out: Row) -> int:
-    """Put a command, and a broadcast when it is due, into `out`; return their length. Source: RoboRebound Alg. 1, §4.
-
-    Broadcasts are due when (step + rob_id) mod 6 = 0, so that robots started at once do not send at once.
-    """
+    """Put a command into `out`, and a broadcast when it is due; return their length. Source: RoboRebound Alg. 1, §4."""
     end = put_head(out, 0, table.ENTRY_ACMD, COMMAND_BYTES, table.KIND_ACCELERATION, rob_id, t_ms)
     if not neighbours.is_reading(rob_id, reading, length):
         put_f32(out, end + AX, 0.0)
@@ -96,7 +82,7 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
     put_f32(out, end + AX, flock_law.limited(ax, params[flock_law.LIMIT]))
     put_f32(out, end + AY, flock_law.limited(ay, params[flock_law.LIMIT]))
     end += COMMAND_BYTES
-    if (step + rob_id) % whole(params[flock_law.STATE_EVERY]) == 0:
+    if (step + rob_id) % whole(params[flock_law.STATE_EVERY]) == 0:  # robots started at once do not send at once
         end = put_head(out, end, table.ENTRY_SEND, STATE_BYTES, table.KIND_STATE, rob_id, t_ms)
         copy(out, end + MOTION, reading, MOTION, MOTION_BYTES)
         end += STATE_BYTES
@@ -108,13 +94,9 @@ def _acceleration(params: Params, state: Row) -> tuple[float, float]:
     x, y, vx, vy = get_f32(state, X), get_f32(state, Y), get_f32(state, VX), get_f32(state, VY)
     ax, ay = 0.0, 0.0
     for at in range(HEAD_BYTES + PLACE, size(state), EACH_BYTES):
-        push_x, push_y = flock_law.neighbour_push(
-            params,
-            get_f32(state, at + X) - x,  # a neighbour's motion lies as one's own
-            get_f32(state, at + Y) - y,
-            get_f32(state, at + VX) - vx,
-            get_f32(state, at + VY) - vy,
-        )
+        dx, dy = get_f32(state, at + X) - x, get_f32(state, at + Y) - y  # a neighbour's motion lies as one's own
+        dvx, dvy = get_f32(state, at + VX) - vx, get_f32(state, at + VY) - vy
+        push_x, push_y = flock_law.neighbour_push(params, dx, dy, dvx, dvy)
         ax += push_x
         ay += push_y
     ax = flock_law.limited(ax, params[flock_law.PUSH])

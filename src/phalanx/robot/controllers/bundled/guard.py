@@ -1,16 +1,14 @@
 """The guard: what a planner advises is done as far as the mission's envelope lets it.
 
 It is advised by `wish`; the velocity in its broadcasts is what it promises (promises.py). Its state is a `guard_memory`
-and its neighbours (phalanx.wire.guarded): 127 + 26 n bytes. Advice is in the log and auditors replay the guard over it:
-whatever a planner says, the command is inside the envelope. The guard tries the wish, then smaller shares of it, and
-brakes if none leaves room and keeps what it promised. It stands still
+and its neighbours: 127 + 26 n bytes. The log holds advice and auditors replay the guard over it: whatever a planner
+says, the command is inside the envelope. It tries the wish, then smaller shares of it, and brakes if none is good.
 
-- when advice is too old, missing, no finite velocity, or not signed by the adviser that the mission names;
-- for the first `forget_ms`, to hear who is there;
-- for `forget_ms` after it has heard a robot where that robot cannot have got to since it was heard last, for then
-  somebody speaks in another's name; or more robots than it can remember.
+It stands still when advice is too old, missing, no finite velocity, or not signed by the adviser that the mission
+names; for the first `forget_ms`, to hear who is there; and for `forget_ms` after it has heard more robots than it can
+remember, or one where that robot cannot have got to: somebody speaks in its name. A reading that makes no sense changes
+nothing: it coasts and says nothing.
 
-A reading that makes no sense (another's id, NaN, beyond 10^6) changes nothing: the robot coasts and says nothing.
 Source: docs/guard.md (the law, and why it keeps clear); RoboRebound Alg. 1 (the frame of it).
 """
 
@@ -56,13 +54,11 @@ WISH_BYTES = guarded.WISH.size
 SENSED_X, SENSED_Y, SENSED_VX, SENSED_VY = map(table.SENSOR.at, ("x_m", "y_m", "vx_mps", "vy_mps"))
 AX, AY = map(table.ACCELERATION.at, ("ax_mps2", "ay_mps2"))
 WISH_X = guarded.WISH.at("vx_mps")
-SIGNED_BYTES = guarded.SIGNED_BYTES
 SIGNED_MISSION, SIGNED_ID, SIGNED_T, SIGNED_X = map(guarded.SIGNED_WISH.at, ("mission", "id", "t", "vx_mps"))
 VELOCITY_X, VELOCITY_Y = map(table.STATE.at, ("vx_mps", "vy_mps"))  # in a broadcast what is promised
 PLACE_BYTES = VELOCITY_X - MOTION
-ENVELOPE_BYTES = guarded.ENVELOPE_BYTES
 OLD_X, OLD_Y, WISHED_X, WISHED_Y = map(guarded.GUARD_MEMORY.at, ("ax_mps2", "ay_mps2", "vx_mps", "vy_mps"))
-FRESH, WISHED, STANDS, COUNT = map(guarded.GUARD_MEMORY.at, ("fresh", "wished", "stands", "count"))
+FRESH, WISHED, STANDS = map(guarded.GUARD_MEMORY.at, ("fresh", "wished", "stands"))
 HEAD_BYTES = guarded.GUARD_MEMORY.size
 EACH_BYTES, HEARD = neighbours.EACH_BYTES, neighbours.HEARD
 PLACE_X, PLACE_Y, SAID_X, SAID_Y = map(table.NEIGHBOUR.at, ("x_m", "y_m", "vx_mps", "vy_mps"))
@@ -93,7 +89,7 @@ def size(state: Row) -> int:
 def begin(params: Params, _rob_id: int, state: Row) -> int:
     """The boot state is in `state`: the mission's envelope, and nothing heard; its length."""
     state[:HEAD_BYTES] = 0
-    for k in range(ENVELOPE_BYTES):
+    for k in range(guarded.ENVELOPE_BYTES):
         state[k] = whole(params[guard_law.HASH + k])
     return size(state)
 
@@ -110,7 +106,7 @@ def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
     for at in range(promises.MADE_AT, promises.END, promises.EACH_BYTES):
         if get_u64(state, at + promises.UNTIL) < 0 or not are_fine(state, at + promises.PROMISED_X, promises.NUMBERS):
             return False
-    for k in range(ENVELOPE_BYTES):
+    for k in range(guarded.ENVELOPE_BYTES):
         if state[k] != whole(params[guard_law.HASH + k]):
             return False
     return neighbours.are_neighbours(state, HEAD_BYTES, rob_id)
@@ -120,13 +116,12 @@ def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
 def on_advice(params: Params, rob_id: int, advice: Row, length: int, state: Row) -> int:
     """Remember a wish, ignore anything else; return the new length of the encoding.
 
-    An adviser's has to be newer than the last, and the first since the last reading: so nobody makes auditors check
-    signatures all day.
+    An adviser's has to be newer, and the first since the last reading: nobody makes auditors check signatures all day.
     """
     at, adviser = WISH_X, guard_law.adviser_at(params)
     if adviser > 0:
         at = SIGNED_X
-        if length != SIGNED_BYTES or not _is_signed(params, adviser, rob_id, advice, length, state):
+        if length != guarded.SIGNED_BYTES or not _is_signed(params, adviser, rob_id, advice, length, state):
             return size(state)
     elif length != WISH_BYTES or advice[0] != guarded.KIND_WISH:
         return size(state)
@@ -164,18 +159,16 @@ def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, sta
     rob = neighbours.sender(rob_id, frame, length)
     if rob == 0:
         return size(state)
-    forget_ms = whole(params[guard_law.FORGET_MS])
+    forget_ms, n_max = whole(params[guard_law.FORGET_MS]), whole(params[guard_law.N_MAX])
     at = neighbours.place_of(rob, state, HEAD_BYTES)
+    stands = False
     if neighbours.is_at(rob, at, state, HEAD_BYTES):
-        if not _can_be(params, t_ms, frame, at, state):
-            put_u64(state, STANDS, t_ms + forget_ms)
-    elif get_u16(state, COUNT) == whole(params[guard_law.N_MAX]):
-        oldest = neighbours.oldest(state, HEAD_BYTES)
-        if t_ms - get_u64(state, oldest + HEARD) <= forget_ms:
-            put_u64(state, STANDS, t_ms + forget_ms)
-        neighbours.remove(oldest, state, HEAD_BYTES)
-        at = neighbours.place_of(rob, state, HEAD_BYTES)
-    neighbours.put(rob, t_ms, frame, at, state, HEAD_BYTES)
+        stands = not _can_be(params, t_ms, frame, at, state)
+    elif neighbours.count(state, HEAD_BYTES) == n_max:
+        stands = t_ms - get_u64(state, neighbours.oldest(state, HEAD_BYTES) + HEARD) <= forget_ms
+    if stands:
+        put_u64(state, STANDS, t_ms + forget_ms)
+    neighbours.remember(rob, n_max, t_ms, frame, state, HEAD_BYTES)
     return size(state)
 
 
@@ -282,10 +275,7 @@ def _is_good(params: Params, t_ms: int, now: guard_law.Motion, state: Row, ax: f
 
 @kernel
 def _promised(params: Params, t_ms: int, now: guard_law.Motion, state: Row) -> tuple[float, float]:
-    """Return the promise: as much of its wish as is fair to each neighbour, if its brakes are in that; else its brakes.
-
-    If it is too fast for that, or nobody is near, it promises the envelope's speed alone.
-    """
+    """Return as much of its wish as is fair to all neighbours; else what brakes are in; else the envelope's speed."""
     speed = params[guard_law.SPEED]
     gx, gy = guard_law.shortened(*_wished(params, t_ms, state), promises.MEANT * speed)
     share, alone = 1.0, True

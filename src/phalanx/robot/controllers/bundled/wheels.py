@@ -1,11 +1,10 @@
 """Robots that visitors drive: two wheels and an LED, by joystick or along a route.
 
-It obeys an `order` that it can check (orders.py). Its state is a `wheels_memory` and its route (phalanx.wire.driven):
-158 + 4 n bytes, with the keys it obeys. Left, right and heard are the last joystick order; a point of the route that is
-reached is taken out. While somebody holds it, it stands. A reading that makes no sense stops the wheels, in silence.
+It obeys an `order` that it can check (orders.py). Its state is a `wheels_memory` and its route: 158 + 4 n bytes, with
+the keys it obeys and the last joystick order; a reached point of the route is taken out. While somebody holds it, it
+stands. A reading that makes no sense stops the wheels, in silence.
 
-Lengths and directions are those of docs/spec/vocabulary.md: x to the right, y down, the nose along (-sin, cos).
-Source: docs/spec/vocabulary.md (what orders mean); RoboRebound Alg. 1 (the frame of it).
+Source: docs/spec/vocabulary.md (orders, lengths and directions); RoboRebound Alg. 1 (the frame of it).
 """
 
 from __future__ import annotations
@@ -62,7 +61,6 @@ ID = table.WHEELS_STATE.at("id")  # as in the other two
 BODY = table.WHEELS_STATE.at("x_mm")  # the pose, as in the reading; in the command the wheels
 POSE_BYTES = table.WHEELS_STATE.at("red") - BODY
 POSE_NUMBERS = POSE_BYTES // F32_BYTES
-LED_BYTES = orders.LED_BYTES
 
 X, Y, DIRECTION, LEFT, RIGHT = map(driven.WHEELS_MEMORY.at, ("x_mm", "y_mm", "direction_deg", "left", "right"))
 HEARD, LED, HELD, CHECKS = map(driven.WHEELS_MEMORY.at, ("heard", "red", "held", "checks"))
@@ -155,7 +153,7 @@ def _obey(who: int, t_ms: int, frame: Row, end: int, state: Row) -> None:
     elif action == driven.TELL_GO:
         state[HELD] &= HELD_BY_ALL - (1 << who)
     elif action == driven.TELL_LED:
-        copy(state, LED, frame, body, LED_BYTES)
+        copy(state, LED, frame, body, orders.LED_BYTES)
     elif action == driven.TELL_WHEELS and state[HELD] == 0:
         state[LEFT] = percent(get_i8(frame, body)) & 255
         state[RIGHT] = percent(get_i8(frame, body + TOLD_RIGHT)) & 255
@@ -186,13 +184,13 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
     end = BODY + put_head(out, 0, table.ENTRY_ACMD, COMMAND_BYTES, table.KIND_WHEELS_COMMAND, rob_id, t_ms)
     out[end] = left & 255
     out[end + COMMAND_RIGHT] = right & 255
-    copy(out, end + COMMAND_LED, state, LED, LED_BYTES)
+    copy(out, end + COMMAND_LED, state, LED, orders.LED_BYTES)
     end += COMMAND_BYTES - BODY
     if known and (step + rob_id) % whole(params[STATE_EVERY]) == 0:
         end = BODY + put_head(out, end, table.ENTRY_SEND, STATE_BYTES, table.KIND_WHEELS_STATE, rob_id, t_ms)
         copy(out, end, state, X, POSE_BYTES)
-        copy(out, end + POSE_BYTES, state, LED, LED_BYTES)
-        end += POSE_BYTES + LED_BYTES
+        copy(out, end + POSE_BYTES, state, LED, orders.LED_BYTES)
+        end += POSE_BYTES + orders.LED_BYTES
     return end
 
 

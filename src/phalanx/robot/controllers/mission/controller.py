@@ -79,12 +79,7 @@ class Missions:
     def controllers_of(
         self, rob_id: int, own: Walker, kind: type[MissionController] | None = None
     ) -> Callable[[int], Controller]:
-        """What makes controllers inside one robot: its own, and others' to replay.
-
-        Args:
-            own: its walker, which has its start key.
-            kind: of its own controller; None is MissionController.
-        """
+        """Return what makes controllers inside a robot: its own, of a `kind`, with its walker; others' to replay."""
         others = cache(lambda tee: Walker(self.assigned[tee].mission, config=self.config, replays=True))
 
         def make(tee: int) -> Controller:
@@ -158,7 +153,9 @@ class MissionController(EvidenceController):
 
     def uncorrected_pose(self) -> Pose:
         """Where it would believe to be by its last reading, had it never validated anything."""
-        return _placed(self.given.start, self.memory.odometry)
+        (x, y, heading), (ahead, aside, turn) = self.given.start, self.memory.odometry
+        sine, cosine = sin_cos(heading)
+        return x + (cosine * ahead - sine * aside), y + (sine * ahead + cosine * aside), wrap(heading + turn)
 
     @property
     def over(self) -> bool:
@@ -336,13 +333,3 @@ class MissionController(EvidenceController):
 def message_frame(rob_id: int, message: bytes) -> bytes:
     """An encoded message, as a robot says it, or a station whose id is nobody's."""
     return table.MISSION_MESSAGE.form.pack(table.KIND_MISSION_MESSAGE, rob_id, message)
-
-
-def _placed(origin: Pose, odometry: Pose) -> Pose:
-    """Where odometry's frame puts the robot on the map."""
-    sine, cosine = sin_cos(origin[2])
-    return (
-        origin[0] + (cosine * odometry[0] - sine * odometry[1]),
-        origin[1] + (sine * odometry[0] + cosine * odometry[1]),
-        wrap(origin[2] + odometry[2]),
-    )

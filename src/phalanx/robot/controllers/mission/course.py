@@ -189,23 +189,16 @@ def looking(for_s: float) -> float:
 
 @kernel
 def _rested(waited_s: float, way_m: float) -> float:
-    """Return what is left of a wait when it gets on: stopped again at the next step, it does not wait all of it again.
+    """Return what is left of a wait when it gets on: stopped again at once, it does not wait all of it again.
 
-    A robot that turns on the spot has not got on: looking around and turning back would else follow each other for
-    ever.
+    Turning on the spot is not getting on: looking around and turning back would follow each other for ever.
     """
     return max(0.0, min(waited_s, WAIT_S + LOOK_S) - FORGETS * way_m)
 
 
 @kernel
 def steer(seen: Seen, wanted: Goal, course: Course, past_s: float, cells: U8x1) -> tuple[float, float, Stop, Course]:
-    """The next command.
-
-    Args:
-        past_s: since the last step.
-        cells: out, as `look` has them.
-    Returns: speed, turn, base and course from now on.
-    """
+    """Return speed, turn, base and course, `past_s` after the last step; put the cells into `cells`, as `look` does."""
     goal, moved = wanted.at, seen.moved
     stop, turning, waited_s = course
     points = np.empty((len(seen.clear) + SIDE * SIDE, 2))

@@ -83,12 +83,9 @@ def codes_at(eye: Eye | None, pose: tuple[float, float, float], codes: tuple[See
 
 
 def pack_evidence(claim: Claim | None, scan: bytes, sensed: bytes = b"") -> bytes:
-    """The record `kept`: the claim, then the scan, u16 a beam, as zlib's of its differences.
+    """Return the record `kept`: the claim or None, then the scan, u16 a beam, as zlib's of its differences.
 
-    Args:
-        claim: None where only the scan is to be seen.
-        scan: b"" where the claim needs none.
-        sensed: what stands behind it, as other sensors read it.
+    `scan` is b"" where the claim needs none; `sensed` is what stands behind it.
     """
     claimed = KEPT_CLAIM.encode(claim=claim.encode()) if claim else b""
     packed = b""
@@ -101,24 +98,20 @@ def pack_evidence(claim: Claim | None, scan: bytes, sensed: bytes = b"") -> byte
 
 
 def unpack_evidence(raw: bytes, beams: int) -> tuple[Claim | None, bytes]:
-    """(claim, scan and what stands behind it) of what another robot's log holds.
+    """Return (claim, scan and what stands behind it) of what another robot's log holds.
 
-    Args:
-        beams: of a scan; no more is unpacked, whatever the bytes would unpack to.
-    Raises: BadEvidence, or what `parse_claim` raises.
+    No more than a scan of so many beams is unpacked. Raises: BadEvidence, or what `parse_claim` raises.
     """
     reader = Reader(raw)
     count = reader.number(KEPT)
     if count > 1:
         raise BadEvidence(f"{count} claims at once")
     claim = parse_claim(reader.behind(KEPT_CLAIM)) if count else None
-    return claim, _unpack_scan(reader.take(reader.left), beams) if reader.left else b""
-
-
-def _unpack_scan(packed: bytes, beams: int) -> bytes:
+    if not reader.left:
+        return claim, b""
     unpacker = zlib.decompressobj()
     try:
-        unpacked = unpacker.decompress(packed, 2 * beams + SENSED_MAX_BYTES)
+        unpacked = unpacker.decompress(reader.take(reader.left), 2 * beams + SENSED_MAX_BYTES)
         planes, sensed = unpacked[: 2 * beams], unpacked[2 * beams :]
         parse_sensed(sensed)
     except (zlib.error, PeerError) as error:
@@ -126,4 +119,4 @@ def _unpack_scan(packed: bytes, beams: int) -> bytes:
     if len(planes) != 2 * beams or not unpacker.eof or unpacker.unused_data:
         raise BadEvidence(f"a scan that is not {beams} beams")
     high, low = np.frombuffer(planes, np.uint8).reshape(2, beams).astype(np.uint16)
-    return np.cumsum(high << 8 | low, dtype=np.uint16).astype(RANGE.dtype).tobytes() + sensed
+    return claim, np.cumsum(high << 8 | low, dtype=np.uint16).astype(RANGE.dtype).tobytes() + sensed

@@ -46,9 +46,7 @@ def weight(near: int) -> int:
 
 @kernel
 def standing(cells: U8x1, here: Point, along: tuple[float, float], points: F64x2, near: I64x1, out: I64x1) -> None:
-    """Where the robot stands, it stands, and may go on to where nothing is nearer, and nowhere else.
-
-    Behind it cells cost more.
+    """Let a robot go on from where it stands to where nothing is nearer; behind it cells cost more.
 
     Args:
         here: where it is, in cells from the corner of the first.
@@ -87,10 +85,9 @@ def is_nearer(points: F64x2, here: Point, to_x: float, to_y: float) -> bool:
 
 @kernel
 def weights(cells: U8x1, here: Point, along: tuple[float, float], points: F64x2, out: I64x1) -> None:
-    """(SIDE + 2)^2, with an edge: what it costs to leave a cell, by how near the nearest thing is.
+    """Put (SIDE + 2)^2 costs to leave a cell into `out`, by how near the nearest thing is; the rest as in `standing`.
 
     Args:
-        here, points: as `standing` takes them.
         along: where the robot looks; of two ways that are equally good it goes on along one.
     """
     wide = SIDE + 2
@@ -114,11 +111,10 @@ def weights(cells: U8x1, here: Point, along: tuple[float, float], points: F64x2,
 
 @kernel
 def seeds(leave: I64x1, goal_x: float, goal_y: float, points: F64x2, out: I64x1) -> None:
-    """(SIDE + 2)^2: from cells at the goal and at the edge straight to the goal, hundredths of a metre.
+    """Put the straight way to the goal from cells there and at the edge into `out`, (SIDE + 2)^2, 0.01 m.
 
     Args:
-        goal_x, goal_y: in cells, from the corner of the first.
-        points: (k, 2) what is in the way, likewise.
+        goal_x, goal_y, points: in cells, from the corner of the first; points (k, 2) are in the way.
     """
     wide = SIDE + 2
     out[:] = FAR_OFF

@@ -1,9 +1,8 @@
 """From an instruction to wheels, so that auditors come to the same command: no scan, no libm, no memory but its state.
 
-The robot heads for the place where its instruction begins, then along the direction, or straight to a known place;
-around whatever is in the way (course.py), as far as it sees or remembers it. Back it goes the way it came, where it
-does not see the place: straight would lead into every corner of the building. Its patience without headway, and how far
-it follows a direction, are shares of the mission's time.
+The robot heads for where its instruction begins, then along the direction, or straight to a known place; around what is
+in the way (course.py), as far as it sees or remembers it. Back it goes the way it came, where it does not see the
+place. Its patience without headway, and how far it follows a direction, are shares of the mission's time.
 """
 
 from __future__ import annotations
@@ -71,11 +70,11 @@ class Drive:
 def drive(
     leg: Leg, order: Order, begin: int | None, pose: Pose, now: Reading, sectors: Sectors, t_s: float, timeout_s: float
 ) -> tuple[Leg, Drive]:
-    """The next command for an instruction.
+    """Return the next command for an instruction.
 
     Args:
         begin: the node at which it begins.
-        pose: x, y, heading as the robot estimates it, map frame.
+        pose: x, y, heading by the robot's estimate, map frame.
         timeout_s: from one validation to the next, as the mission states it.
     """
     waits = order.kind is Kind.WAIT and order.place_m is not None

@@ -142,12 +142,10 @@ class Sensors:
     def make(
         self, rob_id: int, t_ms: int, odometry: tuple[float, float, float], travelled_m: float, raw: bytes
     ) -> bytes:
-        """The reading that goes into the chain.
+        """Return the reading that goes into the chain; `t_ms` of the s-node's clock. Raises: UsageError: too far away.
 
         Args:
-            t_ms: of the s-node's clock.
             odometry: x and y in metres and heading in radians, its own frame.
-        Raises: UsageError: the robot has gone further than numbers go.
         """
         x_m, y_m, heading_rad = odometry
         if not (max(abs(x_m), abs(y_m)) < MOST_M and abs(heading_rad) < MOST_RAD and 0 <= travelled_m < MOST_M):
