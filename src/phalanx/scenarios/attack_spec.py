@@ -58,8 +58,8 @@ def parse_attack(words: str, own: Attack | None = None) -> AttackSpec:
             raise UsageError(f"{key} twice in {words!r}", hint)
         said[key] = _number(value)
     try:
-        for key in {"at", "until"} & said.keys():
-            if isinstance(said[key], str):
+        for key in ("at", "until"):
+            if isinstance(said.get(key), str):
                 raise UsageError(f"{key} of {name} is {said[key]!r}", "seconds")
         robot = said.pop("robot", None)
         if robot is not None and (isinstance(robot, str) or robot != int(robot)):

@@ -151,8 +151,7 @@ def _class_in(module: ModuleType, path: Path, name: str, kind: type[Any]) -> Any
 def mistakes_in(*named: str | None) -> Iterator[None]:
     """Turn mistakes of the files in these "FILE.py:CLASS", or beside them, into a `UsageError` with file and line.
 
-    The traceback is logged, at DEBUG. If no line of a file ran, as of a method that takes other arguments, none is
-    named.
+    The traceback is logged, at DEBUG. A call of ours may fail before a line of a file runs: then none is named.
     """
     files = [words.partition(":")[0] for words in named if words and is_file(words)]
     try:

@@ -120,8 +120,7 @@ class PeerBody:
 class DrivenWheels(PeerBody):
     """Two wheels that obey signed orders as `wheels` do, and otherwise do the protocol's work.
 
-    A `wheels` controller decides what orders demand: a stop, a route to its end, a joystick. This drives where it is
-    idle.
+    A `wheels` controller does what orders demand: a stop, a route to its end, a joystick. This drives while it is idle.
     """
 
     sensor, per_m = WHEELS_SENSOR, 1000

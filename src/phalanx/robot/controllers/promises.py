@@ -105,7 +105,7 @@ def reach(
 ) -> tuple[float, float, float]:
     """Return where a robot can be whose reading at `place` is `known_s` old at most: a middle, and how far from it, m.
 
-    With its room and a braking robot's creep. A promise holds for `promise_ms`; then the envelope's speed does.
+    With its body's room and the creep of its brakes. A promise holds for `promise_ms`; then the envelope's speed does.
     """
     kept_s = min(known_s, params[guard_law.PROMISE_MS] * 1e-3)
     mx, my, wide = disc(params, said[0], said[1])

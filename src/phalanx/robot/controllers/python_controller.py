@@ -176,7 +176,7 @@ class EvidenceController(Controller, ABC):
 
     @abstractmethod
     def keep(self, step: int, t_ms: int, reading: bytes, raw: bytes) -> bytes:
-        """Return what to keep of `raw`, whose hash is in `reading`; b"" for nothing. Secrets: no auditor calls this."""
+        """Return what to keep of `raw`, whose hash is in `reading`; b"" for nothing. No auditor calls this."""
 
     @abstractmethod
     def on_evidence(self, step: int, t_ms: int, reading: bytes, evidence: bytes) -> Iterable[Output]:

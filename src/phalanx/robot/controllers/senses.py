@@ -17,8 +17,7 @@ class Senses:
     """A lidar and bumpers; all is counterclockwise from the east of the world's frame, for a point mass has no heading.
 
     Behind the 27 bytes of a reading stand `beams` ranges, f32 little-endian, m from the robot's middle, infinity where
-    nothing is within `range_m`; and `bumpers` bytes, 1 where its sector touches. Raises: UsageError: a value out of
-    range.
+    nothing is within `range_m`; and `bumpers` bytes, 1 where a sector touches. Raises: UsageError: out of range.
     """
 
     beams: int = within(0, 0, 360)
