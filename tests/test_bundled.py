@@ -30,7 +30,7 @@ import numpy as np
 
 from phalanx.kernel import kernel
 from phalanx.robot.controllers.declaration import Declaration
-from phalanx.robot.controllers.parameters import Params
+from phalanx.arrays import Params
 from phalanx.wire.fields import Row, get_u32, put_f32, put_head, put_u32
 from phalanx.wire.record import Field, Record
 from phalanx.wire.table import ACCELERATION, ENTRY_ACMD, KIND_ACCELERATION, SENSOR, STATE

@@ -64,7 +64,7 @@ TIMEOUT_S = 2000.0
 
 
 def _room(pose: tuple[float, float, float], range_m: float) -> Reading:
-    return Reading(*pose, 0.0, b"", np.full(SENSORS.sectors, min(range_m / CLEAR_STEP_M, CLEAR), np.uint8))
+    return Reading(pose, 0.0, b"", np.full(SENSORS.sectors, min(range_m / CLEAR_STEP_M, CLEAR), np.uint8))
 
 
 def test_back_it_goes_straight_to_a_place_in_sight_and_else_the_way_it_came() -> None:

@@ -30,9 +30,15 @@ from phalanx.mission.landmarks import FloorPlan, WallCode, floorplan_of_yaml
 from phalanx.mission.landmarks.floorplan import Beacon, Quantity, sources_of
 from phalanx.mission.walk.claims import Unshown
 from phalanx.robot.controllers.mission.controller import Assignment, MissionController, Missions
-from phalanx.robot.controllers.mission.evidence import BadEvidence, pack_evidence, unpack_evidence
+from phalanx.robot.controllers.mission.evidence import (
+    BadEvidence,
+    code_entry,
+    pack_evidence,
+    parse_sensed,
+    reading_entry,
+    unpack_evidence,
+)
 from phalanx.robot.controllers.mission.readings import SENSED_MAX_BYTES, Sensors
-from phalanx.robot.controllers.mission.sensed import code_entry, parse_sensed, reading_entry
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.odometry import OdometryNoise
 from phalanx.sim.missions import world as missions_world

@@ -35,6 +35,7 @@ U64x2: TypeAlias = Annotated[NDArray[np.uint64], 2]
 F32x1: TypeAlias = Annotated[NDArray[np.float32], 1]
 F64x1: TypeAlias = Annotated[NDArray[np.float64], 1]
 F64x2: TypeAlias = Annotated[NDArray[np.float64], 2]
+Params: TypeAlias = F64x1  # a mission's parameters, as kernels read them
 BOOLx1: TypeAlias = Annotated[NDArray[np.bool_], 1]
 
 

@@ -19,7 +19,7 @@ from phalanx.mission.landmarks.codepose import Intrinsics
 from phalanx.mission.landmarks.codes import read_codes
 from phalanx.mission.landmarks.lidar import Beams, Lidar, packed_beams
 from phalanx.mission.landmarks.scan import beam_table
-from phalanx.robot.controllers.mission.sensed import codes_at
+from phalanx.robot.controllers.mission.evidence import codes_at
 from phalanx.sim.building.camera import Camera, CameraConfig
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.odometry import DiffDrive, DiffDriveConfig, NoiseModel, Odometry, OdometryNoise, along_arc

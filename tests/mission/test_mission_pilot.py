@@ -26,7 +26,7 @@ from phalanx.sim.missions.body import Building, MissionBody
 HERE = Path(__file__).parent
 LIDAR = SENSORS.lidar
 SECTORS = Sectors(LIDAR.angle_min_rad, 12 * LIDAR.angle_increment_rad, SENSORS.sectors)
-OPEN = Reading(0.0, 0.0, 0.0, 0.0, b"", np.full(SENSORS.sectors, CLEAR, np.uint8))
+OPEN = Reading((0.0, 0.0, 0.0), 0.0, b"", np.full(SENSORS.sectors, CLEAR, np.uint8))
 TIMEOUT_S = 60.0
 
 

@@ -23,6 +23,12 @@ def told(words: str) -> Mapping[str, Any]:
     return {"told": words}
 
 
+def described(default: Thing, words: str) -> Thing:
+    """Return a field with a default, and with words for the schema."""
+    made: Thing = field(default=default, metadata=told(words))
+    return made
+
+
 def within(default: Number, low: float, high: float, words: str = "") -> Number:
     """A field that holds a number from `low` to `high`; see `check_limits`."""
     limited: Number = field(default=default, metadata={"within": (low, high), **told(words)})

@@ -1,7 +1,4 @@
-"""What a recording says, from its beginning on: read as it lies in the file, without its index, within bounds.
-
-A file that was cut short is read up to there, and says so at its end. Source: mcap.dev.
-"""
+"""Read a recording as it lies in the file, without its index, within bounds, and a cut file up to there: mcap.dev."""
 
 from __future__ import annotations
 
@@ -40,29 +37,25 @@ def is_recording(path: Path) -> bool:
     if path.suffix == ".mcap":
         return True
     try:
-        if not path.is_file():  # nor is a pipe opened, which may be for ever
-            return False
-        return _begins(path)
+        return path.is_file() and _begins(path)  # a pipe is not opened: that may take for ever
     except OSError:
         return False
 
 
 def read_recording(path: Path, hint: str, most_bytes: int = MOST_BYTES) -> Iterator[Said]:
-    """What is in it, in the order of the file.
-
-    Raises: UsageError: it is no recording, or unpacks to more than `most_bytes`. Unavailable: it cannot be read.
-    """
+    """Yield what is in it. Raises: UsageError: no recording, or over `most_bytes`. Unavailable: it cannot be read."""
     topics: dict[int, str] = {}
     try:
-        with _opened(path, hint) as file:
-            for record in _records(file, path, most_bytes):
-                if isinstance(record, Channel):
-                    topics[record.id] = record.topic
-                elif isinstance(record, Metadata):
-                    yield Said(f"metadata {record.name}", 0, record.metadata)
-                elif isinstance(record, Message):
-                    topic = topics[record.channel_id]
-                    yield Said(topic, record.log_time, _words(topic, record.data))
+        for record in _records(path, hint, most_bytes):
+            if isinstance(record, Channel):
+                topics[record.id] = record.topic
+            elif isinstance(record, Metadata):
+                yield Said(f"metadata {record.name}", 0, record.metadata)
+            elif isinstance(record, Message):
+                topic = topics[record.channel_id]
+                kind = TOPICS.get(topic)
+                words = kind.FromString(record.data) if kind else json.loads(record.data)
+                yield Said(topic, record.log_time, words)
     except EndOfFile as error:
         if not topics:
             what = "was cut short before its first part was whole" if _begins(path) else "is no recording"
@@ -81,37 +74,28 @@ def _begins(path: Path) -> bool:
         return file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC
 
 
-def _opened(path: Path, hint: str) -> IO[bytes]:
+def _records(path: Path, hint: str, most_bytes: int) -> Iterator[Any]:
+    """Yield records, chunks unpacked, once it is known to how much they unpack: a file may lie about that."""
     if path.exists() and not path.is_file():  # a pipe that nobody writes would be waited for
         raise UsageError(f"{path} is no file", hint)
-    return path.open("rb")
-
-
-def _words(topic: str, data: bytes) -> Any:
-    kind = TOPICS.get(topic)
-    return kind.FromString(data) if kind else json.loads(data)
-
-
-def _records(file: IO[bytes], path: Path, most_bytes: int) -> Iterator[Any]:
-    """With chunks unpacked, once it is known to how much they unpack: what a file says of that may be a lie."""
     unpacked = 0
-    whole: Any = _Whole(file)
-    reader: Any = StreamReader(whole, emit_chunks=True, record_size_limit=MOST_CHUNK_BYTES)
-    for record in reader.records:
-        if not isinstance(record, Chunk):
-            yield record
-            continue
-        size = max(record.uncompressed_size, len(record.data))
-        if record.compression == "zstd":
-            size = max(size, zstandard.frame_content_size(record.data))
-        unpacked += size
-        if record.compression not in ("zstd", ""):
-            raise UsageError(
-                f"{path} is packed as {record.compression[:20]!r}", "only zstd is read, and what is not packed"
-            )
-        if size > MOST_CHUNK_BYTES or unpacked > most_bytes:
-            raise UsageError(f"{path} unpacks to more than is read", "phalanx writes no such file")
-        yield from breakup_chunk(record)
+    with path.open("rb") as file:
+        whole: Any = _Whole(file)
+        reader: Any = StreamReader(whole, emit_chunks=True, record_size_limit=MOST_CHUNK_BYTES)
+        for record in reader.records:
+            if not isinstance(record, Chunk):
+                yield record
+                continue
+            size = max(record.uncompressed_size, len(record.data))
+            if record.compression == "zstd":
+                size = max(size, zstandard.frame_content_size(record.data))
+            unpacked += size
+            if record.compression not in ("zstd", ""):
+                hint = "only zstd is read, and what is not packed"
+                raise UsageError(f"{path} is packed as {record.compression[:20]!r}", hint)
+            if size > MOST_CHUNK_BYTES or unpacked > most_bytes:
+                raise UsageError(f"{path} unpacks to more than is read", "phalanx writes no such file")
+            yield from breakup_chunk(record)
 
 
 class _Whole:

@@ -1,7 +1,6 @@
 """A run in an MCAP file, which opens in Foxglove: scene, frames and log, and how they are drawn.
 
-Times are the run's own, from 0: the same run gives the same bytes. The file grows while the run goes on; one that was
-cut short is read up to there. Source: mcap.dev; Foxglove's schemas.
+Times are the run's own, from 0: the same run gives the same bytes. Source: mcap.dev; Foxglove's schemas.
 """
 
 from __future__ import annotations
@@ -10,7 +9,6 @@ import json
 import math
 import os
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any, Self
 
 from foxglove_schemas_protobuf.Color_pb2 import Color
@@ -35,10 +33,7 @@ TOPICS: dict[str, Any] = {"/scene": SceneUpdate, "/tf": FrameTransforms, "/log":
 
 
 class Recorder:
-    """An MCAP file that grows. Use as `with`; at its end, however that comes, the file gets its index.
-
-    Raises: on entering, UsageError: no such folder. Unavailable: it cannot be written, then or later.
-    """
+    """An MCAP file that grows; use as `with`. Raises: UsageError: no such folder. Unavailable: it cannot be written."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -61,9 +56,7 @@ class Recorder:
             raise self._unwritable(error) from error
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
         assert self._file
         try:
             with self._file:
@@ -80,10 +73,7 @@ class Recorder:
         self._channels[topic] = int(self._writer.register_channel(topic, encoding, number))
 
     def put(self, topic: str, t_ns: int, message: Any) -> None:
-        """A message, of the topic's schema; a dict is JSON.
-
-        Raises: Unavailable: the disk is full.
-        """
+        """Write a message of the topic's schema; a dict is JSON. Raises: Unavailable: the disk is full."""
         data = json.dumps(message).encode() if isinstance(message, dict) else message.SerializeToString()
         try:
             self._writer.add_message(self._channels[topic], t_ns, data, t_ns)

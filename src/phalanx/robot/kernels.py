@@ -1,5 +1,6 @@
 """Collect the names that a compiled controller of your own is written with (docs/own-controller.md)."""
 
+from phalanx.arrays import Params
 from phalanx.kernel import kernel
 from phalanx.wire import table
 from phalanx.wire.fields import (
@@ -23,7 +24,6 @@ from phalanx.wire.fields import (
 from .controllers import neighbours
 from .controllers.declaration import Declaration
 from .controllers.flock_law import limited
-from .controllers.parameters import Params
 from .controllers.sine import sine, sine_cosine
 
 __all__ = [

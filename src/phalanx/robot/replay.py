@@ -23,8 +23,7 @@ from phalanx.kernel import kernel
 from phalanx.wire.fields import Row
 
 from .controllers import dispatch
-from .controllers.evidence_controller import EvidenceController
-from .controllers.python_controller import Act, Controller, Send, pack_outputs
+from .controllers.python_controller import Act, Controller, EvidenceController, Send, pack_outputs
 
 # What a replay reads of each event. A record of numpy takes 2 us for a field, and all of them as a tuple 0.2.
 _EVENT: Final = itemgetter(

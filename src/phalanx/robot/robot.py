@@ -25,10 +25,10 @@ from phalanx.wire.fields import Row, get_u32, row
 
 from . import actions, handlers
 from .actions import EVERYBODY, Action
-from .controllers.evidence_controller import EvidenceController
 from .controllers.python_controller import (
     Act,
     Controller,
+    EvidenceController,
     OwnMistake,
     Send,
     checked_outputs,

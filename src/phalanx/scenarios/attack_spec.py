@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from phalanx.config.parameter import check_limits, told, within
+from phalanx.config.parameter import check_limits, described, told, within
 from phalanx.errors import UsageError
 from phalanx.robot.attacks.attack import Attack
 from phalanx.robot.attacks.library import ATTACKS
@@ -16,16 +16,12 @@ LONGEST_S = 7 * 86_400.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AttackSpec:
-    """Who lies how, from when to when.
-
-    Raises: UsageError: a value is out of range.
-    Source: RoboRebound §5.3 (from 15 s).
-    """
+    """An attack on a robot and when it lies. Raises: UsageError: a value is out of range. Source: RoboRebound §5.3."""
 
     name: str = field(metadata=told("of one of the attacks in robot/attacks"))
-    robot: int | None = field(default=None, metadata=told("id of who is compromised; None: the seed chooses"))
+    robot: int | None = described(None, "id of who is compromised; None: the seed chooses")
     at_s: float = within(15.0, 0.0, LONGEST_S, "when it begins to lie")
-    until_s: float | None = field(default=None, metadata=told("when it is honest again; None for never"))
+    until_s: float | None = described(None, "when it is honest again; None for never")
     options: Mapping[str, float | str] = field(
         default_factory=dict, hash=False, metadata=told("the attack's own, by name")
     )
@@ -45,12 +41,9 @@ class AttackSpec:
 
 
 def parse_attack(words: str, own: Attack | None = None) -> AttackSpec:
-    """The attack of `NAME[:robot=I,at=T,until=T,OPTION=VALUE,…]`, times in seconds.
+    """Return the attack of `NAME[:robot=I,at=T,until=T,OPTION=VALUE,…]`. Raises: UsageError: it is not of that form.
 
-    Args:
-        words: these.
-        own: what it is, if it is not in the library.
-    Raises: UsageError: it is not of that form.
+    Times are in seconds. `own` is the attack, if it is not in the library.
     """
     name, colon, rest = words.partition(":")
     hint = "NAME[:robot=I,at=T,until=T,OPTION=VALUE,…], for example spoof:robot=7,at=15"
@@ -65,32 +58,22 @@ def parse_attack(words: str, own: Attack | None = None) -> AttackSpec:
             raise UsageError(f"{key} twice in {words!r}", hint)
         said[key] = _number(value)
     try:
-        return make_attack(name, said, own)
+        for key in ("at", "until"):
+            if isinstance(said.get(key), str):
+                raise UsageError(f"{key} of {name} is {said[key]!r}", "seconds")
+        robot = said.pop("robot", None)
+        if robot is not None and (isinstance(robot, str) or robot != int(robot)):
+            raise UsageError(f"robot of {name} is {robot!r}", "a robot's id, a whole number")
+        return AttackSpec(
+            name=name,
+            robot=None if robot is None else int(robot),
+            at_s=float(said.pop("at", 15.0)),
+            until_s=float(said.pop("until")) if "until" in said else None,
+            options=said,
+            own=own,
+        )
     except UsageError as error:
         raise UsageError(f"{words!r}: {error}", error.hint) from error
-
-
-def make_attack(name: str, said: Mapping[str, float | str], own: Attack | None = None) -> AttackSpec:
-    """The attack `name` with what was said of it: robot, at, until, and the rest as its options.
-
-    Raises: UsageError: robot, at or until is not a number.
-    """
-    options = dict(said)
-    times = {key: options.pop(key) for key in ("at", "until") if key in options}
-    robot = options.pop("robot", None)
-    for key, value in times.items():
-        if isinstance(value, str):
-            raise UsageError(f"{key} of {name} is {value!r}", "seconds")
-    if robot is not None and (isinstance(robot, str) or robot != int(robot)):
-        raise UsageError(f"robot of {name} is {robot!r}", "a robot's id, a whole number")
-    return AttackSpec(
-        name=name,
-        robot=None if robot is None else int(robot),
-        at_s=float(times.get("at", 15.0)),
-        until_s=float(times["until"]) if "until" in times else None,
-        options=options,
-        own=own,
-    )
 
 
 def _number(words: str) -> float | str:

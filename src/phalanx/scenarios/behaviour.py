@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.config import BtiConfig
-from phalanx.config.flock import NO_CROWD, FlockConfig, WheelsConfig
+from phalanx.config.flock import NO_CROWD, WheelsConfig
 from phalanx.config.guard import GuardConfig
 from phalanx.errors import UsageError
 from phalanx.robot.attacks.liar import Plan
@@ -48,14 +48,10 @@ def params_of(scenario: Scenario, mission: int = 1) -> NDArray[np.float64]:
         )
     if bundled.config is GuardConfig:
         return bundled.params(replace(scenario.guard, mission=mission))
-    return bundled.params(_bounded_flock(scenario))
-
-
-def _bounded_flock(scenario: Scenario) -> FlockConfig:
-    """The flock's parameters: claims give no more speed in a long T_val than in 10 s; as printed, any."""
-    flock = scenario.flock
+    # Claims give no more speed in a long T_val than in 10 s; as printed, any.
     longer = max(1.0, scenario.bti.t_val_ms / BtiConfig().t_val_ms)
-    return replace(flock, crowd=flock.crowd / longer if scenario.defence == "bound" else NO_CROWD)
+    crowd = scenario.flock.crowd / longer if scenario.defence == "bound" else NO_CROWD
+    return bundled.params(replace(scenario.flock, crowd=crowd))
 
 
 def number_of(scenario: Scenario, controller: MakeController | None) -> int:
@@ -92,10 +88,7 @@ def on_stage(
 def adviser(
     scenario: Scenario, controller: MakeController | None, planner: MakePlanner | None = None
 ) -> MakePlanner | None:
-    """Who advises each robot: `planner` or `ToGoal`; None where nobody can.
-
-    Raises: UsageError: a planner for robots that nobody can advise.
-    """
+    """Return what advises each robot, None where nobody can. Raises: UsageError: a planner for such robots."""
     advised = driving(scenario).advised is not None and controller is None
     if planner and not advised:
         raise UsageError("a planner, but nobody that it could advise", "a mission with controller: guard")

@@ -1,7 +1,4 @@
-"""Scenarios as YAML: what a file may say is what the dataclasses say (config/reader.py).
-
-Whatever the bytes are, the answer is a scenario or a `UsageError` with file, line and what is allowed there.
-"""
+"""Scenarios as YAML. Its keys are the fields of dataclasses (config/reader.py); bad bytes raise a `UsageError`."""
 
 from __future__ import annotations
 
@@ -36,10 +33,7 @@ DERIVED: Derived = {
 
 
 def find_scenario(name: str) -> Scenario:
-    """The built-in scenario of that name, or the one in the file of that name.
-
-    Raises: UsageError: there is neither, or the file is not a scenario. Unavailable: it cannot be read.
-    """
+    """Return a built-in scenario or the one in a file. Raises: UsageError: neither. Unavailable: it cannot be read."""
     known = built_in("scenarios")
     if name in known:
         return parse_scenario(known[name].read_bytes(), f"{name}.yaml")
@@ -55,11 +49,8 @@ def read_scenario(path: Path) -> Scenario:
 
 
 def parse_scenario(data: bytes, source: str) -> Scenario:
-    """The scenario that `data` spells; without a name it is called as its file.
+    """Return the scenario in YAML of at most 64 KiB; without a name it is called as its file, the `source`.
 
-    Args:
-        data: YAML, UTF-8, at most 64 KiB.
-        source: the file's name, for errors.
     Raises: UsageError: it is not a scenario.
     """
     if len(data) > MOST_BYTES:

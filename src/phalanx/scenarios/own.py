@@ -1,7 +1,4 @@
-"""A researcher's own file, "FILE.py:CLASS" or "FILE.py" with kernels, and its mistakes as one line with file and line.
-
-Files are run as Python runs a script: whoever names one trusts it.
-"""
+"""A researcher's own file, "FILE.py:CLASS" or "FILE.py" with kernels, run as a script: whoever names one trusts it."""
 
 from __future__ import annotations
 
@@ -20,7 +17,8 @@ from phalanx.config.written import read_at_most
 from phalanx.errors import OwnFileError, PhalanxError, UsageError, did_you_mean
 from phalanx.robot.attacks.attack import Attack, own_attack
 from phalanx.robot.attacks.liar import Liar
-from phalanx.robot.controllers import own_kernels
+from phalanx.robot.controllers import dispatch, own_kernels
+from phalanx.robot.controllers.compiled import compiled
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.python_controller import Controller, OwnMistake
 from phalanx.robot.planner import MakePlanner, Planner
@@ -39,7 +37,7 @@ logger = logging.getLogger(__name__)
 def find_controller(
     words: str | None, scenario: Scenario, *, in_python: bool = False
 ) -> tuple[Scenario, Callable[[int], Controller] | None]:
-    """The scenario, and what makes its controllers: None where that is a bundled one, or one of a file with kernels.
+    """Return the scenario, and what makes its controllers: None for a bundled one, or one of a file with kernels.
 
     Args:
         words: "FILE.py:CLASS", "FILE.py" with kernels, the name of a bundled controller, or None for the scenario's.
@@ -53,17 +51,14 @@ def find_controller(
         if made:
             return scenario, made
         chosen = replace(scenario, controller=words)
-        return (scenario, own_kernels.made_of(words, params_of(chosen))) if in_python else (chosen, None)
+        return (scenario, compiled(dispatch.NUMBERS[words], params_of(chosen))) if in_python else (chosen, None)
     if words not in CONTROLLERS:
         raise no_controller(words, in_scenarios())
     return replace(scenario, controller=words), None
 
 
 def find_own(words: str) -> Callable[[int], Controller] | None:
-    """Return what makes controllers of a file's class; None of a file with kernels, which now go by these words.
-
-    Raises: as `find_class`, and as `load_kernels`.
-    """
+    """Return what makes controllers of a file's class; None of a file with kernels, which now go by these words."""
     path, _, name = words.partition(":")
     if not name and own_kernels.is_loaded(words, Path(path)):
         return None
@@ -77,10 +72,7 @@ def find_own(words: str) -> Callable[[int], Controller] | None:
 
 
 def find_planner(words: MakePlanner | str | None) -> MakePlanner | None:
-    """The planner of "FILE.py:CLASS"; what is none of words is what it is.
-
-    Raises: as `find_class`. UsageError: it names no file.
-    """
+    """Return the planner of "FILE.py:CLASS"; no words: as it is. Raises: UsageError: as `find_class`, or no file."""
     if not isinstance(words, str):
         return words
     if not is_file(words):
@@ -95,44 +87,33 @@ def no_controller(words: str, known: Collection[str]) -> UsageError:
 
 
 def find_attacks(said: Sequence[str | AttackSpec | Attack | type[Any]]) -> tuple[AttackSpec, ...]:
-    """The attacks of each of these; "none" alone is none.
-
-    Args:
-        said: words as for `find_attack`; or who lies how, a record, or a class that derives from `Liar`.
-    Raises: as `find_attack`. UsageError: "none" beside an attack.
-    """
+    """Return the attacks of all of these, as `find_attack`; () of "none". Raises: UsageError: "none" and another."""
     if list(said) == ["none"]:
         return ()
     if "none" in said:
         raise UsageError("an attack and none", "one or the other")
-    return tuple(find_attack(each) if isinstance(each, str) else _spec(each) for each in said)
+    return tuple(map(find_attack, said))
 
 
-def find_attack(words: str) -> AttackSpec:
-    """The attack of `NAME[:robot=I,at=T,until=T,OPTION=VALUE,…]`, times in seconds; NAME may be FILE.py:CLASS.
-
-    Raises: as `find_class`. UsageError: it is not of that form.
-    """
-    if not is_file(words):
-        return parse_attack(words)
-    path, _, rest = words.partition(":")
+def find_attack(said: str | AttackSpec | Attack | type[Any]) -> AttackSpec:
+    """Return the attack of `NAME[:robot=I,at=T,until=T,OPTION=VALUE,…]`, times in seconds, NAME or FILE.py:CLASS."""
+    if isinstance(said, AttackSpec):
+        return said
+    if not isinstance(said, str):
+        own = own_attack(said)
+        return AttackSpec(name=own.name, own=own)
+    if not is_file(said):
+        return parse_attack(said)
+    path, _, rest = said.partition(":")
     name, colon, options = ("", "", rest) if "=" in rest.partition(":")[0] else rest.partition(":")
     own = own_attack(find_class(f"{path}:{name}", Liar))
     return parse_attack(own.name + (f":{options}" if colon or options else ""), own)
 
 
-def _spec(said: AttackSpec | Attack | type[Any]) -> AttackSpec:
-    if isinstance(said, AttackSpec):
-        return said
-    own = own_attack(said)
-    return AttackSpec(name=own.name, own=own)
-
-
 def find_class(words: str, kind: type[Any]) -> Any:
-    """The class of "FILE.py:CLASS"; of "FILE.py" the only one that is derived from `kind`.
+    """Return the class of "FILE.py:CLASS"; of "FILE.py" the only one that is derived from `kind`.
 
-    For a controller, CLASS may also be a function that makes one for a robot's id; for an attack, its record.
-
+    A controller's may also be a function that makes one for a robot's id; an attack's, its record.
     Raises: UsageError: no such file or class, or the file raises. Unavailable: it cannot be read.
     """
     path, _, name = words.partition(":")
@@ -168,11 +149,9 @@ def _class_in(module: ModuleType, path: Path, name: str, kind: type[Any]) -> Any
 
 @contextlib.contextmanager
 def mistakes_in(*named: str | None) -> Iterator[None]:
-    """Turn what the files in these "FILE.py:CLASS" do wrong into a `UsageError` that names file and line.
+    """Turn mistakes of the files in these "FILE.py:CLASS", or beside them, into a `UsageError` with file and line.
 
-    So nobody has to read a traceback of ours; it is logged, at DEBUG. Names that are of no file do nothing. What other
-    files in the same folder raise counts as well. A call of ours may fail before a line of the file runs, as of a
-    method that takes other arguments: then there is no line to name.
+    The traceback is logged, at DEBUG. A call of ours may fail before a line of a file runs: then none is named.
     """
     files = [words.partition(":")[0] for words in named if words and is_file(words)]
     try:
@@ -204,18 +183,14 @@ def _raised_at(error: BaseException) -> list[tuple[str, int | None]]:
 
 
 def _first_shown(places: Iterable[tuple[str, int | None]], files: Sequence[str]) -> str:
-    """Return the first place that is in the files, "FILE.py:LINE"; "" if none is."""
-    return next((f"{shown}:{line}" for name, line in places if (shown := _shown(name, files))), "")
-
-
-def _shown(name: str, files: Sequence[str]) -> str:
-    """Return a source file as the user named it; "" if it is neither one of these nor in the folder of one."""
-    path = Path(name).resolve()
-    for file in files:
-        if path == Path(file).resolve():
-            return file
-        if path.parent == Path(file).resolve().parent and path.is_file():  # and not "<string>"
-            return str(Path(file).with_name(path.name))
+    """Return the first place in these files or their folders, "FILE.py:LINE" as the user named them; "" if none is."""
+    for name, line in places:
+        path = Path(name).resolve()
+        for file in files:
+            if path == Path(file).resolve():
+                return f"{file}:{line}"
+            if path.parent == Path(file).resolve().parent and path.is_file():  # and not "<string>"
+                return f"{Path(file).with_name(path.name)}:{line}"
     return ""
 
 

@@ -7,14 +7,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Integral
-from typing import Literal, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 from phalanx.config import BtiConfig
 from phalanx.config.bti import NEIGHBOUR_BYTES
 from phalanx.config.defence import DEFENCES, Defence
 from phalanx.config.flock import FARTHEST_M, Box, Disc, FlockConfig
 from phalanx.config.guard import GuardConfig
-from phalanx.config.parameter import check_key, check_limits, check_within, told, within
+from phalanx.config.parameter import check_key, check_limits, check_within, described, told, within
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError, did_you_mean
 from phalanx.robot.attacks.library import IN_SWARMS
@@ -35,6 +35,7 @@ MOST_ROBOTS = 65_535
 MOST_NEIGHBOURS = 340
 # A flock that closes up has more neighbours than its grid: so many times as many are provided for, and a few.
 CLOSER, SPARE = 1.5, 4
+_Obstacle = TypeVar("_Obstacle", Disc, Box)
 ROWS = ("line", "ring")  # one robot behind the other
 # A robot's log has room for orders, and for what all are told: as much as this many neighbours would say.
 ORDERS_AS_NEIGHBOURS = 40
@@ -43,54 +44,41 @@ MOST_AREA_M = 65.0  # a waypoint is 16 bits of millimetres
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """A swarm, where it starts, what it does, who lies, and what protects it.
-
-    `flock` and `bti` are kept in agreement with the rest: a scenario's goal, spacing and obstacles are its flock's, and
-    both provide for `n_max` neighbours.
+    """A swarm, where it starts, what it does, which robots lie, and what protects it; `flock` and `bti` follow these.
 
     Raises: UsageError: a value is out of range, or two contradict each other.
     Source: RoboRebound §4, §5.2, §5.3; docs/scenarios.md.
     """
 
-    name: str = field(default="", metadata=told("what it is called"))
-    about: str = field(default="", metadata=told("what it shows, in a line"))
-    robots: int = field(default=25, metadata=told("on a square grid, ids 1.. row by row from the corner at the origin"))
-    formation: Formation = field(
-        default="grid",
-        metadata=told("or in a line, in a ring, or on two grids, the second a step out of the first one's hearing"),
+    name: str = described("", "what it is called")
+    about: str = described("", "what it shows, in a line")
+    robots: int = described(25, "on a square grid, ids 1.. row by row from the corner at the origin")
+    formation: Formation = described(  # noqa: RUF009 - made a field
+        "grid", "or in a line, in a ring, or on two grids, the second a step out of the first one's hearing"
     )
     grid_step_m: float = within(25.0, 0.01, 1e4, "between two robots of the grid, the line or the ring")
-    d_m: float = field(default=20.0, metadata=told("spacing that the flock keeps"))
-    goal_m: tuple[float, float] = field(default=(500.0, 500.0), metadata=told("where it goes"))
+    d_m: float = described(20.0, "spacing that the flock keeps")
+    goal_m: tuple[float, float] = described((500.0, 500.0), "where it goes")
     duration_s: float = within(150.0, 0.1, LONGEST_S, "simulated time")
-    defence: Defence = field(
-        default="bound",
-        metadata=told(
-            "none: robots are alone with the liar; paper: RoboRebound as printed; bound: as docs/spec/rebound.md"
-        ),
+    defence: Defence = described(  # noqa: RUF009 - made a field
+        "bound", "none: robots are alone with the liar; paper: RoboRebound as printed; bound: as docs/spec/rebound.md"
     )
-    controller: str = field(default="flock", metadata=told("what honest robots run"))
-    seed: int = field(default=0, metadata=told("chooses broadcasts' phases, back-offs, and robots to compromise"))
-    attacks: tuple[AttackSpec, ...] = field(default=(), metadata=told("at most one a robot"))
-    obstacles: tuple[Disc | Box, ...] = field(
-        default=(), metadata=told("on the ground; the flock must be told to avoid them (c1_beta, c2_beta)")
+    controller: str = described("flock", "what honest robots run")
+    seed: int = described(0, "chooses broadcasts' phases, back-offs, and robots to compromise")
+    attacks: tuple[AttackSpec, ...] = described((), "at most one a robot")
+    obstacles: tuple[Disc | Box, ...] = described(
+        (), "on the ground; the flock must be told to avoid them (c1_beta, c2_beta)"
     )
-    area_m: tuple[float, float] = field(default=(2.0, 2.0), metadata=told("what robots on wheels stay within"))
-    gateway_key: str = field(
-        default="", metadata=told("whose orders robots on wheels obey: Ed25519, public, 64 hexadecimal digits")
-    )
-    operator_key: str = field(default="", metadata=told("whose stop they obey, the same"))
+    area_m: tuple[float, float] = described((2.0, 2.0), "what robots on wheels stay within")
+    gateway_key: str = described("", "whose orders robots on wheels obey: Ed25519, public, 64 hexadecimal digits")
+    operator_key: str = described("", "whose stop they obey, the same")
     order_looks: int = within(16, 1, 255, "so many orders' signatures they look at from one reading to the next")
     contact_m: float = within(1.0, 0.0, 1e3, "two robots as near as that touch")
-    n_max: int | None = field(
-        default=None, metadata=told("neighbours provided for; None for what grid and radio's range come to")
-    )
-    hub: int = field(
-        default=0,
-        metadata=told(
-            "so many robots, the first, stand where aisles meet: the others, each in its aisle, hear them alone; "
-            "0: all hear all in range"
-        ),
+    n_max: int | None = described(None, "neighbours provided for; None for what grid and radio's range come to")
+    hub: int = described(
+        0,
+        "so many robots, the first, stand where aisles meet: the others, each in its aisle, hear them alone; "
+        "0: all hear all in range",
     )
     bti: BtiConfig = field(default_factory=BtiConfig, metadata=told("parameters of the audits"))
     flock: FlockConfig = field(default_factory=FlockConfig, metadata=told("parameters of the controller"))
@@ -126,15 +114,13 @@ class Scenario:
         n_max = self._neighbours() if self.n_max is None else self.n_max
         guarded = self.controller == GUARD
         advised = OWN[self.controller].advised if self.controller in OWN else None
-        bti = replace(self.bti, n_max=n_max, advice_bytes=advised.size if advised else 0)
+        sizes = {"advice_bytes": advised.size if advised else 0}
         if guarded:
             signed = bool(self.guard.adviser_key)
             key_bytes = SIGNER_KEY_BYTES * signed  # behind what a guard remembers
-            bti = replace(
-                bti,
-                advice_bytes=SIGNED_BYTES if signed else WISH.size,
-                state_bytes=GUARD_MEMORY.size + NEIGHBOUR_BYTES * n_max + key_bytes,
-            )
+            sizes["advice_bytes"] = SIGNED_BYTES if signed else WISH.size
+            sizes["state_bytes"] = GUARD_MEMORY.size + NEIGHBOUR_BYTES * n_max + key_bytes
+        bti = replace(self.bti, n_max=n_max, **sizes)
         object.__setattr__(self, "bti", bti)
         object.__setattr__(self, "flock", self._flock(bti))
         if guarded:
@@ -147,10 +133,7 @@ class Scenario:
 
     @property
     def starts_m(self) -> list[tuple[float, float]]:
-        """N places, where the robots stand at first, in the order of ids; all are at rest.
-
-        Raises: UsageError: robots on wheels do not fit into their area.
-        """
+        """Return N places, where the robots stand at first. Raises: UsageError: wheels do not fit into their area."""
         n, step_m, row = self.robots, self.grid_step_m, self.robots_per_edge
         if self.controller == WHEELS:
             corner_m = [(side_m - step_m * (row - 1)) / 2 for side_m in self.area_m]
@@ -176,7 +159,7 @@ class Scenario:
         return Task(
             starts_m=tuple(self.starts_m),
             step_m=self.grid_step_m,
-            boxes=tuple(obstacle for obstacle in self.obstacles if isinstance(obstacle, Box)),
+            boxes=_of_kind(Box, self.obstacles),
             seed=self.seed,
             control_ms=self.bti.t_control_ms,
             state_every=self.bti.steps_per_state,
@@ -196,10 +179,7 @@ class Scenario:
         return min(1 + 2 * steps if self.formation in ROWS else math.pi * steps**2, self.robots)
 
     def drawn_attacks(self) -> tuple[AttackSpec, ...]:
-        """The attacks, each with the robot it is about: no two with the same.
-
-        Robots are ranked by SHA-256 of seed and id, which no version of any library changes.
-        """
+        """Return the attacks with their robots, no two the same: ranked by SHA-256, the same with any library."""
         named = {attack.robot for attack in self.attacks}
 
         def rank(robot: int) -> bytes:
@@ -223,34 +203,19 @@ class Scenario:
         t_val_s: float | None = None,
         seed: int | None = None,
     ) -> Scenario:
-        """This scenario with some of it said otherwise; None leaves a thing as it is.
+        """Return the scenario with other values; None leaves one as it is. Raises: UsageError: as for the scenario.
 
         `spacing_m` is both the grid's step and the spacing that the flock keeps; `attacks` replace the scenario's own.
-
-        Raises: UsageError: as for the scenario.
         """
-        for name, value in (("t_audit_s", t_audit_s), ("t_val_s", t_val_s)):
+        audits = _given(f_max=f_max)
+        for name, value in (("t_audit", t_audit_s), ("t_val", t_val_s)):
             if value is not None:
-                check_within(name, value, 0.0, LONGEST_S)  # what is not a number has no milliseconds
-        changes: dict[str, object] = {
-            "robots": robots,
-            "grid_step_m": spacing_m,
-            "d_m": spacing_m,
-            "duration_s": duration_s,
-            "defence": defence,
-            "attacks": attacks,
-            "seed": seed,
-        }
-        audits = {
-            "f_max": f_max,
-            "t_audit_ms": None if t_audit_s is None else round(1000 * t_audit_s),
-            "t_val_ms": None if t_val_s is None else round(1000 * t_val_s),
-        }
-        said = {name: value for name, value in audits.items() if value is not None}
+                check_within(f"{name}_s", value, 0.0, LONGEST_S)  # what is not a number has no milliseconds
+                audits[f"{name}_ms"] = round(1000 * value)
         # What bti was given for n_max last time must not stand in the way of a larger f_max.
-        bti = replace(self.bti, **said, n_max=max(self.bti.n_max, (f_max or 0) + 1))
-        changed: dict[str, object] = {name: value for name, value in changes.items() if value is not None}
-        return replace(self, bti=bti, **changed)  # type: ignore[arg-type]
+        bti = replace(self.bti, **audits, n_max=max(self.bti.n_max, (f_max or 0) + 1))
+        plain = _given(robots=robots, duration_s=duration_s, defence=defence, attacks=attacks, seed=seed)
+        return replace(self, bti=bti, **plain, **_given(grid_step_m=spacing_m, d_m=spacing_m))
 
     def _check_driven(self) -> None:
         for name in ("gateway_key", "operator_key"):
@@ -289,8 +254,8 @@ class Scenario:
             d_m=self.d_m,
             n_max=bti.n_max,
             state_every=bti.steps_per_state,
-            discs=tuple(obstacle for obstacle in obstacles if isinstance(obstacle, Disc)),
-            boxes=tuple(obstacle for obstacle in obstacles if isinstance(obstacle, Box)),
+            discs=_of_kind(Disc, obstacles),
+            boxes=_of_kind(Box, obstacles),
         )
 
     def _guard(self, bti: BtiConfig) -> GuardConfig:
@@ -300,8 +265,8 @@ class Scenario:
             state_every=bti.steps_per_state,
             period_ms=bti.t_control_ms,
             delta_ms=bti.delta_ms,
-            discs=tuple(obstacle for obstacle in self.obstacles if isinstance(obstacle, Disc)),
-            boxes=tuple(obstacle for obstacle in self.obstacles if isinstance(obstacle, Box)),
+            discs=_of_kind(Disc, self.obstacles),
+            boxes=_of_kind(Box, self.obstacles),
         )
         for start_m in self.starts_m:
             guard.check_start(start_m)
@@ -321,6 +286,14 @@ def for_robots(scenario: Scenario) -> Scenario:
     """The same, if its robots have room to start. Raises: UsageError: they have not."""
     _ = scenario.starts_m
     return scenario
+
+
+def _of_kind(kind: type[_Obstacle], obstacles: Sequence[Disc | Box]) -> tuple[_Obstacle, ...]:
+    return tuple(obstacle for obstacle in obstacles if isinstance(obstacle, kind))
+
+
+def _given(**options: Any) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if value is not None}
 
 
 def _none_such(what: str, name: str, known: Sequence[str]) -> UsageError:

@@ -24,8 +24,7 @@ from phalanx.config.mission import MissionConfig
 from phalanx.errors import Unavailable, UsageError
 from phalanx.mission import EncodedMission, Phase, StartKey, Walker
 from phalanx.mission.file.canonical import parse_action
-from phalanx.robot.controllers.mission.controller import Assignment, Missions
-from phalanx.robot.controllers.mission.observed import ObservedController
+from phalanx.robot.controllers.mission.controller import Assignment, MissionController, Missions
 from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.robot.controllers.python_controller import Act
 from phalanx.wire.table import ACTION, DRIVE, KIND_DRIVE
@@ -107,7 +106,7 @@ class RosWalk:
             raise
         self._beams: Beams | None = None
         self._track: Track | None = None
-        self._controller: ObservedController | None = None
+        self._controller: MissionController | None = None
         self._sensors = Sensors()
         self._first_s = self._last_s = -math.inf
         self._strange = ""
@@ -162,14 +161,14 @@ class RosWalk:
         self._tell_pose(scan.header.stamp, self._controller, self._beams)
         return True
 
-    def _begin(self, beams: Beams) -> ObservedController:
+    def _begin(self, beams: Beams) -> MissionController:
         errand = self._errand
         eye = errand.start.of(beams.eye)
         given = Assignment(errand.mission, (eye.x_m, eye.y_m, eye.yaw_rad), begin_s=errand.begin_s)
         self._sensors = Sensors(beams.lidar, errand.extraction)
         config = MissionConfig().seen_by(beams.lidar)
         missions = Missions({errand.robot: given}, self._sensors, config, audited=False)
-        return ObservedController(errand.robot, missions, Walker(errand.mission, errand.key, config))
+        return MissionController(errand.robot, missions, Walker(errand.mission, errand.key, config))
 
     def _hear(self, beams: Beams, scanned_s: float) -> None:
         """Odometry that came since."""
@@ -189,7 +188,7 @@ class RosWalk:
             if not self._track.add(t_s, base, scanned_s + said["source_timeout"]):
                 self._strange = f"odometry is dated {t_s - scanned_s:.1f} s ahead of scans"
 
-    def _obey(self, controller: ObservedController, t_ms: int, reading: bytes, raw: bytes) -> None:
+    def _obey(self, controller: MissionController, t_ms: int, reading: bytes, raw: bytes) -> None:
         self._steps += 1
         controller.keep(self._steps, t_ms, reading, raw)
         for output in controller.on_evidence(self._steps, t_ms, reading, b""):
@@ -203,7 +202,7 @@ class RosWalk:
                 self._on_event(t_ms / MILLI, f"does {action.name}")
         self._note(controller, t_ms / MILLI)
 
-    def _note(self, controller: ObservedController, t_s: float) -> None:
+    def _note(self, controller: MissionController, t_s: float) -> None:
         lived, outcome, phase = self.lived, controller.outcome, controller.memory.walk.phase
         lived.t_s, lived.done = t_s, phase is Phase.DONE
         if outcome is None:
@@ -215,7 +214,7 @@ class RosWalk:
             lived.not_validated.append((t_s, outcome.event.value))
             self._on_event(t_s, f"did not find the next landmark: {outcome.event.value}")
 
-    def _tell_pose(self, stamp: Any, controller: ObservedController, beams: Beams) -> None:
+    def _tell_pose(self, stamp: Any, controller: MissionController, beams: Beams) -> None:
         x_m, y_m, yaw_rad = controller.memory.belief.pose
         base = Place(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad).of(beams.eye.sees(Place()))
         self.lived.pose = base
@@ -224,7 +223,7 @@ class RosWalk:
         told.pose.pose.position.x, told.pose.pose.position.y = base.x_m, base.y_m
         told.pose.pose.orientation.z = math.sin(base.yaw_rad / 2)
         told.pose.pose.orientation.w = math.cos(base.yaw_rad / 2)
-        spread = controller.spread()
+        spread = controller.memory.belief.doubt
         for where, share in ((X, spread[0]), (Y, spread[3]), (YAW, spread[-1])):
             told.pose.covariance[where] = share
         self._pose.publish(told)

@@ -25,7 +25,7 @@ from phalanx.mission.walk.fix import begun_at, fixed, moved
 from phalanx.mission.walk.search import Budget
 from phalanx.mission.walk.search_paper import PaperSearch
 from phalanx.mission.walk.walker import State, Walker
-from phalanx.robot.controllers.mission.sensed import codes_at
+from phalanx.robot.controllers.mission.evidence import codes_at
 from phalanx.sim.building.camera import Camera
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.odometry import NoiseModel, Odometry, OdometryNoise, Pose

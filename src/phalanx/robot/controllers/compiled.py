@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 
+from phalanx.arrays import Params
 from phalanx.errors import UsageError
 from phalanx.kernel import reading_peer
 from phalanx.wire.fields import row
@@ -14,7 +16,6 @@ from phalanx.wire.record import MalformedRecord
 from phalanx.wire.table import ENTRY_HEADER_BYTES, FRAME_MAX
 
 from . import dispatch
-from .parameters import Params
 from .python_controller import Controller, Output, unpack_outputs
 
 OUT_BYTES = 64  # more than any bundled controller puts out at once
@@ -22,20 +23,21 @@ OWN_OUT_BYTES = 2 * (ENTRY_HEADER_BYTES + FRAME_MAX)  # as in compiled code (bti
 
 
 def compiled(kind: int, params: Params) -> Callable[[int], Controller]:
-    """What makes the bundled controller of a number (dispatch.NUMBERS; 0 does nothing) for a robot's id, in Python."""
-    return partial(_Compiled, kind=kind, params=params)
+    """Return what makes the controller of a number (dispatch.NUMBERS; 0 does nothing) for a robot's id, in Python."""
+    make: Any = partial(_Compiled, kind=kind, params=params)
+    make.state_bytes = int(dispatch.capacity(kind, params))  # what a scenario leaves room for
+    made: Callable[[int], Controller] = make
+    return made
 
 
 class _Compiled(Controller):
-    """A bundled one; `longest_bytes` is what a scenario leaves room for."""
-
     def __init__(self, rob_id: int, *, kind: int, params: Params) -> None:
         if not 1 <= rob_id <= 0xFFFF:
             raise UsageError(f"robot id {rob_id}", "1 to 65535")
         super().__init__(rob_id)
         self._kind, self._params = int(kind), params
-        self.longest_bytes = int(dispatch.capacity(self._kind, params))
-        self._state = np.zeros(self.longest_bytes, np.uint8)
+        self.state_bytes = int(dispatch.capacity(self._kind, params))  # type: ignore[misc] # by its parameters
+        self._state = np.zeros(self.state_bytes, np.uint8)
         self._out = np.zeros(OUT_BYTES if kind < dispatch.FIRST_OWN else OWN_OUT_BYTES, np.uint8)
         dispatch.begin(self._kind, params, rob_id, self._state)
 

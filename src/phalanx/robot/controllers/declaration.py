@@ -1,8 +1,7 @@
-"""Declare a controller of kernels: a bundled one in its file in bundled/, a user's in a file of one's own.
+"""Declare a controller of kernels: a bundled one in its file in bundled/, or a user's in the user's own file.
 
-Beside its `CONTROLLER` such a file has six kernels, and `on_advice` if planners advise it. Each has the name and the
-arguments that it has in dispatch.py, without the number. The rules are those of python_controller.py. The state is its
-own encoding, and `is_encoding` rejects every other.
+Beside its `CONTROLLER` such a file has six kernels, and `on_advice` if planners advise it, with the names and arguments
+of dispatch.py without the number. A state is its own encoding, and `is_encoding` rejects every other.
 """
 
 from __future__ import annotations
@@ -16,15 +15,12 @@ from phalanx.config.flock import FlockConfig
 from phalanx.wire.record import Record
 
 if TYPE_CHECKING:  # names are listed without loading numpy
-    from .parameters import Params
+    from phalanx.arrays import Params
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Declaration:
-    """The records of the byte table that a controller uses, and its parameters.
-
-    `reads` and `commands` select the body (sim/audited/body.py).
-    """
+    """A controller's records of the byte table, and its parameters; `reads` and `commands` select the body."""
 
     reads: Record  # its sensor's readings
     commands: Record  # for its actuators

@@ -1,8 +1,7 @@
-"""The bundled controllers by number, so that one compiled loop runs whichever a mission has chosen.
+"""The controllers by number, so that one compiled loop runs whichever a mission has chosen.
 
-A controller is bundled by being a file in bundled/ that declares itself (declaration.py). The kernels here are made of
-all there are: an `if` for each, which compiles to what writing them out would. Number 0 holds a state of no bytes and
-puts out nothing. Numbers behind the bundled ones are users' own controllers (own_kernels.py), called by their address.
+Files in bundled/ declare the bundled ones (declaration.py). The kernels here are an `if` for each. Number 0 puts out
+nothing and has no state. Numbers behind the bundled ones are users' own (own_kernels.py), called by their address.
 """
 
 from __future__ import annotations
@@ -14,12 +13,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from phalanx.arrays import Params
 from phalanx.errors import UsageError
 from phalanx.kernel import Linked, link, linked, written
 from phalanx.wire.fields import Row, whole
 
 from .declaration import OWN, Declaration, bundled
-from .parameters import Params
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
@@ -39,13 +38,7 @@ _functions: dict[str, list[Callable[..., Any]]] = {}
 
 
 def add_own(functions: dict[str, Callable[..., Any]], addresses: dict[str, int]) -> int:
-    """Return the number of a new own controller.
-
-    Args:
-        functions: its kernels uncompiled, by name, which are called where the package is not compiled.
-        addresses: of its kernels in C, by name, which are called where it is.
-    Raises: UsageError: there are too many.
-    """
+    """Return the number of a new own controller: its functions, and addresses in C. Raises: UsageError: too many."""
     place = len(_functions["size"])
     if place == MOST_OWN:
         raise UsageError(f"more than {MOST_OWN} controllers of one's own in a process", "a new process")
@@ -62,32 +55,23 @@ def name_own(words: str, declaration: Declaration, number: int) -> None:
 
 
 def _of_the_chosen(declared: _F) -> _F:
-    """The kernel that calls the chosen controller's of the same name; whole numbers come to it as int64."""
-    signature = inspect.signature(declared)
+    """Return the kernel that calls the chosen controller's of the same name; whole numbers come to it as int64."""
+    name, signature = declared.__name__, inspect.signature(declared)
     rest = list(signature.parameters.values())[1:]
     given = ", ".join(f"whole({each.name})" if each.annotation == "int" else each.name for each in rest)
-    own = _linked(declared)
-    body = []
-    for number, name in enumerate(_NAMES, 1):
-        if not hasattr(_MODULES[number - 1], declared.__name__):  # planners advise not all of them
-            continue
-        body += [f"if kind == {number}:", f"    return {name}.{declared.__name__}({given})"]
-    body += [f"if kind >= {FIRST_OWN}:", f"    return own(kind - {FIRST_OWN}, {given})"]
-    body.append("return False" if signature.return_annotation == "bool" else "return 0")
-    return written(declared, body, {"whole": whole, "own": own, **dict(zip(_NAMES, _MODULES, strict=True))})
-
-
-def _linked(declared: Callable[..., Any]) -> Callable[..., Any]:
-    """Return the kernel that calls an own controller's kernel of this name, by its place among own controllers."""
-    name = declared.__name__
     functions = _functions[name] = []
     table = _addresses[name] = np.zeros(MOST_OWN, np.uint64)
     DECLARED[name] = declared
-    symbol = f"own_{name}"
-    link(symbol, table.ctypes.data)
-    return linked(
-        declared, Linked(symbol, MOST_OWN, WRITTEN.get(name, ())), lambda place, *rest: functions[place](*rest)
-    )
+    link(f"own_{name}", table.ctypes.data)
+    symbol = Linked(f"own_{name}", MOST_OWN, WRITTEN.get(name, ()))
+    own = linked(declared, symbol, lambda place, *rest: functions[place](*rest))
+    body = []
+    for number, (bundle, module) in enumerate(zip(_NAMES, _MODULES, strict=True), 1):
+        if hasattr(module, name):  # planners advise not all of them
+            body += [f"if kind == {number}:", f"    return {bundle}.{name}({given})"]
+    body += [f"if kind >= {FIRST_OWN}:", f"    return own(kind - {FIRST_OWN}, {given})"]
+    body.append("return False" if signature.return_annotation == "bool" else "return 0")
+    return written(declared, body, {"whole": whole, "own": own, **dict(zip(_NAMES, _MODULES, strict=True))})
 
 
 @_of_the_chosen
@@ -110,7 +94,10 @@ def begin(kind: int, params: Params, rob_id: int, state: Row) -> int:
 
 @_of_the_chosen
 def is_encoding(kind: int, params: Params, rob_id: int, state: Row, length: int) -> bool:
-    """Whether the first `length` bytes are a state of this robot; ask it of every foreign checkpoint."""
+    """Return whether the first `length` bytes are a state of this robot; ask it of every foreign checkpoint.
+
+    The other kernels believe their state: a count too high would have them read and write past its row.
+    """
     raise NotImplementedError
 
 

@@ -1,6 +1,7 @@
 """The law of Olfati-Saber flocking: what pushes a robot, as numbers; the bytes are in `flock.py`.
 
 Each push is written so that nothing divides by what can be zero, and so that the order of its operations is fixed.
+Numbers of equations are those of Olfati-Saber 2006.
 """
 
 from __future__ import annotations
@@ -9,11 +10,11 @@ import math
 
 import numpy as np
 
+from phalanx.arrays import Params
 from phalanx.config.flock import FlockConfig
 from phalanx.kernel import kernel
 from phalanx.wire.fields import whole
 
-from .parameters import Params
 from .sine import HALF_PI, sine
 
 # Places in the parameters; the obstacles follow, three numbers a disc, four a box.
@@ -27,13 +28,10 @@ PACE_MPS = 1.0
 
 
 def flock_params(config: FlockConfig) -> Params:
-    """The mission's parameters as kernels read them: 25 numbers, then the obstacles.
+    """Return the mission's parameters as kernels read them: 25 numbers, then the obstacles. Source: Table 3; eq. 8, 15.
 
-    An obstacle acts within d' = 0.5 kappa d, where its bump ends, so that the paper's r' = kappa d' changes nothing.
-    c = |a - b| / sqrt(4 a b) as in the original; Table 3 prints it without bars, and a < b would then push robots that
-    are at the right spacing.
-
-    Source: RoboRebound Table 3; Olfati-Saber 2006, eq. 8, 15.
+    An obstacle acts within d' = 0.5 kappa d, where its bump ends: the paper's r' = kappa d' changes nothing. Table 3
+    prints c = |a - b| / sqrt(4 a b) without bars: a < b would then push robots that are at the right spacing.
     """
     radius = config.kappa * config.d_m
     head = (
@@ -73,10 +71,7 @@ def _sigma_norm(length: float, epsilon: float) -> float:
 
 @kernel
 def neighbour_push(params: Params, dx: float, dy: float, dvx: float, dvy: float) -> tuple[float, float]:
-    """What a neighbour at (dx, dy) from here, moving at (dvx, dvy) as seen from here, adds to the acceleration.
-
-    Source: Olfati-Saber 2006, eq. 9, 15, 59 (alpha).
-    """
+    """Return what a neighbour adds, at (dx, dy) and moving at (dvx, dvy) from here. Source: eq. 9, 15, 59 (alpha)."""
     gap_squared = dx * dx + dy * dy
     if gap_squared >= params[R_SQUARED]:
         return 0.0, 0.0
@@ -93,11 +88,9 @@ def neighbour_push(params: Params, dx: float, dy: float, dvx: float, dvy: float)
 
 @kernel
 def obstacles_push(params: Params, x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
-    """What all obstacles add: each acts as a robot at its nearest point, which slides along with us.
+    """Return what all obstacles add: each acts as a robot at its nearest point, which slides along with us (eq. 53).
 
     Inside an obstacle, where the original is silent, that point counts as if it lay behind us, so that it pushes out.
-
-    Source: Olfati-Saber 2006, Lemma 4, eq. 53, 59 (beta).
     """
     ax, ay = 0.0, 0.0
     at = OBSTACLES
@@ -155,20 +148,14 @@ def _wall_push(params: Params, dx: float, dy: float, dvx: float, dvy: float) -> 
 
 @kernel
 def goal_pull(params: Params, x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
-    """What the goal, at rest, adds; linear, as a saturated pull would move robots 2 m in 150 s.
-
-    Source: RoboRebound Table 3; Olfati-Saber 2006, eq. 24.
-    """
+    """Return what the goal adds; linear, as a saturated pull would move robots 2 m in 150 s. Source: Table 3."""
     spring, damper = params[C1_GAMMA], params[C2_GAMMA]
     return spring * (params[GOAL_X] - x) - damper * vx, spring * (params[GOAL_Y] - y) - damper * vy
 
 
 @kernel
 def bump(z: float, h: float) -> float:
-    """1 up to h, 0 from 1 on, smooth in between: (1 + cos(pi u)) / 2 = sin(pi (1 - u) / 2) squared, u from 0 to 1.
-
-    Source: Olfati-Saber 2006, eq. 10.
-    """
+    """Return 1 up to h, 0 from 1 on, in between (1 + cos(pi u)) / 2 = sin(pi (1 - u) / 2)², u from 0 to 1: eq. 10."""
     if z < h:
         return 1.0
     if z >= 1.0:

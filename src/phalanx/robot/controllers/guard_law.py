@@ -1,9 +1,8 @@
-"""The guard's law: whether a command leaves a robot room to brake, as numbers; the bytes are in `bundled/guard.py`.
+"""The guard's law as numbers: whether a command leaves a robot room to brake; the bytes are in `bundled/guard.py`.
 
-A command is good if the way that it may take until the next one is in force, and the brakes behind it, keep clear of
-every wall, and of wherever a neighbour can have got to by then (promises.py). Who always chooses a good command, or
-else goes on to brake, keeps clear for ever. docs/guard.md has the argument; tests/test_guarded_search.py looks for what
-it overlooks.
+A command is good if the way until the next one is in force, and the brakes behind it, keep clear of every wall, and of
+wherever a neighbour can be by then (promises.py). A robot that always chooses a good command, or else goes on to brake,
+keeps clear for ever. docs/guard.md has the argument; tests/test_guarded_search.py looks for what it overlooks.
 """
 
 from __future__ import annotations
@@ -14,12 +13,11 @@ from typing import TypeAlias
 
 import numpy as np
 
+from phalanx.arrays import Params
 from phalanx.config.guard import GuardConfig
 from phalanx.kernel import kernel
 from phalanx.wire.fields import whole
 from phalanx.wire.guarded import ENVELOPE_BYTES
-
-from .parameters import Params
 
 # Of a robot at a reading: place, m; velocity, m/s; and the command that is still in force, m/s²; x and y of each.
 Motion: TypeAlias = tuple[float, float, float, float, float, float]
@@ -42,10 +40,10 @@ STILL_MPS = 1e-3
 
 
 def guard_params(config: GuardConfig) -> Params:
-    """The mission's parameters as kernels read them: 17 numbers, the SHA-1 of all the others, walls, discs, adviser.
+    """Return the mission's parameters for kernels: 17 numbers, the SHA-1 of all the others, walls, discs, adviser.
 
-    A command is in force for the period at least, and until the next one is: both readings may be δ off their grid, and
-    the next command δ late. Wishes are slower than the envelope by what a late command can add.
+    A command is in force until the next one is: both readings may be δ off their grid, and the next command δ late.
+    Wishes are slower than the envelope by what a late command can add.
     """
     period_s, late_s = config.period_ms / 1000, config.delta_ms / 1000
     head = [
@@ -91,10 +89,10 @@ def towards(params: Params, vx: float, vy: float, to_x: float, to_y: float) -> t
 
 @kernel
 def straightened(params: Params, vx: float, vy: float, ax: float, ay: float) -> tuple[float, float]:
-    """The command, with no more of it across the velocity than the envelope's turn rate has room for, m/s².
+    """Return the command, with no more of it across the velocity than the envelope's turn rate allows, m/s².
 
-    A command turns a velocity by its part across, over the speed, a second; and that is what it is at least before the
-    next one is in force. Brakes stay as they are, and nothing gets faster. Source: docs/guard.md.
+    That part over the least speed before the next command turns the velocity. Brakes stay, nothing gets faster:
+    docs/guard.md.
     """
     turn, speed = params[TURN], math.sqrt(vx * vx + vy * vy)
     if turn == 0.0 or speed <= ON_THE_SPOT * params[SPEED]:
@@ -147,11 +145,10 @@ def off_mps(params: Params, now: Motion, ax: float, ay: float) -> float:
 
 @kernel
 def way(params: Params, now: Motion, ax: float, ay: float) -> tuple[float, float, float, float, float, float, float]:
-    """Where a robot goes whose command is (ax, ay), and that brakes from its next reading on.
+    """Return where a robot goes with the command (ax, ay) that brakes from its next reading on. Source: docs/guard.md.
 
     Returns: where its next reading finds it; where it stands at last; how far from the line between these it may be;
-    how far from the line to the first; and after how long it stands, s.
-    Source: docs/guard.md.
+        how far from the line to the first; and after how long it stands, s.
     """
     x, y, vx, vy = now[0], now[1], now[2], now[3]
     period, late = params[PERIOD_S], params[LATE_S]

@@ -1,6 +1,6 @@
-"""The robots that a controller has heard: records `neighbour` of phalanx.wire.table by rising id, behind its own head.
+"""The robots that a controller has heard: records `neighbour` by rising id, behind its own head.
 
-`head` is how long that is; its last two bytes count them. So the list's order is the same whoever replays it.
+`head` is how long that is; its last two bytes count them. So the order is the same in any replay.
 """
 
 from __future__ import annotations
@@ -11,10 +11,27 @@ from phalanx.wire.fields import F32_BYTES, Row, are_fine, copy, get_u16, get_u64
 
 EACH_BYTES = table.NEIGHBOUR.size
 HEARD, PLACE = map(table.NEIGHBOUR.at, ("heard", "x_m"))
-MOTION = table.STATE.at("x_m")  # of a broadcast: position and velocity, as they are remembered
-MOTION_BYTES = table.STATE.size - MOTION
+STATE_BYTES, SENSOR_BYTES = table.STATE.size, table.SENSOR.size
+ID, MOTION = map(table.STATE.at, ("id", "x_m"))  # position and velocity, in a reading too, and as remembered
+MOTION_BYTES = STATE_BYTES - MOTION
 NUMBERS = MOTION_BYTES // F32_BYTES
 COUNT_BYTES = table.FLOCK_MEMORY.size - table.FLOCK_MEMORY.at("count")
+
+
+@kernel
+def is_reading(rob_id: int, reading: Row, length: int) -> bool:
+    """Return whether these bytes are a finite reading of this robot's, a `sensor`."""
+    is_own = length == SENSOR_BYTES and reading[0] == table.KIND_SENSOR and get_u16(reading, ID) == rob_id
+    return is_own and are_fine(reading, MOTION, NUMBERS)
+
+
+@kernel
+def sender(rob_id: int, frame: Row, length: int) -> int:
+    """Return the id of the other robot whose finite `state` these bytes are, or 0."""
+    if length != STATE_BYTES or frame[0] != table.KIND_STATE or not are_fine(frame, MOTION, NUMBERS):
+        return 0
+    rob = get_u16(frame, ID)
+    return rob if rob != rob_id else 0
 
 
 @kernel
@@ -86,6 +103,16 @@ def remove(at: int, state: Row, head: int) -> None:
     """Who is there is forgotten."""
     copy(state, at, state, at + EACH_BYTES, end(state, head) - EACH_BYTES - at)
     put_u16(state, head - COUNT_BYTES, count(state, head) - 1)
+
+
+@kernel
+def remember(rob: int, n_max: int, t_ms: int, frame: Row, state: Row, head: int) -> None:
+    """Put `rob`, which was heard to say `frame`; if it is new and there are `n_max`, in place of the oldest."""
+    at = place_of(rob, state, head)
+    if count(state, head) == n_max and not is_at(rob, at, state, head):
+        remove(oldest(state, head), state, head)
+        at = place_of(rob, state, head)
+    put(rob, t_ms, frame, at, state, head)
 
 
 @kernel

@@ -1,47 +1,30 @@
-"""Which orders a robot obeys: whole, for it, of its mission, new, in time, and signed by whom the mission names.
+"""The orders a robot obeys: for it, of its mission, new, in time, and signed by a key that the mission names.
 
-What costs nothing is asked first: only an order that could be obeyed has its signature checked, and of these no more
-than the mission says (WheelsConfig.looks) from one reading to the next, so that a liar cannot have others compute all
-day. All of it is in the log and in the state, so auditors come to the same answers.
-
-Clocks agree on nothing. A robot learns by how much its own is ahead of a signer's word, at least, from whatever that
-signer says; what comes LATE_MS later than that was held back. The least may grow by a part in DRIFT, as clocks drift.
-
-`at` is where a signer's record lies in the state. Source: docs/spec/orders.md; docs/adr/0031.
+Only an order that could be obeyed has its signature checked, and at most WheelsConfig.looks of these from one reading
+to the next: a liar cannot make others compute all day. Clocks need not agree: a robot learns from every order by how
+much its own is ahead of the signer's, at least; what comes LATE_MS later was held back. The least may grow by a part in
+DRIFT. Auditors decide alike from log and state, where `at` is a signer's record. Source: docs/spec/orders.md; ADR 0031.
 """
 
 from __future__ import annotations
 
 from phalanx.bti import trusted
 from phalanx.kernel import kernel
-from phalanx.wire.driven import (
-    EVERYBODY,
-    KIND_ORDER,
-    ORDER,
-    ORDER_LED,
-    ORDER_ROUTE,
-    ORDER_WHEELS,
-    SIGNATURE_BYTES,
-    SIGNER,
-    SIGNER_KEY_BYTES,
-    SIGNERS,
-    TELL_GO,
-    TELL_LED,
-    TELL_NOTHING,
-    TELL_ROUTE,
-    TELL_STOP,
-    TELL_WHEELS,
-    WAYPOINT,
-)
+from phalanx.wire import driven
 from phalanx.wire.fields import Row, get_u16, get_u32, get_u64, put_u64, whole
 
-MISSION, WHO, NUMBER, SAID = map(ORDER.at, ("mission", "signer", "number", "said"))
-ID, ACTION, BODY = map(ORDER.at, ("id", "action", "body"))
-THRESHOLD, COUNT, POINTS = (BODY + ORDER_ROUTE.at(name) for name in ("threshold_mm", "count", "points"))
-HIGHEST, LATEST, LEAST, LEARNT = map(SIGNER.at, ("number", "said", "least", "learnt"))
-EACH_BYTES = SIGNER.size
-WHEELS_BYTES, LED_BYTES, ROUTE_BYTES, POINT_BYTES = ORDER_WHEELS.size, ORDER_LED.size, ORDER_ROUTE.size, WAYPOINT.size
-POINT_X, POINT_Y = map(WAYPOINT.at, ("x_mm", "y_mm"))
+MISSION, WHO, NUMBER, SAID = map(driven.ORDER.at, ("mission", "signer", "number", "said"))
+ID, ACTION, BODY = map(driven.ORDER.at, ("id", "action", "body"))
+THRESHOLD, COUNT, POINTS = (BODY + driven.ORDER_ROUTE.at(name) for name in ("threshold_mm", "count", "points"))
+HIGHEST, LATEST, LEAST, LEARNT = map(driven.SIGNER.at, ("number", "said", "least", "learnt"))
+EACH_BYTES = driven.SIGNER.size
+WHEELS_BYTES, LED_BYTES, ROUTE_BYTES, POINT_BYTES = (
+    driven.ORDER_WHEELS.size,
+    driven.ORDER_LED.size,
+    driven.ORDER_ROUTE.size,
+    driven.WAYPOINT.size,
+)
+POINT_X, POINT_Y = map(driven.WAYPOINT.at, ("x_mm", "y_mm"))
 WAYPOINTS_MAX = 32
 THRESHOLD_MAX_MM = 1000
 LATE_MS = 1000
@@ -54,42 +37,39 @@ NEVER = 1 << 62
 @kernel
 def is_order(mission: int, rob_id: int, frame: Row, length: int) -> bool:
     """Whether the frame has an order's form, and is for this robot on this mission; nothing of it is believed yet."""
-    size = length - BODY - SIGNATURE_BYTES
-    if size < 0 or frame[0] != KIND_ORDER or get_u32(frame, MISSION) != mission or frame[WHO] >= SIGNERS:
+    size = length - BODY - driven.SIGNATURE_BYTES
+    if size < 0 or frame[0] != driven.KIND_ORDER or get_u32(frame, MISSION) != mission or frame[WHO] >= driven.SIGNERS:
         return False
     told, action = get_u16(frame, ID), int(frame[ACTION])
-    if told not in (EVERYBODY, rob_id):
+    if told not in (driven.EVERYBODY, rob_id):
         return False
-    if action == TELL_WHEELS:
+    if action == driven.TELL_WHEELS:
         return size == WHEELS_BYTES
-    if action == TELL_LED:
+    if action == driven.TELL_LED:
         return size == LED_BYTES
-    if action == TELL_ROUTE:
+    if action == driven.TELL_ROUTE:
         return size >= ROUTE_BYTES and _is_route(frame, size)
-    return size == 0 and action in (TELL_NOTHING, TELL_STOP, TELL_GO)
+    return size == 0 and action in (driven.TELL_NOTHING, driven.TELL_STOP, driven.TELL_GO)
 
 
 @kernel
 def _is_route(frame: Row, size: int) -> bool:
     count = whole(frame[COUNT])
-    return (
-        1 <= get_u16(frame, THRESHOLD) <= THRESHOLD_MAX_MM
-        and count <= WAYPOINTS_MAX
-        and size == ROUTE_BYTES + POINT_BYTES * count
-    )
+    has_points = count <= WAYPOINTS_MAX and size == ROUTE_BYTES + POINT_BYTES * count
+    return has_points and 1 <= get_u16(frame, THRESHOLD) <= THRESHOLD_MAX_MM
 
 
 @kernel
 def is_news(t_ms: int, frame: Row, state: Row, at: int) -> bool:
-    """Whether the order, if its signer said it, is one that the robot has not heard and that nobody held back.
+    """Return whether a signer's order is one that the robot has not heard and that nobody held back.
 
-    A stop needs no number, so that none is too old to stop; but its signer must have said nothing since. Nor since a
+    A stop needs no number, so that none is too old to stop; but its signer must have said nothing since, nor since a
     go, whose number may be new though it is older than the stop that was heard.
     """
     number, said = get_u64(frame, NUMBER), get_u64(frame, SAID)
-    if frame[ACTION] in (TELL_STOP, TELL_GO) and said <= get_u64(state, at + LATEST):
+    if frame[ACTION] in (driven.TELL_STOP, driven.TELL_GO) and said <= get_u64(state, at + LATEST):
         return False
-    if frame[ACTION] == TELL_STOP:
+    if frame[ACTION] == driven.TELL_STOP:
         if number != 0:
             return False
     elif number <= get_u64(state, at + HIGHEST) or said < 0:
@@ -100,7 +80,7 @@ def is_news(t_ms: int, frame: Row, state: Row, at: int) -> bool:
 @kernel
 def is_signed(frame: Row, length: int, state: Row, at: int) -> bool:
     """Whether it was said by whom the mission names."""
-    return trusted.order_check(state[at : at + SIGNER_KEY_BYTES], frame, length) == 0
+    return trusted.order_check(state[at : at + driven.SIGNER_KEY_BYTES], frame, length) == 0
 
 
 @kernel
@@ -110,7 +90,7 @@ def learn(t_ms: int, frame: Row, state: Row, at: int) -> None:
     if t_ms - said < _least_ms(t_ms, state, at):
         put_u64(state, at + LEAST, t_ms - said)
         put_u64(state, at + LEARNT, t_ms)
-    if frame[ACTION] != TELL_STOP:
+    if frame[ACTION] != driven.TELL_STOP:
         put_u64(state, at + HIGHEST, get_u64(frame, NUMBER))
     put_u64(state, at + LATEST, max(said, get_u64(state, at + LATEST)))
 

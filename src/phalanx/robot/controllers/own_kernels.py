@@ -1,8 +1,8 @@
-"""A user's own controller of the form of a bundled one, compiled when it is loaded.
+"""A user's own controller as kernels, compiled when it is loaded.
 
-Its file has a `CONTROLLER` and kernels (declaration.py). They are compiled with the machine's C compiler into the
-user's cache and called by their addresses (dispatch.py). Without a compiler, compiled code calls them in Python; with
-PHALANX_PURE=1 all is Python.
+Its file has a `CONTROLLER` and kernels (declaration.py). The machine's C compiler compiles them into the user's cache,
+and dispatch.py calls them by address. Without a compiler, compiled code calls them in Python; with PHALANX_PURE=1 all
+is Python.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from phalanx import __version__
+from phalanx.arrays import Params
 from phalanx.binary import INSTALL_COMPILER
 from phalanx.config.flock import FlockConfig
 from phalanx.errors import KernelDefect, OutsideSubset, OwnDefect, Unavailable, UsageError
@@ -36,10 +37,7 @@ from phalanx_compiler.violations import MESSAGES, RAISED
 from phalanx_compiler.writes import writes_of
 
 from . import dispatch
-from .compiled import compiled
 from .declaration import Declaration
-from .parameters import Params
-from .python_controller import Controller
 
 ROOT = Path(__file__).resolve().parents[2]
 MOST_STATE_BYTES = 65_535
@@ -114,8 +112,8 @@ def _content_of(path: Path) -> tuple[Path, bytes]:
 def load_kernels(words: str, module: ModuleType) -> None:
     """Let `words` name the controller in a module, which was run from its file.
 
-    Raises: UsageError: a kernel is missing or takes other arguments, or the cache is not safe. OutsideSubset: it cannot
-        be compiled. Unavailable: the cache cannot be written.
+    Raises: UsageError: a kernel is missing or takes other arguments, or the cache is not safe. OutsideSubset: one
+    cannot be compiled. Unavailable: the cache cannot be written.
     """
     file = str(module.__file__)
     declaration = _checked(words, module.CONTROLLER)
@@ -132,14 +130,6 @@ def load_kernels(words: str, module: ModuleType) -> None:
         _loaded[key] = dispatch.add_own(plain, {} if PURE else _addresses(words, text, slots, plain))
     dispatch.name_own(words, declaration, _loaded[key])
     _files[_content_of(Path(file))] = declaration, _loaded[key]
-
-
-def made_of(words: str, params: Params) -> Callable[[int], Controller]:
-    """Return what makes the controller of a loaded file for a robot's id, in Python."""
-    make: Any = compiled(dispatch.NUMBERS[words], params)
-    make.state_bytes = int(dispatch.capacity(dispatch.NUMBERS[words], params))
-    result: Callable[[int], Controller] = make
-    return result
 
 
 def _checked(words: str, declared: Declaration) -> Declaration:

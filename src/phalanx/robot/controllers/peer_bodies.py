@@ -1,16 +1,16 @@
-"""The bodies that protocols drive: a point mass that accelerates, and two wheels that visitors may drive as well.
+"""The bodies that protocols drive: a point mass, and two wheels that visitors may drive as well.
 
-What a protocol decides is in metres and the same for both; here it becomes commands.
+Protocols decide in metres, the same for both; here their decisions become commands.
 """
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from typing import Any, ClassVar, Final
 
 import numpy as np
 
+from phalanx.arrays import Params
 from phalanx.robot.follow import steer
 from phalanx.wire.fields import get_u64, row
 from phalanx.wire.record import LARGEST_NUMBER, MalformedRecord, Record
@@ -20,7 +20,6 @@ from . import dispatch
 from .bundled import wheels
 from .compiled import compiled
 from .orders import POINT_BYTES
-from .parameters import Params
 from .protocol import Point
 from .python_controller import Act, Output, Send
 from .sine import sine_cosine
@@ -36,12 +35,12 @@ TAKEN_MS: Final = 5000
 
 
 def is_fine(number: float) -> bool:
-    """Whether it is a number that a place or a pace may be: neither NaN nor beyond 10^6."""
+    """Return whether it is a number that a place or a pace may be: neither NaN nor beyond 10^6."""
     return abs(number) <= LARGEST_NUMBER
 
 
 def fields_of(record: Record, said: bytes) -> tuple[Any, ...] | None:
-    """A record's fields, the kind first; None if it is no such, or has numbers that nothing can be."""
+    """Return a record's fields, the kind first; None if it is no such, or has numbers that nothing can be."""
     if len(said) != record.size or said[0] != record.tag:
         return None
     found = record.form.unpack(said)
@@ -50,73 +49,39 @@ def fields_of(record: Record, said: bytes) -> tuple[Any, ...] | None:
     return found if sum(map(abs, rest)) <= LARGEST_NUMBER or all(map(is_fine, rest)) else None
 
 
-class PeerBody(ABC):
-    """How one robot of a protocol senses, moves, and says where it is.
+class PeerBody:
+    """How one robot of a protocol senses, moves, and says where it is: a point mass that accelerates along each axis.
 
     Args:
         pace_mps: its top speed along each axis.
 
     Class attributes:
         sensor: what a reading says of the robot itself; what else it sees is behind that.
+        per_m: of the lengths in there.
     """
 
-    sensor: ClassVar[Record]
+    sensor: ClassVar[Record] = SENSOR
+    per_m: ClassVar[int] = 1
 
     def __init__(self, rob_id: int, pace_mps: float) -> None:
         self.rob_id, self.pace_mps = rob_id, pace_mps
 
-    @abstractmethod
-    def where(self, reading: bytes) -> Point | None:
-        """Where the robot is, m; None if the reading makes no sense."""
-
     def beside(self, reading: bytes) -> bytes:
-        """What a reading says of other things than the robot: a protocol's own matter."""
+        """Return what a reading says of other things than the robot: a protocol's own matter."""
         return reading[self.sensor.size :]
 
     def own(self, reading: bytes) -> tuple[Any, ...] | None:
-        """What a reading says of the robot, as fields; None if it makes no sense."""
+        """Return what a reading says of the robot, as fields; None if it makes no sense."""
         own = fields_of(self.sensor, reading[: self.sensor.size])
         return own if own and own[ID] == self.rob_id else None
 
-    @abstractmethod
-    def drive(self, step: int, t_ms: int, reading: bytes, aim_m: Point | None, *, speaks: bool) -> list[Output]:
-        """A command towards a place, or to stand; and where it is, if it is to speak."""
-
-    @abstractmethod
-    def said_where(self, frame: bytes) -> tuple[int, float, float] | None:
-        """Who says there that it is where, m; None if nobody says so."""
-
-    def is_taken(self, t_ms: int) -> bool:  # noqa: ARG002 - most obey nobody
-        """Whether it is held, or somebody drives it: what the protocol wants is not done."""
-        return False
-
-    def on_recv(self, t_ms: int, frame: bytes) -> None:  # noqa: B027 - most obey nobody
-        """A frame was heard that is no word of the protocol."""
-
-    def encode(self) -> bytes:
-        """All that it remembers."""
-        return b""
-
-    def decode(self, encoding: bytes) -> bytes:
-        """It remembers what an encoding begins with; the rest of it.
-
-        Raises: MalformedRecord: it begins with nothing that `encode` gives.
-        """
-        return encoding
-
-
-class PointMass(PeerBody):
-    """A body that accelerates, along each axis by itself."""
-
-    sensor = SENSOR
-
     def where(self, reading: bytes) -> Point | None:
-        """See `PeerBody`."""
+        """Return where the robot is, m; None if the reading makes no sense."""
         own = self.own(reading)
-        return (own[BEHIND_T], own[BEHIND_T + 1]) if own else None
+        return (own[BEHIND_T] / self.per_m, own[BEHIND_T + 1] / self.per_m) if own else None
 
     def drive(self, step: int, t_ms: int, reading: bytes, aim_m: Point | None, *, speaks: bool) -> list[Output]:  # noqa: ARG002
-        """See `PeerBody`."""
+        """Return a command towards a place, or to stand; and where it is, if it is to speak."""
         own = self.own(reading)
         if own is None or aim_m is None:
             return [Act(ACCELERATION.form.pack(KIND_ACCELERATION, self.rob_id, t_ms, 0.0, 0.0))]
@@ -132,31 +97,40 @@ class PointMass(PeerBody):
         return outputs
 
     def said_where(self, frame: bytes) -> tuple[int, float, float] | None:
-        """See `PeerBody`."""
+        """Return the id of a robot that says where it is, and that, m; None if the frame says nothing of it."""
         said = fields_of(STATE, frame)
         return (said[ID], said[BEHIND_T], said[BEHIND_T + 1]) if said else None
 
+    def is_taken(self, t_ms: int) -> bool:  # noqa: ARG002 - a point mass obeys nobody
+        """Return whether it is held, or somebody drives it: what the protocol wants is not done."""
+        return False
+
+    def on_recv(self, t_ms: int, frame: bytes) -> None:
+        """Hear a frame that is no word of the protocol: an order, perhaps."""
+
+    def encode(self) -> bytes:
+        """Return all that it remembers."""
+        return b""
+
+    def decode(self, encoding: bytes) -> bytes:
+        """Remember what an encoding begins with; return the rest. Raises: MalformedRecord: `encode` gives no such."""
+        return encoding
+
 
 class DrivenWheels(PeerBody):
-    """Two wheels that obey signed orders as `wheels` do; nobody's orders, they do the protocol's work.
+    """Two wheels that obey signed orders as `wheels` do, and otherwise do the protocol's work.
 
-    The operator's stop holds them. A visitor's route is driven to its end. It is a `wheels` controller that decides all
-    of that, and this takes the wheels where that leaves them idle.
+    A `wheels` controller does what orders demand: a stop, a route to its end, a joystick. This drives while it is idle.
     """
 
-    sensor = WHEELS_SENSOR
+    sensor, per_m = WHEELS_SENSOR, 1000
 
     def __init__(self, rob_id: int, params: Params) -> None:
         super().__init__(rob_id, WHEELS_MPS)
         self._driven = compiled(dispatch.NUMBERS["wheels"], params)(rob_id)
 
-    def where(self, reading: bytes) -> Point | None:
-        """See `PeerBody`."""
-        own = self.own(reading)
-        return (own[BEHIND_T] / 1000, own[BEHIND_T + 1] / 1000) if own else None
-
     def drive(self, step: int, t_ms: int, reading: bytes, aim_m: Point | None, *, speaks: bool) -> list[Output]:  # noqa: ARG002
-        """See `PeerBody`."""
+        """As a body's, where nobody else drives it."""
         outputs = list(self._driven.on_input(step, t_ms, reading[: self.sensor.size]))
         own = self.own(reading)
         if own is None or aim_m is None or self.is_taken(t_ms):
@@ -167,24 +141,24 @@ class DrivenWheels(PeerBody):
         return [Act(bytes(act)), *outputs[1:]]
 
     def said_where(self, frame: bytes) -> tuple[int, float, float] | None:
-        """See `PeerBody`."""
+        """As a body's, from millimetres."""
         said = fields_of(WHEELS_STATE, frame)
         if not said:
             return None
         # As it is remembered in a checkpoint: who replays from there is to decide the same.
-        x_m, y_m = (float(np.float32(said[at] / 1000)) for at in (BEHIND_T, BEHIND_T + 1))
+        x_m, y_m = (float(np.float32(said[at] / self.per_m)) for at in (BEHIND_T, BEHIND_T + 1))
         return said[ID], x_m, y_m
 
     def on_recv(self, t_ms: int, frame: bytes) -> None:
-        """An order may be for it."""
+        """Obey an order, if it is one for this robot."""
         self._driven.on_recv(t_ms, frame)
 
     def encode(self) -> bytes:
-        """A `wheels_memory`."""
+        """Return a `wheels_memory`."""
         return self._driven.encode()
 
     def decode(self, encoding: bytes) -> bytes:
-        """See `PeerBody`."""
+        """Remember a `wheels_memory`; return what stands behind it."""
         if len(encoding) < wheels.ROUTE:
             raise MalformedRecord(f"{len(encoding)} bytes of wheels")
         end = wheels.ROUTE + POINT_BYTES * encoding[wheels.COUNT]
@@ -192,14 +166,14 @@ class DrivenWheels(PeerBody):
         return encoding[end:]
 
     def is_taken(self, t_ms: int) -> bool:
-        """See `PeerBody`."""
+        """Return whether it is held, or drives by orders."""
         state = row(self._driven.encode())
         heard_ms = get_u64(state, wheels.HEARD)
         return bool(state[wheels.HELD] or state[wheels.COUNT] or (heard_ms and t_ms - heard_ms <= TAKEN_MS))
 
     def _towards(self, own: tuple[Any, ...], aim_m: Point) -> tuple[int, int]:
         x_mm, y_mm, direction_deg = own[BEHIND_T:]
-        dx, dy = aim_m[0] * 1000 - x_mm, aim_m[1] * 1000 - y_mm
+        dx, dy = aim_m[0] * self.per_m - x_mm, aim_m[1] * self.per_m - y_mm
         away_mm = math.sqrt(dx * dx + dy * dy)
         if away_mm < STANDS_MM:
             return 0, 0

@@ -1,8 +1,7 @@
-"""What the protocols have in common: a robot that says where it is and what it takes on, and knows what others said.
+"""The common part of protocols: a robot that says where it is and what it takes on, and knows what others said.
 
 The mission names its robots, so a liar's invented ones are nobody: each robot remembers the others, no more and no
-less, and nobody is ever forgotten, for who is silent still stands there. Source: RoboRebound §2.1 (coordination by
-messages); docs/protocols.md.
+less. None is forgotten, for one that is silent still stands there. Source: RoboRebound §2.1; docs/protocols.md.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from typing import ClassVar
 from phalanx.wire.protocols import CLAIM, KIND_CLAIM, NOWHERE, PEER, PEER_MEMORY
 from phalanx.wire.record import MalformedRecord
 
-from .peer_bodies import BEHIND_T, ID, DrivenWheels, PeerBody, PointMass, fields_of, is_fine
+from .peer_bodies import BEHIND_T, ID, DrivenWheels, PeerBody, fields_of, is_fine
 from .protocol import Point, Task
 from .python_controller import Controller, Output, Send
 
@@ -52,9 +51,7 @@ class PeerController(Controller, ABC):
     def __init__(self, rob_id: int, task: Task) -> None:
         super().__init__(rob_id)
         self.task = task
-        self.body: PeerBody = (
-            PointMass(rob_id, self.pace_mps) if task.wheels is None else DrivenWheels(rob_id, task.wheels)
-        )
+        self.body = PeerBody(rob_id, self.pace_mps) if task.wheels is None else DrivenWheels(rob_id, task.wheels)
         self.period_ms = task.state_every * task.control_ms  # from one broadcast to the next
         self.here = self.holds = self.wants = NOWHERE
         self.done = 0

@@ -1,9 +1,8 @@
-"""What patrols and explorers have in common: places to be at, each taken on by one robot, and who was where when.
+"""The common part of patrols and explorers: places, each taken on by one robot, and which robot was where when.
 
-A robot claims the place it goes to; of two who claim the same, the one with the lower id goes there. Whoever says that
-it was at a place is believed from its next word on, if that comes a turn later: a word that comes sooner shows that
-somebody speaks in its name. It is no longer believed if it falls silent so soon after that it may have been stopped
-for this very lie: by P1 a liar is silent within `doubt_ms`. Nor is it when it is heard again: that is somebody else.
+A robot claims the place it goes to; of two that claim the same, the one with the lower id goes there. A robot that says
+it was at a place is believed from its next message on, if that comes a turn later: one that comes sooner is another's
+in its name. If it falls silent within `doubt_ms` it is doubted for good, for by P1 liars are stopped by then.
 
 Source: RoboRebound §2.1 (they split up the region), §3.2 (bounded-time interaction); docs/protocols.md.
 """
@@ -12,13 +11,12 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Collection, Iterator
 
 from phalanx.wire.protocols import NOWHERE, VISIT, WAITING
 from phalanx.wire.record import MalformedRecord
 
 from .peers import SILENT_PERIODS, PeerController
-from .protocol import Point, Stage, Task
+from .protocol import Point, Stage, Task, squared_m
 
 NEAR = 0.25  # of a step: so near to a place one is there
 PLACES_A_SIDE = 6
@@ -40,8 +38,7 @@ class PlaceController(PeerController):
 
     Attributes:
         visits: of each place, when somebody was there last, ms, and who; 0 for nobody.
-        waiting: by id of each other: when it said where it had come to, ms (0: nothing waits), and where; and the last
-            of its places that was believed.
+        waiting: by id of each other: when it said where it was, ms (0: nothing waits), where, and its believed place.
     """
 
     def __init__(self, rob_id: int, task: Task) -> None:
@@ -55,7 +52,8 @@ class PlaceController(PeerController):
 
     def turn(self, t_ms: int, at_m: Point) -> None:
         """It is at its place, or takes on another."""
-        if self.holds != NOWHERE and math.sqrt(self._squared_m(at_m, self.holds)) < NEAR * self.task.step_m:
+        left_m = math.sqrt(squared_m(at_m, place_m(self.task, self.holds)))
+        if self.holds != NOWHERE and left_m < NEAR * self.task.step_m:
             self.here, self.holds = self.holds, NOWHERE
             self.visits[self.here] = t_ms, self.rob_id
         heard = {rob_id: each for rob_id, each in self.others.items() if not self.is_silent(each, t_ms)}
@@ -64,17 +62,10 @@ class PlaceController(PeerController):
             self.holds = NOWHERE
         if self.holds == NOWHERE:
             taken.update((each.here, rob_id) for rob_id, each in heard.items())
-            self.holds = max(self._choices(t_ms, at_m, taken), default=(0.0, NOWHERE))[1]
-
-    def _choices(self, t_ms: int, at_m: Point, taken: Collection[int]) -> Iterator[tuple[float, int]]:
-        for place in PLACES:
-            worth = self.worth(t_ms, place, math.sqrt(self._squared_m(at_m, place)))
-            if worth is not None and place not in taken:
-                yield worth, place
-
-    def _squared_m(self, at_m: Point, place: int) -> float:
-        x, y = place_m(self.task, place)
-        return (at_m[0] - x) * (at_m[0] - x) + (at_m[1] - y) * (at_m[1] - y)
+            away_m = {place: math.sqrt(squared_m(at_m, place_m(self.task, place))) for place in PLACES}
+            worth = {place: self.worth(t_ms, place, away_m[place]) for place in PLACES if place not in taken}
+            choices = ((each, place) for place, each in worth.items() if each is not None)
+            self.holds = max(choices, default=(0.0, NOWHERE))[1]
 
     def last_visit_ms(self, t_ms: int, place: int) -> int:
         """When somebody was there who is believed; 0 for never."""

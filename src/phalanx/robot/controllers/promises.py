@@ -1,22 +1,20 @@
-"""What a guarded robot promises of its velocity, and what others may therefore count on; the law is in `guard_law.py`.
+"""The promises of a guarded robot's velocity, on which others may count; the law is in `guard_law.py`.
 
-A broadcast says a velocity g that stands for a disc of velocities: around g/2, WIDE · |g| wide, so that standing still
-is in it. For `promise_ms` from its reading on the sender's velocity stays in there. A g that is faster than MEANT of
-the envelope's speed promises nothing but that speed. Who promises little may be approached.
-
-Source: docs/guard.md ("Promises").
+A broadcast's velocity g stands for a disc of velocities: around g/2, WIDE · |g| wide, so that standing still is in it.
+For `promise_ms` from its reading on the sender's velocity stays in there. A g faster than MEANT of the envelope's speed
+promises that speed alone. Robots that promise little may be approached. Source: docs/guard.md ("Promises").
 """
 
 from __future__ import annotations
 
 import math
 
+from phalanx.arrays import Params
 from phalanx.kernel import kernel
 from phalanx.wire import guarded
 from phalanx.wire.fields import F32_BYTES, Row, get_f32, get_u64, put_f32, put_u64, whole
 
 from . import guard_law
-from .parameters import Params
 
 WIDE = 0.8
 # A disc has speeds up to (1/2 + WIDE) |g|: a promise of more than so much of the envelope's speed would be none.
@@ -105,10 +103,9 @@ def fair_mps(params: Params, gap_x: float, gap_y: float) -> float:
 def reach(
     params: Params, place: tuple[float, float], said: tuple[float, float], known_s: float
 ) -> tuple[float, float, float]:
-    """Where a robot can be whose reading at `place` is at most so old: a middle, and how far from it, m.
+    """Return where a robot can be whose reading at `place` is `known_s` old at most: a middle, and how far from it, m.
 
-    With its body's room, and with what a robot that brakes still creeps. What it said holds for `promise_ms`; then it
-    is no faster than the envelope.
+    With its body's room and the creep of its brakes. A promise holds for `promise_ms`; then the envelope's speed does.
     """
     kept_s = min(known_s, params[guard_law.PROMISE_MS] * 1e-3)
     mx, my, wide = disc(params, said[0], said[1])
@@ -119,10 +116,7 @@ def reach(
 
 @kernel
 def make(params: Params, t_ms: int, state: Row, gx: float, gy: float) -> tuple[float, float]:
-    """It is promised from now on, and remembered; or, if too many others still hold, the newest of them once more.
-
-    Returns: what is said. The newest is kept already, so it can be said again.
-    """
+    """Promise g and remember it, or extend the newest promise if too many still hold; return what is said."""
     if not is_meant(params, gx, gy):
         return gx, gy
     oldest, newest = MADE_AT, MADE_AT

@@ -1,8 +1,7 @@
-"""What a protocol of robots declares, in its file in protocols/: there is no other list of them.
+"""The parts of a robots' protocol, which its file in protocols/ declares: there is no other list of them.
 
-Beside flocking these are the uses that RoboRebound names (§2.1, §2.3). They run in plain Python: no kernel is compiled
-for them, and auditors replay them like a researcher's own controller. Each brings its part of the world along: what
-its sensors see beside the robot itself, and what counts there, whoever says what.
+These are the uses beside flocking that RoboRebound names (§2.1, §2.3). They run in plain Python, and auditors replay
+them like a researcher's own controller. Each has its part of the world: what sensors see there, and what counts.
 """
 
 from __future__ import annotations
@@ -17,7 +16,8 @@ from typing import TYPE_CHECKING, ClassVar
 from phalanx.config.flock import Box
 
 if TYPE_CHECKING:  # whoever asks for names loads nothing else
-    from .parameters import Params
+    from phalanx.arrays import Params
+
     from .python_controller import Controller
 
 Point = tuple[float, float]
@@ -67,10 +67,7 @@ class Stage(ABC):
 
     @abstractmethod
     def look(self, rob_id: int, t_s: float, place_m: Point, *, lies: bool) -> bytes:
-        """A robot is there, and its sensors are read; what they say behind its own motion.
-
-        What it does there is done: who lies does nothing for the others.
-        """
+        """Return what a robot's sensors see there, behind its own motion; one that `lies` does nothing for others."""
 
     def lost_beside(self, honest: Stage, liars: Collection[int]) -> float:
         """So much less than in the same run where these were honest."""
@@ -107,6 +104,11 @@ class Protocol:
     def maker(self, task: Task) -> Callable[[int], Controller]:
         """What makes a robot's controller, for its id."""
         return lambda rob_id: self.controller(rob_id, task)
+
+
+def squared_m(one: Point, other: Point) -> float:
+    """Return the square of the way from one to the other, m²."""
+    return (one[0] - other[0]) * (one[0] - other[0]) + (one[1] - other[1]) * (one[1] - other[1])
 
 
 def protocols() -> list[str]:

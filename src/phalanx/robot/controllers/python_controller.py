@@ -1,27 +1,15 @@
-"""How a researcher writes a controller in plain Python, and the bundled ones behind the same interface.
+"""Controllers in plain Python, and the bundled ones behind the same interface.
 
-An auditor feeds a copy of the controller the same readings and frames and compares every byte. A controller that can
-answer the same inputs differently convicts honest robots. So:
-
-- what it does depends on the mission, its robot's id, and the calls so far: no clock but `t_ms`, no random source, no
-  file, no global that changes, no thread;
-- nothing is iterated whose order can differ: no `set`, no `id()`, no `hash()` of a string;
-- floats know + - * / and `math.sqrt`, in a written order. `math.sin`, `exp`, `**`, `sum` of an array and anything of a
-  linear-algebra library differ between machines in the last bit (`controllers.sine` has a sine that does not);
-- numbers are rounded once, where they become bytes;
-- all that it remembers is in its `memory`: the base class then encodes it. With an `encode` of your own, all is in
-  that, and `decode(encode())` changes nothing that follows;
-- it remembers a bounded number of bytes, however many others talk to it;
-- frames come from liars, readings from the world: whatever they hold, nothing raises, and NaN goes no further.
-  `on_reading` and `on_state` see finite numbers alone, `on_input` and `on_recv` see any bytes.
-
-Source: RoboRebound §3.7 (deterministic replay); docs/adr/0012-determinism-of-controllers.md.
+An auditor feeds a copy of the controller the same readings and packets and compares every byte: one that can answer the
+same inputs differently convicts honest robots. Packets come from liars, so whatever bytes they hold, nothing raises,
+and NaN goes no further. Source: RoboRebound §3.7; docs/own-controller.md (all rules); docs/adr/0012.
 """
 
 from __future__ import annotations
 
 import dis
 import inspect
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -57,12 +45,7 @@ TYPED = {"on_input": "on_reading", "on_recv": "on_state"}  # what each of these 
 
 
 class OwnMistake(OwnFileError):
-    """A researcher's class did what it must not.
-
-    Attributes:
-        whose: the object that did it.
-        method: of that object, in which it happened.
-    """
+    """A researcher's object `whose` did what it must not, in its `method`."""
 
     def __init__(self, message: str, hint: str, whose: object, method: str = "on_input") -> None:
         super().__init__(message, hint)
@@ -84,25 +67,18 @@ class OwnMistake(OwnFileError):
 
 
 class Controller:
-    """A robot's controller: an object of a class derived from this, one for each robot. A new one has just booted.
+    """A robot's controller: one object for each robot, whose id is 1..65535. A new one has just booted.
 
-    Override `on_reading` and, to listen to others, `on_state`. Assign a new value to `self.memory` to remember
-    something.
-
-    To work with bytes of your own, override `on_input` in the place of `on_reading`, `on_recv` in the place of
-    `on_state`, `encode` and `decode` in the place of `memory`, and put out `Act` and `Send` in the place of `Command`
-    and `State`; any of these by itself.
-
-    Args:
-        rob_id: 1..65535.
+    Override `on_reading` and, to listen to others, `on_state`; assign to `self.memory` to remember something. To work
+    with bytes instead, override `on_input` for `on_reading`, `on_recv` for `on_state`, `encode` and `decode` for
+    `memory`, and put out `Act` and `Send` for `Command` and `State`; any of these by itself.
 
     Class attributes:
         memory: what it remembers at boot: a frozen dataclass, whose fields say how it is encoded (wire/packing.py).
         state_bytes: longest encoding; 0 for as much as the scenario has room for.
         reading_bytes: longest reading, of a robot whose driver has sensors of its own; 0 for the scenario's.
         senses: a lidar and bumpers, which simulations and arenas then have; their readings are as much longer.
-        is_ours: whether tests show that it answers the same inputs alike. Then a simulation replays them once, and not
-            for each auditor.
+        is_ours: whether tests show that it is deterministic. Then a simulation replays it once, not for each auditor.
     """
 
     memory: Any = None
@@ -144,10 +120,7 @@ class Controller:
     # --- typed -------------------------------------------------------------------------------------------------------
 
     def on_reading(self, step: int, t_ms: int, reading: Reading) -> Decision:  # noqa: ARG002
-        """Decide on a reading, the `step`th from 0, taken at `t_ms` of the s-node's clock.
-
-        Returns: what to do and to broadcast, in this order: commands first.
-        """
+        """Decide on a reading, the `step`th from 0, taken at `t_ms` of the s-node's clock: commands, then `State`s."""
         raise OwnMistake(f"{type(self).__name__} has no on_reading", "on_reading(self, step, t_ms, reading)", self)
 
     def on_state(self, t_ms: int, state: State) -> None:
@@ -161,10 +134,7 @@ class Controller:
         return self._encoding
 
     def decode(self, encoding: bytes) -> None:
-        """Remember what this checkpoint holds, and nothing else.
-
-        Raises: PeerError: not what `encode` of this robot's controller can give.
-        """
+        """Remember this checkpoint, and nothing else. Raises: PeerError: `encode` of this robot gives no such."""
         if self._packing:
             self.memory = self._packing.decode(encoding)
         elif encoding:
@@ -180,11 +150,7 @@ class Controller:
         """Hear a planner's advice, whatever it is."""
 
     def on_input(self, step: int, t_ms: int, reading: bytes) -> Iterable[Output]:
-        """Decide on a reading, the `step`th from 0, taken at `t_ms` of the s-node's clock.
-
-        Returns: what to do and to broadcast, in this order: commands first. A reading that makes no sense lets the
-            robot coast, in silence.
-        """
+        """Decide on a reading as bytes; at one that makes no sense the robot coasts, in silence."""
         size = Reading.RECORD.size
         seen = Reading.find(reading[:size], beside=reading[size:])
         if seen is None or (self.senses and not self.senses.is_readable(seen.beside)):
@@ -205,11 +171,24 @@ class Controller:
             raise OwnMistake(f"on_reading put out a {name}: {error}", "finite numbers up to 10^6", self) from error
 
 
-def checked_outputs(told: object, room: int, whose: object) -> list[Output]:
-    """Return a controller's outputs, if they can be put out: of at most `room` bytes each.
+class EvidenceController(Controller, ABC):
+    """A controller that also reads data of which the chain holds a hash alone, as scans."""
 
-    Raises: OwnMistake: no outputs, in the wrong order, or one that no a-node lets out. Source: docs/own-controller.md.
-    """
+    @abstractmethod
+    def keep(self, step: int, t_ms: int, reading: bytes, raw: bytes) -> bytes:
+        """Return what to keep of `raw`, whose hash is in `reading`; b"" for nothing. No auditor calls this."""
+
+    @abstractmethod
+    def on_evidence(self, step: int, t_ms: int, reading: bytes, evidence: bytes) -> Iterable[Output]:
+        """Decide as `on_input` does, with what was kept. Raises: PeerError: the evidence does not prove the reading."""
+
+    def on_input(self, step: int, t_ms: int, reading: bytes) -> Iterable[Output]:
+        """Decide on a reading of which nothing was kept."""
+        return self.on_evidence(step, t_ms, reading, b"")
+
+
+def checked_outputs(told: object, room: int, whose: object) -> list[Output]:
+    """Return a controller's outputs. Raises: OwnMistake: one is none, out of order, or not of 1 to `room` bytes."""
     asked = overridden(whose, "on_input")
     some = "a list of Command and State" if asked == "on_reading" else "a list of Act and Send"
 
@@ -238,10 +217,7 @@ def checked_outputs(told: object, room: int, whose: object) -> list[Output]:
 
 
 def checked_state(told: object, room: int, whose: object) -> bytes:
-    """Return what `encode` returned, if there is room for it: at most so many bytes.
-
-    Raises: OwnMistake: not bytes, or too many. Source: docs/own-controller.md.
-    """
+    """Return what `encode` returned. Raises: OwnMistake: not bytes, or more than there is room for."""
     if not isinstance(told, bytes):
         hint = "bytes, as struct packs them; b'' for nothing"
         raise OwnMistake(f"encode returned {kind_of(told)}", hint, whose, "encode")

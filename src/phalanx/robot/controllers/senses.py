@@ -14,12 +14,10 @@ RANGE = np.dtype(np.float32).newbyteorder("<")  # on any machine
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Senses:
-    """A point mass has no heading: all is from the east on, counterclockwise, in the world's frame.
+    """A lidar and bumpers; all is counterclockwise from the east of the world's frame, for a point mass has no heading.
 
     Behind the 27 bytes of a reading stand `beams` ranges, f32 little-endian, m from the robot's middle, infinity where
-    nothing is within `range_m`; and `bumpers` bytes, a sector each, 1 where it touches something.
-
-    Raises: UsageError: a value is out of range.
+    nothing is within `range_m`; and `bumpers` bytes, 1 where a sector touches. Raises: UsageError: out of range.
     """
 
     beams: int = within(0, 0, 360)
@@ -38,18 +36,17 @@ class Senses:
         """Return whether these bytes are ranges, of which none is negative or a NaN, and bumpers, each 0 or 1."""
         if len(beside) != self.size:
             return False
-        return all(each >= 0.0 for each in self._ranges(beside)) and all(each <= 1 for each in self._bumpers(beside))
+        ranges_m, touches = self._both(beside)
+        return all(each >= 0.0 for each in ranges_m) and all(each <= 1 for each in touches)
 
     def ranges_m(self, reading: Reading) -> tuple[float, ...]:
         """Return how far it is to what each beam hits; infinity for nothing in range."""
-        return self._ranges(reading.beside)
+        return self._both(reading.beside)[0]
 
     def touches(self, reading: Reading) -> tuple[bool, ...]:
         """Return whether each bumper touches something."""
-        return tuple(map(bool, self._bumpers(reading.beside)))
+        return tuple(map(bool, self._both(reading.beside)[1]))
 
-    def _ranges(self, beside: bytes) -> tuple[float, ...]:
-        return tuple(np.frombuffer(beside, RANGE, self.beams).tolist())
-
-    def _bumpers(self, beside: bytes) -> bytes:
-        return np.frombuffer(beside, np.uint8, self.bumpers, RANGE.itemsize * self.beams).tobytes()
+    def _both(self, beside: bytes) -> tuple[tuple[float, ...], bytes]:
+        end = RANGE.itemsize * self.beams
+        return tuple(np.frombuffer(beside, RANGE, self.beams).tolist()), beside[end : end + self.bumpers]

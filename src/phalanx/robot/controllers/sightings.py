@@ -1,12 +1,9 @@
-"""What guards and trackers have in common: things that move, told by who sees them, and a few robots that go to each.
+"""The common part of guards and trackers: things that move, reported by robots that see them; a few go to each.
 
-A sensor tells where the nearest thing is, seen from the robot, and which one, but no farther than `SIGHT_STEPS`. Who
-speaks says what it sees. Of one thing the latest word counts: so a robot's own eyes come first, while they see it. The
-`party` nearest robots go to it, all others to their posts, which is where they began. A word is forgotten after
-`FRESH_PERIODS`, so a lie is too, once its liar is silent; and of each robot only its last word is known, so a liar's
-inventions are never more than one.
-
-Source: RoboRebound §2.1, §2.3 (decisions on what others report); docs/protocols.md.
+A sensor reports the nearest thing within `SIGHT_STEPS`. Of one thing the latest message counts, so a robot's own eyes
+come first. The `party` nearest robots go to it, all others to their posts. Messages are forgotten after
+`FRESH_PERIODS`, and of each robot only the last is known: a liar never invents more than one thing. Source: RoboRebound
+§2.1, §2.3.
 """
 
 from __future__ import annotations
@@ -14,25 +11,23 @@ from __future__ import annotations
 import hashlib
 import math
 from abc import abstractmethod
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from phalanx.wire.protocols import KIND_SIGHTING, NOWHERE, SEEN, SIGHTED, SIGHTING
 from phalanx.wire.record import MalformedRecord
 
 from .peer_bodies import BEHIND_T, ID, fields_of, is_fine
 from .peers import PeerController
-from .protocol import Point, Stage, Task
+from .protocol import Point, Stage, Task, squared_m
 from .python_controller import Output, Send
 
 SIGHT_STEPS = 0.5  # of the robots' own step: so far a sensor sees
 FRESH_PERIODS = 2  # of broadcasts: so long a word counts
 
 
-@dataclass(frozen=True, slots=True)
-class Sighted:
-    """What a robot said last of a thing that it sees: heard when, which thing, and where it is."""
+class Sighted(NamedTuple):
+    """The last message of a robot on a thing that it sees: heard when, which thing, and where it is."""
 
     at_ms: int = 0
     number: int = NOWHERE
@@ -114,8 +109,7 @@ class SightController(PeerController):
 
     def encode(self) -> bytes:
         """A `peer_memory`, and a `sighted` of each robot behind it, its own too."""
-        said = (SIGHTED.form.pack(each.at_ms, each.number, each.x_m, each.y_m) for each in self.sighted.values())
-        return super().encode() + b"".join(said)
+        return super().encode() + b"".join(SIGHTED.form.pack(*each) for each in self.sighted.values())
 
     def decode(self, encoding: bytes) -> None:
         """Back to a checkpoint. Raises: MalformedRecord: not one of this robot's."""
@@ -166,8 +160,3 @@ def drawn(words: str) -> tuple[float, float]:
     """Two shares of one, the same for the same words with any version of any library."""
     number = int(hashlib.sha256(words.encode()).hexdigest(), 16)
     return (number >> 224) / (1 << 32), (number >> 192) % (1 << 32) / (1 << 32)
-
-
-def squared_m(one: Point, other: Point) -> float:
-    """Of the way from one to the other, m²."""
-    return (one[0] - other[0]) * (one[0] - other[0]) + (one[1] - other[1]) * (one[1] - other[1])

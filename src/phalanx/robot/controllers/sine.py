@@ -19,10 +19,7 @@ def sine(angle_rad: float) -> float:
 
 @kernel
 def sine_cosine(angle_deg: float) -> tuple[float, float]:
-    """Sine and cosine of any angle within +-10^6 degrees, to 1e-14.
-
-    Degrees, because whole turns can be taken off them exactly.
-    """
+    """Return sine and cosine of an angle within +-10^6 degrees, of which whole turns come off exactly; to 1e-14."""
     quarters = int(angle_deg / 90.0 + (0.5 if angle_deg >= 0.0 else -0.5))
     angle_rad = (angle_deg - 90.0 * quarters) * RAD_PER_DEG
     half = sine(angle_rad * 0.5)

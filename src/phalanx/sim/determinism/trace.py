@@ -118,9 +118,7 @@ def _step(controller: Controller, call: Call) -> Step:
     except Exception as error:  # noqa: BLE001 - it is told
         raised = _told(error)
     try:
-        state = checked_state(
-            controller.encode(), _room(getattr(controller, "longest_bytes", controller.state_bytes)), controller
-        )
+        state = checked_state(controller.encode(), _room(controller.state_bytes), controller)
     except OwnMistake as error:
         state, refused = b"", refused or str(error)
     except Exception as error:  # noqa: BLE001 - as above

@@ -18,8 +18,8 @@ from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.landmarks.codes import SeenCode
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.refused import MalformedMission
+from phalanx.robot.controllers.mission.evidence import Eye, code_entry, reading_entry
 from phalanx.robot.controllers.mission.readings import Sensors
-from phalanx.robot.controllers.mission.sensed import Eye, code_entry, reading_entry
 from phalanx.sim.building.camera import Camera
 from phalanx.sim.building.odometry import Body, DiffDrive, Odometry, OdometryNoise, Pose, counted, stepped, wheels_of
 from phalanx.sim.building.walkers import Walkers

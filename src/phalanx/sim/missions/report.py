@@ -17,8 +17,7 @@ from phalanx.mission.observable import MM_PER_M
 from phalanx.mission.walk.found import Claim
 from phalanx.mission.walk.outcome import Kind, Reason
 from phalanx.mission.walk.table import Event
-from phalanx.robot.controllers.mission.controller import Missions
-from phalanx.robot.controllers.mission.observed import ObservedController
+from phalanx.robot.controllers.mission.controller import MissionController, Missions
 from phalanx.sim.building.odometry import Pose
 
 from .body import MissionBody
@@ -64,8 +63,8 @@ class Report:
     heading_error_rad: list[float] = field(default_factory=list)  # of each step, with fixes
 
 
-class TimedController(ObservedController):
-    """The robot's own controller, observed, with a stopwatch on which nothing depends.
+class TimedController(MissionController):
+    """The robot's own controller, with a stopwatch on which nothing depends.
 
     Attributes:
         search_ms, extraction_ms: of each step in which something was tried or seen.
@@ -129,7 +128,7 @@ class Logbook:
         if outcome is None:
             return
         report.hashes_tried += outcome.trials
-        if outcome.fix is not None and (wrong := wrong_by(true, estimate, self.controller.spread())):
+        if outcome.fix is not None and (wrong := wrong_by(true, estimate, self.controller.memory.belief.doubt)):
             report.false_fixes += 1
             report.denied.append((t_s, "fix", wrong))
         why = self._why_not(outcome, phase)

@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.arrays import Params
 from phalanx.config import BtiConfig
 from phalanx.errors import UsageError
 from phalanx.robot.controllers.bundled.wheels import CAPACITY_BYTES, ROUTE
-from phalanx.robot.controllers.parameters import Params
 from phalanx.robot.controllers.peers import PeerController
 from phalanx.robot.controllers.places import PLACES_A_SIDE
 from phalanx.robot.controllers.protocol import Point, Task, find_protocol, protocols

@@ -1,38 +1,21 @@
 """Olfati-Saber flocking: neighbours at their distance (alpha), around obstacles (beta), to the goal (gamma).
 
-Reads the sensor's record `sensor`, hears and broadcasts `state`, commands `acceleration`; its own state is a
-`flock_memory` and its neighbours (phalanx.wire.table): 18 + 26 n bytes.
-
-The state is the paper's checkpoint less the c-node's own part. Neighbours lie in it by rising id and are summed in that
-order. One not heard for `forget_ms` is forgotten: who has driven out of range would otherwise push for ever from where
-it was last seen, and a liar's inventions would outlive the liar. The price: a robot that is switched off and silent is
-soon forgotten too, though it still stands there (the paper keeps the time it was heard, and does not say what for).
-Times are those of the log's entries; what a frame says of its own time is not believed, and not used.
-
-A reading that makes no sense (another's id, NaN, beyond 10^6) changes nothing: the robot is told to coast and says
-nothing.
+Its state is a `flock_memory` and its neighbours by rising id, 18 + 26 n bytes. One not heard for `forget_ms` is
+forgotten: it would otherwise push for ever from where it was last seen, and a liar's inventions would outlive the liar.
+The price: a silent robot is forgotten too, though it still stands there. Times are the log's; a packet's own is not
+used. A reading that makes no sense changes nothing: the robot coasts and says nothing.
 
 Source: RoboRebound Alg. 1, §5.2 (the checkpoint), Table 3; Olfati-Saber 2006, eq. 8-17, 47-59.
 """
 
 from __future__ import annotations
 
+from phalanx.arrays import Params
 from phalanx.kernel import kernel
 from phalanx.robot.controllers import flock_law, neighbours
 from phalanx.robot.controllers.declaration import Declaration
-from phalanx.robot.controllers.parameters import Params
 from phalanx.wire import table
-from phalanx.wire.fields import (
-    F32_BYTES,
-    Row,
-    are_fine,
-    copy,
-    get_f32,
-    get_u16,
-    put_f32,
-    put_head,
-    whole,
-)
+from phalanx.wire.fields import Row, are_fine, copy, get_f32, put_f32, put_head, whole
 
 CONTROLLER = Declaration(
     reads=table.SENSOR,
@@ -41,16 +24,10 @@ CONTROLLER = Declaration(
     remembers=(table.FLOCK_MEMORY, table.NEIGHBOUR),
     params=flock_law.flock_params,
 )
-STATE_BYTES = table.STATE.size
-SENSOR_BYTES = table.SENSOR.size
+STATE_BYTES, MOTION, MOTION_BYTES = neighbours.STATE_BYTES, neighbours.MOTION, neighbours.MOTION_BYTES
 COMMAND_BYTES = table.ACCELERATION.size
-ID = table.STATE.at("id")  # as in the other two
-MOTION = table.STATE.at("x_m")  # position and velocity, as in the reading and in what is remembered
 AX, AY = map(table.ACCELERATION.at, ("ax_mps2", "ay_mps2"))
-MOTION_BYTES = table.STATE.size - MOTION
-NUMBERS = MOTION_BYTES // F32_BYTES
-
-X, Y, VX, VY, COUNT = map(table.FLOCK_MEMORY.at, ("x_m", "y_m", "vx_mps", "vy_mps", "count"))
+X, Y, VX, VY = map(table.FLOCK_MEMORY.at, ("x_m", "y_m", "vx_mps", "vy_mps"))
 HEAD_BYTES = table.FLOCK_MEMORY.size
 EACH_BYTES, PLACE = neighbours.EACH_BYTES, neighbours.PLACE
 
@@ -76,46 +53,25 @@ def begin(_params: Params, _rob_id: int, state: Row) -> int:
 
 @kernel
 def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
-    """Whether the first `length` bytes are a state that this robot can be in; to be asked of every foreign checkpoint.
-
-    The other kernels believe their state: a count too high would have them read and write past its row.
-    """
-    if length < HEAD_BYTES or length != size(state) or length > capacity(params) or not are_fine(state, X, NUMBERS):
-        return False
-    return neighbours.are_neighbours(state, HEAD_BYTES, rob_id)
+    """Return whether the first `length` bytes are a state that this robot can be in (dispatch.py)."""
+    fits = HEAD_BYTES <= length <= capacity(params) and length == size(state)
+    return fits and are_fine(state, X, neighbours.NUMBERS) and neighbours.are_neighbours(state, HEAD_BYTES, rob_id)
 
 
 @kernel
 def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, state: Row) -> int:
-    """What the sender of a broadcast says is remembered, anything else ignored; the new length of the encoding.
-
-    Who is new when N_max are known takes the place of the one heard longest ago, of these of the lowest id.
-    Source: docs/spec/rebound.md (which to forget).
-    """
-    if length != STATE_BYTES or frame[0] != table.KIND_STATE or not are_fine(frame, MOTION, NUMBERS):
-        return size(state)
-    rob = get_u16(frame, ID)
-    if rob in (0, rob_id):
-        return size(state)
-    at = neighbours.place_of(rob, state, HEAD_BYTES)
-    full = get_u16(state, COUNT) == whole(params[flock_law.N_MAX])
-    if full and not neighbours.is_at(rob, at, state, HEAD_BYTES):
-        neighbours.remove(neighbours.oldest(state, HEAD_BYTES), state, HEAD_BYTES)
-        at = neighbours.place_of(rob, state, HEAD_BYTES)
-    neighbours.put(rob, t_ms, frame, at, state, HEAD_BYTES)
+    """Remember a broadcast, in place of the one heard longest ago if full; return the new length of the encoding."""
+    rob = neighbours.sender(rob_id, frame, length)
+    if rob != 0:
+        neighbours.remember(rob, whole(params[flock_law.N_MAX]), t_ms, frame, state, HEAD_BYTES)
     return size(state)
 
 
 @kernel
 def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, length: int, state: Row, out: Row) -> int:
-    """Put a command, and a broadcast when it is due, into `out`; return their length together.
-
-    A broadcast is due when (step + rob_id) mod 6 = 0, so that a fleet started at once does not send at once.
-    Source: RoboRebound Alg. 1, §4.
-    """
+    """Put a command into `out`, and a broadcast when it is due; return their length. Source: RoboRebound Alg. 1, §4."""
     end = put_head(out, 0, table.ENTRY_ACMD, COMMAND_BYTES, table.KIND_ACCELERATION, rob_id, t_ms)
-    known = length == SENSOR_BYTES and reading[0] == table.KIND_SENSOR and get_u16(reading, ID) == rob_id
-    if not known or not are_fine(reading, MOTION, NUMBERS):
+    if not neighbours.is_reading(rob_id, reading, length):
         put_f32(out, end + AX, 0.0)
         put_f32(out, end + AY, 0.0)
         return end + COMMAND_BYTES
@@ -125,7 +81,7 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
     put_f32(out, end + AX, flock_law.limited(ax, params[flock_law.LIMIT]))
     put_f32(out, end + AY, flock_law.limited(ay, params[flock_law.LIMIT]))
     end += COMMAND_BYTES
-    if (step + rob_id) % whole(params[flock_law.STATE_EVERY]) == 0:
+    if (step + rob_id) % whole(params[flock_law.STATE_EVERY]) == 0:  # robots started at once do not send at once
         end = put_head(out, end, table.ENTRY_SEND, STATE_BYTES, table.KIND_STATE, rob_id, t_ms)
         copy(out, end + MOTION, reading, MOTION, MOTION_BYTES)
         end += STATE_BYTES
@@ -137,13 +93,9 @@ def _acceleration(params: Params, state: Row) -> tuple[float, float]:
     x, y, vx, vy = get_f32(state, X), get_f32(state, Y), get_f32(state, VX), get_f32(state, VY)
     ax, ay = 0.0, 0.0
     for at in range(HEAD_BYTES + PLACE, size(state), EACH_BYTES):
-        push_x, push_y = flock_law.neighbour_push(
-            params,
-            get_f32(state, at + X) - x,  # a neighbour's motion lies as one's own
-            get_f32(state, at + Y) - y,
-            get_f32(state, at + VX) - vx,
-            get_f32(state, at + VY) - vy,
-        )
+        dx, dy = get_f32(state, at + X) - x, get_f32(state, at + Y) - y  # a neighbour's motion lies as one's own
+        dvx, dvy = get_f32(state, at + VX) - vx, get_f32(state, at + VY) - vy
+        push_x, push_y = flock_law.neighbour_push(params, dx, dy, dvx, dvy)
         ax += push_x
         ay += push_y
     ax = flock_law.limited(ax, params[flock_law.PUSH])

@@ -1,20 +1,13 @@
 """The guard: what a planner advises is done as far as the mission's envelope lets it.
 
-Reads the sensor's record `sensor`, is advised by `wish`, hears and broadcasts `state`, whose velocity is what it
-promises (promises.py), commands `acceleration`; its own state is a `guard_memory` and its neighbours
-(phalanx.wire.guarded): 127 + 26 n bytes. A planner may be anything: what it says is in the log, auditors replay the
-guard over it, and whatever it says the command is inside the envelope.
+It is advised by `wish`; the velocity in its broadcasts is what it promises (promises.py). Its state is a `guard_memory`
+and its neighbours: 127 + 26 n bytes. The log holds advice and auditors replay the guard over it: whatever a planner
+says, the command is inside the envelope. It tries the wish, then smaller shares of it, and brakes if none is good.
 
-It tries the wish, then smaller shares of it, and brakes if none leaves room and keeps what it promised. It stands still
-
-- when advice is too old, or was never given, or is no finite velocity: such advice is none at all; nor is any that is
-  not signed by whom the mission names, if it names one;
-- for the first `forget_ms`, to hear who is there;
-- for `forget_ms` after it has heard a robot where that robot cannot have got to since it was heard last, for then
-  somebody speaks in another's name; or more robots than it can remember.
-
-A reading that makes no sense (another's id, NaN, beyond 10^6) changes nothing: the robot is told to coast and says
-nothing.
+It stands still when advice is too old, missing, no finite velocity, or not signed by the adviser that the mission
+names; for the first `forget_ms`, to hear who is there; and for `forget_ms` after it has heard more robots than it can
+remember, or one where that robot cannot have got to: somebody speaks in its name. A reading that makes no sense changes
+nothing: it coasts and says nothing.
 
 Source: docs/guard.md (the law, and why it keeps clear); RoboRebound Alg. 1 (the frame of it).
 """
@@ -23,12 +16,12 @@ from __future__ import annotations
 
 import math
 
+from phalanx.arrays import Params
 from phalanx.bti import trusted
 from phalanx.config.guard import GuardConfig
 from phalanx.kernel import kernel
 from phalanx.robot.controllers import guard_law, neighbours, promises
 from phalanx.robot.controllers.declaration import Declaration
-from phalanx.robot.controllers.parameters import Params
 from phalanx.wire import driven, guarded, table
 from phalanx.wire.fields import (
     F32_BYTES,
@@ -55,24 +48,17 @@ CONTROLLER = Declaration(
     config=GuardConfig,
     params=guard_law.guard_params,
 )
-STATE_BYTES = table.STATE.size
-SENSOR_BYTES = table.SENSOR.size
+STATE_BYTES, MOTION = neighbours.STATE_BYTES, neighbours.MOTION
 COMMAND_BYTES = table.ACCELERATION.size
 WISH_BYTES = guarded.WISH.size
-ID = table.STATE.at("id")  # as in the other two
-MOTION = table.STATE.at("x_m")  # position and velocity, as in the reading
 SENSED_X, SENSED_Y, SENSED_VX, SENSED_VY = map(table.SENSOR.at, ("x_m", "y_m", "vx_mps", "vy_mps"))
 AX, AY = map(table.ACCELERATION.at, ("ax_mps2", "ay_mps2"))
 WISH_X = guarded.WISH.at("vx_mps")
-SIGNED_BYTES = guarded.SIGNED_BYTES
 SIGNED_MISSION, SIGNED_ID, SIGNED_T, SIGNED_X = map(guarded.SIGNED_WISH.at, ("mission", "id", "t", "vx_mps"))
 VELOCITY_X, VELOCITY_Y = map(table.STATE.at, ("vx_mps", "vy_mps"))  # in a broadcast what is promised
 PLACE_BYTES = VELOCITY_X - MOTION
-NUMBERS = (STATE_BYTES - MOTION) // F32_BYTES
-
-ENVELOPE_BYTES = guarded.ENVELOPE_BYTES
 OLD_X, OLD_Y, WISHED_X, WISHED_Y = map(guarded.GUARD_MEMORY.at, ("ax_mps2", "ay_mps2", "vx_mps", "vy_mps"))
-FRESH, WISHED, STANDS, COUNT = map(guarded.GUARD_MEMORY.at, ("fresh", "wished", "stands", "count"))
+FRESH, WISHED, STANDS = map(guarded.GUARD_MEMORY.at, ("fresh", "wished", "stands"))
 HEAD_BYTES = guarded.GUARD_MEMORY.size
 EACH_BYTES, HEARD = neighbours.EACH_BYTES, neighbours.HEARD
 PLACE_X, PLACE_Y, SAID_X, SAID_Y = map(table.NEIGHBOUR.at, ("x_m", "y_m", "vx_mps", "vy_mps"))
@@ -103,17 +89,14 @@ def size(state: Row) -> int:
 def begin(params: Params, _rob_id: int, state: Row) -> int:
     """The boot state is in `state`: the mission's envelope, and nothing heard; its length."""
     state[:HEAD_BYTES] = 0
-    for k in range(ENVELOPE_BYTES):
+    for k in range(guarded.ENVELOPE_BYTES):
         state[k] = whole(params[guard_law.HASH + k])
     return size(state)
 
 
 @kernel
 def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
-    """Whether the first `length` bytes are a state that this robot can be in; to be asked of every foreign checkpoint.
-
-    The other kernels believe their state: a count too high would have them read and write past its row.
-    """
+    """Return whether the first `length` bytes are a state that this robot can be in (dispatch.py)."""
     if length < HEAD_BYTES or length != size(state) or length > _longest(params):
         return False
     if not are_fine(state, OLD_X, REMEMBERED) or state[FRESH] > guarded.IS_FRESH:
@@ -123,7 +106,7 @@ def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
     for at in range(promises.MADE_AT, promises.END, promises.EACH_BYTES):
         if get_u64(state, at + promises.UNTIL) < 0 or not are_fine(state, at + promises.PROMISED_X, promises.NUMBERS):
             return False
-    for k in range(ENVELOPE_BYTES):
+    for k in range(guarded.ENVELOPE_BYTES):
         if state[k] != whole(params[guard_law.HASH + k]):
             return False
     return neighbours.are_neighbours(state, HEAD_BYTES, rob_id)
@@ -131,15 +114,14 @@ def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
 
 @kernel
 def on_advice(params: Params, rob_id: int, advice: Row, length: int, state: Row) -> int:
-    """A wish is remembered, anything else ignored; the new length of the encoding.
+    """Remember a wish, ignore anything else; return the new length of the encoding.
 
-    Where the mission names an adviser it has to be his, newer than the last, and the first since the last reading: so
-    that nobody has auditors look at signatures all day.
+    An adviser's has to be newer, and the first since the last reading: nobody makes auditors check signatures all day.
     """
     at, adviser = WISH_X, guard_law.adviser_at(params)
     if adviser > 0:
         at = SIGNED_X
-        if length != SIGNED_BYTES or not _is_signed(params, adviser, rob_id, advice, length, state):
+        if length != guarded.SIGNED_BYTES or not _is_signed(params, adviser, rob_id, advice, length, state):
             return size(state)
     elif length != WISH_BYTES or advice[0] != guarded.KIND_WISH:
         return size(state)
@@ -173,27 +155,20 @@ def _is_signed(params: Params, adviser: int, rob_id: int, advice: Row, length: i
 
 @kernel
 def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, state: Row) -> int:
-    """Where the sender of a broadcast says it is is remembered, anything else ignored; the new length of the encoding.
-
-    Who is new when N_max are known takes the place of the one heard longest ago, of these of the lowest id.
-    """
-    if length != STATE_BYTES or frame[0] != table.KIND_STATE or not are_fine(frame, MOTION, NUMBERS):
+    """Remember a broadcast, ignore anything else, as a flock's robots do; return the new length of the encoding."""
+    rob = neighbours.sender(rob_id, frame, length)
+    if rob == 0:
         return size(state)
-    rob = get_u16(frame, ID)
-    if rob in (0, rob_id):
-        return size(state)
-    forget_ms = whole(params[guard_law.FORGET_MS])
+    forget_ms, n_max = whole(params[guard_law.FORGET_MS]), whole(params[guard_law.N_MAX])
     at = neighbours.place_of(rob, state, HEAD_BYTES)
+    stands = False
     if neighbours.is_at(rob, at, state, HEAD_BYTES):
-        if not _can_be(params, t_ms, frame, at, state):
-            put_u64(state, STANDS, t_ms + forget_ms)
-    elif get_u16(state, COUNT) == whole(params[guard_law.N_MAX]):
-        oldest = neighbours.oldest(state, HEAD_BYTES)
-        if t_ms - get_u64(state, oldest + HEARD) <= forget_ms:
-            put_u64(state, STANDS, t_ms + forget_ms)
-        neighbours.remove(oldest, state, HEAD_BYTES)
-        at = neighbours.place_of(rob, state, HEAD_BYTES)
-    neighbours.put(rob, t_ms, frame, at, state, HEAD_BYTES)
+        stands = not _can_be(params, t_ms, frame, at, state)
+    elif neighbours.count(state, HEAD_BYTES) == n_max:
+        stands = t_ms - get_u64(state, neighbours.oldest(state, HEAD_BYTES) + HEARD) <= forget_ms
+    if stands:
+        put_u64(state, STANDS, t_ms + forget_ms)
+    neighbours.remember(rob, n_max, t_ms, frame, state, HEAD_BYTES)
     return size(state)
 
 
@@ -209,10 +184,7 @@ def _can_be(params: Params, t_ms: int, frame: Row, at: int, state: Row) -> bool:
 
 @kernel
 def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, length: int, state: Row, out: Row) -> int:
-    """A command, and when it is due a broadcast, are in `out`; their length together.
-
-    Source: docs/guard.md; RoboRebound §4 (when to broadcast).
-    """
+    """Put a command, and a broadcast when it is due, into `out`; return their length. Source: docs/guard.md."""
     end = put_head(out, 0, table.ENTRY_ACMD, COMMAND_BYTES, table.KIND_ACCELERATION, rob_id, t_ms)
     forget_ms = whole(params[guard_law.FORGET_MS])
     if step == 0:
@@ -222,9 +194,7 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
         if guard_law.adviser_at(params) == 0:
             put_u64(state, WISHED, t_ms)
     ax, ay, said = 0.0, 0.0, whole(0)
-    known = length == SENSOR_BYTES and reading[0] == table.KIND_SENSOR and get_u16(reading, ID) == rob_id
-    known = known and are_fine(reading, MOTION, NUMBERS)
-    if known:
+    if neighbours.is_reading(rob_id, reading, length):
         neighbours.forget(forget_ms, t_ms, state, HEAD_BYTES)
         now = _now(reading, state)
         if (step + rob_id) % whole(params[guard_law.STATE_EVERY]) == 0:
@@ -305,10 +275,7 @@ def _is_good(params: Params, t_ms: int, now: guard_law.Motion, state: Row, ax: f
 
 @kernel
 def _promised(params: Params, t_ms: int, now: guard_law.Motion, state: Row) -> tuple[float, float]:
-    """What it promises: as much of its wish as is fair to each neighbour, if its brakes are in that.
-
-    Else what they are in; and if it is too fast for that, or nobody is near, nothing but the envelope's speed.
-    """
+    """Return as much of its wish as is fair to all neighbours; else what brakes are in; else the envelope's speed."""
     speed = params[guard_law.SPEED]
     gx, gy = guard_law.shortened(*_wished(params, t_ms, state), promises.MEANT * speed)
     share, alone = 1.0, True

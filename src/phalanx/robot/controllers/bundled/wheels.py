@@ -1,16 +1,10 @@
 """Robots that visitors drive: two wheels and an LED, by joystick or along a route.
 
-Reads the sensor's record `wheels_sensor` (mm, degrees), obeys an `order` that it can check (orders.py), broadcasts
-`wheels_state`, commands `wheels_command`; its own state is a `wheels_memory` and its route (phalanx.wire.driven):
-158 + 4 n bytes. Whom it obeys, by their keys, is in that state from the first on, so that nobody obeys another.
+It obeys an `order` that it can check (orders.py). Its state is a `wheels_memory` and its route: 158 + 4 n bytes, with
+the keys it obeys and the last joystick order; a reached point of the route is taken out. While somebody holds it, it
+stands. A reading that makes no sense stops the wheels, in silence.
 
-Lengths and directions are those of docs/spec/vocabulary.md: x to the right, y down, the nose along (-sin, cos). The
-state's left, right and heard are the last joystick's word, and the n points are what is left of the route: a point that
-is reached is taken out. While somebody holds it, it stands.
-
-A reading that makes no sense changes nothing: the wheels stop, and the robot says nothing.
-
-Source: docs/spec/vocabulary.md (what orders mean); RoboRebound Alg. 1 (the frame of it).
+Source: docs/spec/vocabulary.md (orders, lengths and directions); RoboRebound Alg. 1 (the frame of it).
 """
 
 from __future__ import annotations
@@ -19,11 +13,11 @@ import math
 
 import numpy as np
 
+from phalanx.arrays import Params
 from phalanx.config.flock import WheelsConfig
 from phalanx.kernel import kernel
 from phalanx.robot.controllers import orders
 from phalanx.robot.controllers.declaration import Declaration
-from phalanx.robot.controllers.parameters import Params
 from phalanx.robot.controllers.sine import sine_cosine
 from phalanx.robot.follow import FULL_PCT, percent, steer
 from phalanx.wire import driven, table
@@ -67,7 +61,6 @@ ID = table.WHEELS_STATE.at("id")  # as in the other two
 BODY = table.WHEELS_STATE.at("x_mm")  # the pose, as in the reading; in the command the wheels
 POSE_BYTES = table.WHEELS_STATE.at("red") - BODY
 POSE_NUMBERS = POSE_BYTES // F32_BYTES
-LED_BYTES = orders.LED_BYTES
 
 X, Y, DIRECTION, LEFT, RIGHT = map(driven.WHEELS_MEMORY.at, ("x_mm", "y_mm", "direction_deg", "left", "right"))
 HEARD, LED, HELD, CHECKS = map(driven.WHEELS_MEMORY.at, ("heard", "red", "held", "checks"))
@@ -104,10 +97,7 @@ def begin(params: Params, _rob_id: int, state: Row) -> int:
 
 @kernel
 def is_encoding(params: Params, _rob_id: int, state: Row, length: int) -> bool:
-    """Whether the first `length` bytes are a state that a robot can be in; to be asked of every foreign checkpoint.
-
-    The other kernels believe their state: a count too high would have them read and write past its row.
-    """
+    """Return whether the first `length` bytes are a state that this robot can be in (dispatch.py)."""
     if not ROUTE <= length <= CAPACITY_BYTES or length != size(state) or not are_fine(state, X, POSE_NUMBERS):
         return False
     left, right = get_i8(state, LEFT), get_i8(state, RIGHT)
@@ -137,10 +127,7 @@ def _are_signers(params: Params, state: Row) -> bool:
 
 @kernel
 def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, state: Row) -> int:
-    """An order that this robot has to obey is obeyed, anything else ignored; the new length of the encoding.
-
-    Source: docs/spec/orders.md.
-    """
+    """Obey an order that this robot has to obey; return the new length of the encoding. Source: docs/spec/orders.md."""
     if not orders.is_order(whole(params[MISSION]), rob_id, frame, length):
         return size(state)
     who = whole(frame[orders.WHO])
@@ -166,7 +153,7 @@ def _obey(who: int, t_ms: int, frame: Row, end: int, state: Row) -> None:
     elif action == driven.TELL_GO:
         state[HELD] &= HELD_BY_ALL - (1 << who)
     elif action == driven.TELL_LED:
-        copy(state, LED, frame, body, LED_BYTES)
+        copy(state, LED, frame, body, orders.LED_BYTES)
     elif action == driven.TELL_WHEELS and state[HELD] == 0:
         state[LEFT] = percent(get_i8(frame, body)) & 255
         state[RIGHT] = percent(get_i8(frame, body + TOLD_RIGHT)) & 255
@@ -182,10 +169,7 @@ def _obey(who: int, t_ms: int, frame: Row, end: int, state: Row) -> None:
 
 @kernel
 def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, length: int, state: Row, out: Row) -> int:
-    """A command, and when it is due a broadcast, are in `out`; their length together.
-
-    Source: docs/spec/vocabulary.md; RoboRebound §4 (when to broadcast).
-    """
+    """Put a command, and a broadcast when it is due, into `out`; return their length."""
     left, right = whole(0), whole(0)
     state[CHECKS] = 0
     known = length == READING_BYTES and reading[0] == table.KIND_WHEELS_SENSOR and get_u16(reading, ID) == rob_id
@@ -200,13 +184,13 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
     end = BODY + put_head(out, 0, table.ENTRY_ACMD, COMMAND_BYTES, table.KIND_WHEELS_COMMAND, rob_id, t_ms)
     out[end] = left & 255
     out[end + COMMAND_RIGHT] = right & 255
-    copy(out, end + COMMAND_LED, state, LED, LED_BYTES)
+    copy(out, end + COMMAND_LED, state, LED, orders.LED_BYTES)
     end += COMMAND_BYTES - BODY
     if known and (step + rob_id) % whole(params[STATE_EVERY]) == 0:
         end = BODY + put_head(out, end, table.ENTRY_SEND, STATE_BYTES, table.KIND_WHEELS_STATE, rob_id, t_ms)
         copy(out, end, state, X, POSE_BYTES)
-        copy(out, end + POSE_BYTES, state, LED, LED_BYTES)
-        end += POSE_BYTES + LED_BYTES
+        copy(out, end + POSE_BYTES, state, LED, orders.LED_BYTES)
+        end += POSE_BYTES + orders.LED_BYTES
     return end
 
 

@@ -1,11 +1,7 @@
 """A robot on an encoded mission, as a controller that peers replay without its keys and without its map.
 
-Where nobody audits it, it takes in more than a chain could hold: each scan, its camera's codes, what others report.
-
-What it reads, says and commands are the records `mission_reading`, `mission_message`, `drive` and `action` of
-phalanx.wire.table; what it remembers, which is its checkpoint, is a `mission_memory`, what it says, `crumb`s of the way
-here, and the walk (mission/walk/checkpoint.py). Evidence: evidence.py.
-
+Where nobody audits it, it takes in more than a chain could hold: each scan, its camera's codes, what others report. Its
+checkpoint is a `mission_memory`, what it says, `crumb`s of the way here, and the walk (mission/walk/checkpoint.py).
 Source: docs/spec/mission.md (Under audit); docs/adr/0020.
 """
 
@@ -31,24 +27,14 @@ from phalanx.mission.refused import MalformedMission
 from phalanx.mission.walk.checkpoint import encode_state, parse_state, state_capacity
 from phalanx.mission.walk.fix import begun_at, fixed, moved
 from phalanx.mission.walk.found import Claim
-from phalanx.robot.controllers.evidence_controller import EvidenceController
-from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send
+from phalanx.robot.controllers.python_controller import Act, Controller, EvidenceController, Output, Send
+from phalanx.wire import table
 from phalanx.wire.record import MalformedRecord
-from phalanx.wire.table import (
-    ACTION,
-    CRUMB,
-    DRIVE,
-    KIND_ACTION,
-    KIND_DRIVE,
-    KIND_MISSION_MESSAGE,
-    MISSION_MEMORY,
-    MISSION_MESSAGE,
-)
 
-from .evidence import BadEvidence, pack_evidence, unpack_evidence
+from .course import Course
+from .evidence import BadEvidence, Eye, codes_at, pack_evidence, parse_sensed, unpack_evidence
 from .pilot import TRAIL_MAX, Drive, Leg, drive
 from .readings import CLEAR, CLEAR_STEP_M, SENSED_MAX_BYTES, Reading, Sensors, scan_sha1
-from .sensed import Eye, codes_at, parse_sensed
 from .surroundings import Pose, Sectors, packed, unpacked
 
 SAID_MAX = 8
@@ -92,12 +78,7 @@ class Missions:
     def controllers_of(
         self, rob_id: int, own: Walker, kind: type[MissionController] | None = None
     ) -> Callable[[int], Controller]:
-        """What makes controllers inside one robot: its own, and others' to replay.
-
-        Args:
-            own: its walker, which has its start key.
-            kind: of its own controller; None is MissionController.
-        """
+        """Return what makes controllers inside a robot: its own, of a `kind`, with its walker; others' to replay."""
         others = cache(lambda tee: Walker(self.assigned[tee].mission, config=self.config, replays=True))
 
         def make(tee: int) -> Controller:
@@ -108,16 +89,13 @@ class Missions:
         return make
 
     def audits(self, config: BtiConfig) -> BtiConfig:
-        """The audits' parameters with room for these missions' readings, states and evidence.
-
-        Raises: UsageError: a mission is too large to be shown to auditors.
-        """
+        """Return the audits' parameters with room for these missions. Raises: UsageError: one is too large to show."""
         walks = [state_capacity(a.mission, self.config, a.pool) for a in self.assigned.values()]
         return replace(
             config,
             reading_bytes=self.sensors.reading_bytes,
-            command_bytes=DRIVE.size,
-            state_bytes=MISSION_MEMORY.size + SAID_MAX * SECRET_BYTES + TRAIL_MAX * CRUMB.size + max(walks),
+            command_bytes=table.DRIVE.size,
+            state_bytes=table.MISSION_MEMORY.size + SAID_MAX * SECRET_BYTES + TRAIL_MAX * table.CRUMB.size + max(walks),
             evidence_max_bytes=CLAIM_ROOM_BYTES + self.sensors.scan_bytes + SENSED_MAX_BYTES + PACKING_BYTES,
             evidence_bytes_per_s=EVIDENCE_BYTES_PER_S,
         )
@@ -145,6 +123,7 @@ class MissionController(EvidenceController):
     Attributes:
         messages: that have just come by another road than the radio, where nobody audits it.
         tries: hashes or KDFs of the last search for something to claim.
+        seen, outcome: of its last step, None before the first; for whoever watches the robot, no decision reads them.
     """
 
     def __init__(self, rob_id: int, missions: Missions, walker: Walker) -> None:
@@ -154,6 +133,8 @@ class MissionController(EvidenceController):
         self.memory = Memory(begun_at(missions.config, self.given.start))
         self.messages: tuple[bytes, ...] = ()
         self.tries = 0
+        self.seen: Experience | None = None
+        self.outcome: Outcome | None = None
         self._scan = b""
         lidar, each = missions.sensors.lidar, missions.sensors.beams_per_sector
         step = lidar.angle_increment_rad
@@ -171,7 +152,14 @@ class MissionController(EvidenceController):
 
     def uncorrected_pose(self) -> Pose:
         """Where it would believe to be by its last reading, had it never validated anything."""
-        return _placed(self.given.start, self.memory.odometry)
+        (x, y, heading), (ahead, aside, turn) = self.given.start, self.memory.odometry
+        sine, cosine = sin_cos(heading)
+        return x + (cosine * ahead - sine * aside), y + (sine * ahead + cosine * aside), wrap(heading + turn)
+
+    @property
+    def over(self) -> bool:
+        """Whether it has stopped for good."""
+        return self.memory.walk.phase in (Phase.DONE, Phase.HELD)
 
     # --- the robot alone ----------------------------------------------------------------------------------------------
 
@@ -180,10 +168,9 @@ class MissionController(EvidenceController):
         if not self.missions.audited:
             self._scan = raw
             return b""
-        stopped = self.memory.walk.phase in (Phase.HELD, Phase.DONE)
         now = self._parsed(reading)
         end = self.missions.sensors.scan_bytes
-        if stopped or now is None or len(raw) < end:
+        if self.over or now is None or len(raw) < end:
             return b""
         seen = self._experience(t_ms, self._belief(now), now, raw)
         if self._waits(seen):
@@ -193,9 +180,9 @@ class MissionController(EvidenceController):
         if claim:
             is_shown = 1 <= claim.shape.place < AT_POSITION or claim.shape.sensors
             return pack_evidence(claim, raw[:end], raw[end:]) if is_shown else pack_evidence(claim, b"")
-        moved = now.travelled_m - self._fixed[0] > AGAIN_M or abs(wrap(now.heading_rad - self._fixed[1])) > AGAIN_RAD
+        moved = now.travelled_m - self._fixed[0] > AGAIN_M or abs(wrap(now.pose[2] - self._fixed[1])) > AGAIN_RAD
         if moved and self.walker.sees_again(walk, seen):
-            self._fixed = now.travelled_m, now.heading_rad
+            self._fixed = now.travelled_m, now.pose[2]
             return pack_evidence(None, raw[:end], raw[end:])
         return b""
 
@@ -203,7 +190,7 @@ class MissionController(EvidenceController):
 
     def on_recv(self, t_ms: int, frame: bytes) -> None:  # noqa: ARG002 - a message is good whenever it comes
         """An encoded message is remembered; anything else is not for this controller."""
-        if len(frame) == MISSION_MESSAGE.size and frame[0] == KIND_MISSION_MESSAGE:
+        if len(frame) == table.MISSION_MESSAGE.size and frame[0] == table.KIND_MISSION_MESSAGE:
             message = frame[-SECRET_BYTES:]
             self.memory = replace(self.memory, walk=self.walker.hear(self.memory.walk, message))
 
@@ -234,6 +221,8 @@ class MissionController(EvidenceController):
             self.memory = replace(self.memory, belief=belief, odometry=now.pose)
             return [self._drive(t_ms, Drive())]
         walk, outcome = self.walk(seen, claim)
+        self.seen = seen
+        self.outcome = replace(outcome, trials=outcome.trials + self.tries) if self.tries else outcome
         if outcome.fix is not None:
             belief = fixed(self.missions.config, belief, outcome.fix)
         own_s = 0 if walk.at is None else self.given.mission.nodes[walk.at].timeout_s
@@ -282,14 +271,14 @@ class MissionController(EvidenceController):
 
     def _drive(self, t_ms: int, command: Drive) -> Act:
         speed, turn = round(command.speed_mps * MILLI), round(command.turn_radps * MILLI)
-        return Act(DRIVE.form.pack(KIND_DRIVE, self.rob_id, t_ms, speed, turn))
+        return Act(table.DRIVE.form.pack(table.KIND_DRIVE, self.rob_id, t_ms, speed, turn))
 
     def _actions(self, t_ms: int, outcome: Outcome) -> list[Output]:
         """What is to be done at a node just decoded, and what leads on from it."""
         here = outcome.decoded.do if outcome.decoded else None
         onward = outcome.order.do if outcome.event is not None and outcome.order.kind is Kind.DO else None
         said = [action_bytes(action) for action in (here, onward) if action is not None]
-        head = ACTION.form.pack(KIND_ACTION, self.rob_id, t_ms)
+        head = table.ACTION.form.pack(table.KIND_ACTION, self.rob_id, t_ms)
         return [Act(head + action) for action in said if len(action) <= ACTION_MAX_BYTES]
 
     def _messages(self, step: int) -> list[Output]:
@@ -302,18 +291,18 @@ class MissionController(EvidenceController):
 
     def encode(self) -> bytes:
         """All that a replay needs, and no key."""
-        m, leg = self.memory, self.memory.leg
-        around = (*leg.stop, *leg.base, leg.seen_s, leg.waited_s, packed(leg.cells))
-        carried = (leg.passed, leg.best_m, leg.best_s, leg.turning, *around, m.blocked)
+        m, leg, course = self.memory, self.memory.leg, self.memory.leg.course
+        around = (course.turning, *course.stop, *leg.base, leg.seen_s, course.waited_s, packed(leg.cells))
+        carried = (leg.passed, leg.best_m, leg.best_s, *around, m.blocked)
         placed = (m.begun_ms, *m.belief.numbers, *m.odometry)
-        head = MISSION_MEMORY.form.pack(*placed, *leg.key, *carried, len(m.said), len(leg.trail))
-        trail = b"".join(CRUMB.form.pack(*crumb) for crumb in leg.trail)
+        head = table.MISSION_MEMORY.form.pack(*placed, *leg.key, *carried, len(m.said), len(leg.trail))
+        trail = b"".join(table.CRUMB.form.pack(*crumb) for crumb in leg.trail)
         return head + b"".join(m.said) + trail + encode_state(self.given.mission, m.walk)
 
     def decode(self, encoding: bytes) -> None:
         """It remembers what this checkpoint says; its keys are not in there. Raises: MalformedMission."""
         reader = Reader(encoding)
-        begun_ms, *numbers = reader.unpack(MISSION_MEMORY)
+        begun_ms, *numbers = reader.unpack(table.MISSION_MEMORY)
         belief, odometry = of_numbers(numbers[:NUMBERS]), tuple(numbers[NUMBERS : NUMBERS + 3])
         kind, target, begin, *rest = numbers[NUMBERS + 3 :]
         passed, best_m, best_s, turning, *around, blocked, said, crumbs = rest
@@ -326,10 +315,11 @@ class MissionController(EvidenceController):
         if said > SAID_MAX or crumbs > TRAIL_MAX:
             raise MalformedMission("more than a robot remembers")
         messages = tuple(reader.take(SECRET_BYTES) for _ in range(said))
-        trail = tuple((x, y) for x, y in (reader.unpack(CRUMB) for _ in range(crumbs)))
-        *places, seen_s, waited_s, cells = around
-        done = (kind, target, begin), bool(passed), best_m, best_s, trail, turning
-        leg = Leg(*done, (places[0], places[1]), (places[2], places[3]), seen_s, waited_s, unpacked(cells))
+        trail = tuple((x, y) for x, y in (reader.unpack(table.CRUMB) for _ in range(crumbs)))
+        x, y, base_x, base_y, seen_s, waited_s, cells = around
+        course = Course((x, y), turning, waited_s)
+        key = kind, target, begin
+        leg = Leg(key, bool(passed), best_m, best_s, trail, course, (base_x, base_y), seen_s, unpacked(cells))
         walk = parse_state(self.given.mission, reader)
         reader.end()
         before = self.memory
@@ -341,14 +331,4 @@ class MissionController(EvidenceController):
 
 def message_frame(rob_id: int, message: bytes) -> bytes:
     """An encoded message, as a robot says it, or a station whose id is nobody's."""
-    return MISSION_MESSAGE.form.pack(KIND_MISSION_MESSAGE, rob_id, message)
-
-
-def _placed(origin: Pose, odometry: Pose) -> Pose:
-    """Where odometry's frame puts the robot on the map."""
-    sine, cosine = sin_cos(origin[2])
-    return (
-        origin[0] + (cosine * odometry[0] - sine * odometry[1]),
-        origin[1] + (sine * odometry[0] + cosine * odometry[1]),
-        wrap(origin[2] + odometry[2]),
-    )
+    return table.MISSION_MESSAGE.form.pack(table.KIND_MISSION_MESSAGE, rob_id, message)

@@ -1,9 +1,7 @@
 """Where to drive next, and how fast: straight to the goal where that is free, else along the cheapest way around.
 
-The way is sought among the cells of `surroundings`: what it costs from each of them to the goal, or to the edge and
-straight on from there (field.py). On that way it makes for the farthest place that it can go straight to, and keeps to
-this place until it is there or something comes between: a robot that chose anew at every step would turn to and fro
-between two ways that are equally good.
+On the way that field.py finds it makes for the farthest place that it can go straight to, and keeps to this until it is
+there or something comes between: a robot that chose anew at every step would turn to and fro between two equal ways.
 """
 
 from __future__ import annotations
@@ -63,9 +61,10 @@ class Goal(NamedTuple):
 class Course(NamedTuple):
     """How it gets there, from step to step."""
 
-    stop: Stop  # place on the way around that it makes for, centimetres in odometry's frame, or NO_STOP twice
-    turning: int  # how it turns about, as `Leg` has it
-    waited_s: float  # before a long way around
+    stop: Stop = (NO_STOP, NO_STOP)  # place on the way around that it makes for, cm in odometry's frame
+    # 1 or -1 while it turns about, to the left or to the right; 2 or -2 when it has, and 0 before the first time
+    turning: int = 0
+    waited_s: float = 0.0  # before a long way around
 
 
 @kernel
@@ -145,11 +144,10 @@ def touches(points: F64x2, count: int, speed_mps: float, turn_radps: float) -> b
 def command(
     points: F64x2, count: int, to: tuple[float, float], left_m: float, turning: int
 ) -> tuple[float, float, int]:
-    """(speed, turn, how it turns about) to a place that can be reached straight; `left_m` to the goal.
+    """Return (speed, turn, how it turns about) to a place that can be reached straight; `left_m` to the goal.
 
-    A course at one edge of the view is lost as soon as the robot turns the least from it, so whoever turns about goes
-    on as he began, until the place lies ahead. To what is behind it turns by the other side than the last time: its
-    odometry counts every turn a little wrong, and so the wrongs cancel.
+    A robot that turns about goes on as it began, until the place lies ahead: a course at the edge of the view would be
+    lost at once. To what is behind it turns by the other side than the last time: so the errors of its odometry cancel.
     """
     away = math.sqrt(to[0] * to[0] + to[1] * to[1])
     cosine = to[0] / away if away > 0.0 else 1.0
@@ -183,10 +181,7 @@ def command(
 
 @kernel
 def looking(for_s: float) -> float:
-    """How it turns when it looks around: to both sides and back, for its odometry counts every turn a little wrong.
-
-    A lidar of 270 degrees sees all around by 45 to each side.
-    """
+    """Return how it turns to look around: 45 degrees to each side, which a lidar of 270 needs, so errors cancel."""
     part = for_s / LOOK_S
     part -= int(part)
     return -TURN_RADPS if 0.25 <= part < 0.75 else TURN_RADPS
@@ -194,22 +189,16 @@ def looking(for_s: float) -> float:
 
 @kernel
 def _rested(waited_s: float, way_m: float) -> float:
-    """What is left of a wait when it gets on: who is stopped again at the next step does not wait all of it again.
+    """Return what is left of a wait when it gets on: stopped again at once, it does not wait all of it again.
 
-    Who turns on the spot has not got on: looking around and turning back to its way would else follow each other.
+    Turning on the spot is not getting on: looking around and turning back would follow each other for ever.
     """
     return max(0.0, min(waited_s, WAIT_S + LOOK_S) - FORGETS * way_m)
 
 
 @kernel
 def steer(seen: Seen, wanted: Goal, course: Course, past_s: float, cells: U8x1) -> tuple[float, float, Stop, Course]:
-    """The next command.
-
-    Args:
-        past_s: since the last step.
-        cells: out, as `look` has them.
-    Returns: speed, turn, base and course from now on.
-    """
+    """Return speed, turn, base and course, `past_s` after the last step; put the cells into `cells`, as `look` does."""
     goal, moved = wanted.at, seen.moved
     stop, turning, waited_s = course
     points = np.empty((len(seen.clear) + SIDE * SIDE, 2))

@@ -1,22 +1,31 @@
-"""What a c-node keeps of a reading that is too long for a chain: evidence, as its log holds it and auditors read it.
+"""Evidence: what a c-node keeps of a reading that is too long for a chain, as its log holds it and auditors read it.
 
-The chain has the reading's SHA-1. The reading itself is kept only where the controller claims something on the strength
-of it, so a robot can pretend not to have seen a thing, and cannot pretend to have seen one.
+The chain has the reading's SHA-1. The reading itself is kept only to prove a claim: a robot can pretend not to have
+seen a thing, but not to have seen one. Behind a scan's ranges stand other sensors' readings and the codes in the
+camera's picture, each a `sensed`. A code's place follows from its corners. Source: docs/spec/mission.md (Under audit).
 """
 
 from __future__ import annotations
 
 import zlib
+from typing import NamedTuple
 
 import numpy as np
 
 from phalanx.errors import PeerError
-from phalanx.mission.file.canonical import Reader
+from phalanx.mission import Landmark
+from phalanx.mission.file.canonical import Reader, text_of
+from phalanx.mission.landmarks.codepose import Intrinsics, Mount, code_pose, qr_landmark
+from phalanx.mission.landmarks.codes import PART_PX, SeenCode
 from phalanx.mission.walk.found import Claim, parse_claim
+from phalanx.wire.missions import OF_CODE, OF_READING, SEEN_CODE, SENSED
+from phalanx.wire.record import MalformedRecord
 from phalanx.wire.table import KEPT, KEPT_CLAIM, RANGE
 
 from .readings import SENSED_MAX_BYTES
-from .sensed import parse_sensed
+
+CODE_EDGE_M = 0.12  # of all codes that robots read
+Eye = tuple[Intrinsics, Mount]  # a camera, as far as it says where a code is
 
 
 class BadEvidence(PeerError):
@@ -25,13 +34,58 @@ class BadEvidence(PeerError):
     reason = "bad_evidence"
 
 
-def pack_evidence(claim: Claim | None, scan: bytes, sensed: bytes = b"") -> bytes:
-    """The record `kept`: the claim, then the scan, u16 a beam, as zlib's of its differences.
+class Sensed(NamedTuple):
+    """What other sensors read in one moment."""
 
-    Args:
-        claim: None where only the scan is to be seen.
-        scan: b"" where the claim needs none.
-        sensed: what stands behind it, as other sensors read it.
+    readings: tuple[bytes, ...] = ()
+    codes: tuple[SeenCode, ...] = ()
+
+
+def reading_entry(reading: bytes) -> bytes:
+    """A sensor's reading, as it stands behind a scan."""
+    return SENSED.encode(kind=OF_READING, content=reading)
+
+
+def code_entry(code: SeenCode) -> bytes:
+    """A code in the camera's picture, as it stands behind a scan."""
+    corners = np.rint(code.corners_px.ravel() / PART_PX).astype(np.int64).tolist()
+    return SENSED.encode(kind=OF_CODE, content=SEEN_CODE.form.pack(*corners) + code.text.encode(errors="replace"))
+
+
+def parse_sensed(raw: bytes) -> Sensed:
+    """What other sensors read, by what stands behind a scan. Raises: PeerError: something else does."""
+    if not raw:
+        return Sensed()
+    if len(raw) > SENSED_MAX_BYTES:
+        raise MalformedRecord("more behind a scan than there is room for")
+    reader = Reader(raw)
+    readings: list[bytes] = []
+    codes: list[SeenCode] = []
+    while reader.left:
+        kind, length = reader.unpack(SENSED)
+        content = Reader(reader.take(length))
+        if kind == OF_CODE:
+            corners = np.array(content.unpack(SEEN_CODE), np.float64).reshape(4, 2) * PART_PX
+            codes.append(SeenCode(text_of(content.take(content.left)), corners))
+        elif kind == OF_READING and length:
+            readings.append(content.raw)
+        else:
+            raise MalformedRecord("behind a scan stands what is no reading")
+    return Sensed(tuple(readings), tuple(codes))
+
+
+def codes_at(eye: Eye | None, pose: tuple[float, float, float], codes: tuple[SeenCode, ...]) -> tuple[Landmark, ...]:
+    """Codes in a picture as landmarks, where a pose of the robot puts them; none of a robot without a camera."""
+    if eye is None:
+        return ()
+    seen = [(code.text, code_pose(code.corners_px, CODE_EDGE_M, eye[0])) for code in codes]
+    return tuple(qr_landmark(text, at, eye[1], *pose) for text, at in seen if at is not None)
+
+
+def pack_evidence(claim: Claim | None, scan: bytes, sensed: bytes = b"") -> bytes:
+    """Return the record `kept`: the claim or None, then the scan, u16 a beam, as zlib's of its differences.
+
+    `scan` is b"" where the claim needs none; `sensed` is what stands behind it.
     """
     claimed = KEPT_CLAIM.encode(claim=claim.encode()) if claim else b""
     packed = b""
@@ -44,24 +98,20 @@ def pack_evidence(claim: Claim | None, scan: bytes, sensed: bytes = b"") -> byte
 
 
 def unpack_evidence(raw: bytes, beams: int) -> tuple[Claim | None, bytes]:
-    """(claim, scan and what stands behind it) of what another robot's log holds.
+    """Return (claim, scan and what stands behind it) of what another robot's log holds.
 
-    Args:
-        beams: of a scan; no more is unpacked, whatever the bytes would unpack to.
-    Raises: BadEvidence, or what `parse_claim` raises.
+    No more than a scan of so many beams is unpacked. Raises: BadEvidence, or what `parse_claim` raises.
     """
     reader = Reader(raw)
     count = reader.number(KEPT)
     if count > 1:
         raise BadEvidence(f"{count} claims at once")
     claim = parse_claim(reader.behind(KEPT_CLAIM)) if count else None
-    return claim, _unpack_scan(reader.take(reader.left), beams) if reader.left else b""
-
-
-def _unpack_scan(packed: bytes, beams: int) -> bytes:
+    if not reader.left:
+        return claim, b""
     unpacker = zlib.decompressobj()
     try:
-        unpacked = unpacker.decompress(packed, 2 * beams + SENSED_MAX_BYTES)
+        unpacked = unpacker.decompress(reader.take(reader.left), 2 * beams + SENSED_MAX_BYTES)
         planes, sensed = unpacked[: 2 * beams], unpacked[2 * beams :]
         parse_sensed(sensed)
     except (zlib.error, PeerError) as error:
@@ -69,4 +119,4 @@ def _unpack_scan(packed: bytes, beams: int) -> bytes:
     if len(planes) != 2 * beams or not unpacker.eof or unpacker.unused_data:
         raise BadEvidence(f"a scan that is not {beams} beams")
     high, low = np.frombuffer(planes, np.uint8).reshape(2, beams).astype(np.uint16)
-    return np.cumsum(high << 8 | low, dtype=np.uint16).astype(RANGE.dtype).tobytes() + sensed
+    return claim, np.cumsum(high << 8 | low, dtype=np.uint16).astype(RANGE.dtype).tobytes() + sensed

@@ -1,7 +1,7 @@
-"""What it costs from each cell around a robot to its goal, or to the edge and straight on from there.
+"""The cost from each cell around a robot to its goal, or to the edge and straight on: a wavefront planner's field.
 
 Cells near things cost more, and those where the robot would touch something so much that it takes any other way first,
-or waits before them. The field is that of a wavefront planner.
+or waits before them.
 """
 
 from __future__ import annotations
@@ -46,9 +46,7 @@ def weight(near: int) -> int:
 
 @kernel
 def standing(cells: U8x1, here: Point, along: tuple[float, float], points: F64x2, near: I64x1, out: I64x1) -> None:
-    """Where the robot stands, it stands, and may go on to where nothing is nearer, and nowhere else.
-
-    Behind it cells cost more.
+    """Let a robot go on from where it stands to where nothing is nearer; behind it cells cost more.
 
     Args:
         here: where it is, in cells from the corner of the first.
@@ -87,29 +85,24 @@ def is_nearer(points: F64x2, here: Point, to_x: float, to_y: float) -> bool:
 
 @kernel
 def weights(cells: U8x1, here: Point, along: tuple[float, float], points: F64x2, out: I64x1) -> None:
-    """(SIDE + 2)^2, with an edge: what it costs to leave a cell, by how near the nearest thing is.
+    """Put (SIDE + 2)^2 costs to leave a cell into `out`, by how near the nearest thing is; the rest as in `standing`.
 
     Args:
-        here, points: as `standing` takes them.
         along: where the robot looks; of two ways that are equally good it goes on along one.
     """
     wide = SIDE + 2
     out[:] = 3 * SIDE
-    for y in range(1, SIDE + 1):
-        for x in range(1, SIDE + 1):
-            i = y * wide + x
-            if cells[(y - 1) * SIDE + x - 1]:
-                out[i] = 0
-                continue
-            least = min(out[i - 1] + STRAIGHT, out[i - wide] + STRAIGHT)
-            least = min(least, min(out[i - wide - 1], out[i - wide + 1]) + ACROSS)
-            out[i] = min(out[i], least)
-    for y in range(SIDE, 0, -1):
-        for x in range(SIDE, 0, -1):
-            i = y * wide + x
-            least = min(out[i + 1] + STRAIGHT, out[i + wide] + STRAIGHT)
-            least = min(least, min(out[i + wide - 1], out[i + wide + 1]) + ACROSS)
-            out[i] = min(out[i], least)
+    for y in range(SIDE):
+        for x in range(SIDE):
+            if cells[y * SIDE + x]:
+                out[(y + 1) * wide + x + 1] = 0
+    for back in (1, -1):  # forwards, then backwards
+        for y in range(1, SIDE + 1):
+            for x in range(1, SIDE + 1):
+                i = y * wide + x if back == 1 else wide * wide - 1 - y * wide - x
+                straight = min(out[i - back], out[i - back * wide]) + STRAIGHT
+                across = min(out[i - back * wide - 1], out[i - back * wide + 1]) + ACROSS
+                out[i] = min(out[i], straight, across)
     near = out.copy()
     for i in range(len(out)):
         out[i] = weight(near[i])
@@ -118,11 +111,10 @@ def weights(cells: U8x1, here: Point, along: tuple[float, float], points: F64x2,
 
 @kernel
 def seeds(leave: I64x1, goal_x: float, goal_y: float, points: F64x2, out: I64x1) -> None:
-    """(SIDE + 2)^2: from cells at the goal and at the edge straight to the goal, hundredths of a metre.
+    """Put the straight way to the goal from cells there and at the edge into `out`, (SIDE + 2)^2, 0.01 m.
 
     Args:
-        goal_x, goal_y: in cells, from the corner of the first.
-        points: (k, 2) what is in the way, likewise.
+        goal_x, goal_y, points: in cells, from the corner of the first; points (k, 2) are in the way.
     """
     wide = SIDE + 2
     out[:] = FAR_OFF
@@ -157,22 +149,15 @@ def spread(leave: I64x1, out: I64x1) -> None:
     wide = SIDE + 2
     for _ in range(PASSES):
         changed = False
-        for y in range(1, SIDE + 1):
-            for x in range(1, SIDE + 1):
-                i = y * wide + x
-                side = min(out[i - 1], out[i - wide]) + 5 * leave[i]
-                least = min(side, min(out[i - wide - 1], out[i - wide + 1]) + 7 * leave[i])
-                if least < out[i]:
-                    out[i] = least
-                    changed = True
-        for y in range(SIDE, 0, -1):
-            for x in range(SIDE, 0, -1):
-                i = y * wide + x
-                side = min(out[i + 1], out[i + wide]) + 5 * leave[i]
-                least = min(side, min(out[i + wide - 1], out[i + wide + 1]) + 7 * leave[i])
-                if least < out[i]:
-                    out[i] = least
-                    changed = True
+        for back in (1, -1):  # forwards, then backwards
+            for y in range(1, SIDE + 1):
+                for x in range(1, SIDE + 1):
+                    i = y * wide + x if back == 1 else wide * wide - 1 - y * wide - x
+                    straight = min(out[i - back], out[i - back * wide]) + 5 * leave[i]
+                    across = min(out[i - back * wide - 1], out[i - back * wide + 1]) + 7 * leave[i]
+                    if min(straight, across) < out[i]:
+                        out[i] = min(straight, across)
+                        changed = True
         if not changed:
             break
 

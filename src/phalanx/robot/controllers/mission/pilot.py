@@ -1,10 +1,8 @@
 """From an instruction to wheels, so that auditors come to the same command: no scan, no libm, no memory but its state.
 
-The robot heads for the place where its instruction begins, then along the direction, or straight to a place that it
-knows; around whatever is in the way (course.py), as far as it sees or remembers it (surroundings.py). Back it goes the
-way it came, where it does not see the place: straight would lead into every corner of the building.
-
-How long it tries without headway, and how far it follows a direction, is a share of the time that its mission gives it.
+The robot heads for where its instruction begins, then along the direction, or straight to a known place; around what is
+in the way (course.py), as far as it sees or remembers it. Back it goes the way it came, where it does not see the
+place. Its patience without headway, and how far it follows a direction, are shares of the mission's time.
 """
 
 from __future__ import annotations
@@ -17,7 +15,7 @@ import numpy as np
 from phalanx.mission.angles import sin_cos
 from phalanx.mission.walk.outcome import Kind, Order
 
-from .course import NO_STOP, SPEED_MPS, Course, Goal, steer
+from .course import SPEED_MPS, Course, Goal, steer
 from .field import MARGIN_M, Point
 from .readings import Reading
 from .surroundings import FADE_S, FRESH, SIDE, Pose, Sectors, Seen, Stop, sight
@@ -54,12 +52,9 @@ class Leg:
     best_s: float = 0.0  # when that was
     # Places of the way here from where the instruction began, map frame, cm; what leads back
     trail: tuple[tuple[int, int], ...] = ()
-    # 1 or -1 while it turns about, to the left or to the right; 2 or -2 when it has, and 0 before the first time
-    turning: int = 0
-    stop: Stop = (NO_STOP, NO_STOP)  # next place on a way around, odometry's frame, cm
+    course: Course = Course()  # noqa: RUF009  # frozen
     base: Stop = (0, 0)  # numbers of the first cell, odometry's frame
     seen_s: float = 0.0  # when it last looked
-    waited_s: float = 0.0  # before a long way around
     cells: bytes = bytes(SIDE * SIDE)  # what stands around
 
 
@@ -75,11 +70,11 @@ class Drive:
 def drive(
     leg: Leg, order: Order, begin: int | None, pose: Pose, now: Reading, sectors: Sectors, t_s: float, timeout_s: float
 ) -> tuple[Leg, Drive]:
-    """The next command for an instruction.
+    """Return the next command for an instruction.
 
     Args:
         begin: the node at which it begins.
-        pose: x, y, heading as the robot estimates it, map frame.
+        pose: x, y, heading by the robot's estimate, map frame.
         timeout_s: from one validation to the next, as the mission states it.
     """
     waits = order.kind is Kind.WAIT and order.place_m is not None
@@ -114,28 +109,23 @@ def _number(node: int | None) -> int:
 
 def _anew(leg: Leg, key: tuple[int, int, int], trail: tuple[tuple[int, int], ...]) -> Leg:
     """Another instruction, in the same surroundings."""
-    return Leg(key, trail=trail, turning=leg.turning, base=leg.base, seen_s=leg.seen_s, cells=leg.cells)
+    course = Course(turning=leg.course.turning)
+    return Leg(key, trail=trail, course=course, base=leg.base, seen_s=leg.seen_s, cells=leg.cells)
 
 
 def _steered(leg: Leg, goal: Point, beyond: Point, now: Reading, sectors: Sectors, t_s: float) -> tuple[Leg, Drive]:
     cells = np.empty(SIDE * SIDE, np.uint8)
     fade = min(FRESH, max(0, int(t_s // FADE_S - leg.seen_s // FADE_S)))
-    pose = now.x_m, now.y_m, now.heading_rad
-    seen = Seen(np.frombuffer(leg.cells, np.uint8), leg.base, fade, pose, now.clear, sectors.fan)
-    on_a_line = goal is not beyond
-    course = Course(leg.stop, leg.turning, leg.waited_s)
-    speed, turn, base, course = steer(seen, Goal(goal, beyond, on_a_line), course, t_s - leg.seen_s, cells)
-    around = (course.turning, course.stop, base, t_s, course.waited_s, cells.tobytes())
-    return Leg(leg.key, leg.passed, leg.best_m, leg.best_s, leg.trail, *around), Drive(speed, turn)
+    seen = Seen(np.frombuffer(leg.cells, np.uint8), leg.base, fade, now.pose, now.clear, sectors.fan)
+    wanted = Goal(goal, beyond, looks=goal is not beyond)
+    speed, turn, base, course = steer(seen, wanted, leg.course, t_s - leg.seen_s, cells)
+    return replace(leg, course=course, base=base, seen_s=t_s, cells=cells.tobytes()), Drive(speed, turn)
 
 
 def _goal(
     leg: Leg, order: Order, pose: Pose, now: Reading, sectors: Sectors, t_s: float, line_m: float
 ) -> tuple[Leg, Point, Point, float]:
-    """(leg, goal and what lies beyond it in the robot's frame, metres that are left).
-
-    Fewer than none are left where the direction has led too far.
-    """
+    """Return (leg, goal and what lies beyond it, robot frame, metres left: < 0 where the direction led too far)."""
     place = _local(pose, order.place_m or pose[:2])
     if order.kind is Kind.BACK:
         return _homeward(leg, place, pose, now, sectors)

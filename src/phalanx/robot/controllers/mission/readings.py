@@ -1,11 +1,8 @@
-"""What a mission robot's s-node chains: odometry in its own frame, the scan's hash, and how much room there is around.
+"""The readings that a mission robot's s-node chains: odometry in its own frame, the scan's hash, and the room around.
 
-A reading is the record `mission_reading` of phalanx.wire.table, a scan u16 a beam. Odometry begins at 0, 0, 0 and is
-never corrected. A sector's byte is the nearest hit in it, in steps of 2 cm rounded down; 255 is 5.1 m and more. That is
-all an s-node has to do: a hash, and a minimum over whole numbers.
-
-What other sensors read stands behind the ranges, each a `sensed`, and is hashed with them. Source: docs/spec/mission.md
-(Under audit).
+A reading is a `mission_reading` (phalanx.wire.table), a scan u16 a beam. Odometry begins at 0, 0, 0 and is never
+corrected. A sector's byte is the nearest hit in it, in steps of 2 cm rounded down; 255 is 5.1 m and more. What other
+sensors read stands behind the ranges, each a `sensed`, hashed with them. Source: docs/spec/mission.md (Under audit).
 """
 
 from __future__ import annotations
@@ -71,17 +68,10 @@ def _room_in(words: U16x1, each: int, clear: U8x1) -> None:
 class Reading:
     """A reading, parsed."""
 
-    x_m: float  # odometry, its own frame
-    y_m: float  # likewise
-    heading_rad: float  # likewise
+    pose: tuple[float, float, float]  # x, y, heading by odometry, its own frame
     travelled_m: float  # way since the start, forwards and backwards
     scan_sha1: bytes
     clear: NDArray[np.uint8]  # (sectors,) uint8, see the table
-
-    @property
-    def pose(self) -> tuple[float, float, float]:
-        """x, y, heading by odometry, its own frame."""
-        return self.x_m, self.y_m, self.heading_rad
 
 
 def scan_sha1(raw: bytes) -> bytes:
@@ -94,11 +84,6 @@ def with_hash_of(reading: bytes, raw: bytes) -> bytes:
     head = list(_HEAD.unpack_from(reading))
     head[-1] = scan_sha1(raw)
     return _HEAD.pack(*head) + reading[HEAD_BYTES:]
-
-
-def _beams_per_sector(lidar: LidarConfig) -> int:
-    divisors = (count for count in range(1, lidar.beams + 1) if lidar.beams % count == 0)
-    return min(divisors, key=lambda count: abs(count * lidar.angle_increment_rad - SECTOR_RAD))
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,9 +103,10 @@ class Sensors:
     reading_bytes: int = field(init=False, compare=False)
 
     def __post_init__(self) -> None:
-        each = _beams_per_sector(self.lidar)
-        sectors = self.lidar.beams // each
-        sizes = (each, sectors, RANGE.size * self.lidar.beams, HEAD_BYTES + sectors)
+        beams, step_rad = self.lidar.beams, self.lidar.angle_increment_rad
+        divisors = (count for count in range(1, beams + 1) if beams % count == 0)
+        each = min(divisors, key=lambda count: abs(count * step_rad - SECTOR_RAD))
+        sizes = (each, beams // each, RANGE.size * beams, HEAD_BYTES + beams // each)
         for name, size in zip(("beams_per_sector", "sectors", "scan_bytes", "reading_bytes"), sizes, strict=True):
             object.__setattr__(self, name, size)
 
@@ -138,7 +124,8 @@ class Sensors:
             raise MalformedRecord("not a mission robot's reading")
         _, _, _, x, y, heading, travelled, sha1 = _HEAD.unpack_from(raw)
         clear = np.frombuffer(bytearray(raw[HEAD_BYTES:]), np.uint8)
-        return Reading(x / PER_M, y / PER_M, heading / PER_RAD, travelled / MM_PER_M, sha1, clear)
+        pose = x / PER_M, y / PER_M, heading / PER_RAD
+        return Reading(pose, travelled / MM_PER_M, sha1, clear)
 
     # --- the s-node's side ---
 
@@ -155,12 +142,10 @@ class Sensors:
     def make(
         self, rob_id: int, t_ms: int, odometry: tuple[float, float, float], travelled_m: float, raw: bytes
     ) -> bytes:
-        """The reading that goes into the chain.
+        """Return the reading that goes into the chain; `t_ms` of the s-node's clock. Raises: UsageError: too far away.
 
         Args:
-            t_ms: of the s-node's clock.
             odometry: x and y in metres and heading in radians, its own frame.
-        Raises: UsageError: the robot has gone further than numbers go.
         """
         x_m, y_m, heading_rad = odometry
         if not (max(abs(x_m), abs(y_m)) < MOST_M and abs(heading_rad) < MOST_RAD and 0 <= travelled_m < MOST_M):

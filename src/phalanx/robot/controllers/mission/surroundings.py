@@ -1,10 +1,8 @@
-"""What a robot remembers of the things around it: a square of cells that moves along, in the frame of its odometry.
+"""A robot's memory of the things around it: a square of cells that moves along, in the frame of its odometry.
 
-Fixes move the map under a robot, and not what stands beside it: so nothing here knows the map. A thing in view is as
-the reading says; one that is out of view or hidden is remembered for a few seconds, which is long enough to turn about
-and go around it, and short enough for a person who has gone.
-
-A cell is a number: FRESH when something was hit in it, one less with every FADE_S, 0 when it is free or unknown.
+Fixes move the map under a robot, not the things beside it: nothing here knows the map. Things out of view are
+remembered long enough to turn about and go around them, and short enough for a person who has gone. A cell is FRESH
+when something was hit in it, one less with every FADE_S, 0 when it is free or unknown.
 """
 
 from __future__ import annotations
@@ -56,9 +54,8 @@ class Sectors:
     """
 
     def __init__(self, first_rad: float, step_rad: float, count: int) -> None:
-        self.sines, self.cosines = np.empty(count), np.empty(count)
-        for k in range(count):
-            self.sines[k], self.cosines[k] = sin_cos(first_rad + (k + 0.5) * step_rad)
+        directions = (sin_cos(first_rad + (k + 0.5) * step_rad) for k in range(count))
+        self.sines, self.cosines = np.array([*zip(*directions, strict=True)])
         self.fan = (self.cosines, self.sines, first_rad, step_rad)
 
 
@@ -82,12 +79,11 @@ def cell_at(value_m: float) -> int:
 
 @kernel
 def look(seen: Seen, cells: U8x1, points: F64x2) -> tuple[int, int, int]:
-    """Takes a reading in.
+    """Take a reading in; return the numbers of the first cell, and how many points there are.
 
     Args:
         cells: out, as they are now.
         points: out, (k, 2) what is in the way, robot frame: what is hit now, and what is remembered elsewhere.
-    Returns: numbers of the first cell, and how many points there are.
     """
     old, base, fade, moved, clear, fan = seen
     cosines, sines, first_rad, step_rad = fan

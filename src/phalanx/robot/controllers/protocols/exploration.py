@@ -1,12 +1,12 @@
 """Exploration: an area is split into places, each of which somebody has to see once.
 
-A robot goes to the nearest place that nobody has seen or has taken on; whose word is doubted (places.py), for that
-another goes there again. Source: RoboRebound §2.1, §2.3 (exploration, mapping); Yamauchi 1998 (the nearest frontier).
+A robot goes to the nearest place that nobody has seen or taken on; a doubted place (places.py) is seen again.
+Source: RoboRebound §2.1, §2.3 (exploration, mapping); Yamauchi 1998 (the nearest frontier).
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 
 from phalanx.robot.controllers.places import PLACES, PlaceController, PlaceStage
 from phalanx.robot.controllers.protocol import Protocol
@@ -36,12 +36,8 @@ class Map(PlaceStage):
 
     def forget(self, _before_s: float) -> None:
         """Nothing: what is on the map stays there. Once of each robot is enough."""
-        self.visits = [[(t_s, rob_id) for rob_id, t_s in _first_of_each(visits).items()] for visits in self.visits]
-
-
-def _first_of_each(visits: Sequence[tuple[float, int]]) -> dict[int, float]:
-    """By robot, its first visit, s."""
-    return {rob_id: t_s for t_s, rob_id in reversed(visits)}
+        firsts = [{rob_id: t_s for t_s, rob_id in reversed(visits)} for visits in self.visits]
+        self.visits = [[(t_s, rob_id) for rob_id, t_s in first.items()] for first in firsts]
 
 
 PROTOCOL = Protocol(Explorer, Map)

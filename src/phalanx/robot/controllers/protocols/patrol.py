@@ -1,7 +1,7 @@
 """Patrolling: places are visited again and again, so that none is alone for long.
 
-A robot goes where nobody has been for longest, less what the way there takes: the conscientious reactive patrol, with
-what others say of their visits. Source: RoboRebound §2.1, §2.3 (patrolling, surveillance); Machado et al. 2002.
+A robot goes where nobody has been for longest, less the way there: the conscientious reactive patrol, with what others
+say of their visits. Source: RoboRebound §2.1, §2.3 (patrolling, surveillance); Machado et al. 2002.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Perimeter defence: robots on a ring, and intruders who make for its middle; two robots together catch one.
 
-Who sees an intruder says so, and the two nearest go to it: one of them needs another's word, for it mostly does not see
-it yet. Source: RoboRebound §2.3 (perimeter defence: a breach by lies about where adversaries come from); Agmon, Kaminka
-and Kraus 2011 (robots along a fence); that it takes two is ours.
+The two nearest robots go to an intruder that is reported: one of them mostly does not see it yet. Source: RoboRebound
+§2.3 (perimeter defence); Agmon, Kaminka and Kraus 2011 (robots along a fence); that it takes two is ours.
 """
 
 from __future__ import annotations

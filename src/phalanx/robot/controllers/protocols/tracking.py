@@ -1,8 +1,7 @@
-"""Target tracking: a target that is faster than its followers drives through an area, and is to be kept in sight.
+"""Target tracking: a target faster than its followers drives through an area, and is to be kept in sight.
 
-Who sees it says so, and the four nearest go there, so that it is handed on from robot to robot.
-Source: RoboRebound §2.3 (target tracking: misled into looking elsewhere while the target escapes); Parker 2002
-(cooperative observation of moving targets: local eyes, others' words); the rule is ours.
+The four nearest robots go where it is reported, so that it is handed on from robot to robot. Source: RoboRebound §2.3;
+Parker 2002 (cooperative observation of moving targets: local eyes, others' words); the rule is ours.
 """
 
 from __future__ import annotations

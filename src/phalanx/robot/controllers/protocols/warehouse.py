@@ -1,13 +1,13 @@
 """Multi-agent path finding in a warehouse: robots fetch from shelves and bring to stations, one robot a cell.
 
-A robot finds its way by A*, along lanes that are better driven one way, and asks for one cell after the other. It
-`wants` a cell in one broadcast, and `holds` it from a later one on: as soon as it has heard everybody else since the
-last, nobody holds the cell or is there, and nobody with a lower id wants it. So two never hold the same, whatever is
-lost, as long as nobody misses another four times running. A robot lets go of its last cell when it has come to the
-next. Who is silent stands for good where it said it was, and in the cells about there that it claimed.
+A robot finds its way by A*, along lanes better driven one way. It `wants` a cell in one broadcast, and `holds` it from
+a later one on: as soon as it has heard everybody else since the last, nobody holds the cell or is there, and nobody
+with a lower id wants it. So two never hold the same, unless one misses another four times running. It lets go of its
+last cell when it has come to the next. A silent robot stands for good where it said it was, and in the cells there that
+it claimed.
 
-Source: RoboRebound §2.1 (MAPF); Hart, Nilsson and Raphael 1968 (A*); Wurman, D'Andrea and Mountz 2008 (one robot a
-cell, cells reserved); the rule is ours: docs/protocols.md.
+Source: RoboRebound §2.1 (MAPF); Hart, Nilsson and Raphael 1968 (A*); Wurman, D'Andrea and Mountz 2008;
+docs/protocols.md.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from functools import cache
 
 from phalanx.errors import UsageError
 from phalanx.robot.controllers.peers import Peer, PeerController
-from phalanx.robot.controllers.protocol import Point, Protocol, Stage, Task
+from phalanx.robot.controllers.protocol import Point, Protocol, Stage, Task, squared_m
 from phalanx.wire.protocols import NOWHERE
 
 CELLS_A_STEP = 3  # robots start on each third cell: where lanes cross
@@ -183,8 +183,7 @@ class Errands(Stage):
 
 
 def _near(one_m: Point, other_m: Point, within_m: float) -> bool:
-    dx, dy = one_m[0] - other_m[0], one_m[1] - other_m[1]
-    return dx * dx + dy * dy <= within_m * within_m
+    return squared_m(one_m, other_m) <= within_m * within_m
 
 
 @cache
