@@ -223,7 +223,6 @@ def compare_costs(table: Table) -> list[Statement]:
         told.append(
             Statement(
                 what=f"{name} of {rows[0, -1, 1]:.0f} bytes on this machine, ns a byte",
-                paper="",
                 ours=quantiles(rows[:, -1, 4] / rows[:, -1, 1], ".1f"),
                 agrees=True,
                 why="as fast as it is",

@@ -191,7 +191,6 @@ def compare_fig9(table: Table) -> list[Statement]:
         ),
         Statement(
             what="largest error of any robot's pose, m",
-            paper="",
             ours=quantiles(errors_m, ".2f"),
             agrees=bool(np.all(errors_m < 0.5)),
             why="within the paper's search of ±0.5 m at all times; Stage-type noise (0.03, 0.05)",
