@@ -25,7 +25,7 @@ from pathlib import Path
 from phalanx.config.defence import DEFENCES
 from phalanx.errors import PhalanxError
 from phalanx.experiments.bti.attack_trial import airtime_since, sent, stop_bound_s
-from phalanx.experiments.table import Head, TableFile, version
+from phalanx.experiments.table import Table, TableFile, version
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.robot.attacks.liar import Liar
 from phalanx.scenarios.attack_spec import AttackSpec
@@ -82,7 +82,7 @@ TYPES = {"str": str, "int": int, "float": float}
 COLUMNS = {field.name: TYPES[str(field.type)] for field in fields(Result)}
 
 
-HEAD = Head(figure="attacks", columns=tuple(COLUMNS), origin={"robots": ROBOTS}, by_line=True)
+HEAD = Table(figure="attacks", columns=tuple(COLUMNS), origin={"robots": ROBOTS}, by_line=True)
 
 
 def results_in(file: TableFile) -> list[Result]:

@@ -33,7 +33,7 @@ from phalanx.config import BtiConfig
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import PhalanxError, UsageError
 from phalanx.experiments.bti.attack_trial import Sent, airtime_since
-from phalanx.experiments.table import Head, TableFile, version
+from phalanx.experiments.table import Table, TableFile, version
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.robot.attacks.liar import Liar
 from phalanx.scenarios.attack_spec import AttackSpec
@@ -275,7 +275,7 @@ def main() -> int:
         asked = cases_of(said)
     except (UsageError, ValueError) as error:
         parser.error(str(error))
-    head = Head(figure="promises", columns=tuple(COLUMNS), origin={"version": version()}, by_line=True)
+    head = Table(figure="promises", columns=tuple(COLUMNS), origin={"version": version()}, by_line=True)
     with TableFile(said.csv, head) as file:
         before = rows_in(file)
         known = {case_of(row) for row in before}

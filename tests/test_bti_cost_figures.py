@@ -11,7 +11,7 @@ from phalanx.experiments.bti import costs, fig2, fig6, fig7
 from phalanx.experiments.bti.flock import HONEST, LIAR, FlockRun, FlockRuns
 from phalanx.experiments.figure import FIGURES
 from phalanx.experiments.plot import draw
-from phalanx.experiments.table import Head, Table, TableFile
+from phalanx.experiments.table import Table, TableFile
 from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
 
@@ -122,7 +122,7 @@ def test_they_are_drawn_from_the_csv(figure, row_of, tmp_path):
     pytest.importorskip("matplotlib")
     name = f"bti-{figure.__name__.rpartition('.')[2]}"
     path = tmp_path / f"{name}.csv"
-    with TableFile(path, Head(figure=name, columns=costs.COLUMNS, origin={"version": "0"})) as file:
+    with TableFile(path, Table(figure=name, columns=costs.COLUMNS, origin={"version": "0"})) as file:
         for case in figure.cases(1):
             file.append(case, row_of(case))
     _, svg = draw(path, FIGURES[name])

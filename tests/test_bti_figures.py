@@ -32,7 +32,7 @@ from phalanx.experiments.bti.flock import (
 from phalanx.experiments.figure import FIGURES, Figure
 from phalanx.experiments.plot import draw
 from phalanx.experiments.statement import band, last_line
-from phalanx.experiments.table import Head, TableFile, measure, read_table
+from phalanx.experiments.table import Table, TableFile, measure, read_table
 from phalanx.robot.attacks import ATTACKS
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
@@ -96,7 +96,7 @@ def same(one: FlockRun, other: FlockRun) -> bool:
 
 
 def opened(path, figure="bti-fig8", **changed):
-    return TableFile(path, Head(figure=figure, columns=COLUMNS, origin=ORIGIN | changed), runs_of)
+    return TableFile(path, Table(figure=figure, columns=COLUMNS, origin=ORIGIN | changed), runs_of)
 
 
 def append(file, run):

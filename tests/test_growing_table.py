@@ -10,7 +10,7 @@ import pytest
 
 from phalanx.errors import Unavailable, UsageError
 from phalanx.experiments.link.fig4_table import Row, cells, head, packets
-from phalanx.experiments.table import Head, TableFile, read_table
+from phalanx.experiments.table import Table, TableFile, read_table
 
 
 class Lines:
@@ -31,7 +31,7 @@ class Cases:
     kept = None
 
     def open(self, path):
-        return TableFile(path, Head(figure="mission-figx", columns=("a", "b"), origin={"version": "1"}))
+        return TableFile(path, Table(figure="mission-figx", columns=("a", "b"), origin={"version": "1"}))
 
     def append(self, file, n):
         file.append(f"seed {n}", np.array([[1.0, n], [2.0, 3.0]]), self.kept)

@@ -12,14 +12,12 @@ from phalanx.errors import UsageError
 from phalanx.experiments.figure import FIGURES, Figure
 from phalanx.experiments.missions import fig8a as mission_fig8a
 from phalanx.experiments.missions import fig8c as mission_fig8c
-from phalanx.experiments.missions import fig9 as mission_fig9
 from phalanx.experiments.missions import fig10 as mission_fig10
-from phalanx.experiments.missions import table1 as mission_table1
 from phalanx.experiments.missions.drive import encoded, errors_m, record, replay
-from phalanx.experiments.missions.explore import ROBOTS, ends, measure_case, shares_of
+from phalanx.experiments.missions.explore import FIG9, ROBOTS, TABLE1, ends, measure_case, shares_of
 from phalanx.experiments.plot import draw
 from phalanx.experiments.statement import Statement, report
-from phalanx.experiments.table import Head, Table, TableFile, measure, read_table
+from phalanx.experiments.table import Table, TableFile, measure, read_table
 from phalanx.mission import Walker
 from phalanx.sim.building.odometry import NoiseModel, OdometryNoise
 
@@ -27,7 +25,7 @@ ROWS = np.array([[1.5, 2.0], [np.nan, 4.0]])
 
 
 def opened(path: Path, figure: str = "mission-figx", version: str = "1") -> TableFile:
-    return TableFile(path, Head(figure=figure, columns=("a", "b"), origin={"version": version}))
+    return TableFile(path, Table(figure=figure, columns=("a", "b"), origin={"version": version}))
 
 
 def write(path: Path, *cases: str) -> None:
@@ -145,10 +143,10 @@ def test_the_graph_is_divided_evenly_and_wholly_among_the_explorers() -> None:
 @pytest.mark.long
 def test_four_explorers_find_everything_and_none_sees_more_of_the_floor_than_the_papers() -> None:
     rows = measure_case("seed 0")
-    table = Table("mission-fig9", {}, mission_fig9.COLUMNS, {"seed 0": rows})
+    table = Table("mission-fig9", {}, FIG9.COLUMNS, {"seed 0": rows})
     assert len(ends(rows)) == ROBOTS
-    assert all(each.agrees for each in mission_fig9.compare(table))
-    assert mission_table1.compare(table)[-1].agrees
+    assert all(each.agrees for each in FIG9.compare(table))
+    assert TABLE1.compare(table)[-1].agrees
 
 
 def test_every_statement_of_a_short_drive_names_what_was_asked(tmp_path: Path) -> None:

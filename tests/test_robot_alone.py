@@ -44,7 +44,7 @@ from phalanx.daemon.state import told as told_by
 from phalanx.daemon.trusted import check_may_have_key, give_keys, open_nodes
 from phalanx.errors import Unavailable, UsageError
 from phalanx.experiments.scorecard.card import write_csv
-from phalanx.experiments.table import Head, TableFile
+from phalanx.experiments.table import Table, TableFile
 from phalanx.io import serial_line, udp_radio
 from phalanx.io.mission_key import issued, read_board, read_mission_key
 from phalanx.io.serial_line import open_line
@@ -379,7 +379,7 @@ def test_a_recording_over_a_link_that_somebody_laid_is_refused(tmp_path):
     (tmp_path / "run.mcap").symlink_to("theirs")
     for grows in (
         Recorder(tmp_path / "run.mcap"),
-        TableFile(tmp_path / "run.mcap", Head(figure="fig", columns=("a",), origin={})),
+        TableFile(tmp_path / "run.mcap", Table(figure="fig", columns=("a",), origin={})),
     ):
         with pytest.raises(Unavailable, match=r"cannot write .*run\.mcap"):
             grows.__enter__()

@@ -112,7 +112,9 @@ _FIGURES = (
         "bti.fig2:FLOCK",
         "Ten of 125 robots lie among obstacles, and the flock stays away (RoboRebound Fig. 2)",
     ),
-    Figure("bti-fig5", "bti.fig5", "What a MAC and a hash cost on microcontrollers (RoboRebound Fig. 5a)", alone=True),
+    Figure(
+        "bti-fig5", "bti.loads:FIG5", "What a MAC and a hash cost on microcontrollers (RoboRebound Fig. 5a)", alone=True
+    ),
     Figure("bti-table1", "bti.loads:TABLE1", "Worst load of the a-node, call by call (RoboRebound Table 1)"),
     Figure("bti-table2", "bti.loads:TABLE2", "Worst load of the s-node, call by call (RoboRebound Table 2)"),
     _flock(
@@ -153,13 +155,13 @@ _FIGURES = (
     ),
     Figure(
         "mission-fig9",
-        "missions.fig9",
+        "missions.explore:FIG9",
         "Four robots explore together and share hashes alone (Encoded graphs Fig. 9)",
         size_in=(12.0, 6.5),
     ),
     Figure(
         "mission-table1",
-        "missions.table1",
+        "missions.explore:TABLE1",
         "How knowledge is divided among four exploring robots (Encoded graphs Table I)",
     ),
     Figure(

@@ -29,7 +29,7 @@ class Statement:
     """One thing that the paper or the reference says, and what we found."""
 
     what: str  # what is compared, with its unit
-    paper: str  # what the paper says, in words
+    paper: str = ""  # what the paper says, in words, or ""
     reference: str = ""  # what the independent reference has, or ""
     ours: str
     agrees: bool  # whether they agree, by the tolerance named in `why`

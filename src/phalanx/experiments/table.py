@@ -18,6 +18,7 @@ import os
 import shutil
 import subprocess
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -38,36 +39,27 @@ MOST_BYTES = 1 << 30
 ELSEWHERE = "use another folder with --out, or move the file away"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Head:
-    """What a CSV begins with."""
-
-    figure: str
-    columns: tuple[str, ...]  # of the lines
-    # With what it is measured, the version of the program among it. For two measurements to share a file all of it must
-    # agree, but what is in `free`.
-    origin: Mapping[str, Any]
-    by_line: bool = False  # whether each line is a case; else cases have names, and their cells are numbers
-    free: frozenset[str] = frozenset()
-
-    @property
-    def text(self) -> str:
-        """The first two lines."""
-        names = self.columns if self.by_line else ("case", *self.columns)
-        return f"# phalanx {self.figure} {json.dumps(dict(self.origin))}\n{','.join(names)}\n"
-
-
 @dataclass(frozen=True, slots=True)
 class Table:
-    """What a CSV holds."""
+    """The content of a CSV; one without cases begins a new CSV."""
 
     figure: str
-    origin: dict[str, Any]  # with what it was measured
+    # With what it was measured, the version of the program among it. For two measurements to share a file all of it
+    # must agree, but what is in `free`.
+    origin: Mapping[str, Any]
     columns: tuple[str, ...]  # of the lines, without the case
     cases: dict[str, Rows] = field(default_factory=dict)  # (rows, columns) of each, in the order measured
     kept: dict[str, dict[str, Any]] = field(default_factory=dict)  # what else was kept of a case
+    by_line: bool = False  # whether each line is a case; else cases have names, and their cells are numbers
+    free: frozenset[str] = frozenset()
     # Where each line is a case, their cells and their numbers in the file.
     lines: list[tuple[int, list[str]]] = field(default_factory=list)
+
+    @property
+    def head(self) -> str:
+        """The first two lines of its file."""
+        names = self.columns if self.by_line else ("case", *self.columns)
+        return f"# phalanx {self.figure} {json.dumps(dict(self.origin))}\n{','.join(names)}\n"
 
     @property
     def version(self) -> str:
@@ -91,27 +83,24 @@ def read_table(path: Path, figure: str = "") -> Table:
 class TableFile:
     """A CSV that grows. Use as `with`: entered, it is ours alone and ends with something whole.
 
-    Then `table` is what was there, and `done` names the cases that are there; `check` raises UsageError on a table that
-    is none of the figure's. The file is made if it is not there, with its folder.
+    Then `table` is what was there, or `begin` in a new file, and `done` names the cases that are there. `check` raises
+    UsageError on a table that is none of the figure's. The file is made if it is not there, with its folder.
 
     Raises: on entering, UsageError: the file is another measurement's, or another run writes to it; nothing was
         altered. Unavailable: it cannot be written, on entering or later.
     """
 
-    def __init__(self, path: Path, head: Head, check: Callable[[Table], object] = lambda _table: None) -> None:
+    def __init__(self, path: Path, begin: Table, check: Callable[[Table], object] = lambda _table: None) -> None:
         self.path = path
-        self._head = head
         self._check = check
         self._fd = -1
-        self.table = Table(head.figure, dict(head.origin), head.columns)
+        self.table = begin
         self.done: set[str] = set()
 
     def __enter__(self) -> Self:
-        try:
+        with self._writing():
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._fd = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o644)
-        except OSError as error:
-            raise self._unwritable(error) from error
         try:
             self._continue()
         except BaseException:
@@ -139,16 +128,17 @@ class TableFile:
         except OSError as error:
             raise UsageError(f"another run writes to {self.path}", "wait for it, or choose another --out") from error
         data = self.path.read_bytes()
-        if self._head.text.encode().startswith(data):  # new, or we died within the head
+        begin = self.table
+        if begin.head.encode().startswith(data):  # new, or we died within the head
             self._truncate(0)
-            self._write(self._head.text)
+            self._write(begin.head)
             return
-        self.table, whole = _parse(self.path, data, self._head.figure)
-        if self.table.columns != self._head.columns:
+        self.table, whole = _parse(self.path, data, begin.figure)
+        if self.table.columns != begin.columns:
             raise UsageError(f"{self.path} has other columns", ELSEWHERE)
-        for name, ours in self._head.origin.items():
+        for name, ours in begin.origin.items():
             theirs = self.table.origin.get(name)
-            if theirs != ours and name not in self._head.free:
+            if theirs != ours and name not in begin.free:
                 shown = f" {theirs}, this run has {ours}" if len(f"{theirs}{ours}") < 80 else " of its own"
                 raise UsageError(f"{self.path} was measured with another {name}:{shown}", ELSEWHERE)
         self._check(self.table)
@@ -156,22 +146,23 @@ class TableFile:
         self._truncate(whole)
 
     def _truncate(self, size: int) -> None:
-        try:
+        with self._writing():
             os.ftruncate(self._fd, size)
-        except OSError as error:
-            raise self._unwritable(error) from error
 
     def _write(self, text: str) -> None:
         """At once: whatever happens to us later, it is there."""
         data = memoryview(text.encode())
-        try:
+        with self._writing():
             while data:
                 data = data[os.write(self._fd, data) :]
-        except OSError as error:
-            raise self._unwritable(error) from error
 
-    def _unwritable(self, error: OSError) -> Unavailable:
-        return Unavailable(f"cannot write {self.path}: {error.strerror}", "choose another folder with --out")
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            hint = "choose another folder with --out"
+            raise Unavailable(f"cannot write {self.path}: {error.strerror}", hint) from error
 
 
 def version() -> str:
@@ -239,8 +230,8 @@ def measure(
     def tell(share: float) -> None:
         on_progress(done + share, len(cases))
 
-    head = Head(figure=figure.name, columns=body.COLUMNS, origin={**origin, "version": version()})
-    with TableFile(path, head, getattr(body, "check", lambda _table: None)) as file:
+    begin = Table(figure.name, {**origin, "version": version()}, body.COLUMNS)
+    with TableFile(path, begin, getattr(body, "check", lambda _table: None)) as file:
         todo = [case for case in cases if case not in file.done]
         done = len(cases) - len(todo)
         tell(0.0)
@@ -255,7 +246,7 @@ def _parse(path: Path, data: bytes, figure: str) -> tuple[Table, int]:
     """(table, length of the part that ends with a whole case). Raises: UsageError: it is none of ours."""
     lines = data[: data.rfind(b"\n") + 1].split(b"\n")[:-1]
     try:
-        table, by_line = _parse_head(lines, figure)
+        table = _parse_head(lines, figure)
     except (ValueError, KeyError, IndexError, TypeError) as error:
         raise UsageError(f"{path} is not a CSV of {figure or 'ours'}", ELSEWHERE) from error
     at = whole = len(lines[0]) + len(lines[1]) + 2
@@ -264,29 +255,29 @@ def _parse(path: Path, data: bytes, figure: str) -> tuple[Table, int]:
         at += len(line) + 1
         try:
             text = line.decode()
-            if by_line or not text.startswith(END):
+            if table.by_line or not text.startswith(END):
                 rows.append(text.split(","))
-                if len(rows[-1]) != len(table.columns) + (not by_line):
+                if len(rows[-1]) != len(table.columns) + (not table.by_line):
                     raise ValueError(text)
             else:
                 _end_case(table, text, rows)
         except (ValueError, TypeError) as error:
             raise UsageError(f"line {number} of {path} is not one of ours", ELSEWHERE) from error
-        if by_line:
+        if table.by_line:
             table.lines.append((number, rows.pop()))
         if not rows:
             whole = at
     return table, whole
 
 
-def _parse_head(lines: list[bytes], figure: str) -> tuple[Table, bool]:
+def _parse_head(lines: list[bytes], figure: str) -> Table:
     mark, program, name, origin = lines[0].decode().split(" ", 3)
     first, *others = lines[1].decode().split(",")
     says = json.loads(origin)
     if (mark, program) != ("#", "phalanx") or name != (figure or name) or not isinstance(says, dict):
         raise ValueError(name)
     by_line = first != "case"
-    return Table(name, says, (first, *others) if by_line else tuple(others)), by_line
+    return Table(name, says, (first, *others) if by_line else tuple(others), by_line=by_line)
 
 
 def _end_case(table: Table, text: str, rows: list[list[str]]) -> None:

@@ -11,7 +11,7 @@ from typing import Any, Literal, cast, get_args
 from phalanx.errors import UsageError
 from phalanx.experiments.plot import BLUE, VERMILION, Axes, Picture, legend_above
 from phalanx.experiments.statement import Report, Statement
-from phalanx.experiments.table import ELSEWHERE, Head, Table
+from phalanx.experiments.table import ELSEWHERE, Table
 
 Kind = Literal["plain", "sealed"]
 Outcome = Literal["back", "lost", "late", "cut"]
@@ -44,13 +44,13 @@ class Row:
 Packets = dict[Kind, tuple[Row, ...]]
 
 
-def head(*, broker: str, interval_s: float, lost_after_s: float, version: str) -> Head:
+def head(*, broker: str, interval_s: float, lost_after_s: float, version: str) -> Table:
     """Of the table. Another version of the program may go on with it: what is measured is the broker and the network.
 
     `broker` is mosquitto or amqtt for an embedded one, else its URL; never a login.
     """
     origin = {"broker": broker, "interval_s": interval_s, "lost_after_s": lost_after_s, "version": version}
-    return Head(figure="link-fig4", columns=COLUMNS, origin=origin, by_line=True, free=frozenset({"version"}))
+    return Table("link-fig4", origin, COLUMNS, by_line=True, free=frozenset({"version"}))
 
 
 def cells(row: Row) -> tuple[str, ...]:

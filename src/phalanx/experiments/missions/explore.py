@@ -1,4 +1,4 @@
-"""What Figure 9 and Table I have in common: four robots that explore the office together and share only hashes.
+"""Encoded graphs Fig. 9 and Table I: four robots that explore the office together and share only hashes.
 
 All begin at the main door. Planning needs no secret: the public graph is divided into four shares, each robot goes for
 its own first, and robots that meet prove to each other which nodes they decoded. What a robot saw of the floor itself
@@ -11,11 +11,14 @@ import math
 import random
 from dataclasses import replace
 from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.experiments.table import Rows, by_seed, seed_of
+from phalanx.experiments.plot import BLUE, GREEN, ORANGE, VERMILION, Picture, boxes, draw_walls
+from phalanx.experiments.statement import Statement, quantiles
+from phalanx.experiments.table import Rows, Table, by_seed, seed_of
 from phalanx.mission import BuildOptions, Profile, Walker, build
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
@@ -35,7 +38,12 @@ CELL_M = 0.5
 KNOWS_M = 5.0
 COLUMNS = ("t_s", "robot", "x_m", "y_m", "found", "told", "area", "error_m", "team")
 LANDMARKS = 32
-cases = by_seed
+COLOURS = (BLUE, ORANGE, GREEN, VERMILION)
+TEAM, ERROR, TOLD = COLUMNS.index("team"), COLUMNS.index("error_m"), COLUMNS.index("told")
+# Purple, orange, red, cyan.
+PAPER_FOUND = (12, 16, 15, 11)
+PAPER_AREA_PCT = (23, 29, 41, 27)
+FOUND, AREA = COLUMNS.index("found"), COLUMNS.index("area")
 
 
 def measure_case(case: str, _tell: object = None) -> Rows:
@@ -158,3 +166,116 @@ def _seen(robot: MissionRobot, floor: NDArray[np.float64]) -> NDArray[np.bool_]:
 def ends(table_case: Rows) -> Rows:
     """(ROBOTS, columns) the last row of each robot."""
     return np.array([table_case[table_case[:, 1] == number][-1] for number in range(ROBOTS)])
+
+
+def compare_fig9(table: Table) -> list[Statement]:
+    """What §VI-C says of Fig. 9, and ours."""
+    last = [ends(rows) for rows in table.cases.values()]
+    team = np.array([rows[:, TEAM].max() for rows in last])
+    met = np.array([np.count_nonzero(rows[:, TOLD]) for rows in last], float)
+    errors_m = np.array([rows[:, ERROR].max() for rows in table.cases.values()])
+    return [
+        Statement(
+            what=f"landmarks of {LANDMARKS} that the team found",
+            paper="the environment is explored",
+            ours=quantiles(team, ".0f"),
+            agrees=bool(np.all(team == LANDMARKS)),
+            why="all, in every seed",
+        ),
+        Statement(
+            what=f"robots of {ROBOTS} that were told of hashes by another",
+            paper="share their progress upon meeting",
+            ours=quantiles(met, ".0f"),
+            agrees=bool(np.all(met >= 2)),
+            why="at least one meeting in every seed",
+        ),
+        Statement(
+            what="largest error of any robot's pose, m",
+            ours=quantiles(errors_m, ".2f"),
+            agrees=bool(np.all(errors_m < 0.5)),
+            why="within the paper's search of ±0.5 m at all times; Stage-type noise (0.03, 0.05)",
+        ),
+    ]
+
+
+def draw_fig9(table: Table, picture: Picture) -> None:
+    """The paths of the first seed on the floor plan, and landmarks found over time."""
+    ground, over_time = picture.subplots(1, 2, width_ratios=(6, 5))
+    rows = table.cases[min(table.cases, key=seed_of)]
+    draw_walls(ground, load_floorplan(DEFAULT).walls)
+    places = [node.place for node in office().nodes if node.place]
+    ground.plot(*zip(*places, strict=True), "o", mfc="none", mec="0.4", ms=5, label="encoded landmarks")
+    for number, colour in enumerate(COLOURS):
+        own = rows[rows[:, 1] == number]
+        ground.plot(own[:, 2], own[:, 3], color=colour, linewidth=1.5, label=f"robot {number + 1}")
+        over_time.plot(own[:, 0], own[:, 4], color=colour, label=f"robot {number + 1}")
+        over_time.plot(own[:, 0], own[:, 4] + own[:, TOLD], color=colour, linestyle=":")
+    over_time.plot([], [], color="0.4", linestyle=":", label="with those told by others")
+    over_time.axhline(LANDMARKS, color="0.6", linewidth=0.8)
+    over_time.set(xlabel="time (s)", ylabel="landmarks found", ylim=(0, LANDMARKS + 4))
+    ground.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0, 1.08), ncols=3, frameon=False)
+    over_time.legend(fontsize=8, loc="upper left")
+
+
+def _ends(table: Table, column: int) -> Rows:
+    """(seeds, ROBOTS), each seed's in ascending order: which robot is which is chance."""
+    return np.sort([ends(rows)[:, column] for rows in table.cases.values()], axis=1)
+
+
+def compare_table1(table: Table) -> list[Statement]:
+    """Table I, and ours: robots by rank."""
+    out, area_pct = [], 100 * _ends(table, AREA)
+    for words, papers, ours, near, why in (
+        (f"hashes found of {LANDMARKS}", PAPER_FOUND, _ends(table, FOUND), 2, "the paper's routes are not known"),
+        (
+            "area known, %",
+            PAPER_AREA_PCT,
+            area_pct,
+            10,
+            f"floor swept within {KNOWS_M:g} m; the paper says not how it counts",
+        ),
+    ):
+        out += [
+            Statement(
+                what=f"{words}, robot {rank + 1} by rank",
+                paper=str(paper),
+                ours=quantiles(ours[:, rank], ".0f"),
+                agrees=abs(float(np.median(ours[:, rank])) - paper) <= near,
+                why=f"median within {near}: {why}",
+            )
+            for rank, paper in enumerate(sorted(papers))
+        ]
+    most = area_pct.max(axis=1)
+    out.append(
+        Statement(
+            what="most raw knowledge of one robot, %",
+            paper="41",
+            ours=quantiles(most, ".0f"),
+            agrees=bool(np.all(most <= max(PAPER_AREA_PCT))),
+            why="no more than the paper's, in every seed",
+        )
+    )
+    return out
+
+
+def draw_table1(table: Table, picture: Picture) -> None:
+    """Ours as boxes over the seeds, the paper's hollow."""
+    for axes, values, paper, words in zip(
+        picture.subplots(1, 2),
+        (_ends(table, FOUND), 100 * _ends(table, AREA)),
+        (PAPER_FOUND, PAPER_AREA_PCT),
+        (f"hashes found of {LANDMARKS}", "area known (%)"),
+        strict=True,
+    ):
+        ranks = np.arange(1, ROBOTS + 1)
+        boxes(axes, list(values.T), BLUE, positions=ranks, widths=0.4)
+        axes.plot([], [], color=BLUE, label="phalanx, box and 5 to 95 % of seeds")
+        axes.plot(ranks, sorted(paper), "o", mfc="none", mec="black", ms=7, label="paper")
+        axes.set(xlabel="robot, by rank", ylabel=words, ylim=(0, None))
+        axes.legend(fontsize=8, loc="lower right")
+
+
+FIG9, TABLE1 = (
+    SimpleNamespace(COLUMNS=COLUMNS, cases=by_seed, measure_case=measure_case, compare=compare, draw=draw)
+    for compare, draw in ((compare_fig9, draw_fig9), (compare_table1, draw_table1))
+)

@@ -63,7 +63,6 @@ def compare(table: Table) -> list[Statement]:
     out.append(
         Statement(
             what="all landmarks, share of time within 0.15 m, %",
-            paper="",
             ours=quantiles(100 * share, ".1f"),
             agrees=bool(np.all(share >= 0.95)),
             why="95 % in every seed",

@@ -132,14 +132,16 @@ class _Witness:
         self._due = {
             node.do.name: (node.place, node.within_m + ELSEWHERE_M) for node in ordered if node.do and node.place
         }
+        self._seen = 0, 0, 0  # nodes, actions and steps of the report
         self.false_nodes = 0
         self.wrong: list[str] = []
         self.false_fixes = 0
         self.worst_fix_m = 0.0
 
-    def look(self, before: tuple[int, int, int]) -> None:
-        """At what a step brought, by the counts of what was there `before` it."""
-        report = self._robot.report
+    def look(self) -> None:
+        """Judge what came since the last look."""
+        report, before = self._robot.report, self._seen
+        self._seen = len(report.decoded), len(report.actions), len(report.pose_error_m)
         error_m = report.pose_error_m[-1]
         if len(report.decoded) > before[0] and error_m > FALSE_NODE_M:
             self.false_nodes += 1
@@ -152,12 +154,6 @@ class _Witness:
         if is_new and (error_m > FALSE_FIX_M or report.heading_error_rad[-1] > FALSE_FIX_RAD):
             self.false_fixes += 1
             self.worst_fix_m = max(self.worst_fix_m, error_m)
-
-    @property
-    def counts(self) -> tuple[int, int, int]:
-        """Of nodes, actions and steps so far."""
-        report = self._robot.report
-        return len(report.decoded), len(report.actions), len(report.pose_error_m)
 
 
 def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: bool = True) -> Walked:
@@ -184,9 +180,8 @@ def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: 
         attack.now_s = step * STEP_S
         robot.body.wheels.left, robot.body.wheels.right = attack.wheels()
         robot.hears = attack.messages(said if not step else ())
-        before = witness.counts
         world.advance(attack.now_s + STEP_S)
-        witness.look(before)
+        witness.look()
         if robot.controller.over:
             break
     (report,) = world.finish()
