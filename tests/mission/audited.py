@@ -12,7 +12,7 @@ from phalanx.experiments.missions import team
 from phalanx.experiments.missions.team import ELSEWHERE_M, LOBBY, STORE, STORE_WALL
 from phalanx.mission import Action, BuildOptions, Draft, Position, Profile, Walker, build
 from phalanx.mission.landmarks.lidar import Lidar
-from phalanx.mission.walk.keyring import Keyring
+from phalanx.mission.walk.state import Keyring
 from phalanx.robot.attacks.missions.cheat import CheatPlan, DriveDark, MissionCheat
 from phalanx.robot.controllers.mission.controller import Assignment, Missions
 from phalanx.robot.controllers.mission.readings import Sensors

@@ -15,8 +15,7 @@ from phalanx.errors import PeerError
 from phalanx.mission import Draft, Experience, Landmark, Position, Profile, Sensor, State
 from phalanx.mission.file.canonical import AT_POSITION, Shape
 from phalanx.mission.observable import APART_MAX, Cell, Offset, cell_of
-from phalanx.mission.walk.claims import Unshown, opens, shows
-from phalanx.mission.walk.found import Claim, parse_claim
+from phalanx.mission.walk.claims import Claim, Unshown, opens, parse_claim, shows
 
 both = pytest.mark.parametrize("profile", BOTH)
 

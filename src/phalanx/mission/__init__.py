@@ -24,13 +24,11 @@ from .observable import (
     Sensor,
     Time,
 )
-from .walk.claims import opens, shows
+from .walk.claims import Claim, opens, parse_claim, shows
 from .walk.fix import Fix
-from .walk.found import Claim, parse_claim
 from .walk.gate import StartKey, parse_start_key
 from .walk.opening import Opened, OpenWay
-from .walk.outcome import Kind, Order, Outcome, Reason
-from .walk.table import Phase
+from .walk.state import Kind, Order, Outcome, Phase, Reason
 from .walk.walker import State, Walker
 
 __all__ = [

@@ -15,8 +15,8 @@ from phalanx.config.mission import CodingConfig
 from phalanx.errors import UsageError
 
 from .file.canonical import action_bytes, shape_of
-from .misplaced import Misplaced, under
 from .observable import VALUE_MAX, Action, Landmark, Observable, Position
+from .refused import Misplaced, under
 
 NODE_LIMIT = 1 << 20
 ALIAS_LIMIT = 255

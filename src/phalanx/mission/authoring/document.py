@@ -15,8 +15,8 @@ from typing import Any
 from phalanx.config.mission import CodingConfig
 from phalanx.errors import UsageError, did_you_mean
 from phalanx.mission.graph import Draft, Mission
-from phalanx.mission.misplaced import Misplaced, under
 from phalanx.mission.observable import LANDMARK_TYPES, Action, Landmark, Observable, Position, Sensor, Time
+from phalanx.mission.refused import Misplaced, under
 
 TOP = {"mission", "map", "area", "roam", "repeatable", "coding", "nodes", "ways"}
 NODE = {"see", "do", "start", "final", "join", "chained", "within_m", "timeout_s", "send", "wait", "part", "width"}

@@ -7,7 +7,7 @@ import yaml
 from phalanx.config.written import compose, line_of, named, words_of
 from phalanx.errors import UsageError
 from phalanx.mission.graph import Mission
-from phalanx.mission.misplaced import Misplaced
+from phalanx.mission.refused import Misplaced
 
 from .document import plain_mission
 

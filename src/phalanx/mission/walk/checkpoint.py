@@ -22,8 +22,7 @@ from phalanx.mission.refused import MalformedMission
 from phalanx.wire import missions as table
 
 from .opening import Known, OpenWay
-from .state import State
-from .table import Phase
+from .state import Phase, State
 
 NOBODY = 0xFFFFFFFF
 NO_SECTOR = 0xFFFF

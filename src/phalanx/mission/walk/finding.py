@@ -19,7 +19,7 @@ from phalanx.mission.pose.spread import pose_spread
 from phalanx.mission.refused import Altered, MalformedMission
 
 from .chart import Chart
-from .claims import Unshown, shows, unlock
+from .claims import Claim, Found, Unshown, shows, unlock
 from .constellation import MISTAKEN, constellation, may_be, strangers
 from .fix import (
     Fix,
@@ -38,18 +38,14 @@ from .fix import (
     sighting,
     told,
 )
-from .found import Claim, Found
 from .gate import Gate, Hint, StartKey, join_shares, parse_start_key
 from .glance import NOBODY, Gaze, gaze_of, glance
-from .keyring import Keyring
 from .opening import Known, Opened, open_found
-from .outcome import Order, Reason
 from .route import Map
 from .search import LANDMARK_PLACES, Budget
 from .search_paper import PaperSearch
 from .search_sealed import Candidate, search_sealed
-from .state import State
-from .table import Phase
+from .state import Keyring, Order, Phase, Reason, State
 
 # An offset is in millimetres.
 MIDDLE_M = 0.002

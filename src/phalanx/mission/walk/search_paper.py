@@ -18,7 +18,7 @@ from phalanx.mission.file.records import EncodedMission
 from phalanx.mission.observable import LANDMARK_TYPES, Cell, Experience, Offset, bins_of, rows_of, steps_of
 
 from .cells import BIN_STEPS, OWN, RINGS, Doubt, Groups, Message, Shapes, pack, search_cells, search_shapes
-from .found import Claim, Found
+from .claims import Claim, Found
 from .search import LANDMARK_PLACES, Budget, Variant, doubt_in, variants
 from .searched import Searched
 

@@ -31,8 +31,8 @@ from phalanx.mission.pose.spread import Sighting, misfit
 
 from .cells import Doubt
 from .chart import most_of, turn_to
+from .claims import Claim, Found
 from .fix import is_there
-from .found import Claim, Found
 from .gate import Hint
 from .search import Budget, Variant, cells_around, doubt_in, placed, region
 from .searched import SPIRAL

@@ -21,18 +21,15 @@ from phalanx.mission.file.sealed import visited_hash
 from phalanx.mission.observable import LONGEST_S, Experience, Landmark
 from phalanx.mission.refused import Altered
 
-from .claims import Unshown
+from .claims import Claim, Unshown
 from .constellation import seen_again
 from .finding import Find, Finder
 from .fix import Fix, allowed_m, distance_m, pose_doubt_m
-from .found import Claim
 from .gate import StartKey
 from .glance import SIGHT_M
 from .opening import Opened, OpenWay
-from .outcome import Kind, Order, Outcome, Reason
-from .state import State
-from .table import Event, Phase
-from .table import step as next_phase
+from .state import Event, Kind, Order, Outcome, Phase, Reason, State
+from .state import step as next_phase
 
 __all__ = ["State", "Walker"]
 

@@ -22,8 +22,7 @@ from phalanx.mission.file import sealed
 from phalanx.mission.file.canonical import AT_POSITION, Shape, canonical, cell_at, place_bytes
 from phalanx.mission.file.records import EncodedMission
 from phalanx.mission.observable import LANDMARK_TYPES, MM_PER_M, Cell, Experience, Landmark, Offset, bins_of, middle_of
-from phalanx.mission.walk.claims import unlock
-from phalanx.mission.walk.found import Claim, Found
+from phalanx.mission.walk.claims import Claim, Found, unlock
 from phalanx.mission.walk.gate import Gate, StartKey
 from phalanx.mission.walk.opening import Opened, OpenWay, open_found
 

@@ -14,9 +14,8 @@ import numpy as np
 
 from phalanx.mission import Experience, Landmark, Outcome, Phase, State, Walker
 from phalanx.mission.observable import MM_PER_M
-from phalanx.mission.walk.found import Claim
-from phalanx.mission.walk.outcome import Kind, Reason
-from phalanx.mission.walk.table import Event
+from phalanx.mission.walk.claims import Claim
+from phalanx.mission.walk.state import Event, Kind, Reason
 from phalanx.robot.controllers.mission.controller import Missions
 from phalanx.robot.controllers.mission.observed import ObservedController
 from phalanx.sim.building.odometry import Pose

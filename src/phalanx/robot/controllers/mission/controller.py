@@ -30,8 +30,8 @@ from phalanx.mission.observable import LONGEST_S
 from phalanx.mission.pose.belief import NUMBERS, Belief, of_numbers
 from phalanx.mission.refused import MalformedMission
 from phalanx.mission.walk.checkpoint import encode_state, parse_state, state_capacity
+from phalanx.mission.walk.claims import Claim
 from phalanx.mission.walk.fix import begun_at, fixed, moved
-from phalanx.mission.walk.found import Claim
 from phalanx.robot.controllers.evidence_controller import EvidenceController
 from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send
 from phalanx.wire.record import MalformedRecord

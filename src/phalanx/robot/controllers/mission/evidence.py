@@ -12,7 +12,7 @@ import numpy as np
 
 from phalanx.errors import PeerError
 from phalanx.mission.file.reader import Reader
-from phalanx.mission.walk.found import Claim, parse_claim
+from phalanx.mission.walk.claims import Claim, parse_claim
 from phalanx.wire.table import KEPT, KEPT_CLAIM, RANGE
 
 from .readings import SENSED_MAX_BYTES

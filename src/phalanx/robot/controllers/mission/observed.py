@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from phalanx.mission import Experience, Outcome, Phase, State, Walker
-from phalanx.mission.walk.found import Claim
+from phalanx.mission.walk.claims import Claim
 
 from .controller import MissionController, Missions
 
