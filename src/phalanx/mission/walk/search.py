@@ -32,7 +32,7 @@ from phalanx.mission.observable import (
 )
 from phalanx.mission.pose.spread import pose_spread
 
-from .cells import BIN_STEPS, Doubt, region_of
+from .cells import BIN_STEPS, RINGS, Doubt, bins_beside, level_of
 from .fix import distance_m, sight_of
 from .searched import spiral
 
@@ -124,8 +124,9 @@ def region(
         return 0, [0], 1
     x, y = (landmark.x_m, landmark.y_m) if landmark else (doubt.x_m, doubt.y_m)
     turn = number_or_nan(landmark.orientation_rad if landmark and shape.oriented else None)
-    thing, group = np.array([x, y, turn, math.nan]), np.array([*offset.natural, 0.0])
-    _, rings, up, down = region_of(thing, landmark is None, group, steps_of(coding), doubt)
+    steps = steps_of(coding)
+    rings = RINGS[level_of(np.array([x, y, turn, math.nan]), landmark is None, steps, doubt)]
+    up, down = bins_beside(float(turn), offset.natural[2], steps[2], doubt)
     bins = bins_of(coding, LANDMARK_TYPES[shape.place - 1]) if landmark else 1
     return rings, [step for step, is_meant in zip(BIN_STEPS, (True, up, down), strict=True) if is_meant], bins
 
