@@ -8,9 +8,9 @@ from .authoring.compiling import build
 from .authoring.document import plain_mission
 from .authoring.making import BuildOptions, Built
 from .file.canonical import canonical
-from .file.records import EncodedMission, Header, Profile, parse_mission
+from .file.records import EncodedMission, Profile, parse_mission
 from .file.signing import admit, check_signature, public_key, sign
-from .graph import Draft, Mission, Node, PlainWay
+from .graph import Draft, Mission, Node
 from .observable import (
     LANDMARK_TYPES,
     Action,
@@ -24,8 +24,7 @@ from .observable import (
     Sensor,
     Time,
 )
-from .walk.claims import Claim, opens, parse_claim, shows
-from .walk.fix import Fix
+from .walk.claims import Claim
 from .walk.gate import StartKey, parse_start_key
 from .walk.opening import Opened, OpenWay
 from .walk.state import Kind, Order, Outcome, Phase, Reason
@@ -41,8 +40,6 @@ __all__ = [
     "Draft",
     "EncodedMission",
     "Experience",
-    "Fix",
-    "Header",
     "Kind",
     "Landmark",
     "Message",
@@ -54,7 +51,6 @@ __all__ = [
     "Order",
     "Outcome",
     "Phase",
-    "PlainWay",
     "Position",
     "Previous",
     "Profile",
@@ -68,12 +64,9 @@ __all__ = [
     "build",
     "canonical",
     "check_signature",
-    "opens",
-    "parse_claim",
     "parse_mission",
     "parse_start_key",
     "plain_mission",
     "public_key",
-    "shows",
     "sign",
 ]

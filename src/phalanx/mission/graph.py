@@ -7,7 +7,7 @@ YAML file (see `authoring`) goes through the same calls.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
@@ -252,13 +252,5 @@ class Draft:
 
     def mission(self) -> Mission:
         """What was written, checked. Raises: UsageError."""
-        return Mission(
-            name=self.name,
-            nodes=tuple(self.nodes),
-            ways=tuple(self.ways),
-            coding=self.coding,
-            area_m=self.area_m,
-            roam=self.roam,
-            repeatable=self.repeatable,
-            floor_plan=self.floor_plan,
-        )
+        same = {each.name: getattr(self, each.name) for each in fields(self)}
+        return Mission(**{**same, "nodes": tuple(self.nodes), "ways": tuple(self.ways)})

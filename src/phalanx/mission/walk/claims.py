@@ -80,11 +80,6 @@ def unlock(mission: EncodedMission, claim: Claim) -> bytes | None:
     return key if mark == alias.mark else None
 
 
-def opens(mission: EncodedMission, claim: Claim) -> bool:
-    """Whether what is claimed opens the node: one hash, or one KDF."""
-    return unlock(mission, claim) is not None
-
-
 def shows(
     mission: EncodedMission,
     config: MissionConfig,

@@ -170,7 +170,10 @@ def crack_sealed(
             known -= left
             cracked = _cracked(coding, node, claim.shape, claim.offset, claim.cell)
             yield Tried(len(batch), known, (cracked,))
-            opened = _open(mission, claim, cracked, secret_key)
+            landmark = None
+            if claim.shape.place != AT_POSITION:
+                landmark = Landmark(cracked.kind, cracked.x_m, cracked.y_m, cracked.orientation_rad)
+            opened = open_found(mission, Found(claim, landmark, key=secret_key), Experience(0.0, 0.0, 0.0, 0.0))
             for way in opened.ways:
                 if way.target not in seen and way.gate is not None:
                     seen.add(way.target)
@@ -219,10 +222,3 @@ def _everywhere(coding: CodingConfig, box: Box, before: Before | None, shape: Sh
     for i in order:
         for turn, area in _bins(coding, shape, box):
             yield Cell(int(xs[i]), int(ys[i]), turn, area)
-
-
-def _open(mission: EncodedMission, claim: Claim, cracked: Cracked, key: bytes) -> Opened:
-    landmark = None
-    if claim.shape.place != AT_POSITION:
-        landmark = Landmark(cracked.kind, cracked.x_m, cracked.y_m, cracked.orientation_rad)
-    return open_found(mission, Found(claim, landmark, key=key), Experience(0.0, 0.0, 0.0, 0.0))
