@@ -1,8 +1,6 @@
 """Cells, compiled: the one that a seen thing falls into, and the search around it, with a memory.
 
-A robot that looks at the same door ten times a second would search around the same cells again. Cells that nothing was
-found around are in a table; looking there changes how long a search takes, never what it finds or how many tries it
-counts.
+What was searched before (searched.py) changes how long a search takes, never what it finds or how many tries it counts.
 """
 
 from __future__ import annotations

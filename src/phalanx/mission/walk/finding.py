@@ -206,7 +206,9 @@ class Finder:
         unconfirmed: dict[Match, Opened] = {}
         again = self._again(state)
         for found in self._found(state, self._unexplained(state, seen, again), failed, budget):
-            if again and not self._is_unexplained(state, seen, found):
+            # A known node's, unless it is the very thing: as auditors ask.
+            same = self._same(state, found.claim) if again else frozenset()
+            if again and found.seen not in (None, *self._unexplained(state, seen, same).landmarks):
                 continue
             opened, fix, reason = self._believe(state, seen, found, unconfirmed)
             if opened is not None:
@@ -269,11 +271,6 @@ class Finder:
             and all(chart.nodes[number] == state.target or number in again for number in known)
         )
         return seen if len(left) == len(seen.landmarks) else replace(seen, landmarks=left)
-
-    def _is_unexplained(self, state: State, seen: Experience, found: Found) -> bool:
-        """Whether what was found is no known node's, or the very thing that this is: as auditors ask."""
-        clear = self._unexplained(state, seen, self._same(state, found.claim)).landmarks
-        return found.seen is None or found.seen in clear
 
     def _found(self, state: State, seen: Experience, failed: set[bytes], budget: Budget) -> Iterator[Found]:
         nodes = self.candidates(state)

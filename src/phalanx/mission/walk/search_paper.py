@@ -55,11 +55,7 @@ class _Candidates:
 
 
 class PaperSearch:
-    """The search of one mission.
-
-    It remembers around which cells it found nothing. That changes how long a search takes, never what it finds or how
-    many tries it counts, so two searches of one mission agree whatever they have seen before.
-    """
+    """The search of one mission; two of them agree, whatever they have searched before."""
 
     def __init__(self, mission: EncodedMission, config: MissionConfig) -> None:
         self._mission = mission

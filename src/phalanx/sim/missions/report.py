@@ -187,19 +187,14 @@ class Logbook:
         walk, mission = self.controller.memory.walk, self.controller.given.mission
         gates = [gate for (_, node), gate in walk.keys.gates.items() if node not in walk.opened]
         shapes = [*mission.header.shapes, *(hint.shape for gate in gates for hint in gate.hints)]
-        is_blind = self.body.building.camera is None
+        building = self.body.building
         wanted = (
-            ("codes on the walls", is_blind and any(shape.text for shape in shapes)),
-            (
-                "actions that robots can do",
-                not self.controller.given.pool and any(shape.action for shape in shapes),
-            ),
-            (
-                "beacons, or what else other sensors tell of",
-                not self.body.building.plan.sources and any(shape.sensors for shape in shapes),
-            ),
+            ("codes on the walls", "text", building.camera),
+            ("actions that robots can do", "action", self.controller.given.pool),
+            ("beacons, or what else other sensors tell of", "sensors", building.plan.sources),
         )
-        return () if self.report.done else tuple(what for what, is_wanted in wanted if is_wanted)
+        lacks = (what for what, kind, has in wanted if not has and any(getattr(shape, kind) for shape in shapes))
+        return () if self.report.done else tuple(lacks)
 
 
 def digest_of(reports: list[Report]) -> str:
