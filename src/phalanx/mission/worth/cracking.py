@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
+from itertools import islice, product
 from typing import Any
 
 import numpy as np
@@ -79,53 +79,32 @@ def can_guess(shape: Shape) -> bool:
 
 
 def crack_paper(mission: EncodedMission, box: Box) -> Iterator[Tried]:
-    """Every place in a box against every node of a paper mission; cheap shapes first."""
-    header = mission.header
+    """Try every place in a box against every node of a paper mission; cheap shapes first."""
+    coding = mission.header.coding
     groups: dict[Offset, dict[bytes, int]] = {}
     for node, record in enumerate(mission.nodes):
         for alias in record.aliases:
             groups.setdefault(alias.offset, {})[alias.mark] = node
-    shapes = [shape for shape in header.shapes if can_guess(shape)]
-    shapes.sort(key=lambda shape: len(_bins(header.coding, shape, box)))
+    shapes = [shape for shape in mission.header.shapes if can_guess(shape)]
+    shapes.sort(key=lambda shape: len(_bins(coding, shape, box)))
     # A chained node has the hash of the one before in it, which is public.
     marks: list[bytes | None] = [alias.mark for record in mission.nodes for alias in record.aliases]
-    size = {offset: len(_patches(header.coding, offset, box)) for offset in groups}
-    total = sum(
-        size[offset] * len(_bins(header.coding, shape, box)) * (len(marks) if shape.previous else 1)
-        for shape in shapes
-        for offset in groups
-    )
+    per_bin = sum(len(_patches(coding, offset, box)) for offset in groups)
+    total = sum(per_bin * len(_bins(coding, shape, box)) * (len(marks) if shape.previous else 1) for shape in shapes)
     for shape in shapes:
-        for turn, area in _bins(header.coding, shape, box):
-            for previous in marks if shape.previous else [None]:
-                for offset, wanted in groups.items():
-                    yield from _sweep(mission, box, shape, Cell(0, 0, turn, area), offset, wanted, previous, total)
-
-
-def _sweep(
-    mission: EncodedMission,
-    box: Box,
-    shape: Shape,
-    cell: Cell,
-    offset: Offset,
-    wanted: dict[bytes, int],
-    previous: bytes | None,
-    total: int,
-) -> Iterator[Tried]:
-    coding = mission.header.coding
-    message = canonical(place_bytes(shape, cell), previous=previous)
-    targets, nodes = Targets(list(wanted)), list(wanted.values())
-    patches = _patches(coding, offset, box)
-    for start in range(0, len(patches), BATCH):
-        batch = patches[start : start + BATCH]
-        found: list[Cracked] = []
-        at = 0
-        while (hit := find_patched(message, cell_at(shape), batch[at:], targets)) is not None:
-            patch = int(batch[at + hit[0]])
-            x, y = (int(np.int32(np.uint32(part & 0xFFFFFFFF))) for part in (patch, patch >> 32))
-            found.append(_cracked(coding, nodes[hit[1]], shape, offset, cell._replace(x=x, y=y)))
-            at += hit[0] + 1
-        yield Tried(len(batch), total, tuple(found))
+        for (turn, area), previous in product(_bins(coding, shape, box), marks if shape.previous else [None]):
+            cell = Cell(0, 0, turn, area)
+            message = canonical(place_bytes(shape, cell), previous=previous)
+            for offset, wanted in groups.items():
+                patches, targets, nodes = _patches(coding, offset, box), Targets(list(wanted)), list(wanted.values())
+                for start in range(0, len(patches), BATCH):
+                    batch, at, found = patches[start : start + BATCH], 0, list[Cracked]()
+                    while (hit := find_patched(message, cell_at(shape), batch[at:], targets)) is not None:
+                        patch = int(batch[at + hit[0]])
+                        x, y = (int(np.int32(np.uint32(part & 0xFFFFFFFF))) for part in (patch, patch >> 32))
+                        found.append(_cracked(coding, nodes[hit[1]], shape, offset, cell._replace(x=x, y=y)))
+                        at += hit[0] + 1
+                    yield Tried(len(batch), total, tuple(found))
 
 
 def _cracked(coding: CodingConfig, node: int, shape: Shape, offset: Offset, cell: Cell) -> Cracked:
