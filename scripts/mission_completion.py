@@ -39,7 +39,8 @@ from phalanx.mission.worth.outlook import time_for_s
 from phalanx.sim.building.floorplan import FloorPlan, load_floorplan
 from phalanx.sim.building.odometry import OdometryNoise
 from phalanx.sim.missions.orders import Orders, orders_of
-from phalanx.sim.missions.run import run_mission, summary
+from phalanx.sim.missions.report import summary
+from phalanx.sim.missions.run import run_mission
 
 ELSEWHERE = Path(__file__).parent.parent / "tests" / "data" / "maps"
 MAPS = (

@@ -24,7 +24,7 @@ from phalanx.mission.file.records import EncodedMission
 from phalanx.mission.observable import LANDMARK_TYPES, MM_PER_M, Cell, Experience, Landmark, Offset, bins_of, middle_of
 from phalanx.mission.walk.claims import Claim, Found, unlock
 from phalanx.mission.walk.gate import Gate, StartKey
-from phalanx.mission.walk.opening import Opened, OpenWay, open_found
+from phalanx.mission.walk.opening import open_found
 
 from .shown import Before, Shown
 
@@ -132,7 +132,9 @@ def crack_sealed(
         node, gate, before = (waiting or later).pop(0)
         gate = replace(gate, hints=gate.hints[: len(mission.nodes[node].aliases)])
         if shown is None:
-            left, size = _count(coding, gate, box), KDF_BATCH
+            hints = [hint for hint in gate.hints if can_guess(hint.shape)]
+            sizes = (len(_patches(coding, each.offset, box)) * len(_bins(coding, each.shape, box)) for each in hints)
+            left, size = sum(sizes), KDF_BATCH
             jobs = _jobs(mission, node, gate, partial(_everywhere, coding, box, before))
         else:
             claims = list(_jobs(mission, node, gate, partial(shown.cells, coding, before)))
@@ -157,22 +159,13 @@ def crack_sealed(
                 if way.target not in seen and way.gate is not None:
                     seen.add(way.target)
                     share = sealed.onward(gate.share, way.gate.share, mission.header, node, way.target)
-                    waiting.append((way.target, replace(way.gate, share=share), _before(opened, way, coding)))
+                    at, to_rad = opened.place_m, way.direction_rad
+                    after = None if at is None or to_rad is None else Before(*at, to_rad, coding.sectors)
+                    waiting.append((way.target, replace(way.gate, share=share), after))
             break
         else:
             if shown is not None:
                 later.append((node, gate, before))
-
-
-def _count(coding: CodingConfig, gate: Gate, box: Box) -> int:
-    hints = [hint for hint in gate.hints if can_guess(hint.shape)]
-    return sum(len(_patches(coding, hint.offset, box)) * len(_bins(coding, hint.shape, box)) for hint in hints)
-
-
-def _before(opened: Opened, way: OpenWay, coding: CodingConfig) -> Before | None:
-    if opened.place_m is None or way.direction_rad is None:
-        return None
-    return Before(*opened.place_m, way.direction_rad, coding.sectors)
 
 
 def _jobs(

@@ -211,7 +211,7 @@ class _Scout:
         is_decoded, there, shown, found = False, belief, side is not None, 0
         steps = max(1, math.ceil(length_m / STEP_M))
         for i in range(steps + (round(BEYOND_M / STEP_M) if shown else 0) + 1):
-            seen = self._seen(belief)
+            seen = Experience(0.0, *belief.pose, spread=belief.doubt)
             eyes = [seen] if side is None else self._eyes(seen, side, target)
             if i > steps and not (is_decoded or eyes) and passed:
                 # A wall stops it, and it turns.
@@ -297,10 +297,6 @@ class _Scout:
             (truth, replace(truth, apart_m=truth.apart_m - doubt_m(self.config, seen, truth))) for truth, _ in matches
         )
         return told(self.config, seen, list(off))
-
-    @staticmethod
-    def _seen(belief: Belief) -> Experience:
-        return Experience(0.0, *belief.pose, spread=belief.doubt)
 
     def _again(self, seen: Experience) -> list[Match]:
         """What the robot knows and sees again."""

@@ -21,6 +21,7 @@ from phalanx.robot.controllers.mission.observed import ObservedController
 from phalanx.sim.building.odometry import Pose
 
 from .body import MissionBody
+from .setup import MissionRun
 from .truth import Truth, wrong_by
 
 _TOLD = {Reason.DRIFT, Reason.CONTRADICTED, Reason.ALTERED}
@@ -219,11 +220,11 @@ def quantile(reports: list[Report], name: str, share: float) -> float | None:
     return round(float(np.quantile(values, share)), 4) if len(values) else None
 
 
-def figures(reports: list[Report], nodes: int) -> dict[str, Any]:
-    """Reports in figures, as `phalanx mission run --json` prints them; of robots that had so many nodes in all."""
+def summary(run: MissionRun, reports: list[Report]) -> dict[str, Any]:
+    """Return a run in figures, as `phalanx mission run --json` prints them."""
     return {
         "robots": len(reports),
-        "nodes": nodes,
+        "nodes": sum(len(run.part_of(report.robot).mission.nodes) for report in reports),
         "decoded": sum(len(report.decoded) for report in reports),
         "completed": sum(report.done for report in reports),
         "hashes_tried": sum(report.hashes_tried for report in reports),
@@ -252,4 +253,10 @@ def figures(reports: list[Report], nodes: int) -> dict[str, Any]:
         ],
         "t_s": round(max(report.t_s for report in reports), 1),
         "digest": digest_of(reports),
+        "defence": run.defence,
+        "f_max": run.f_max if run.audited else None,
+        "audits": {
+            "passed": sum(report.audits_passed for report in reports),
+            "refused": sum(report.audits_refused for report in reports),
+        },
     }
