@@ -35,11 +35,12 @@ from phalanx.errors import UsageError
 from phalanx.mission import BuildOptions, Mission, Profile, build
 from phalanx.mission.authoring.survey import begun_at, roomiest, survey
 from phalanx.mission.file import sealed
-from phalanx.mission.worth.time_limit import time_for_s
+from phalanx.mission.worth.outlook import time_for_s
 from phalanx.sim.building.floorplan import FloorPlan, load_floorplan
 from phalanx.sim.building.odometry import OdometryNoise
 from phalanx.sim.missions.orders import Orders, orders_of
-from phalanx.sim.missions.run import run_mission, summary
+from phalanx.sim.missions.report import summary
+from phalanx.sim.missions.run import run_mission
 
 ELSEWHERE = Path(__file__).parent.parent / "tests" / "data" / "maps"
 MAPS = (

@@ -45,7 +45,7 @@ from phalanx.mission.authoring.findable import ALIKE_RAD, alone, told_apart
 from phalanx.mission.landmarks import LaserScan, extract
 from phalanx.mission.observable import HALF_TURN_TYPES, number_or_nan
 from phalanx.mission.walk.chart import turn_to
-from phalanx.mission.walk.fix import begun_at, fixed, moved
+from phalanx.mission.walk.fix import begun_at, fixed, wheels_of
 from phalanx.sim.missions.truth import wrong_by
 
 Pose = tuple[float, float, float]
@@ -281,7 +281,7 @@ def live(mission: EncodedMission, config: MissionConfig, samples: list[Sample]) 
     start = samples[0].pose
     walker, state, belief = Walker(mission, config=config), State(), begun_at(config, start)
     for i, (sample, before, now, travelled_m) in enumerate(steps_of(samples)):
-        belief = moved(config, belief, before, now)
+        belief = belief.driven(before, now, wheels_of(config))
         landmarks = extract(sample.scan, SCANNER).landmarks(*belief.pose)
         seen = Experience(float(i), *belief.pose, travelled_m, landmarks, spread=belief.doubt)
         state, outcome = walker.step(state, seen)

@@ -12,7 +12,7 @@ import pytest
 from phalanx.cli.mission.files import read_plain
 from phalanx.mission import BuildOptions, Profile, build
 from phalanx.mission.landmarks import FloorPlan
-from phalanx.mission.walk.outcome import Kind, Order
+from phalanx.mission.walk.state import Kind, Order
 from phalanx.robot.controllers.mission.pilot import TRAIL_MAX, Leg, drive
 from phalanx.robot.controllers.mission.readings import CLEAR, CLEAR_STEP_M, Reading, Sensors
 from phalanx.robot.controllers.mission.surroundings import Sectors

@@ -20,7 +20,8 @@ from phalanx.sim.building.odometry import OdometryNoise
 from phalanx.sim.building.walkers import RADIUS_M
 from phalanx.sim.missions.body import Building
 from phalanx.sim.missions.orders import orders_of
-from phalanx.sim.missions.run import run_mission, summary
+from phalanx.sim.missions.report import summary
+from phalanx.sim.missions.run import run_mission
 from phalanx.sim.missions.setup import MissionRun
 from phalanx.sim.missions.world import MissionRobot, MissionWorld
 from phalanx.wire.table import DRIVE, KIND_DRIVE

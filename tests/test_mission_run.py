@@ -25,8 +25,8 @@ from phalanx.mission.refused import NotForUs
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.odometry import NoiseModel, OdometryNoise
 from phalanx.sim.missions.orders import furnished
-from phalanx.sim.missions.report import Report
-from phalanx.sim.missions.run import run_mission, summary
+from phalanx.sim.missions.report import Report, summary
+from phalanx.sim.missions.run import run_mission
 from phalanx.sim.missions.setup import MissionRun, Part, pool_of
 from phalanx.sim.missions.world import MissionRobot, MissionWorld
 

@@ -44,7 +44,8 @@ from phalanx.sim.building.odometry import OdometryNoise
 from phalanx.sim.missions import world as missions_world
 from phalanx.sim.missions.body import SHOWN_S, Building, MissionBody
 from phalanx.sim.missions.orders import BEACON_M, Orders, orders_of
-from phalanx.sim.missions.run import run_mission, summary
+from phalanx.sim.missions.report import summary
+from phalanx.sim.missions.run import run_mission
 from phalanx.sim.missions.world import MissionWorld
 from phalanx.wire.table import ACTION, KIND_ACTION
 

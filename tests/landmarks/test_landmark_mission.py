@@ -18,7 +18,7 @@ from phalanx.mission.authoring.survey import roomiest, survey
 from phalanx.mission.landmarks import extract, landmarks_of
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.landmarks.scan import beam_table
-from phalanx.mission.walk.fix import begun_at, fixed, moved
+from phalanx.mission.walk.fix import begun_at, fixed, wheels_of
 from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.sim.building.floorplan import MAPS, load_floorplan
 from phalanx.sim.building.odometry import DiffDrive, Odometry, OdometryNoise
@@ -92,7 +92,7 @@ class Robot:
         error = self.around(math.remainder(wanted - heading, math.tau), math.hypot(goal_x - x, goal_y - y))
         speed = SPEED_MPS if abs(error) < 0.6 and self.free(0.0, 1.0) > 0.25 else 0.0
         motion = self.drive.step(*self.drive.wheels(speed, max(-1.5, min(1.5, error / DT_S))), DT_S)
-        self.belief = moved(CONFIG, self.belief, self.odometry.pose, self.odometry.step(*motion))
+        self.belief = self.belief.driven(self.odometry.pose, self.odometry.step(*motion), wheels_of(CONFIG))
 
 
 def walk(plan, profile, seed, steps):

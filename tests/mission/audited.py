@@ -12,14 +12,14 @@ from phalanx.experiments.missions import team
 from phalanx.experiments.missions.team import ELSEWHERE_M, LOBBY, STORE, STORE_WALL
 from phalanx.mission import Action, BuildOptions, Draft, Position, Profile, Walker, build
 from phalanx.mission.landmarks.lidar import Lidar
-from phalanx.mission.walk.keyring import Keyring
+from phalanx.mission.walk.state import Keyring
 from phalanx.robot.attacks.missions.cheat import CheatPlan, DriveDark, MissionCheat
 from phalanx.robot.controllers.mission.controller import Assignment, Missions
 from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.odometry import OdometryNoise
 from phalanx.sim.missions.body import Building, MissionBody
-from phalanx.sim.missions.report import figures
+from phalanx.sim.missions.report import summary
 from phalanx.sim.missions.setup import MissionRun, Part
 from phalanx.sim.missions.world import MissionWorld
 from phalanx.sim.radio.channel import APP_BROADCAST, AUDIT_BROADCAST, BYTES
@@ -62,7 +62,7 @@ def swarm(profile: Profile, defence: str = "bound", **more) -> MissionWorld:
 
 def told(run: MissionWorld) -> dict:
     """A run in figures so far."""
-    return figures(run.finish(), 3 * ROBOTS) | traffic(run)
+    return summary(run.run, run.finish()) | traffic(run)
 
 
 def traffic(run: MissionWorld) -> dict:

@@ -17,7 +17,7 @@ from phalanx.mission.pose import belief as belief_module
 from phalanx.mission.pose import spread as spread_module
 from phalanx.mission.pose.belief import COUNT, NUMBERS, UPPER, Belief, of_numbers
 from phalanx.mission.pose.spread import Sight, Sighting, corrected, doubt_of, inverse, misfit, not_surer, pose_spread
-from phalanx.mission.walk.fix import begun_at, floor_of, moved, sight_of, sighting, wheels_of
+from phalanx.mission.walk.fix import begun_at, floor_of, sight_of, sighting, wheels_of
 from phalanx.sim.building.odometry import NoiseModel, Odometry, OdometryNoise, along_arc
 
 CONFIG = MissionConfig()
@@ -198,7 +198,7 @@ def driven(seed: int, model: NoiseModel, noise: Noise = REAL, *, sigma=(0.03, 0.
     drawn = [replace(each, **_moved_by(chance, each, noise.drawn_m, noise.drawn_rad)) for each in landmarks]
     for i, (way, turn) in enumerate(lap() * laps):
         truth, before = along_arc(truth, way, turn), wheels.pose
-        belief = moved(CONFIG, belief, before, wheels.step(way, turn))
+        belief = belief.driven(before, wheels.step(way, turn), wheels_of(CONFIG))
         if i % SIGHT_EVERY == 0:
             order = sorted(range(len(landmarks)), key=lambda k: math.dist(_place(landmarks[k]), truth[:2]))
             for k in order[:2]:

@@ -21,8 +21,9 @@ from phalanx.mission.walk.cells import (
     Doubt,
     Groups,
     Message,
+    bins_beside,
+    level_of,
     numbers_of,
-    region_of,
     search_cells,
     search_shapes,
 )
@@ -170,21 +171,20 @@ def test_a_full_table_is_emptied_and_never_knows_what_was_not_added():
     st.tuples(st.floats(0, 1), st.floats(0, 0.5)),
 )
 def test_a_region_is_the_same_compiled_and_plain_and_reaches_as_far_as_the_doubt(at, turn, place, sure):
-    thing, group, doubt = np.array([*at, turn, math.nan]), np.zeros(5), _doubt(*sure)
-    region = region_of(thing, place, group, STEPS, doubt)
-    assert region == region_of.py_func(thing, place, group, STEPS, doubt)
-    level, rings, up, down = region
-    assert rings == RINGS[level]
+    thing, doubt = np.array([*at, turn, math.nan]), _doubt(*sure)
+    level, beside = level_of(thing, place, STEPS, doubt), bins_beside(turn, 0.0, STEPS[2], doubt)
+    assert level == level_of.py_func(thing, place, STEPS, doubt)
+    assert beside == bins_beside.py_func(turn, 0.0, STEPS[2], doubt)
+    rings = RINGS[level]
     far = 0.0 if place else math.hypot(*at) * sure[1]
     # From the middle of the cell, and at most so far off it.
     assert (rings + 0.5) * STEPS[0] >= min(3.5 * math.hypot(sure[0], far), 1.0) - 1e-9
-    assert (up or down) <= (not math.isnan(turn))
+    assert any(beside) <= (not math.isnan(turn))
 
 
 def test_bins_beside_are_tried_where_the_heading_leaves_them_open():
     def bins(turn: float, radians: float) -> tuple[bool, bool]:
-        thing = np.array([1.0, 0.0, turn * STEPS[2], math.nan])
-        return region_of(thing, False, np.zeros(5), STEPS, _doubt(0.1, radians))[2:]
+        return bins_beside(turn * STEPS[2], 0.0, STEPS[2], _doubt(0.1, radians))
 
     assert len(BIN_STEPS) == 3
     assert bins(0.0, 0.0) == (False, False)

@@ -11,7 +11,7 @@ from phalanx.config.mission import MissionConfig
 from phalanx.mission import Experience, Landmark
 from phalanx.mission.pose.spread import pose_spread
 from phalanx.mission.walk.chart import Chart
-from phalanx.mission.walk.fix import fits, fitting, sighting
+from phalanx.mission.walk.fix import fits, sight_of, sighting
 
 CONFIG = MissionConfig()
 places = st.floats(-3, 3)
@@ -40,4 +40,4 @@ def test_what_a_thing_may_be_is_told_of_all_as_of_each(sighted, known, metres, r
     spread = (metres**2, 0.0, 0.0, metres**2, 0.0, radians**2)
     seen = Experience(0.0, 0.3, -0.2, 0.0, landmarks=tuple(sighted), spread=spread)
     expected = [[j for j, each in enumerate(known) if may_be(seen, landmark, each)] for landmark in sighted]
-    assert fitting(CONFIG, seen, Chart(known)) == expected
+    assert Chart(known).fitting(seen, sight_of(CONFIG), CONFIG.tolerance_m) == expected

@@ -19,8 +19,8 @@ from phalanx.mission.angles import TWO_PI, wrap_rad
 from phalanx.mission.file.canonical import Reader
 from phalanx.mission.refused import MalformedMission
 from phalanx.mission.walk.checkpoint import encode_state, parse_state, state_capacity
-from phalanx.mission.walk.keyring import Keyring
 from phalanx.mission.walk.opening import Known
+from phalanx.mission.walk.state import Keyring
 
 both = pytest.mark.parametrize("profile", BOTH)
 MISSION = built(fork().mission(), Profile.PAPER).mission

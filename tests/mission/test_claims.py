@@ -15,8 +15,7 @@ from phalanx.errors import PeerError
 from phalanx.mission import Draft, Experience, Landmark, Position, Profile, Sensor, State
 from phalanx.mission.file.canonical import AT_POSITION, Shape
 from phalanx.mission.observable import APART_MAX, Cell, Offset, cell_of
-from phalanx.mission.walk.claims import Unshown, opens, shows
-from phalanx.mission.walk.found import Claim, parse_claim
+from phalanx.mission.walk.claims import Claim, Unshown, parse_claim, shows, unlock
 
 both = pytest.mark.parametrize("profile", BOTH)
 
@@ -47,7 +46,7 @@ def test_an_honest_claim_opens_its_node_and_is_shown_by_its_reading(profile):
     claims = decodes(mission, one)
     assert len(claims) == 5
     for seen, claim, released in claims:
-        assert opens(one.mission, claim)
+        assert unlock(one.mission, claim) is not None
         assert shows(one.mission, CONFIG, claim, seen, (), released)
         assert parse_claim(claim.encode()) == claim
 
@@ -78,11 +77,11 @@ def test_a_made_up_claim_opens_nothing(profile):
         replace(claim, node=-1),
         replace(claim, observed=claim.observed[:-1] + bytes([claim.observed[-1] ^ 1])),
     ):
-        assert not opens(one.mission, forged)
+        assert unlock(one.mission, forged) is None
     seen, _, _ = decodes(mission, one)[1]
     assert not shows(one.mission, CONFIG, replace(claim, cell=other), seen)
     if profile is Profile.SEALED:
-        assert not opens(one.mission, replace(claim, salt=bytes(32)))
+        assert unlock(one.mission, replace(claim, salt=bytes(32))) is None
     # An offset is the robot's word in the sealed profile, but not more than half a cell of it.
     assert not shows(one.mission, CONFIG, replace(claim, offset=Offset(x=5000)), seen)
 
@@ -100,7 +99,7 @@ def test_readings_and_messages_are_part_of_what_is_shown(profile):
     seen = Experience(1, 2, 0, 0, 2.0, (Landmark("doorway", 4, 0, 0.1),), sensors=(b"blue", b"red"), messages=(go,))
     state, outcome = walker.step(state, seen)
     claim = outcome.decoded.claim
-    assert opens(one.mission, claim)
+    assert unlock(one.mission, claim) is not None
     assert shows(one.mission, CONFIG, claim, seen, (go,))
     assert not shows(one.mission, CONFIG, claim, replace(seen, sensors=(b"blue",)), (go,))
     assert not shows(one.mission, CONFIG, claim, replace(seen, x_m=0.5), (go,)), "it was too far away"
@@ -119,7 +118,7 @@ def test_any_bytes_are_a_claim_or_refused_and_none_is_believed(raw, profile):
     one = built(mission, profile)
     seen = replace(at(mission, 4, 0, 1.0), sensors=(b"a", b"b"), messages=(b"c",))
     assert parse_claim(claim.encode()) == claim
-    assert not opens(one.mission, claim)
+    assert unlock(one.mission, claim) is None
     shows(one.mission, CONFIG, claim, seen, (b"c",))
 
 
@@ -217,7 +216,7 @@ def test_how_far_a_landmark_stands_alone_is_bound(profile):
     assert claim.offset.apart == 30, "nobody has said what else there is in the building"
     for apart in (0, 29, 31, APART_MAX):
         forged = replace(claim, offset=claim.offset._replace(apart=apart))
-        assert not opens(one.mission, forged)
+        assert unlock(one.mission, forged) is None
         walker = walker_of(one)
         state, _ = walker.step(State(), at(mission, *mission.nodes[0].place, 0.5))
         with pytest.raises(Unshown):

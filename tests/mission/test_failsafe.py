@@ -40,8 +40,8 @@ from phalanx.mission import (
 )
 from phalanx.mission.file.records import JOIN, parse_mission
 from phalanx.mission.refused import Altered
-from phalanx.mission.walk.table import TABLE, Event
-from phalanx.mission.walk.table import step as next_phase
+from phalanx.mission.walk.state import TABLE, Event
+from phalanx.mission.walk.state import step as next_phase
 
 both = pytest.mark.parametrize("profile", BOTH)
 

@@ -15,9 +15,10 @@ from phalanx.mission.authoring.findable import apart_in, once
 from phalanx.mission.authoring.survey import survey
 from phalanx.mission.landmarks import FloorPlan, floorplan_of_yaml
 from phalanx.mission.landmarks.sites import landmarks_of
-from phalanx.mission.worth import feasible, time_limit
+from phalanx.mission.worth import feasible
 from phalanx.mission.worth.audit import audit
 from phalanx.mission.worth.feasible import look_ahead, ways_in_vain
+from phalanx.mission.worth.outlook import SLACK, SPEED_MPS, time_for_s
 from phalanx.robot.controllers.mission import field, pilot
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.odometry import OdometryNoise
@@ -265,7 +266,7 @@ def test_a_mission_with_final_nodes_needs_one_of_them_and_one_without_needs_all(
 
 
 def test_robots_drive_as_fast_and_as_far_as_is_reckoned():
-    assert (feasible.SPEED_MPS, feasible.LINE) == (pilot.SPEED_MPS, pilot.LINE)
+    assert (SPEED_MPS, feasible.LINE) == (pilot.SPEED_MPS, pilot.LINE)
     assert free.PASS_M == field.MARGIN_M, "and through as narrow gaps"
 
 
@@ -278,9 +279,9 @@ def test_a_mission_has_as_long_as_its_ways_are():
         draft.way("a", "b")
         draft.way("a", "c", both=True)
         draft.way("c", "b")
-        return time_limit.time_for_s(draft.mission())
+        return time_for_s(draft.mission())
 
-    assert limit_s(12) - limit_s(6) == pytest.approx(time_limit.SLACK * 2 * 6 / feasible.SPEED_MPS, abs=1)
+    assert limit_s(12) - limit_s(6) == pytest.approx(SLACK * 2 * 6 / SPEED_MPS, abs=1)
     office = read_plain("office")
-    assert time_limit.time_for_s(office) > 4 * 600, "which takes 570 s"
-    assert time_limit.time_for_s(office, Profile.SEALED) == pytest.approx(1.5 * time_limit.time_for_s(office), abs=1)
+    assert time_for_s(office) > 4 * 600, "which takes 570 s"
+    assert time_for_s(office, Profile.SEALED) == pytest.approx(1.5 * time_for_s(office), abs=1)

@@ -17,7 +17,7 @@ from phalanx.config.mission import MissionConfig
 from phalanx.mission import Draft, Landmark, Position, Profile, Sensor, State, Walker
 from phalanx.mission.observable import InSight, rows_of
 from phalanx.mission.walk.finding import Finder
-from phalanx.mission.walk.keyring import Keyring
+from phalanx.mission.walk.state import Keyring
 
 # Not dear to search, so that the profiles try as many cells.
 TRIES = MissionConfig(hash_tries=300, kdf_tries=8)

@@ -13,7 +13,7 @@ from phalanx.cli.mission.files import read_plain
 from phalanx.config.mission import MissionConfig
 from phalanx.mission import Experience, Kind, Landmark, Phase, State, Walker
 from phalanx.mission.landmarks.sites import landmarks_of
-from phalanx.mission.walk.fix import begun_at, fixed, moved
+from phalanx.mission.walk.fix import begun_at, fixed, wheels_of
 from phalanx.sim.building.floorplan import load_floorplan
 
 CONFIG = MissionConfig()
@@ -92,7 +92,7 @@ class Robot:
         x, y, heading = self.wheels
         heading += turn * (1 + self.turn_scale)
         after = x + step * math.cos(heading), y + step * math.sin(heading), heading
-        self.belief = moved(CONFIG, self.belief, self.wheels, after)
+        self.belief = self.belief.driven(self.wheels, after, wheels_of(CONFIG))
         self.wheels = after
         self.travelled += step
 

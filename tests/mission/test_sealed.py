@@ -27,7 +27,7 @@ from phalanx.mission.file.canonical import shape_of
 from phalanx.mission.file.records import Header, NodeRecord
 from phalanx.mission.refused import MalformedMission
 from phalanx.mission.walk.gate import Gate, Hint, StartKey, join_shares, parse_start_key
-from phalanx.mission.walk.keyring import Keyring
+from phalanx.mission.walk.state import Keyring
 
 # What each stored field of a sealed file may depend on. A new field has to be put here, and thought about.
 HEADER_FIELDS = {

@@ -17,9 +17,21 @@ from phalanx.mission.file.canonical import AT_POSITION, Shape
 from phalanx.mission.observable import LANDMARK_TYPES, Cell, Offset, middle_of
 from phalanx.mission.pose.spread import misfit
 from phalanx.mission.walk.fix import fits, sighting
-from phalanx.mission.walk.search import cells_around, doubt_in, is_around, placed
+from phalanx.mission.walk.search import doubt_in, is_around, placed, region
 from phalanx.mission.walk.search_sealed import cells_that_fit
 from phalanx.mission.walk.searched import spiral
+
+
+def cells_around(shape, coding, doubt, landmark, centre, offset):
+    """Return the cells in which the thing may truly be that was seen in `centre`: ring after ring, likely bins first."""
+    rings, steps, bins = region(shape, coding, doubt, landmark, offset)
+    return [
+        centre._replace(
+            x=centre.x + dx, y=centre.y + dy, bin=centre.bin if centre.bin < 0 else (centre.bin + step) % bins
+        )
+        for dx, dy in spiral(rings)
+        for step in steps
+    ]
 
 
 def test_the_compiled_and_the_plain_search_walk_alike():

@@ -26,8 +26,7 @@ from phalanx.mission.refused import MalformedMission
 from phalanx.mission.worth.audit import audit
 from phalanx.mission.worth.feasible import look_ahead
 from phalanx.sim.building.floorplan import MAPS, load_floorplan
-from phalanx.sim.missions.report import Report
-from phalanx.sim.missions.run import summary
+from phalanx.sim.missions.report import Report, summary
 from phalanx.sim.missions.setup import MissionRun, Part
 
 OTHERS = Path(__file__).parent.parent / "data" / "maps"

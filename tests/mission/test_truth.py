@@ -14,7 +14,7 @@ from phalanx.mission.file.canonical import parse_shape
 from phalanx.mission.landmarks import FloorPlan, floorplan_of_yaml
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.observable import Cell, Offset
-from phalanx.mission.walk.found import Claim
+from phalanx.mission.walk.claims import Claim
 from phalanx.mission.walk.opening import Opened
 from phalanx.sim.missions.truth import Truth, wrong_by
 

@@ -7,8 +7,8 @@ it: `Walker.step(state, experience)` gives the next state and an `Outcome`.
 from .authoring.compiling import BuildOptions, Built, build
 from .authoring.document import plain_mission
 from .file.canonical import canonical
-from .file.records import EncodedMission, Header, Profile, admit, check_signature, parse_mission, public_key, sign
-from .graph import Draft, Mission, Node, PlainWay
+from .file.records import EncodedMission, Profile, admit, check_signature, parse_mission, public_key, sign
+from .graph import Draft, Mission, Node
 from .observable import (
     LANDMARK_TYPES,
     Action,
@@ -22,13 +22,10 @@ from .observable import (
     Sensor,
     Time,
 )
-from .walk.claims import opens, shows
-from .walk.fix import Fix
-from .walk.found import Claim, parse_claim
+from .walk.claims import Claim
 from .walk.gate import StartKey, parse_start_key
 from .walk.opening import Opened, OpenWay
-from .walk.outcome import Kind, Order, Outcome, Reason
-from .walk.table import Phase
+from .walk.state import Kind, Order, Outcome, Phase, Reason
 from .walk.walker import State, Walker
 
 __all__ = [
@@ -41,8 +38,6 @@ __all__ = [
     "Draft",
     "EncodedMission",
     "Experience",
-    "Fix",
-    "Header",
     "Kind",
     "Landmark",
     "Message",
@@ -54,7 +49,6 @@ __all__ = [
     "Order",
     "Outcome",
     "Phase",
-    "PlainWay",
     "Position",
     "Previous",
     "Profile",
@@ -68,12 +62,9 @@ __all__ = [
     "build",
     "canonical",
     "check_signature",
-    "opens",
-    "parse_claim",
     "parse_mission",
     "parse_start_key",
     "plain_mission",
     "public_key",
-    "shows",
     "sign",
 ]

@@ -7,7 +7,7 @@ YAML file (see `authoring`) goes through the same calls.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
@@ -15,8 +15,8 @@ from phalanx.config.mission import CodingConfig
 from phalanx.errors import UsageError
 
 from .file.canonical import action_bytes, shape_of
-from .misplaced import Misplaced, under
 from .observable import VALUE_MAX, Action, Landmark, Observable, Position
+from .refused import Misplaced, under
 
 NODE_LIMIT = 1 << 20
 ALIAS_LIMIT = 255
@@ -252,13 +252,5 @@ class Draft:
 
     def mission(self) -> Mission:
         """What was written, checked. Raises: UsageError."""
-        return Mission(
-            name=self.name,
-            nodes=tuple(self.nodes),
-            ways=tuple(self.ways),
-            coding=self.coding,
-            area_m=self.area_m,
-            roam=self.roam,
-            repeatable=self.repeatable,
-            floor_plan=self.floor_plan,
-        )
+        same = {each.name: getattr(self, each.name) for each in fields(self)}
+        return Mission(**{**same, "nodes": tuple(self.nodes), "ways": tuple(self.ways)})

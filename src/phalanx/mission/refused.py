@@ -1,8 +1,11 @@
-"""Why a mission that came from outside is refused."""
+"""Errors of missions: why one from outside is refused, and which part of an author's file is wrong."""
 
 from __future__ import annotations
 
-from phalanx.errors import PeerError
+import contextlib
+from collections.abc import Iterator
+
+from phalanx.errors import PeerError, UsageError
 
 
 class MalformedMission(PeerError):
@@ -39,3 +42,24 @@ class AlreadyStarted(PeerError):
     """This robot has started this mission before, and it may be started once."""
 
     reason = "already_started"
+
+
+class Misplaced(UsageError):
+    """What was told, of a part.
+
+    Attributes:
+        place: the way to that part from the top: a text is a key, a number counts items or keys from 0.
+    """
+
+    def __init__(self, told: UsageError, *place: str | int) -> None:
+        super().__init__(str(told), told.hint)
+        self.place: tuple[str | int, ...] = (*place, *(told.place if isinstance(told, Misplaced) else ()))
+
+
+@contextlib.contextmanager
+def under(*place: str | int) -> Iterator[None]:
+    """What is complained of in this context stands there."""
+    try:
+        yield
+    except UsageError as error:
+        raise Misplaced(error, *place) from error

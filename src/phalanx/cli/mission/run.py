@@ -23,8 +23,8 @@ from phalanx.sim.building.floorplan import DEFAULT
 from phalanx.sim.building.odometry import OdometryNoise, Pose
 from phalanx.sim.missions.orders import File, orders_of_files
 from phalanx.sim.missions.recording import write_recording
-from phalanx.sim.missions.report import Report, drift_words
-from phalanx.sim.missions.run import run_mission, summary
+from phalanx.sim.missions.report import Report, drift_words, summary
+from phalanx.sim.missions.run import run_mission
 from phalanx.sim.missions.setup import MissionRun, check_count
 
 from .files import Wanted, building, check_folder, parse_robots

@@ -17,10 +17,11 @@ from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.worth.audit import Audit, Rates, audit
 from phalanx.mission.worth.feasible import look_ahead
 from phalanx.mission.worth.guessing import OUT_OF_REACH
+from phalanx.mission.worth.outlook import time_for_s
 from phalanx.mission.worth.shown import shown_by
-from phalanx.mission.worth.time_limit import time_for_s
 from phalanx.sim.missions.orders import orders_of
-from phalanx.sim.missions.run import run_mission, summary
+from phalanx.sim.missions.report import summary
+from phalanx.sim.missions.run import run_mission
 
 from .author import checked, explored
 from .crack import span

@@ -26,7 +26,7 @@ from phalanx.mission import BuildOptions, EncodedMission, Experience, Landmark, 
 from phalanx.mission.authoring.findable import apart_in
 from phalanx.mission.landmarks import FloorPlan, LaserScan, extract
 from phalanx.mission.landmarks.lidar import Lidar
-from phalanx.mission.walk.fix import begun_at, fixed, moved
+from phalanx.mission.walk.fix import begun_at, fixed, wheels_of
 from phalanx.mission.walk.walker import State, Walker
 from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
 from phalanx.sim.building.odometry import DiffDrive, Odometry, OdometryNoise, Pose
@@ -151,7 +151,7 @@ def replay(
     extraction = ExtractionConfig(feature_range_m=feature_range_m)
     odometry, estimates, trials = [], [], []
     for i, ((way, turn), scan) in enumerate(zip(drive.motions.tolist(), drive.scans, strict=True)):
-        belief = moved(PATIENT, belief, alone.pose, alone.step(way, turn))
+        belief = belief.driven(alone.pose, alone.step(way, turn), wheels_of(PATIENT))
         landmarks = extract(scan, extraction).landmarks(*belief.pose)
         seen = Experience(i * TICK_S, *belief.pose, alone.travelled_m, landmarks, spread=belief.doubt)
         state, outcome = walker.step(state, seen)

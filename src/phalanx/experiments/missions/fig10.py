@@ -21,7 +21,7 @@ from phalanx.experiments.table import Rows, Table, by_seed, seed_of
 from phalanx.mission import BuildOptions, Draft, EncodedMission, Experience, Landmark, Position, Profile, build
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.landmarks.codes import read_codes
-from phalanx.mission.walk.fix import begun_at, fixed, moved
+from phalanx.mission.walk.fix import begun_at, fixed, wheels_of
 from phalanx.mission.walk.search import Budget
 from phalanx.mission.walk.search_paper import PaperSearch
 from phalanx.mission.walk.walker import State, Walker
@@ -95,7 +95,7 @@ def measure_case(case: str, _tell: object = None) -> Rows:
     search, nodes = PaperSearch(mission, MissionConfig()), tuple(range(len(mission.nodes)))
     rows = []
     for tick, (pose, (way, turn)) in enumerate(driven(plan, PATH_M, SPEED_MPS)):
-        belief = moved(PATIENT, belief, alone.pose, alone.step(way, turn))
+        belief = belief.driven(alone.pose, alone.step(way, turn), wheels_of(PATIENT))
         if tick % CAMERA_TICKS:
             continue
         picture = camera.picture(pose, chance, turn_radps=turn / TICK_S)

@@ -20,7 +20,7 @@ from phalanx.mission import Action, BuildOptions, Built, Draft, Landmark, Missio
 from phalanx.mission.authoring.findable import apart_in
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.landmarks.lidar import Lidar
-from phalanx.mission.walk.keyring import Keyring
+from phalanx.mission.walk.state import Keyring
 from phalanx.robot.attacks.attack import Attack
 from phalanx.robot.attacks.missions.cheat import CheatPlan, MissionCheat
 from phalanx.robot.controllers.mission.readings import Sensors

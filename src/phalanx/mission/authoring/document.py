@@ -17,8 +17,8 @@ from phalanx.config.mission import CodingConfig
 from phalanx.config.written import compose, line_of, named, words_of
 from phalanx.errors import UsageError, did_you_mean
 from phalanx.mission.graph import Draft, Mission
-from phalanx.mission.misplaced import Misplaced, under
 from phalanx.mission.observable import LANDMARK_TYPES, Action, Landmark, Observable, Position, Sensor, Time
+from phalanx.mission.refused import Misplaced, under
 
 HINT = "docs/spec/mission.md shows a mission"
 TOP = {"mission", "map", "area", "roam", "repeatable", "coding", "nodes", "ways"}

@@ -150,12 +150,6 @@ class Belief:
         return Belief(mean, spread)
 
 
-def begun(pose: tuple[float, float, float], place_m: float, turn_rad: float, wheels: Wheels) -> Belief:
-    """The belief of a robot that was put at a pose, so exactly; of its odometry it knows nothing yet."""
-    sure = (place_m, place_m, turn_rad, wheels.way, wheels.turn, wheels.curve)
-    return Belief(np.array([*pose, 0.0, 0.0, 0.0]), np.diag([value * value for value in sure]))
-
-
 def of_numbers(numbers: Sequence[float]) -> Belief | None:
     """The belief that has these numbers; None if they are no mean and covariance of a robot's."""
     if len(numbers) != NUMBERS or not all(math.isfinite(value) for value in numbers):

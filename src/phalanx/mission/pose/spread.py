@@ -51,18 +51,6 @@ def not_surer(spread: F64x2, place_m: float, turn_rad: float) -> F64x2:
 
 
 @kernel
-def _doubt(spread: F64x2, ox: float, oy: float, sight: Sight) -> tuple[float, float, float]:
-    """(xx, xy, yy) of the covariance of where a landmark is that is seen at an offset."""
-    away = math.sqrt(ox * ox + oy * oy)
-    own = (sight.place_m + sight.per_m * away) * (sight.place_m + sight.per_m * away)
-    xt, yt, tt = spread[0, 2], spread[1, 2], spread[2, 2]
-    xx = spread[0, 0] - 2.0 * oy * xt + oy * oy * tt + own
-    yy = spread[1, 1] + 2.0 * ox * yt + ox * ox * tt + own
-    xy = spread[0, 1] + ox * xt - oy * yt - ox * oy * tt
-    return xx, xy, yy
-
-
-@kernel
 def doubt_of(spread: F64x2, ox: float, oy: float, sight: Sight) -> tuple[float, float, float]:
     """(along x, along y, at most) standard deviations of where a landmark is that is seen at an offset.
 
@@ -70,7 +58,12 @@ def doubt_of(spread: F64x2, ox: float, oy: float, sight: Sight) -> tuple[float, 
         spread: (3, 3) covariance of x, y in metres and the heading in radians.
         ox, oy: from the robot to the landmark, map frame.
     """
-    xx, xy, yy = _doubt(spread, ox, oy, sight)
+    away = math.sqrt(ox * ox + oy * oy)
+    own = (sight.place_m + sight.per_m * away) * (sight.place_m + sight.per_m * away)
+    xt, yt, tt = spread[0, 2], spread[1, 2], spread[2, 2]
+    xx = spread[0, 0] - 2.0 * oy * xt + oy * oy * tt + own
+    yy = spread[1, 1] + 2.0 * ox * yt + ox * ox * tt + own
+    xy = spread[0, 1] + ox * xt - oy * yt - ox * oy * tt
     half = 0.5 * (xx - yy)
     most = 0.5 * (xx + yy) + math.sqrt(half * half + xy * xy)
     return math.sqrt(xx), math.sqrt(yy), math.sqrt(most)

@@ -1,8 +1,6 @@
 """Cells, compiled: the one that a seen thing falls into, and the search around it, with a memory.
 
-A robot that looks at the same door ten times a second would search around the same cells again. Cells that nothing was
-found around are in a table; looking there changes how long a search takes, never what it finds or how many tries it
-counts.
+What was searched before (searched.py) changes how long a search takes, never what it finds or how many tries it counts.
 """
 
 from __future__ import annotations
@@ -104,22 +102,13 @@ def numbers_of(
 
 
 @kernel
-def region_of(thing: F64x1, place: bool, group: F64x1, steps: Steps, doubt: Doubt) -> tuple[int, int, bool, bool]:
-    """(level of RINGS, rings, whether the next bin may be meant, whether the one before may) around a thing's cell.
+def level_of(thing: F64x1, place: bool, steps: Steps, doubt: Doubt) -> int:
+    """Return the level of RINGS that is searched around a thing's cell.
 
     Args:
         thing: (4,) x, y, orientation and area.
         place: it is the robot's own place, and no landmark.
-        group: (5,) a row of `Groups`.
     """
-    level = _level_of(thing, place, steps, doubt)
-    up, down = _beside(thing[2], group[2], steps[2], doubt)
-    return level, RINGS[level], up, down
-
-
-@kernel
-def _level_of(thing: F64x1, place: bool, steps: Steps, doubt: Doubt) -> int:
-    """Of RINGS, around a thing's cell."""
     ox, oy = thing[0] - doubt.x_m, thing[1] - doubt.y_m
     _, _, most = doubt_of(doubt.spread, ox, oy, doubt.sight)
     if place:
@@ -133,7 +122,7 @@ def _level_of(thing: F64x1, place: bool, steps: Steps, doubt: Doubt) -> int:
 
 
 @kernel
-def _beside(turn_rad: float, offset_rad: float, step_rad: float, doubt: Doubt) -> tuple[bool, bool]:
+def bins_beside(turn_rad: float, offset_rad: float, step_rad: float, doubt: Doubt) -> tuple[bool, bool]:
     """Whether the next bin of an orientation may be meant, and whether the one before may."""
     if np.isnan(turn_rad):
         return False, False
@@ -178,11 +167,11 @@ def search_cells(  # noqa: C901  # a kernel is one function
         if pair // 3 // len(rows) != of:
             of = pair // 3 // len(rows)
             dx, dy = thing[0] - doubt.x_m, thing[1] - doubt.y_m
-            level, away_dm = _level_of(thing, place, steps, doubt), math.sqrt(dx * dx + dy * dy) * 10
+            level, away_dm = level_of(thing, place, steps, doubt), math.sqrt(dx * dx + dy * dy) * 10
         if group[4] > 0.0 and away_dm > group[4]:
             continue
         if step != 0:
-            up, down = _beside(thing[2], group[2], steps[2], doubt)
+            up, down = bins_beside(thing[2], group[2], steps[2], doubt)
             if (step == 1 and not up) or (step == -1 and not down):
                 continue
         wanted = RINGS[level]

@@ -1,7 +1,4 @@
-"""Landmarks where they truly are, as arrays: which of them a thing in sight may be is asked of all in one call.
-
-A robot asks ten times a second, of every thing in sight and every node that it has decoded.
-"""
+"""Landmarks where they truly are, as arrays: which of them a thing in sight may be is asked of all in one call."""
 
 from __future__ import annotations
 

@@ -16,13 +16,20 @@ from phalanx.errors import UsageError
 from phalanx.mission.angles import wrap_rad
 from phalanx.mission.file.canonical import Reader, action_bytes, parse_action, text_of
 from phalanx.mission.file.records import EncodedMission, NodeRecord, Profile
-from phalanx.mission.observable import LANDMARK_TYPES, LONGEST_S, Action, Landmark, sector_of
+from phalanx.mission.observable import (
+    LANDMARK_TYPES,
+    LONGEST_S,
+    Action,
+    Landmark,
+    number_or_nan,
+    number_or_none,
+    sector_of,
+)
 from phalanx.mission.refused import MalformedMission
 from phalanx.wire import missions as table
 
 from .opening import Known, OpenWay
-from .state import State
-from .table import Phase
+from .state import Phase, State
 
 NOBODY = 0xFFFFFFFF
 NO_SECTOR = 0xFFFF
@@ -34,9 +41,9 @@ _MOST_MAP_M, _MOST = 1e6, 1e9
 
 def encode_state(mission: EncodedMission, state: State) -> bytes:
     """The state without its keyring. Source: docs/spec/mission.md (Under audit)."""
-    since = math.nan if state.since_s is None else state.since_s
-    along = (state.t_s, since, state.fixed_at_m, state.left_at_m, *state.pulled_m, state.round)
-    out = [table.WALK.form.pack(_PHASES.index(state.phase), _number(state.at), _number(state.target), *along)]
+    along = (state.t_s, number_or_nan(state.since_s), state.fixed_at_m, state.left_at_m, *state.pulled_m, state.round)
+    ends = (NOBODY if node is None else node for node in (state.at, state.target))
+    out = [table.WALK.form.pack(_PHASES.index(state.phase), *ends, *along)]
     out += [_MANY.pack(len(state.opened)), *(_known(mission, *item) for item in state.opened.items())]
     lengths = (table.WALK_LENGTH.form.pack(*way, metres) for way, metres in state.lengths_m.items())
     out += [_MANY.pack(len(state.lengths_m)), *lengths]
@@ -55,7 +62,7 @@ def parse_state(mission: EncodedMission, reader: Reader) -> State:
     if phase >= len(_PHASES) or not (math.isfinite(t_s) or t_s == -math.inf):
         raise MalformedMission("a walk in no phase, or at no time")
     _finite(fixed_at_m, left_at_m, *pulled_m)
-    _finite(*([] if math.isnan(since_s) else [since_s]), below=LONGEST_S)
+    _finite(number_or_none(since_s) or 0.0, below=LONGEST_S)
     count = len(mission.nodes)
     opened = dict(_parse_known(mission, reader) for _ in range(_count(reader, count)))
     ways = sum(len(node.ways) for node in mission.nodes)
@@ -74,7 +81,7 @@ def parse_state(mission: EncodedMission, reader: Reader) -> State:
         at=None if at == NOBODY else at,
         target=None if target == NOBODY else _node(mission, target),
         t_s=t_s,
-        since_s=None if math.isnan(since_s) else since_s,
+        since_s=number_or_none(since_s),
         fixed_at_m=fixed_at_m,
         left_at_m=left_at_m,
         pulled_m=(pulled_m[0], pulled_m[1]),
@@ -108,17 +115,13 @@ def state_capacity(mission: EncodedMission, config: MissionConfig, pool: tuple[A
     return table.WALK.size + 4 * _MANY.size + sum(node_bytes(node) for node in mission.nodes) + heard
 
 
-def _number(node: int | None) -> int:
-    return NOBODY if node is None else node
-
-
 def _known(mission: EncodedMission, node: int, known: Known) -> bytes:
     place = (math.nan, math.nan) if known.place_m is None else known.place_m
     landmark = known.landmark
     kind = NO_LANDMARK if landmark is None else LANDMARK_TYPES.index(landmark.type)
     out = [table.WALK_NODE.form.pack(node, known.alias, *place, kind)]
     if landmark is not None:
-        turn = math.nan if landmark.orientation_rad is None else landmark.orientation_rad
+        turn = number_or_nan(landmark.orientation_rad)
         text = (landmark.text or "").encode()
         if len(text) > 0xFFFF:
             raise UsageError("a code of more than 65535 bytes", "a shorter one")
@@ -147,11 +150,11 @@ def _parse_landmark(kind: int, reader: Reader) -> Landmark:
     if kind >= len(LANDMARK_TYPES):
         raise MalformedMission("a landmark of no type")
     x_m, y_m, turn, apart_m, length = reader.unpack(table.WALK_LANDMARK)
-    _finite(x_m, y_m, *([] if math.isnan(turn) else [turn]), below=_MOST_MAP_M)
+    _finite(x_m, y_m, number_or_none(turn) or 0.0, below=_MOST_MAP_M)
     text = text_of(reader.take(length))
     if math.isnan(apart_m):
         raise MalformedMission("a landmark apart from nothing")
-    return Landmark(LANDMARK_TYPES[kind], x_m, y_m, None if math.isnan(turn) else turn, None, text or None, apart_m)
+    return Landmark(LANDMARK_TYPES[kind], x_m, y_m, number_or_none(turn), None, text or None, apart_m)
 
 
 def _parse_ways(mission: EncodedMission, record: NodeRecord, reader: Reader) -> Iterator[OpenWay]:

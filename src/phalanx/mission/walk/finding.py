@@ -19,7 +19,7 @@ from phalanx.mission.pose.spread import pose_spread
 from phalanx.mission.refused import Altered, MalformedMission
 
 from .chart import Chart
-from .claims import Unshown, shows, unlock
+from .claims import Claim, Found, Unshown, shows, unlock
 from .constellation import MISTAKEN, constellation, may_be, strangers
 from .fix import (
     Fix,
@@ -28,28 +28,24 @@ from .fix import (
     allowed_m,
     distance_m,
     fits,
-    fitting,
     fix_from,
     has_rival,
     is_there,
     known_in,
     length_m,
     pose_doubt_m,
+    sight_of,
     sighting,
     told,
 )
-from .found import Claim, Found
 from .gate import Gate, Hint, StartKey, join_shares, parse_start_key
 from .glance import NOBODY, Gaze, gaze_of, glance
-from .keyring import Keyring
 from .opening import Known, Opened, open_found
-from .outcome import Order, Reason
 from .route import Map
 from .search import LANDMARK_PLACES, Budget
 from .search_paper import PaperSearch
 from .search_sealed import Candidate, search_sealed
-from .state import State
-from .table import Phase
+from .state import Keyring, Reason, State
 
 # An offset is in millimetres.
 MIDDLE_M = 0.002
@@ -66,11 +62,6 @@ class Find:
     reason: Reason
     trials: int  # hashes or KDFs
 
-    @property
-    def claim(self) -> Claim | None:
-        """What shows an auditor that it was found."""
-        return self.opened.claim if self.opened is not None else None
-
 
 class _Decoded:
     """What a robot has decoded, as it asks of it at every step.
@@ -80,7 +71,6 @@ class _Decoded:
         gates: those open to whom `gazes` and `again` are made for.
         gazes: what it looks for at a glance, by its last node and its target; None where a glance does not do.
         again: known landmarks that it may have to find again as another node, likewise.
-        orders: instructions, by its phase, its last node, its target and the round.
     """
 
     def __init__(self, opened: Mapping[int, Known]) -> None:
@@ -90,7 +80,6 @@ class _Decoded:
         self.gates: Mapping[tuple[int, int], Gate] = {}
         self.gazes: dict[tuple[int | None, int | None], Gaze | None] = {}
         self.again: dict[tuple[int | None, int | None], frozenset[int]] = {}
-        self.orders: dict[tuple[Phase, int | None, int | None, int], Order] = {}
 
 
 class Finder:
@@ -98,10 +87,11 @@ class Finder:
 
     Args:
         key: the start key, or None: of a sealed mission without an open start nothing is found, only checked.
-    Raises: Altered: the key is another mission's. MalformedMission: it makes no sense.
+        replays: nothing is to be found, so no key is needed.
+    Raises: UsageError: the key is missing. Altered: it is another mission's. MalformedMission: it makes no sense.
     """
 
-    def __init__(self, mission: EncodedMission, key: StartKey | None, config: MissionConfig) -> None:
+    def __init__(self, mission: EncodedMission, key: StartKey | None, config: MissionConfig, *, replays: bool) -> None:
         self.mission, self.config = mission, config
         self.map = Map(mission)
         self._is_paper = mission.header.profile is Profile.PAPER
@@ -118,10 +108,7 @@ class Finder:
             if any(node >= len(mission.nodes) for node in key.gates):
                 raise MalformedMission("a start key for a node that is not there")
             self._gates = key.gates
-
-    def must_begin(self) -> None:
-        """Nothing, if there is a way in. Raises: UsageError: the mission is sealed, and nobody gave its start key."""
-        if not self._is_paper and not self._gates:
+        if not (replays or self._is_paper or self._gates):
             raise UsageError("a sealed mission without its start key", "build wrote it beside the file")
 
     def candidates(self, state: State) -> tuple[int, ...]:
@@ -162,7 +149,7 @@ class Finder:
         gaze, most = known.gazes[here], self.config.hash_tries
         if gaze is None:
             return None
-        left = glance(gaze, seen.landmarks.rows, seen.x_m, seen.y_m, seen.spread, most)
+        left = glance(gaze, seen.landmarks.rows, seen.x_m, seen.y_m, pose_spread(seen.spread), most)
         return None if left == NOBODY else most - left
 
     def _known(self, state: State) -> _Decoded:
@@ -219,7 +206,9 @@ class Finder:
         unconfirmed: dict[Match, Opened] = {}
         again = self._again(state)
         for found in self._found(state, self._unexplained(state, seen, again), failed, budget):
-            if again and not self._is_unexplained(state, seen, found):
+            # A known node's, unless it is the very thing: as auditors ask.
+            same = self._same(state, found.claim) if again else frozenset()
+            if again and found.seen not in (None, *self._unexplained(state, seen, same).landmarks):
                 continue
             opened, fix, reason = self._believe(state, seen, found, unconfirmed)
             if opened is not None:
@@ -250,27 +239,21 @@ class Finder:
         Raises: Unshown: the robot may not have found it now, or has not seen it, or it opens nothing. Altered.
         """
         clear = self._unexplained(state, seen, self._same(state, claim))
-        opened, fix, reason = self._believe(state, seen, self._shown(state, clear, claim))
+        if claim.node not in self.candidates(state):
+            raise Unshown("no way leads to the node claimed")
+        found = shows(self.mission, self.config, claim, clear, state.heard, self._released(state))
+        if found is None:
+            raise Unshown("the reading does not show what is claimed")
+        if (key := unlock(self.mission, claim)) is None:
+            raise Unshown("the claim opens nothing")
+        opened, fix, reason = self._believe(state, seen, replace(found, key=key))
         if opened is None:
             raise Unshown(f"a claim not to be believed: {reason.value}")
         return opened, fix
 
-    def _shown(self, state: State, clear: Experience, claim: Claim) -> Found:
-        if claim.node not in self.candidates(state):
-            raise Unshown("no way leads to the node claimed")
-        found = shows(self.mission, self.config, claim, clear, state.heard, self._released(state))
-        key = None if found is None else unlock(self.mission, claim)
-        if found is None or key is None:
-            raise Unshown("the reading does not show what is claimed" if found is None else "the claim opens nothing")
-        return replace(found, key=key)
-
     def chart(self, state: State) -> Chart:
         """The landmarks that were decoded."""
         return self._decoded(state.opened).chart
-
-    def orders(self, state: State) -> dict[tuple[Phase, int | None, int | None, int], Order]:
-        """Instructions that were given to a robot that has decoded so much."""
-        return self._decoded(state.opened).orders
 
     def _unexplained(self, state: State, seen: Experience, again: Container[int] = ()) -> Experience:
         """What was experienced, without what is too far off, or known to be other nodes' than the target's.
@@ -281,16 +264,13 @@ class Finder:
         chart = self.chart(state)
         left = tuple(
             landmark
-            for landmark, known in zip(seen.landmarks, fitting(self.config, seen, chart), strict=True)
+            for landmark, known in zip(
+                seen.landmarks, chart.fitting(seen, sight_of(self.config), self.config.tolerance_m), strict=True
+            )
             if distance_m(seen, landmark) <= self.config.decode_m
             and all(chart.nodes[number] == state.target or number in again for number in known)
         )
         return seen if len(left) == len(seen.landmarks) else replace(seen, landmarks=left)
-
-    def _is_unexplained(self, state: State, seen: Experience, found: Found) -> bool:
-        """Whether what was found is no known node's, or the very thing that this is: as auditors ask."""
-        clear = self._unexplained(state, seen, self._same(state, found.claim)).landmarks
-        return found.seen is None or found.seen in clear
 
     def _found(self, state: State, seen: Experience, failed: set[bytes], budget: Budget) -> Iterator[Found]:
         nodes = self.candidates(state)

@@ -17,7 +17,7 @@ from phalanx.config.mission import MissionConfig
 from phalanx.config.parameter import made_once
 from phalanx.mission.angles import sin_cos, wrap_rad
 from phalanx.mission.observable import HALF_TURN_TYPES, Experience, Landmark, number_or_nan
-from phalanx.mission.pose.belief import Belief, Wheels, begun
+from phalanx.mission.pose.belief import Belief, Wheels
 from phalanx.mission.pose.spread import Sight, Sighting, corrected, doubt_of, misfit, not_surer, pose_spread
 
 from .chart import Chart, most_of, turn_to
@@ -72,17 +72,10 @@ def floor_of(config: MissionConfig) -> tuple[float, float]:
 
 
 def begun_at(config: MissionConfig, pose: Pose) -> Belief:
-    """The belief of a robot that was put at a pose."""
-    return begun(pose, *floor_of(config), wheels_of(config))
-
-
-def moved(config: MissionConfig, belief: Belief, before: Pose, after: Pose, *, touches: bool = False) -> Belief:
-    """The belief after odometry, in a frame of its own, came from one pose to another.
-
-    Args:
-        touches: the robot is so near to something that its wheels may turn where it cannot.
-    """
-    return belief.driven(before, after, wheels_of(config), touches=touches)
+    """Return the belief of a robot that was put at a pose; of its odometry it knows nothing yet."""
+    (place_m, turn_rad), wheels = floor_of(config), wheels_of(config)
+    sure = (place_m, place_m, turn_rad, wheels.way, wheels.turn, wheels.curve)
+    return Belief(np.array([*pose, 0.0, 0.0, 0.0]), np.diag([value * value for value in sure]))
 
 
 def fixed(config: MissionConfig, belief: Belief, fix: Fix) -> Belief:
@@ -207,7 +200,7 @@ def fix_from(config: MissionConfig, seen: Experience, matches: Sequence[Match]) 
     """The pose that matches tell, taken one after the other."""
     mean, _, sightings = told_by(config, seen, matches)
     x, y, heading = mean.tolist()
-    moved_m = math.sqrt((x - seen.x_m) ** 2 + (y - seen.y_m) ** 2)
+    moved_m = length_m(x - seen.x_m, y - seen.y_m)
     return Fix(x, y, heading, moved_m, wrap_rad(heading - seen.heading_rad), tuple(sightings))
 
 
@@ -236,11 +229,6 @@ def as_known(seen: Experience, landmark: Landmark, mean: F64x1) -> tuple[float, 
     return float(mean[0]) + (cosine * dx - sine * dy), float(mean[1]) + (sine * dx + cosine * dy)
 
 
-def fitting(config: MissionConfig, seen: Experience, known: Chart) -> list[list[int]]:
-    """Of each landmark in sight the numbers of the known ones that it may be."""
-    return known.fitting(seen, sight_of(config), config.tolerance_m)
-
-
 def is_sure(config: MissionConfig, seen: Experience) -> bool:
     """Whether the pose is about as sure as one gets, and a correction would say nothing."""
     (xx, _, _, yy, _, tt), (place_m, turn_rad) = seen.spread, floor_of(config)
@@ -262,7 +250,7 @@ def known_in(config: MissionConfig, seen: Experience, known: Chart) -> list[Matc
 
 def may_be_known(config: MissionConfig, seen: Experience, known: Chart) -> list[tuple[Landmark, list[Landmark]]]:
     """The landmarks in sight that may be known ones, the nearest first, each with those."""
-    pairs = zip(seen.landmarks, fitting(config, seen, known), strict=True)
+    pairs = zip(seen.landmarks, known.fitting(seen, sight_of(config), config.tolerance_m), strict=True)
     # Two nodes may be one thing, and then it is no other.
     found = [
         (landmark, list(dict.fromkeys(known.landmarks[j] for j in numbers))) for landmark, numbers in pairs if numbers

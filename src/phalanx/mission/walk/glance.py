@@ -17,7 +17,6 @@ from phalanx.bundle import bundled
 from phalanx.config.mission import MissionConfig
 from phalanx.kernel import kernel
 from phalanx.mission.file.canonical import Shape
-from phalanx.mission.observable import Covariance
 from phalanx.mission.pose.spread import Sight
 
 from .cells import Doubt, Shapes, Steps, search_shapes
@@ -92,20 +91,15 @@ def _is_asked(gaze: Gaze, seen: F64x2, i: int, away_dm: float) -> bool:
 
 
 @kernel
-def glance(gaze: Gaze, seen: F64x2, x_m: float, y_m: float, doubt: Covariance, tries: int) -> int:
+def glance(gaze: Gaze, seen: F64x2, x_m: float, y_m: float, spread: F64x2, tries: int) -> int:
     """Tries that are left if nothing is found, and nothing known corrects the pose; else NOBODY.
 
     Args:
         seen: (k, 5) as `rows_of` has it, without texts.
-        doubt: covariance of the pose, as `Experience` has it.
+        spread: (3, 3) covariance of the pose.
     """
-    xx, xy, xt, yy, yt, tt = doubt
-    spread = np.empty((3, 3))
-    spread[0, 0], spread[0, 1], spread[0, 2] = xx, xy, xt
-    spread[1, 0], spread[1, 1], spread[1, 2] = xy, yy, yt
-    spread[2, 0], spread[2, 1], spread[2, 2] = xt, yt, tt
     sight = Sight(gaze.sight[0], gaze.sight[1], gaze.sight[2])
-    is_sure = max(xx, yy) <= gaze.sure_m2 and tt <= gaze.sure_rad2
+    is_sure = max(spread[0, 0], spread[1, 1]) <= gaze.sure_m2 and spread[2, 2] <= gaze.sure_rad2
     dark, count = np.empty((len(seen), 5)), 0
     for i in range(len(seen)):
         dx, dy = seen[i, X] - x_m, seen[i, Y] - y_m

@@ -9,12 +9,12 @@ from phalanx.crypto.sha3 import sha3_256
 from phalanx.mission.angles import TWO_PI, wrap_rad
 from phalanx.mission.file import sealed
 from phalanx.mission.file.canonical import AT_POSITION, action_hash, message_of, with_direction
-from phalanx.mission.file.records import EncodedMission, NodeRecord, Way, WayKind
+from phalanx.mission.file.records import EncodedMission, Way, WayKind
 from phalanx.mission.observable import LANDMARK_TYPES, Action, Direction, Experience, Landmark, middle_of
 from phalanx.mission.refused import Altered
 from phalanx.wire import missions as table
 
-from .found import Claim, Found
+from .claims import Claim, Found
 from .gate import Gate
 
 
@@ -68,52 +68,27 @@ def open_found(mission: EncodedMission, found: Found, seen: Experience) -> Opene
 
     Raises: Altered: it matched, but the rest of its record or the header belongs to another.
     """
-    claim, record = found.claim, mission.nodes[found.claim.node]
+    claim, record, header = found.claim, mission.nodes[found.claim.node], mission.header
     if found.key:
-        return _open_sealed(mission, found, record)
-    header = mission.header
-    if record.bindings[claim.alias] != record.binding(header, claim.node, claim.observed):
-        raise Altered("a node matches, and its record is bound to another")
-    mark = record.aliases[claim.alias].mark
+        secret = sealed.open_secret(header, claim.node, claim.alias, found.key, record.aliases[claim.alias].secret)
+        payload = sealed.open_payload(header, claim.node, record, secret)
+        proof = sealed.visited_proof(secret)
+        if sealed.visited_hash(proof) != record.visited:
+            raise Altered("a node's proof of a visit is not its own")
+        name, place_m, do, sends = payload.name, payload.place_m, payload.do or found.action, payload.sends
+        ways = tuple(
+            OpenWay(way.target, _sealed_direction(mission, secret, way), out.do, out.gate)
+            for way, out in zip(record.ways, payload.ways, strict=True)
+        )
+    else:
+        if record.bindings[claim.alias] != record.binding(header, claim.node, claim.observed):
+            raise Altered("a node matches, and its record is bound to another")
+        mark, proof = record.aliases[claim.alias].mark, sha3_256(table.VISITED + claim.observed)
+        name, place_m, do = "", None, found.action
+        sends = tuple(message_of(claim.observed, i) for i in range(record.sends))
+        ways = tuple(_paper_way(mission, way, found, mark, seen.actions) for way in record.ways)
     place, landmark = _where(mission, found)
-    return Opened(
-        claim.node,
-        claim.alias,
-        "",
-        place,
-        landmark,
-        found.action,
-        tuple(message_of(claim.observed, i) for i in range(record.sends)),
-        tuple(_paper_way(mission, way, found, mark, seen.actions) for way in record.ways),
-        sha3_256(table.VISITED + claim.observed),
-        found.claim,
-    )
-
-
-def _open_sealed(mission: EncodedMission, found: Found, record: NodeRecord) -> Opened:
-    header, claim = mission.header, found.claim
-    secret = sealed.open_secret(header, claim.node, claim.alias, found.key, record.aliases[claim.alias].secret)
-    payload = sealed.open_payload(header, claim.node, record, secret)
-    proof = sealed.visited_proof(secret)
-    if sealed.visited_hash(proof) != record.visited:
-        raise Altered("a node's proof of a visit is not its own")
-    ways = tuple(
-        OpenWay(way.target, _sealed_direction(mission, secret, way), out.do, out.gate)
-        for way, out in zip(record.ways, payload.ways, strict=True)
-    )
-    place, landmark = _where(mission, found)
-    return Opened(
-        claim.node,
-        claim.alias,
-        payload.name,
-        payload.place_m or place,
-        landmark,
-        payload.do or found.action,
-        payload.sends,
-        ways,
-        proof,
-        found.claim,
-    )
+    return Opened(claim.node, claim.alias, name, place_m or place, landmark, do, sends, ways, proof, claim)
 
 
 def _where(mission: EncodedMission, found: Found) -> tuple[tuple[float, float] | None, Landmark | None]:
@@ -154,7 +129,5 @@ def _paper_way(mission: EncodedMission, way: Way, found: Found, mark: bytes, poo
 
 def _sealed_direction(mission: EncodedMission, secret: bytes, way: Way) -> float | None:
     sectors = mission.header.coding.sectors
-    for sector in range(sectors):
-        if sealed.direction_tag(secret, way.target, sector) == way.hashes[0]:
-            return _to_direction(sector, sectors)
-    return None
+    tags = (sealed.direction_tag(secret, way.target, sector) for sector in range(sectors))
+    return next((_to_direction(i, sectors) for i, tag in enumerate(tags) if tag == way.hashes[0]), None)

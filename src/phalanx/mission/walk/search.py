@@ -32,9 +32,8 @@ from phalanx.mission.observable import (
 )
 from phalanx.mission.pose.spread import pose_spread
 
-from .cells import BIN_STEPS, Doubt, region_of
+from .cells import BIN_STEPS, RINGS, Doubt, bins_beside, level_of
 from .fix import distance_m, sight_of
-from .searched import spiral
 
 READINGS_LIMIT = 16  # of one experience; combinations of more would let a chatty sensor eat the budget
 WINDOWS = (0, -1, 1)
@@ -84,20 +83,6 @@ def doubt_in(config: MissionConfig, seen: Experience) -> Doubt:
     return Doubt(*place, pose_spread(seen.spread), sight_of(config), config.sigmas, config.tolerance_m)
 
 
-def cells_around(
-    shape: Shape, coding: CodingConfig, doubt: Doubt, landmark: Landmark | None, centre: Cell, offset: Offset
-) -> list[Cell]:
-    """The cells in which the thing may truly be that was seen in `centre`: ring after ring, likely bins first."""
-    rings, steps, bins = region(shape, coding, doubt, landmark, offset)
-    return [
-        centre._replace(
-            x=centre.x + dx, y=centre.y + dy, bin=centre.bin if centre.bin < 0 else (centre.bin + step) % bins
-        )
-        for dx, dy in spiral(rings)
-        for step in steps
-    ]
-
-
 def is_around(
     shape: Shape,
     coding: CodingConfig,
@@ -107,7 +92,7 @@ def is_around(
     offset: Offset,
     cell: Cell,
 ) -> bool:
-    """Whether `cell` is one of `cells_around`, of which there may be a thousand."""
+    """Return if the thing that was seen in `centre` may truly be in `cell`."""
     rings, steps, bins = region(shape, coding, doubt, landmark, offset)
     return (
         max(abs(cell.x - centre.x), abs(cell.y - centre.y)) <= rings
@@ -124,8 +109,9 @@ def region(
         return 0, [0], 1
     x, y = (landmark.x_m, landmark.y_m) if landmark else (doubt.x_m, doubt.y_m)
     turn = number_or_nan(landmark.orientation_rad if landmark and shape.oriented else None)
-    thing, group = np.array([x, y, turn, math.nan]), np.array([*offset.natural, 0.0])
-    _, rings, up, down = region_of(thing, landmark is None, group, steps_of(coding), doubt)
+    steps = steps_of(coding)
+    rings = RINGS[level_of(np.array([x, y, turn, math.nan]), landmark is None, steps, doubt)]
+    up, down = bins_beside(float(turn), offset.natural[2], steps[2], doubt)
     bins = bins_of(coding, LANDMARK_TYPES[shape.place - 1]) if landmark else 1
     return rings, [step for step, is_meant in zip(BIN_STEPS, (True, up, down), strict=True) if is_meant], bins
 

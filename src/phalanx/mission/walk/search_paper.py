@@ -2,33 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import groupby, product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from phalanx.arrays import I64x1
 from phalanx.config.mission import MissionConfig
 from phalanx.config.parameter import made_once
 from phalanx.crypto.sha3 import Targets, padded, sha3_256
 from phalanx.mission.file.canonical import AT_POSITION, Shape, cell_at
 from phalanx.mission.file.records import EncodedMission
-from phalanx.mission.observable import (
-    LANDMARK_TYPES,
-    Cell,
-    Experience,
-    Offset,
-    bins_of,
-    number_or_nan,
-    rows_of,
-    steps_of,
-)
+from phalanx.mission.observable import LANDMARK_TYPES, Cell, Experience, Offset, bins_of, rows_of, steps_of
 
 from .cells import BIN_STEPS, OWN, RINGS, Doubt, Groups, Message, Shapes, pack, search_cells, search_shapes
-from .found import Claim, Found
+from .claims import Claim, Found
 from .search import LANDMARK_PLACES, Budget, Variant, doubt_in, variants
 from .searched import Searched
 
@@ -48,40 +38,24 @@ class _Group:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Candidates:
-    """Nodes and their aliases in groups, and what kernels read of them."""
+    """Aliases of nodes in groups, and the same as kernels read them."""
 
-    nodes: tuple[int, ...]
     groups: tuple[_Group, ...]
     arrays: Groups
-    parts: dict[bytes, list[Shape | _Together]]  # the mission's shapes, by H of the node before
+    # By H of the node before: the mission's shapes, in runs, and packed those that ask only for a place
+    parts: dict[bytes, list[tuple[tuple[Shape, ...], Shapes | None]]]
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Together:
-    """Shapes that one call searches."""
-
-    shapes: tuple[Shape, ...]
-    arrays: Shapes
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Batch:
-    """Variants whose hashes differ in nothing but the cell."""
-
-    shape: Shape
-    variants: tuple[Variant, ...]
-    # (n, 4) x, y, orientation and area of each one's landmark, or the robot's; NaN for what is not asked
-    things: NDArray[np.float64]
-    message: Callable[[Cell], bytes]  # the canonical bytes at a cell
-    lanes: NDArray[np.int64]  # of the groups
+    def found(
+        self, pair: int, row: int, shape: Shape, one: Variant, cell: Cell, message: Callable[[Cell], bytes]
+    ) -> Found:
+        """Return the match that a kernel gives by the numbers of its pair and of its digest."""
+        number = pair // len(BIN_STEPS) % len(self.groups)
+        place = self.groups[number].targets.place(row - int(self.arrays.ends[number]))
+        return _found(self.groups[number], place, shape, one, cell, message)
 
 
 class PaperSearch:
-    """The search of one mission.
-
-    It remembers around which cells it found nothing. That changes how long a search takes, never what it finds or how
-    many tries it counts, so two searches of one mission agree whatever they have seen before.
-    """
+    """The search of one mission; two of them agree, whatever they have searched before."""
 
     def __init__(self, mission: EncodedMission, config: MissionConfig) -> None:
         self._mission = mission
@@ -109,19 +83,27 @@ class PaperSearch:
             np.vstack([np.empty((0, 4), np.uint64), *(group.targets.rows for group in groups)]),
             np.cumsum([0, *(len(group.aliases) for group in groups)]),
         )
-        return _Candidates(nodes, groups, arrays, {})
+        return _Candidates(groups, arrays, {})
 
-    def _parts(self, among: _Candidates, released: bytes) -> list[Shape | _Together]:
-        """The shapes, in their order; those that follow each other and ask for nothing but a place in one."""
-        known = among.parts.get(released)
-        if known is None:
-            known = among.parts[released] = []
-            for is_bare, same in groupby(self._mission.header.shapes, _is_bare):
-                alike = tuple(same)
-                known += [self._together(among, alike, released)] if is_bare else alike
-        return known
+    def _parts(self, among: _Candidates, released: bytes) -> list[tuple[tuple[Shape, ...], Shapes | None]]:
+        if released not in among.parts:
+            runs = [(is_bare, tuple(same)) for is_bare, same in groupby(self._mission.header.shapes, _is_bare)]
+            packed = [self._together(among, same, released) if is_bare else None for is_bare, same in runs]
+            among.parts[released] = [(same, arrays) for (_, same), arrays in zip(runs, packed, strict=True)]
+        return among.parts[released]
 
-    def _together(self, among: _Candidates, shapes: tuple[Shape, ...], released: bytes) -> _Together:
+    def parts(self, nodes: tuple[int, ...], released: bytes) -> tuple[list[Shapes], list[Shape]]:
+        """Return the shapes that ask only for a place, packed for kernels; and the others."""
+        parts = self._parts(self._among(nodes), released)
+        together = [arrays for _, arrays in parts if arrays is not None]
+        return together or [self.nothing()], [shape for same, arrays in parts if arrays is None for shape in same]
+
+    def nothing(self) -> Shapes:
+        """Return packed shapes that match nothing."""
+        none, searched = np.empty((0, 3), np.int64), (*self._among(()).arrays, *self._searched.known)
+        return pack(Shapes(none, none, none, np.empty((0, 1), np.uint64), *searched))
+
+    def _together(self, among: _Candidates, shapes: tuple[Shape, ...], released: bytes) -> Shapes:
         asks, at, lanes, templates = [], [], [], []
         for shape in shapes:
             is_own, begin = shape.place == AT_POSITION, cell_at(shape)
@@ -130,20 +112,8 @@ class PaperSearch:
             at.append((self._bins(shape), begin // 8, begin % 8 * 8))
             lanes.append(self._lanes(among, shape, (None, *_BARE[1:]), previous))
             templates.append(padded(_BARE.canonical(shape, Cell(0, 0, 0, 0), (), previous), begin))
-        searched = (*among.arrays, *self._searched.known)
-        rows = np.array(lanes, np.int64)
-        return _Together(shapes, pack(Shapes(np.array(asks), np.array(at), rows, np.array(templates), *searched)))
-
-    def parts(self, nodes: tuple[int, ...], released: bytes) -> tuple[list[Shapes], list[Shape]]:
-        """The shapes of a search that ask for nothing but a place, as kernels take them, packed; and the others."""
-        parts = self._parts(self._among(nodes), released)
-        together = [part.arrays for part in parts if isinstance(part, _Together)]
-        return together or [self.nothing()], [part for part in parts if isinstance(part, Shape)]
-
-    def nothing(self) -> Shapes:
-        """What finds nothing, as kernels take it, packed."""
-        none, searched = np.empty((0, 3), np.int64), (*self._among(()).arrays, *self._searched.known)
-        return pack(Shapes(none, none, none, np.empty((0, 1), np.uint64), *searched))
+        of_groups, searched = np.array(lanes, np.int64), (*among.arrays, *self._searched.known)
+        return pack(Shapes(np.array(asks), np.array(at), of_groups, np.array(templates), *searched))
 
     def _lanes(self, among: _Candidates, shape: Shape, rest: object, previous: bytes | None) -> list[int]:
         return [self._searched.lane((group.aliases, shape, rest, previous), len(RINGS)) for group in among.groups]
@@ -166,97 +136,89 @@ class PaperSearch:
             released: H of the node before, for chained nodes.
             budget: is spent; when nothing is left the search ends.
         """
-        among = self._among(nodes)
-        doubt = doubt_in(self._config, seen)
-        for part in self._parts(among, released):
-            if isinstance(part, _Together):
-                yield from self._at_once(among, part, seen, released, doubt, budget)
+        among, doubt = self._among(nodes), doubt_in(self._config, seen)
+        for shapes, arrays in self._parts(among, released):
+            if arrays is not None:
+                yield from self._at_once(among, shapes, arrays, seen, released, doubt, budget)
                 continue
-            for batch in self._batches(among, part, seen, heard, released):
-                search = self._around if part.place else self._as_it_is
-                yield from search(among, batch, doubt, budget)
+            for shape in shapes:
+                tried = variants(shape, self._mission.header.coding, seen, heard)
+                for rest, alike in groupby(tried, partial(_rest, shape)):
+                    batch, previous = tuple(alike), released if shape.previous else None
+                    message = partial(batch[0].canonical, shape, messages=batch[0].messages, previous=previous)
+                    if shape.place:
+                        lanes = np.array(self._lanes(among, shape, rest, previous), np.int64)
+                        yield from self._around(among, shape, batch, message, lanes, seen, doubt, budget)
+                    else:
+                        yield from self._as_it_is(among, shape, batch, message, budget)
 
     def _at_once(
-        self, among: _Candidates, part: _Together, seen: Experience, released: bytes, doubt: Doubt, budget: Budget
+        self,
+        among: _Candidates,
+        shapes: tuple[Shape, ...],
+        arrays: Shapes,
+        seen: Experience,
+        released: bytes,
+        doubt: Doubt,
+        budget: Budget,
     ) -> Iterator[Found]:
-        """Matches of shapes that ask for nothing but a place."""
+        """Yield matches of shapes that ask only for a place."""
         rows, begin = rows_of(seen.landmarks), (0, 0)
         while True:
-            s, k, pair, row, left, numbers, after = search_shapes(
-                begin, part.arrays, rows, doubt, self.steps, budget.left
-            )
+            s, k, pair, row, left, numbers, after = search_shapes(begin, arrays, rows, doubt, self.steps, budget.left)
             budget.spend(budget.left - left)
             if s < 0:
                 return
-            begin, shape = (s, after), part.shapes[s]
+            begin, shape = (s, after), shapes[s]
             landmark = seen.landmarks[k] if shape.place in LANDMARK_PLACES else None
             one, previous = _BARE._replace(landmark=landmark), released if shape.previous else None
             message = partial(one.canonical, shape, previous=previous)
-            yield _found(among, pair, row, shape, one, Cell(*numbers), message)
+            yield among.found(pair, row, shape, one, Cell(*numbers), message)
 
-    def _batches(
-        self, among: _Candidates, shape: Shape, seen: Experience, heard: tuple[bytes, ...], released: bytes
-    ) -> Iterator[_Batch]:
-        coding = self._mission.header.coding
-
-        def rest(variant: Variant) -> tuple[object, ...]:
-            return variant.landmark.text if shape.text and variant.landmark else None, *variant[1:]
-
-        for same, alike in groupby(variants(shape, coding, seen, heard), rest):
-            batch = tuple(alike)
-            previous = released if shape.previous else None
-
-            def message(cell: Cell, one: Variant = batch[0], previous: bytes | None = previous) -> bytes:
-                return one.canonical(shape, cell, one.messages, previous)
-
-            things = [
-                (
-                    landmark.x_m,
-                    landmark.y_m,
-                    number_or_nan(landmark.orientation_rad if shape.oriented else None),
-                    number_or_nan(landmark.area_m2 if shape.area else None),
-                )
-                if landmark
-                else (seen.x_m, seen.y_m, math.nan, math.nan)
-                for landmark in (variant.landmark for variant in batch)
-            ]
-            lanes = np.array(self._lanes(among, shape, same, previous), np.int64)
-            yield _Batch(shape, batch, np.array(things, np.float64), message, lanes)
-
-    def _around(self, among: _Candidates, batch: _Batch, doubt: Doubt, budget: Budget) -> Iterator[Found]:
-        """Matches of what has a place: each landmark against each group, around its cell."""
-        shape = batch.shape
-        at, first = cell_at(shape), 0
-        message = Message(padded(batch.message(Cell(0, 0, 0, 0)), at), at // 8, at % 8 * 8)
+    def _around(
+        self,
+        among: _Candidates,
+        shape: Shape,
+        batch: tuple[Variant, ...],
+        message: Callable[[Cell], bytes],
+        lanes: I64x1,
+        seen: Experience,
+        doubt: Doubt,
+        budget: Budget,
+    ) -> Iterator[Found]:
+        """Yield matches of variants whose hashes differ only in the cell: each against each group, around its cell."""
+        landmarks = [one.landmark for one in batch if one.landmark]
+        own = np.array([(OWN, seen.x_m, seen.y_m, np.nan, np.nan)] * len(batch))
+        rows, at, first = rows_of(landmarks) if landmarks else own, cell_at(shape), 0
+        things = np.where((True, True, shape.oriented, shape.area), rows[:, 1:], np.nan)
+        template = Message(padded(message(Cell(0, 0, 0, 0)), at), at // 8, at % 8 * 8)
+        among_what = among.arrays, self.steps, self._bins(shape), self._searched.known, lanes
         while first >= 0:
             pair, row, left, numbers, first = search_cells(
-                first,
-                batch.things,
-                shape.place not in LANDMARK_PLACES,
-                doubt,
-                among.arrays,
-                self.steps,
-                self._bins(shape),
-                self._searched.known,
-                batch.lanes,
-                budget.left,
-                message,
+                first, things, not landmarks, doubt, *among_what, budget.left, template
             )
             budget.spend(budget.left - left)
             if pair >= 0:
-                one = batch.variants[pair // len(BIN_STEPS) // len(among.groups)]
-                yield _found(among, pair, row, shape, one, Cell(*numbers), batch.message)
+                one = batch[pair // len(BIN_STEPS) // len(among.groups)]
+                yield among.found(pair, row, shape, one, Cell(*numbers), message)
 
-    def _as_it_is(self, among: _Candidates, batch: _Batch, _doubt: Doubt, budget: Budget) -> Iterator[Found]:
-        """Matches of what has no place: one hash each."""
-        digest = sha3_256(batch.message(Cell(0, 0)))
-        for variant, group in product(batch.variants, among.groups):
+    def _as_it_is(
+        self,
+        among: _Candidates,
+        shape: Shape,
+        batch: tuple[Variant, ...],
+        message: Callable[[Cell], bytes],
+        budget: Budget,
+    ) -> Iterator[Found]:
+        """Yield matches of what has no place: one hash each."""
+        digest = sha3_256(message(Cell(0, 0)))
+        for variant, group in product(batch, among.groups):
             if budget.left <= 0:
                 return
             budget.spend(1)
             marks = [self._mission.nodes[v].aliases[a].mark for v, a in group.aliases]
             if digest in marks:
-                yield _of(group, marks.index(digest), batch.shape, variant, Cell(0, 0), batch.message)
+                yield _found(group, marks.index(digest), shape, variant, Cell(0, 0), message)
 
 
 def _is_bare(shape: Shape) -> bool:
@@ -265,15 +227,13 @@ def _is_bare(shape: Shape) -> bool:
     return bool(shape.place) and not any(wanted)
 
 
+def _rest(shape: Shape, one: Variant) -> tuple[object, ...]:
+    """Return what a variant's hash depends on beside the cell."""
+    return one.landmark.text if shape.text and one.landmark else None, *one[1:]
+
+
 def _found(
-    among: _Candidates, pair: int, row: int, shape: Shape, one: Variant, cell: Cell, message: Callable[[Cell], bytes]
+    group: _Group, place: int, shape: Shape, one: Variant, cell: Cell, message: Callable[[Cell], bytes]
 ) -> Found:
-    """What kernels found, by the numbers that they give it."""
-    number = pair // len(BIN_STEPS) % len(among.groups)
-    group = among.groups[number]
-    return _of(group, group.targets.place(row - int(among.arrays.ends[number])), shape, one, cell, message)
-
-
-def _of(group: _Group, place: int, shape: Shape, one: Variant, cell: Cell, message: Callable[[Cell], bytes]) -> Found:
     node, alias = group.aliases[place]
     return Found(Claim(node, alias, shape, group.offset, cell, message(cell)), one.landmark, one.action)

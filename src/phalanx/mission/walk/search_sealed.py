@@ -31,11 +31,11 @@ from phalanx.mission.pose.spread import Sighting, misfit
 
 from .cells import Doubt
 from .chart import most_of, turn_to
+from .claims import Claim, Found
 from .fix import is_there
-from .found import Claim, Found
 from .gate import Hint
-from .search import Budget, Variant, cells_around, doubt_in, placed, region
-from .searched import SPIRAL
+from .search import Budget, Variant, doubt_in, placed, region
+from .searched import SPIRAL, spiral
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,16 +110,18 @@ def _jobs(
                 for misfits, cell in cells_that_fit(shape, coding, doubt, variant.landmark, centre, offset):
                     yield misfits, k, variant, cell
                 continue
-            for cell in cells_around(shape, coding, doubt, None, centre, offset):
+            rings, _, _ = region(shape, coding, doubt, None, offset)
+            for dx, dy in spiral(rings):
+                cell = centre._replace(x=centre.x + dx, y=centre.y + dy)
                 x, y, _ = middle_of(coding, offset, cell)
                 if not shape.place or is_there(config, seen, x, y):
-                    yield float(abs(cell.x - centre.x) + abs(cell.y - centre.y)), k, variant, cell
+                    yield float(abs(dx) + abs(dy)), k, variant, cell
 
 
 def cells_that_fit(
     shape: Shape, coding: CodingConfig, doubt: Doubt, landmark: Landmark, centre: Cell, offset: Offset
 ) -> list[tuple[float, Cell]]:
-    """The cells in which a landmark may truly be, in the order of `cells_around`, each with how badly that fits."""
+    """Return the cells in which a landmark may truly be, ring after ring, each with how badly that fits."""
     rings, steps, bins = region(shape, coding, doubt, landmark, offset)
     rows, fits = _that_fit(
         (centre.x, centre.y, centre.bin),

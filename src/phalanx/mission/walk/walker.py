@@ -9,7 +9,6 @@ needs neither keyring nor search and is what auditors replay.
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -21,18 +20,15 @@ from phalanx.mission.file.sealed import visited_hash
 from phalanx.mission.observable import LONGEST_S, Experience, Landmark
 from phalanx.mission.refused import Altered
 
-from .claims import Unshown
+from .claims import Claim, Unshown
 from .constellation import seen_again
 from .finding import Find, Finder
-from .fix import Fix, allowed_m, distance_m, pose_doubt_m
-from .found import Claim
+from .fix import Fix, allowed_m, distance_m, length_m, pose_doubt_m
 from .gate import StartKey
 from .glance import SIGHT_M
 from .opening import Opened, OpenWay
-from .outcome import Kind, Order, Outcome, Reason
-from .state import State
-from .table import Event, Phase
-from .table import step as next_phase
+from .state import Event, Kind, Order, Outcome, Phase, Reason, State
+from .state import step as next_phase
 
 __all__ = ["State", "Walker"]
 
@@ -64,10 +60,8 @@ class Walker:
     ) -> None:
         self.mission = mission
         self.config = config or MissionConfig()
-        self._finder = Finder(mission, key, self.config)
+        self._finder = Finder(mission, key, self.config, replays=replays)
         self.map = self._finder.map
-        if not replays:
-            self._finder.must_begin()
 
     def step(self, state: State, seen: Experience) -> tuple[State, Outcome]:
         """The next state, and what came of an experience."""
@@ -93,14 +87,14 @@ class Walker:
         if find is None:
             seen = self._sane(seen)
             find = self._finder.look(begun, seen)
-        state = replace(state, keys=find.keys)
-        if find.claim is not None:
+        state, claim = replace(state, keys=find.keys), find.opened.claim if find.opened else None
+        if claim is not None:
             try:
-                self._finder.check(begun, seen, find.claim)
+                self._finder.check(begun, seen, claim)
             except (Unshown, Altered):
                 # Two landmarks in one cell: which of them was meant, the bytes do not tell. The next scan may.
-                return state, None, find.trials
-        return state, find.claim, find.trials
+                claim = None
+        return state, claim, find.trials
 
     def advance(self, state: State, seen: Experience, claim: Claim | None = None) -> tuple[State, Outcome]:
         """The next state after an experience in which a robot claims to have found a node, or claims nothing.
@@ -140,10 +134,6 @@ class Walker:
             if 0 <= node < len(nodes) and (not checked or visited_hash(proof) == nodes[node].visited)
         }
         return replace(state, others=state.others | believed)
-
-    def candidates(self, state: State) -> tuple[int, ...]:
-        """Nodes that the robot may try now: its target, and whatever else is still dark and has become possible."""
-        return self._finder.candidates(state)
 
     def _refused(self, state: State, seen: Experience) -> Outcome | None:
         """The outcome of an experience that changes nothing, or None."""
@@ -192,8 +182,7 @@ class Walker:
         fix, doubt_m = seen_again(self.config, seen, self._finder.chart(state)), pose_doubt_m(seen)
         if fix is None or fix.moved_m > allowed_m(self.config, seen.travelled_m - state.fixed_at_m, doubt_m):
             return None
-        x, y = self._pulled(state, seen, fix)
-        all_m = math.sqrt(x * x + y * y)
+        all_m = length_m(*self._pulled(state, seen, fix))
         return fix if all_m <= allowed_m(self.config, seen.travelled_m - state.left_at_m) else None
 
     def _pulled(self, state: State, seen: Experience, fix: Fix) -> tuple[float, float]:
@@ -240,8 +229,7 @@ class Walker:
         source = state.opened[state.at].place_m if state.at is not None else None
         if source is None or opened.place_m is None:
             return max(walked, 0.0)
-        dx, dy = opened.place_m[0] - source[0], opened.place_m[1] - source[1]
-        return max(walked, math.sqrt(dx * dx + dy * dy))
+        return max(walked, length_m(opened.place_m[0] - source[0], opened.place_m[1] - source[1]))
 
     def _aim(self, state: State) -> State:
         """The state with its next target, over ways that were blocked if there are no others; else done, or held."""
@@ -263,33 +251,23 @@ class Walker:
         proven = state.others if self.mission.header.profile is Profile.SEALED else frozenset()
         return not self.map.finals and len(state.opened.keys() | proven) == len(self.mission.nodes)
 
-    def _timeout_s(self, state: State) -> float:
-        own = 0 if state.at is None else self.mission.nodes[state.at].timeout_s
-        return own or self.config.timeout_s
-
     def _not_validated(self, state: State, seen: Experience) -> tuple[State, Event | None, Reason | None]:
         """The state after a step in which nothing was validated: time-outs, blocked ways, and the way back."""
-        since = seen.t_s if state.since_s is None else state.since_s
+        since, event = seen.t_s if state.since_s is None else state.since_s, None
         if self._has_passed(state, seen):
-            state = replace(
-                state,
-                at=state.target,
-                phase=next_phase(state.phase, Event.PASSED),
-                since_s=seen.t_s,
-                left_at_m=seen.travelled_m,
-                pulled_m=(0.0, 0.0),
-            )
-            state = self._aim(state)
-            return state, Event.PASSED, Reason.NO_WAY if state.phase is Phase.HELD else None
-        if state.phase is Phase.RETURNING and self._is_near(state.at, state, seen):
-            state = self._aim(replace(state, phase=next_phase(state.phase, Event.BACK), since_s=seen.t_s))
-            return state, Event.BACK, Reason.NO_WAY if state.phase is Phase.HELD else None
-        event = None
-        if seen.t_s - since > self._timeout_s(state):
+            event = Event.PASSED
+            state = replace(state, at=state.target, left_at_m=seen.travelled_m, pulled_m=(0.0, 0.0))
+        elif state.phase is Phase.RETURNING and self._is_near(state.at, state, seen):
+            event = Event.BACK
+        if event is not None:
+            state = self._aim(replace(state, phase=next_phase(state.phase, event), since_s=seen.t_s))
+            return state, event, Reason.NO_WAY if state.phase is Phase.HELD else None
+        own_s = 0 if state.at is None else self.mission.nodes[state.at].timeout_s
+        if seen.t_s - since > (own_s or self.config.timeout_s):
             event = Event.TIMED_OUT
         elif seen.blocked and state.phase is Phase.SEEKING and state.at is not None:
             event = Event.BLOCKED
-        if event is None:
+        else:
             return state, None, None
         blocked = state.blocked
         if state.at is None:
@@ -312,19 +290,10 @@ class Walker:
 
     def _is_near(self, node: int | None, state: State, seen: Experience) -> bool:
         place = state.opened[node].place_m if node is not None else None
-        if place is None:
-            return True
-        dx, dy = place[0] - seen.x_m, place[1] - seen.y_m
-        return math.sqrt(dx * dx + dy * dy) <= self.config.arrive_m
+        return place is None or length_m(place[0] - seen.x_m, place[1] - seen.y_m) <= self.config.arrive_m
 
     def order(self, state: State) -> Order:
-        """The instruction in force; the same until something is decoded, given up or reached."""
-        orders, here = self._finder.orders(state), (state.phase, state.at, state.target, state.round)
-        if here not in orders:
-            orders[here] = self._order(state)
-        return orders[here]
-
-    def _order(self, state: State) -> Order:
+        """Return the instruction in force; the same until something is decoded, given up or reached."""
         if state.phase is Phase.DONE:
             return Order(Kind.DONE)
         if state.phase is Phase.HELD:

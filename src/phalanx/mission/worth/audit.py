@@ -18,7 +18,7 @@ from phalanx.mission.authoring.compiling import PAPER_CODING, SEALED_CODING, ali
 from phalanx.mission.file.canonical import Shape, shape_of
 from phalanx.mission.file.records import Profile
 from phalanx.mission.graph import Mission, Node
-from phalanx.mission.observable import MM_PER_M, Landmark, Observable, cell_of
+from phalanx.mission.observable import MM_PER_M, Landmark, cell_of
 from phalanx.mission.walk.cells import BIN_STEPS, RINGS
 from phalanx.mission.walk.search import WINDOWS
 
@@ -149,13 +149,7 @@ def audit(
     )
 
 
-def _robot_tries(
-    coding: CodingConfig,
-    config: MissionConfig,
-    alias: tuple[Observable, ...],
-    node: Node,
-    actions: int,
-) -> float:
+def _robot_tries(coding: CodingConfig, config: MissionConfig, alias: Alias, node: Node, actions: int) -> float:
     shape = shape_of(alias)
     tries = 1.0
     if shape.place:

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
+from itertools import islice, product
 from typing import Any
 
 import numpy as np
@@ -22,10 +22,9 @@ from phalanx.mission.file import sealed
 from phalanx.mission.file.canonical import AT_POSITION, Shape, canonical, cell_at, place_bytes
 from phalanx.mission.file.records import EncodedMission
 from phalanx.mission.observable import LANDMARK_TYPES, MM_PER_M, Cell, Experience, Landmark, Offset, bins_of, middle_of
-from phalanx.mission.walk.claims import unlock
-from phalanx.mission.walk.found import Claim, Found
+from phalanx.mission.walk.claims import Claim, Found, unlock
 from phalanx.mission.walk.gate import Gate, StartKey
-from phalanx.mission.walk.opening import Opened, OpenWay, open_found
+from phalanx.mission.walk.opening import open_found
 
 from .shown import Before, Shown
 
@@ -80,53 +79,32 @@ def can_guess(shape: Shape) -> bool:
 
 
 def crack_paper(mission: EncodedMission, box: Box) -> Iterator[Tried]:
-    """Every place in a box against every node of a paper mission; cheap shapes first."""
-    header = mission.header
+    """Try every place in a box against every node of a paper mission; cheap shapes first."""
+    coding = mission.header.coding
     groups: dict[Offset, dict[bytes, int]] = {}
     for node, record in enumerate(mission.nodes):
         for alias in record.aliases:
             groups.setdefault(alias.offset, {})[alias.mark] = node
-    shapes = [shape for shape in header.shapes if can_guess(shape)]
-    shapes.sort(key=lambda shape: len(_bins(header.coding, shape, box)))
+    shapes = [shape for shape in mission.header.shapes if can_guess(shape)]
+    shapes.sort(key=lambda shape: len(_bins(coding, shape, box)))
     # A chained node has the hash of the one before in it, which is public.
     marks: list[bytes | None] = [alias.mark for record in mission.nodes for alias in record.aliases]
-    size = {offset: len(_patches(header.coding, offset, box)) for offset in groups}
-    total = sum(
-        size[offset] * len(_bins(header.coding, shape, box)) * (len(marks) if shape.previous else 1)
-        for shape in shapes
-        for offset in groups
-    )
+    per_bin = sum(len(_patches(coding, offset, box)) for offset in groups)
+    total = sum(per_bin * len(_bins(coding, shape, box)) * (len(marks) if shape.previous else 1) for shape in shapes)
     for shape in shapes:
-        for turn, area in _bins(header.coding, shape, box):
-            for previous in marks if shape.previous else [None]:
-                for offset, wanted in groups.items():
-                    yield from _sweep(mission, box, shape, Cell(0, 0, turn, area), offset, wanted, previous, total)
-
-
-def _sweep(
-    mission: EncodedMission,
-    box: Box,
-    shape: Shape,
-    cell: Cell,
-    offset: Offset,
-    wanted: dict[bytes, int],
-    previous: bytes | None,
-    total: int,
-) -> Iterator[Tried]:
-    coding = mission.header.coding
-    message = canonical(place_bytes(shape, cell), previous=previous)
-    targets, nodes = Targets(list(wanted)), list(wanted.values())
-    patches = _patches(coding, offset, box)
-    for start in range(0, len(patches), BATCH):
-        batch = patches[start : start + BATCH]
-        found: list[Cracked] = []
-        at = 0
-        while (hit := find_patched(message, cell_at(shape), batch[at:], targets)) is not None:
-            patch = int(batch[at + hit[0]])
-            x, y = (int(np.int32(np.uint32(part & 0xFFFFFFFF))) for part in (patch, patch >> 32))
-            found.append(_cracked(coding, nodes[hit[1]], shape, offset, cell._replace(x=x, y=y)))
-            at += hit[0] + 1
-        yield Tried(len(batch), total, tuple(found))
+        for (turn, area), previous in product(_bins(coding, shape, box), marks if shape.previous else [None]):
+            cell = Cell(0, 0, turn, area)
+            message = canonical(place_bytes(shape, cell), previous=previous)
+            for offset, wanted in groups.items():
+                patches, targets, nodes = _patches(coding, offset, box), Targets(list(wanted)), list(wanted.values())
+                for start in range(0, len(patches), BATCH):
+                    batch, at, found = patches[start : start + BATCH], 0, list[Cracked]()
+                    while (hit := find_patched(message, cell_at(shape), batch[at:], targets)) is not None:
+                        patch = int(batch[at + hit[0]])
+                        x, y = (int(np.int32(np.uint32(part & 0xFFFFFFFF))) for part in (patch, patch >> 32))
+                        found.append(_cracked(coding, nodes[hit[1]], shape, offset, cell._replace(x=x, y=y)))
+                        at += hit[0] + 1
+                    yield Tried(len(batch), total, tuple(found))
 
 
 def _cracked(coding: CodingConfig, node: int, shape: Shape, offset: Offset, cell: Cell) -> Cracked:
@@ -154,7 +132,9 @@ def crack_sealed(
         node, gate, before = (waiting or later).pop(0)
         gate = replace(gate, hints=gate.hints[: len(mission.nodes[node].aliases)])
         if shown is None:
-            left, size = _count(coding, gate, box), KDF_BATCH
+            hints = [hint for hint in gate.hints if can_guess(hint.shape)]
+            sizes = (len(_patches(coding, each.offset, box)) * len(_bins(coding, each.shape, box)) for each in hints)
+            left, size = sum(sizes), KDF_BATCH
             jobs = _jobs(mission, node, gate, partial(_everywhere, coding, box, before))
         else:
             claims = list(_jobs(mission, node, gate, partial(shown.cells, coding, before)))
@@ -171,27 +151,21 @@ def crack_sealed(
             known -= left
             cracked = _cracked(coding, node, claim.shape, claim.offset, claim.cell)
             yield Tried(len(batch), known, (cracked,))
-            opened = _open(mission, claim, cracked, secret_key)
+            landmark = None
+            if claim.shape.place != AT_POSITION:
+                landmark = Landmark(cracked.kind, cracked.x_m, cracked.y_m, cracked.orientation_rad)
+            opened = open_found(mission, Found(claim, landmark, key=secret_key), Experience(0.0, 0.0, 0.0, 0.0))
             for way in opened.ways:
                 if way.target not in seen and way.gate is not None:
                     seen.add(way.target)
                     share = sealed.onward(gate.share, way.gate.share, mission.header, node, way.target)
-                    waiting.append((way.target, replace(way.gate, share=share), _before(opened, way, coding)))
+                    at, to_rad = opened.place_m, way.direction_rad
+                    after = None if at is None or to_rad is None else Before(*at, to_rad, coding.sectors)
+                    waiting.append((way.target, replace(way.gate, share=share), after))
             break
         else:
             if shown is not None:
                 later.append((node, gate, before))
-
-
-def _count(coding: CodingConfig, gate: Gate, box: Box) -> int:
-    hints = [hint for hint in gate.hints if can_guess(hint.shape)]
-    return sum(len(_patches(coding, hint.offset, box)) * len(_bins(coding, hint.shape, box)) for hint in hints)
-
-
-def _before(opened: Opened, way: OpenWay, coding: CodingConfig) -> Before | None:
-    if opened.place_m is None or way.direction_rad is None:
-        return None
-    return Before(*opened.place_m, way.direction_rad, coding.sectors)
 
 
 def _jobs(
@@ -220,10 +194,3 @@ def _everywhere(coding: CodingConfig, box: Box, before: Before | None, shape: Sh
     for i in order:
         for turn, area in _bins(coding, shape, box):
             yield Cell(int(xs[i]), int(ys[i]), turn, area)
-
-
-def _open(mission: EncodedMission, claim: Claim, cracked: Cracked, key: bytes) -> Opened:
-    landmark = None
-    if claim.shape.place != AT_POSITION:
-        landmark = Landmark(cracked.kind, cracked.x_m, cracked.y_m, cracked.orientation_rad)
-    return open_found(mission, Found(claim, landmark, key=key), Experience(0.0, 0.0, 0.0, 0.0))

@@ -27,6 +27,7 @@ from phalanx.mission.pose.belief import Belief
 from phalanx.mission.walk.fix import (
     AGAIN_MOST,
     ALONE_SIGMAS,
+    Match,
     begun_at,
     distance_m,
     doubt_m,
@@ -39,10 +40,9 @@ from phalanx.mission.walk.fix import (
     wheels_of,
 )
 
-from .outlook import Outlook
+from .outlook import SPEED_MPS, Outlook
 
-# As the pilot drives: so fast at most, and along one direction for so much of its time-out.
-SPEED_MPS, LINE = 0.6, 0.75
+LINE = 0.75  # as the pilot drives along one direction: for so much of its time-out
 NORTH_RAD = math.pi / 2  # robots look there in a building that does not say
 STEP_M = 0.25
 # Landmarks lie in walls: a place so much before one is looked at.
@@ -55,7 +55,6 @@ SHOWN_M2, SHOWN_STEPS = 0.25, 2  # or, on a straight way, after so many steps
 BEYOND_M = 3.0  # who has driven past a thing looks back for so long, and where a wall stops it to all sides
 TURNED_RAD, TURNS = math.radians(20), range(-8, 10)
 EVERY = 29  # places around it are looked from in this order: one, and so many further on the next
-Match = tuple[Landmark, Landmark]
 Way = tuple[str, str]
 
 
@@ -211,7 +210,7 @@ class _Scout:
         is_decoded, there, shown, found = False, belief, side is not None, 0
         steps = max(1, math.ceil(length_m / STEP_M))
         for i in range(steps + (round(BEYOND_M / STEP_M) if shown else 0) + 1):
-            seen = self._seen(belief)
+            seen = Experience(0.0, *belief.pose, spread=belief.doubt)
             eyes = [seen] if side is None else self._eyes(seen, side, target)
             if i > steps and not (is_decoded or eyes) and passed:
                 # A wall stops it, and it turns.
@@ -249,7 +248,7 @@ class _Scout:
         """Who may go there: on its line or on this side of it; to what is no door also who tries again beside that."""
         assert self.free is not None, "a way has a side where there is a plan"
         places = list(self.free.beside_line((seen.x_m, seen.y_m), seen.heading_rad, side))
-        if _is_door(target):
+        if all(isinstance(thing, Landmark) and thing.type == "doorway" for thing in _things(target)):
             places = places[:1]
         elif places:
             places += self.free.again_beside(places[0], seen.heading_rad)
@@ -298,10 +297,6 @@ class _Scout:
         )
         return told(self.config, seen, list(off))
 
-    @staticmethod
-    def _seen(belief: Belief) -> Experience:
-        return Experience(0.0, *belief.pose, spread=belief.doubt)
-
     def _again(self, seen: Experience) -> list[Match]:
         """What the robot knows and sees again."""
         near = ((distance_m(seen, thing), thing) for thing in self.known)
@@ -341,14 +336,11 @@ class _Scout:
             return ""
         if target.name not in self.shown_m2:
             self.shown_m2[target.name] = max(self._shown_m2(thing, self._near_m(target)) for thing in things)
-        shown_m2 = self.shown_m2[target.name]
-        if shown_m2 >= SHOWN_M2 or any(self._shows(seen, target) for seen in passed):
+        shown_m2, looks = self.shown_m2[target.name], self.looks
+        shows = (looks.shows(_pose(seen), thing) for seen in passed for thing in self._in_sight(seen, target))
+        if shown_m2 >= SHOWN_M2 or any(shows):
             return ""
         return f"scans show it from {shown_m2:.1f} m2 of floor, and robots come by {SHOWN_M2:g} m2"
-
-    def _shows(self, seen: Experience, target: Node) -> bool:
-        assert self.looks is not None, "asked where there is a plan"
-        return any(self.looks.shows(_pose(seen), thing) for thing in self._in_sight(seen, target))
 
     def _shown_m2(self, thing: Landmark, near_m: float) -> float:
         """How large the floor is from which a scan shows a landmark; no more than is enough."""
@@ -386,10 +378,6 @@ class _Scout:
 
 def _pose(seen: Experience) -> tuple[float, float, float]:
     return seen.x_m, seen.y_m, seen.heading_rad
-
-
-def _is_door(node: Node) -> bool:
-    return all(isinstance(thing, Landmark) and thing.type == "doorway" for thing in _things(node))
 
 
 def _things(node: Node) -> list[Landmark | Position]:

@@ -73,7 +73,10 @@ class Guess:
     def _rest(self, alias: Alias, node: Node) -> float:
         """How often each place has to be tried, for what else goes into the hash."""
         shape = shape_of(alias)
-        count = _token_candidates(landmark_of(alias))
+        landmark = landmark_of(alias)
+        # Only a random token is secret: any other text that hangs on a wall is public.
+        text = landmark.text if landmark and landmark.text and TOKEN.fullmatch(landmark.text) else ""
+        count = float(16 ** min(32, len(text)))
         if self.profile is Profile.PAPER:
             count *= len(self.shapes)  # the file says which kinds occur, not where
             count *= max(1, len(self.actions)) if node.do else 1
@@ -115,12 +118,6 @@ def landmark_of(alias: Alias) -> Landmark | None:
     """The one landmark in a conjunction, if it has one."""
     place = place_of(alias)
     return place if isinstance(place, Landmark) else None
-
-
-def _token_candidates(landmark: Landmark | None) -> float:
-    if landmark is None or landmark.text is None or not TOKEN.fullmatch(landmark.text):
-        return 1.0  # a text that hangs on a wall is public
-    return float(16 ** min(32, len(landmark.text)))
 
 
 def _to_edge(box: tuple[float, float, float, float], at: tuple[float, float], direction_rad: float) -> float:

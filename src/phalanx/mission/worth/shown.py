@@ -79,7 +79,9 @@ class Shown:
         among = np.flatnonzero((place == shape.place) & (oriented >= shape.oriented) & (area >= shape.area))
         rows = self.rows[among]
         misfit = (among != 0).astype(np.float64)  # robots begin at the start, if it may be
-        misfit += _off_cells(coding, offset, rows, self.rounded_mm / MM_PER_M / 2)
+        # Rounding moved them from the middles of their cells, by half a step at most.
+        off = np.abs(_rest(rows[:, :2] - np.array(offset.natural[:2]), coding.delta_mm / MM_PER_M))
+        misfit += _square(np.maximum(off - self.rounded_mm / MM_PER_M / 2, 0.0), DRAWN_M).sum(axis=1)
         if shape.oriented:
             misfit += _square(_rest(rows[:, 2] - offset.orientation * OFFSET_RAD, coding.bin_rad), DRAWN_RAD)
         if shape.place != AT_POSITION:
@@ -140,16 +142,6 @@ def _rest(values: NDArray[np.float64], step: float) -> NDArray[np.float64]:
 
 def _square(off: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
     return np.minimum(np.square(off / scale), MOST)
-
-
-def _off_cells(
-    coding: CodingConfig, offset: Offset, rows: NDArray[np.float64], rounded_m: float
-) -> NDArray[np.float64]:
-    """How badly places fit the middle of any cell, where rounding moved it by so much at most."""
-    delta_m = coding.delta_mm / MM_PER_M
-    off = np.abs(_rest(rows[:, :2] - np.array(offset.natural[:2]), delta_m))
-    misfit: NDArray[np.float64] = _square(np.maximum(off - rounded_m, 0.0), DRAWN_M).sum(axis=1)
-    return misfit
 
 
 def _off_way(before: Before, rows: NDArray[np.float64]) -> NDArray[np.float64]:

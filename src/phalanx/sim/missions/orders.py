@@ -89,11 +89,6 @@ def orders_of_files(
     return Orders(name, plan, parts, pool_of(plain), messages)
 
 
-def _things(plain: Mission) -> list[Observable]:
-    """All that any node of a mission is made of."""
-    return [thing for node in plain.nodes for alias in node.see for thing in alias]
-
-
 def start_of(plan: FloorPlan) -> Pose:
     """Where robots begin in a building. Raises: UsageError: it does not say."""
     if plan.start is None:
@@ -122,7 +117,9 @@ def furnished(plan: FloorPlan, plain: Mission) -> FloorPlan:
     shown = {code.text for code in plan.codes}
     hung = [
         WallCode(thing.text, thing.x_m, thing.y_m, CODE_HEIGHT_M, thing.orientation_rad or 0.0, CODE_EDGE_M)
-        for thing in _things(plain)
+        for node in plain.nodes
+        for alias in node.see
+        for thing in alias
         if isinstance(thing, Landmark) and thing.text is not None and thing.text not in shown
     ]
     known = {*(source.reading for source in plan.sources), *_doings(plain)}

@@ -14,13 +14,13 @@ import numpy as np
 
 from phalanx.mission import Experience, Landmark, Outcome, Phase, State, Walker
 from phalanx.mission.observable import MM_PER_M
-from phalanx.mission.walk.found import Claim
-from phalanx.mission.walk.outcome import Kind, Reason
-from phalanx.mission.walk.table import Event
+from phalanx.mission.walk.claims import Claim
+from phalanx.mission.walk.state import Event, Kind, Reason
 from phalanx.robot.controllers.mission.controller import MissionController, Missions
 from phalanx.sim.building.odometry import Pose
 
 from .body import MissionBody
+from .setup import MissionRun
 from .truth import Truth, wrong_by
 
 _TOLD = {Reason.DRIFT, Reason.CONTRADICTED, Reason.ALTERED}
@@ -187,19 +187,14 @@ class Logbook:
         walk, mission = self.controller.memory.walk, self.controller.given.mission
         gates = [gate for (_, node), gate in walk.keys.gates.items() if node not in walk.opened]
         shapes = [*mission.header.shapes, *(hint.shape for gate in gates for hint in gate.hints)]
-        is_blind = self.body.building.camera is None
+        building = self.body.building
         wanted = (
-            ("codes on the walls", is_blind and any(shape.text for shape in shapes)),
-            (
-                "actions that robots can do",
-                not self.controller.given.pool and any(shape.action for shape in shapes),
-            ),
-            (
-                "beacons, or what else other sensors tell of",
-                not self.body.building.plan.sources and any(shape.sensors for shape in shapes),
-            ),
+            ("codes on the walls", "text", building.camera),
+            ("actions that robots can do", "action", self.controller.given.pool),
+            ("beacons, or what else other sensors tell of", "sensors", building.plan.sources),
         )
-        return () if self.report.done else tuple(what for what, is_wanted in wanted if is_wanted)
+        lacks = (what for what, kind, has in wanted if not has and any(getattr(shape, kind) for shape in shapes))
+        return () if self.report.done else tuple(lacks)
 
 
 def digest_of(reports: list[Report]) -> str:
@@ -224,11 +219,11 @@ def quantile(reports: list[Report], name: str, share: float) -> float | None:
     return round(float(np.quantile(values, share)), 4) if len(values) else None
 
 
-def figures(reports: list[Report], nodes: int) -> dict[str, Any]:
-    """Reports in figures, as `phalanx mission run --json` prints them; of robots that had so many nodes in all."""
+def summary(run: MissionRun, reports: list[Report]) -> dict[str, Any]:
+    """Return a run in figures, as `phalanx mission run --json` prints them."""
     return {
         "robots": len(reports),
-        "nodes": nodes,
+        "nodes": sum(len(run.part_of(report.robot).mission.nodes) for report in reports),
         "decoded": sum(len(report.decoded) for report in reports),
         "completed": sum(report.done for report in reports),
         "hashes_tried": sum(report.hashes_tried for report in reports),
@@ -257,4 +252,10 @@ def figures(reports: list[Report], nodes: int) -> dict[str, Any]:
         ],
         "t_s": round(max(report.t_s for report in reports), 1),
         "digest": digest_of(reports),
+        "defence": run.defence,
+        "f_max": run.f_max if run.audited else None,
+        "audits": {
+            "passed": sum(report.audits_passed for report in reports),
+            "refused": sum(report.audits_refused for report in reports),
+        },
     }

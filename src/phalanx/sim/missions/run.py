@@ -12,12 +12,11 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from typing import Any
 
 from phalanx.errors import Unavailable
 from phalanx.mission import Walker
 
-from .report import Report, figures
+from .report import Report
 from .setup import MissionRun
 from .world import MissionWorld, walkers_of
 
@@ -99,13 +98,3 @@ def _live(
         on_progress(now_s / run.duration_s)
     on_progress(1.0)
     return world.finish()
-
-
-def summary(run: MissionRun, reports: list[Report]) -> dict[str, Any]:
-    """A run in figures, as `phalanx mission run --json` prints them."""
-    audits = {
-        "passed": sum(report.audits_passed for report in reports),
-        "refused": sum(report.audits_refused for report in reports),
-    }
-    audited = {"defence": run.defence, "f_max": run.f_max if run.audited else None, "audits": audits}
-    return figures(reports, sum(len(run.part_of(report.robot).mission.nodes) for report in reports)) | audited

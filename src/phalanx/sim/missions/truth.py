@@ -14,7 +14,7 @@ import math
 from phalanx.config.lidar import LidarConfig
 from phalanx.mission import Experience, Landmark
 from phalanx.mission.landmarks import FloorPlan
-from phalanx.mission.observable import HALF_TURN_TYPES
+from phalanx.mission.observable import HALF_TURN_TYPES, Covariance
 from phalanx.mission.walk.opening import Opened
 from phalanx.sim.building.odometry import Pose
 
@@ -36,11 +36,8 @@ DEEP_M, WIDE_M = 0.25, 0.5
 # So near, the middle of what has some size may lie behind the robot: it is the corners and jambs that are seen.
 AROUND_M = {"room": math.inf, "doorway": 1.5}
 
-# Covariance of x, y and heading, map frame, metres and radians: xx, xy, xh, yy, yh, hh.
-Spread = tuple[float, float, float, float, float, float]
 
-
-def wrong_by(true: Pose, estimate: Pose, spread: Spread | None) -> str:
+def wrong_by(true: Pose, estimate: Pose, spread: Covariance | None) -> str:
     """What is wrong with an estimated pose: "metres", "degrees", "sigmas", or "" if it is a true one.
 
     Args:

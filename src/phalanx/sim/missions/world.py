@@ -72,15 +72,6 @@ class MissionRobot(Logbook):
         self.hears: tuple[bytes, ...] = ()
         self.attack = ""
 
-    def told_of(self, proofs: Proofs) -> None:
-        """Another robot has shown which nodes it decoded. Source: Encoded graphs §VI-C."""
-        memory = self.controller.memory
-        self.controller.memory = replace(memory, walk=self.controller.walker.hear_report(memory.walk, proofs))
-
-    def tells(self) -> Proofs:
-        """The nodes that it decoded, with proofs, and never raw data."""
-        return self.controller.walker.report(self.controller.memory.walk)
-
 
 class MissionWorld:
     """A run, being lived.
@@ -218,9 +209,11 @@ class MissionWorld:
             a, b = one.body.wheels.pose[:2], other.body.wheels.pose[:2]
             is_same = one.number % len(self.run.parts) == other.number % len(self.run.parts)
             if is_same and math.dist(a, b) <= self.run.meet_m and self.run.plan.sees(a, b):
-                told += [(other, one.tells()), (one, other.tells())]
+                for here, there in ((one, other), (other, one)):
+                    told.append((there, here.controller.walker.report(here.controller.memory.walk)))
         for robot, proofs in told:
-            robot.told_of(proofs)
+            memory = robot.controller.memory
+            robot.controller.memory = replace(memory, walk=robot.controller.walker.hear_report(memory.walk, proofs))
         return told
 
     def _move(self, i: int) -> None:
@@ -274,10 +267,8 @@ class MissionWorld:
         liar.take_over(robot.controller)
         robot.inner, robot.attack = liar, attack.name
 
-    # --- watching -----------------------------------------------------------------------------------------------------
-
     def stopped_s(self, i: int) -> float | None:
-        """When a robot was put in Safe Mode, None if it was not."""
+        """Return when a robot was put in Safe Mode, None if it was not."""
         safe_us = int(self.world.safe_us[i])
         return None if safe_us < 0 else safe_us / US_PER_S
 

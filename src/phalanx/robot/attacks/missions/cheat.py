@@ -18,8 +18,8 @@ from phalanx.bti.log import ENTRY_HEAD_BYTES, ENTRY_T
 from phalanx.bti.work import Work
 from phalanx.mission import OpenWay
 from phalanx.mission.angles import wrap
-from phalanx.mission.walk.keyring import Keyring
 from phalanx.mission.walk.opening import Known
+from phalanx.mission.walk.state import Keyring
 from phalanx.robot.actions import Action
 from phalanx.robot.attacks.attack import Scene
 from phalanx.robot.controllers.mission.controller import MissionController

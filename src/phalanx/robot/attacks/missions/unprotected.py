@@ -30,7 +30,7 @@ from phalanx.mission import (
 from phalanx.mission.file.canonical import Shape
 from phalanx.mission.graph import Node
 from phalanx.mission.observable import Cell, Offset
-from phalanx.mission.walk.table import Event
+from phalanx.mission.walk.state import Event
 
 ARRIVE_M = 0.5
 ANY_REACH_M = 1e3

@@ -25,8 +25,8 @@ from phalanx.mission.observable import LONGEST_S
 from phalanx.mission.pose.belief import NUMBERS, Belief, of_numbers
 from phalanx.mission.refused import MalformedMission
 from phalanx.mission.walk.checkpoint import encode_state, parse_state, state_capacity
-from phalanx.mission.walk.fix import begun_at, fixed, moved
-from phalanx.mission.walk.found import Claim
+from phalanx.mission.walk.claims import Claim
+from phalanx.mission.walk.fix import begun_at, fixed, wheels_of
 from phalanx.robot.controllers.python_controller import Act, Controller, EvidenceController, Output, Send
 from phalanx.wire import table
 from phalanx.wire.record import MalformedRecord
@@ -249,7 +249,10 @@ class MissionController(EvidenceController):
     def _belief(self, now: Reading) -> Belief:
         """Where the robot believes to be, now that its wheels have said this."""
         touches = bool(np.count_nonzero(now.clear < self._touching))
-        return moved(self.missions.config, self.memory.belief, self.memory.odometry, now.pose, touches=touches)
+        driven: Belief = self.memory.belief.driven(
+            self.memory.odometry, now.pose, wheels_of(self.missions.config), touches=touches
+        )
+        return driven
 
     def _experience(self, t_ms: int, belief: Belief, now: Reading, scan: bytes) -> Experience:
         pose = belief.pose

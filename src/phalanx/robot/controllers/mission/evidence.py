@@ -17,7 +17,7 @@ from phalanx.mission import Landmark
 from phalanx.mission.file.canonical import Reader, text_of
 from phalanx.mission.landmarks.codepose import Intrinsics, Mount, code_pose, qr_landmark
 from phalanx.mission.landmarks.codes import PART_PX, SeenCode
-from phalanx.mission.walk.found import Claim, parse_claim
+from phalanx.mission.walk.claims import Claim, parse_claim
 from phalanx.wire.missions import OF_CODE, OF_READING, SEEN_CODE, SENSED
 from phalanx.wire.record import MalformedRecord
 from phalanx.wire.table import KEPT, KEPT_CLAIM, RANGE

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from phalanx.mission.angles import sin_cos
-from phalanx.mission.walk.outcome import Kind, Order
+from phalanx.mission.walk.state import Kind, Order
 
 from .course import SPEED_MPS, Course, Goal, steer
 from .field import MARGIN_M, Point
