@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from phalanx.experiments.bti import costs, fig2, fig6, fig7
+from phalanx.experiments.bti import costs, fig6, fig7, liars
 from phalanx.experiments.bti.flock import HONEST, LIAR, FlockRun, FlockRuns
 from phalanx.experiments.figure import FIGURES
 from phalanx.experiments.plot import draw
@@ -143,7 +143,7 @@ def test_cases_name_scenarios_that_can_be():
 
 def fig2_run(case, seed, distance_m, odd_m=None):
     times_s = np.arange(0.0, 201.0, 5.0)
-    positions_m = np.tile(np.array(fig2.FLOCK.scenario(case, seed).goal_m), (len(times_s), 20, 1))
+    positions_m = np.tile(np.array(liars.FIG2.scenario(case, seed).goal_m), (len(times_s), 20, 1))
     positions_m[:, :, 0] += distance_m
     if odd_m is not None:
         positions_m[-1, 5, 0] += odd_m
@@ -168,20 +168,20 @@ def fig2_run(case, seed, distance_m, odd_m=None):
 def test_fig2_sees_what_is_wrong(honest_m, odd_m, attacked_m, wrong):
     runs = [fig2_run("honest", seed, honest_m, odd_m) for seed in range(2)]
     runs += [fig2_run("attacked", seed, attacked_m) for seed in range(2)]
-    found = fig2.compare_runs(FlockRuns({(run.case, run.seed): run for run in runs}))
+    found = liars.compare_many(FlockRuns({(run.case, run.seed): run for run in runs}))
     assert [k for k, each in enumerate(found) if not each.agrees] == wrong
 
 
 def test_fig2_sees_who_is_inside_an_obstacle():
     inside = fig2_run("honest", 0, 25.0)
     inside.positions_m[3, 7] += (0.0, 25.0)
-    told = fig2.compare_runs(FlockRuns({("honest", 0): inside, ("attacked", 0): fig2_run("attacked", 0, 160.0)}))[1]
+    told = liars.compare_many(FlockRuns({("honest", 0): inside, ("attacked", 0): fig2_run("attacked", 0, 160.0)}))[1]
     assert (told.ours, told.agrees) == ("1 of 20", False)
 
 
 def test_fig2_is_125_robots_of_whom_ten_lie_among_obstacles():
-    scenario = fig2.FLOCK.scenario("attacked", 3)
+    scenario = liars.FIG2.scenario("attacked", 3)
     assert (scenario.robots, len(scenario.attacks), scenario.defence, scenario.seed) == (125, 10, "none", 3)
     assert min(scenario.flock.c1_beta, scenario.flock.c2_beta) > 0
     assert len(scenario.obstacles) == 16
-    assert fig2.FLOCK.scenario("honest", 3).attacks == ()
+    assert liars.FIG2.scenario("honest", 3).attacks == ()

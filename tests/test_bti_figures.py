@@ -15,7 +15,7 @@ import pytest
 import phalanx
 from phalanx.errors import UsageError
 from phalanx.experiments.bti import flock as bti_flock
-from phalanx.experiments.bti import one_liar
+from phalanx.experiments.bti import liars
 from phalanx.experiments.bti.attack_trial import FlockTrial, Stop, said_of, stop_bound_s, try_attack
 from phalanx.experiments.bti.flock import (
     COLUMNS,
@@ -61,7 +61,7 @@ class SmallFlock(Flock):
 SMALL_FIGURE = Figure(
     name="bti-fig9",
     about="small",
-    made_by=SmallFlock(name="bti-fig9", reference=one_liar.FIG9.reference, find=one_liar.compare_stopped),
+    made_by=SmallFlock(name="bti-fig9", reference=liars.FIG9.reference, find=liars.compare_stopped),
 )
 
 
@@ -243,7 +243,7 @@ class TestComparison:
     """On tables made by hand, so that each statement is seen to agree and to disagree."""
 
     def fig8(self, honest=1.0, attacked=1.0, safe_s=None, contacts=0):
-        return one_liar.compare_unstopped(
+        return liars.compare_unstopped(
             table_of(
                 *(flock_run("honest", seed, as_reference("honest") * honest, contacts=contacts) for seed in range(3)),
                 *(
@@ -256,7 +256,7 @@ class TestComparison:
     def fig9(self, apart_m=0.0, safe_s=24.0, wronged=(), alone=()):
         more = {"correct_in_safe_mode": list(wronged), "without_quorum": list(alone)}
         honest = as_reference("stopped_at_25s")
-        return one_liar.compare_stopped(
+        return liars.compare_stopped(
             table_of(
                 *(flock_run("honest", seed, honest) for seed in range(3)),
                 *(

@@ -398,7 +398,7 @@ class TestCluster:
         assert dealt.kept == alone.kept
 
     def test_a_case_that_cannot_be_measured_leaves_the_others(self, tmp_path):
-        figure = Figure(name="of-nothing", about="a test", made_by="bti.one_liar:FIG9")
+        figure = Figure(name="of-nothing", about="a test", made_by="bti.liars:FIG9")
         each, told = deal_cases(None, 1), []
         with pytest.raises(Unavailable, match="1 of 2 failed, as no such case: ValueError"):
             told.extend(each(figure, ["no such case", "honest seed 0"], print))

@@ -109,7 +109,7 @@ _FIGURES = (
     ),
     _flock(
         "bti-fig2",
-        "bti.fig2:FLOCK",
+        "bti.liars:FIG2",
         "Ten of 125 robots lie among obstacles, and the flock stays away (RoboRebound Fig. 2)",
     ),
     Figure(
@@ -130,10 +130,10 @@ _FIGURES = (
         size_in=(12.0, 8.6),
     ),
     _flock(
-        "bti-fig8", "bti.one_liar:FIG8", "One robot lies and nobody stops it: the flock stays away (RoboRebound Fig. 8)"
+        "bti-fig8", "bti.liars:FIG8", "One robot lies and nobody stops it: the flock stays away (RoboRebound Fig. 8)"
     ),
     _flock(
-        "bti-fig9", "bti.one_liar:FIG9", "One robot lies and the others stop it: the flock arrives (RoboRebound Fig. 9)"
+        "bti-fig9", "bti.liars:FIG9", "One robot lies and the others stop it: the flock arrives (RoboRebound Fig. 9)"
     ),
     Figure(
         "mission-fig8a",
