@@ -89,5 +89,5 @@ def test_a_log_that_ends_behind_an_entry_is_not_remembered(caught):
     tee, tor, q = caught.requests[-1]
     forget(judge)
     judge(tee, tor, q)
-    assert judge.fleet.memo.passed["length"].tolist().count(len(q)) == 1
+    assert judge.fleet.memo.passed["end"].tolist().count(len(q)) == 1
     assert q[-1] & 0x80  # as honest robots' logs end: with the marks of the flush for this request
