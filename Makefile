@@ -19,7 +19,8 @@ TESTS := $(wildcard tests/*.py tests/*/*.py)
 marked = $(shell grep -ls 'mark\.$(1)\b' tests/test_*.py tests/*/test_*.py)
 # What only computes has what is left of the processor by those that wait for somebody, and have limits for it.
 LEFT_OVER := chrt --idle 0
-COMPUTES := -m "not waits and not alone and not long" --numprocesses $(shell nproc) --dist worksteal
+# One process more than processors: some wait for a child of theirs.
+COMPUTES := -m "not waits and not alone and not long" --numprocesses $(shell expr $$(nproc) + 1) --dist worksteal
 WAITS := -m "waits and not alone and not long" $(call marked,waits) --numprocesses 3 --dist loadfile
 # Two of them beside each other have a core each.
 ALONE := -m "alone and not long" $(call marked,alone) --numprocesses 2 --dist worksteal

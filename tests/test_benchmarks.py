@@ -48,6 +48,7 @@ def report():
     return json.loads(done.stdout)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("section", "least", "words"),
     [

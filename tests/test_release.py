@@ -118,6 +118,7 @@ def test_without_a_new_enough_node_the_build_fails_in_a_line(tmp_path, monkeypat
         assert said in done.stderr
 
 
+@pytest.mark.long
 def test_a_wheel_from_a_plain_checkout_has_all_a_stranger_needs(tmp_path):
     checkout, out = tmp_path / "checkout", tmp_path / "out"
     checkout.mkdir()

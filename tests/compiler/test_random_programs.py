@@ -38,7 +38,7 @@ WITHOUT_SHRINKING = [Phase.explicit, Phase.generate]  # each try runs gcc
 SLOW = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
 
 
-@settings(max_examples=3, phases=WITHOUT_SHRINKING, suppress_health_check=SLOW)
+@settings(max_examples=2, phases=WITHOUT_SHRINKING, suppress_health_check=SLOW)
 @given(st.integers(0, 2**40))
 def test_random_programs_do_the_same_compiled(tmp_path, seed):
     compare(seed, tmp_path)

@@ -126,8 +126,7 @@ def test_a_robot_with_a_lidar_decodes_node_after_node_and_no_fix_is_false(profil
 @pytest.mark.parametrize(
     "path",
     [
-        pytest.param(MAPS / "nav2_depot.yaml", marks=pytest.mark.long),
-        MAPS / "aws_small_house.yaml",
+        *(pytest.param(MAPS / f"{name}.yaml", marks=pytest.mark.long) for name in ("nav2_depot", "aws_small_house")),
         *(pytest.param(path, marks=LARGE.get(path.stem, ())) for path in sorted(OTHERS.glob("*.yaml"))),
     ],
     ids=lambda path: path.stem,

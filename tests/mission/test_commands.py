@@ -141,6 +141,7 @@ def test_a_mission_that_looks_wrong_is_built_with_a_warning(folder):
     assert "twin: unreachable from any start" in said
 
 
+@pytest.mark.long
 def test_of_a_map_in_which_no_robot_gets_on_nothing_is_built_and_the_reason_is_told(folder):
     """In drawn:22 robots begin before a door that they do not see on the way through it."""
     error = (

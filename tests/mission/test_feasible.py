@@ -149,7 +149,8 @@ def test_what_is_behind_the_wall_that_a_way_runs_along_is_not_seen_on_it():
         assert is_seen or "on the straight way there" in outlook.infeasible["goal"][0]
 
 
-@pytest.mark.parametrize("name", ["drawn:208", pytest.param("drawn:307", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["drawn:208", "drawn:307"])
 def test_a_survey_has_neither_what_nobody_finds_nor_a_way_on_which_nobody_does(name):
     """Robots were lost in drawn:208 on a way behind a wall, in drawn:307 on one through a door that scans do not show."""
     plan = load_floorplan(name)

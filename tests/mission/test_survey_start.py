@@ -305,7 +305,7 @@ def test_an_empty_file_is_called_empty(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "is_left_out"),
-    [("drawn:21", True), ("nav2_depot", False), ("office_40x40", False)],
+    [("drawn:21", True), pytest.param("nav2_depot", False, marks=pytest.mark.long), ("office_40x40", False)],
 )
 def test_a_mission_made_from_a_map_has_what_can_be_reached_and_tells_how_much_it_has_not(
     name: str, is_left_out: bool, caplog: pytest.LogCaptureFixture
