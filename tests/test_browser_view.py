@@ -82,7 +82,10 @@ def test_a_run_plays_as_it_comes_stands_still_and_goes_where_it_is_told(browser,
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_the_command_serves_a_scenario_of_its_own_and_ctrl_c_ends_it(browser, number):
     command = [*PHALANX, "sim", "view", "bti-fig9", "--duration", "40"]
-    with Popen(command, stdout=PIPE, stderr=PIPE, text=True) as running, a_page(browser, **PHONE, reduced_motion="no-preference") as page:
+    with (
+        Popen(command, stdout=PIPE, stderr=PIPE, text=True) as running,
+        a_page(browser, **PHONE, reduced_motion="no-preference") as page,
+    ):
         page.goto(running.stdout.readline().strip())
         page.get_by_test_id("loaded").get_by_text("all 40 s").wait_for(timeout=60_000)
         page.get_by_label("Time").fill("30")
