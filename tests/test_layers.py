@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import ast
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -141,6 +144,13 @@ def test_files_hold_one_concept():
         if (n := len(path.read_text().splitlines())) > LONGEST
     }
     assert not long
+
+
+def test_a_reading_passes_few_files_on_its_way_to_its_token():
+    command = [sys.executable, str(ROOT / "scripts" / "files_of_a_reading.py"), "--names"]
+    environment = os.environ | {"PHALANX_PURE": "1"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_no_file_is_named_for_nothing():

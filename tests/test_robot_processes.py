@@ -102,6 +102,7 @@ def test_a_hijacked_robot_is_stopped_in_time_and_nobody_else(tmp_path, capsys):
     lossy = ("--loss", "0.2", "--repeats", "0.2", "--delay-ms", "30", "--sealed", "--on-air", "past:robot=4,at=1")
     summary = arena(tmp_path, "--duration", "7", "--attack", "hijack:robot=3,at=2", "--keep", str(kept), *lossy)
     (liar,) = summary["compromised"]
+    assert summary["duration_s"] == 7, "the time in which robots end does not count"
     assert (liar["robot"], liar["attack"]) == (3, "hijack")
     assert liar["first_deviation_s"] >= 2
     assert liar["safe_mode_s"] - liar["first_deviation_s"] < T_VAL_S + P_CHECK_S + SCHEDULING_S

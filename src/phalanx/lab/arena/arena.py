@@ -169,9 +169,9 @@ class Arena:
 
     @property
     def _now_s(self) -> float:
-        """Of the field, since all were ready."""
+        """Of the field, since all were ready; robots that are still asked after its end find it as it was."""
         passed_s = asyncio.get_running_loop().time() - self._began_s if self._began_s else 0.0
-        return passed_s * self._weather.speed
+        return min(passed_s * self._weather.speed, self.field.scenario.duration_s)
 
     async def _sensors(self, i: int) -> None:
         """One robot's daemon after the other reads its body's sensors."""

@@ -44,7 +44,7 @@ class Walker:
     """One mission, ready to be walked; it holds nothing that a walk changes.
 
     Args:
-        mission: parsed, and checked by `signing` if it came from outside.
+        mission: parsed, and checked by `check_signature` if it came from outside.
         key: the start key; without one a sealed mission must have been built with an open start.
         replays: it only replays what others walked, which needs no key.
     Raises: UsageError: the key is missing. Altered: it is another mission's. MalformedMission: it makes no sense.
