@@ -112,6 +112,22 @@ class TestPages:
                 assert await answer.json() == {"pin": "314159"}
                 assert answer.headers["Cache-Control"] == "no-store"
 
+    @pytest.mark.parametrize(
+        ("words", "kind"),
+        [
+            (b'{"address": 1, "attack": 2}', "text/plain; charset=no-such"),
+            (b"\xff", "application/json"),
+            (b"[" * 3000, "application/json"),
+            (b"null", "application/json"),
+        ],
+    )
+    async def test_words_of_any_charset_are_read_or_refused_in_a_line(self, operator, words, kind):
+        headers = {"Authorization": "Bearer " + "t0ken" * 6, "Content-Type": kind}
+        url = f"http://127.0.0.1:{operator.port}/api/compromise"
+        async with aiohttp.ClientSession() as http, http.post(url, data=words, headers=headers) as answer:
+            assert answer.status == (200 if b"address" in words else 400)
+            assert (await answer.json()).get("hint", "reload the page") == "reload the page"
+
     async def test_frames_come_a_line_each_until_their_reader_is_too_slow_or_gone(self, monkeypatch):
         monkeypatch.setattr("phalanx.gateway.serve_pages.FRAMES_WAITING", 3)
         watching: list = []

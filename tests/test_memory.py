@@ -47,6 +47,29 @@ def test_a_number_that_the_row_cuts_off_is_refused(name):
 
 
 @pytest.mark.parametrize("name", FORMS)
+@pytest.mark.parametrize("at", [-1, -3, -9, -ROOM, 1 << 62])
+def test_no_number_lies_before_a_row_or_far_behind_it(name, at):
+    row = fields.row(bytes(range(ROOM)))
+    with pytest.raises(IndexError):
+        getattr(fields, f"get_{name}")(row, at)
+    with pytest.raises(IndexError):
+        getattr(fields, f"put_{name}")(row, at, 0)
+    assert row.tobytes() == bytes(range(ROOM))
+
+
+@pytest.mark.parametrize(("at", "length"), [(-9, 4), (ROOM - 1, 2), (ROOM + 1, 1)])
+def test_bytes_outside_a_row_are_neither_copied_nor_alike(at, length):
+    row = fields.row(bytes(range(ROOM)))
+    with pytest.raises(IndexError):
+        fields.same(row, at, row, at, length)
+    with pytest.raises(IndexError):
+        fields.move(row, at, row, 0, length)
+    with pytest.raises(IndexError):
+        fields.move(row, 0, row, at, length)
+    assert row.tobytes() == bytes(range(ROOM))
+
+
+@pytest.mark.parametrize("name", FORMS)
 @given(ROWS, PLACES, st.integers(0, (1 << 63) - 1))
 def test_a_number_is_written_cut_to_its_width_and_nothing_beside_it(name, raw, at, value):
     width = struct.calcsize(FORMS[name])

@@ -16,6 +16,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from decimal import Decimal
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -33,6 +34,7 @@ from phalanx.daemon import kept_log, proofs
 from phalanx.daemon import life as life_module
 from phalanx.daemon import run as daemon_run
 from phalanx.daemon.driver import Driver, NoReading, OwnDriver, no_reading
+from phalanx.daemon.driver_thread import DriverThread
 from phalanx.daemon.evidence import Kept
 from phalanx.daemon.kept_log import KeptLog
 from phalanx.daemon.lateness import Lateness, why_stopped
@@ -58,7 +60,7 @@ from phalanx.scenarios.behaviour import params_of
 from phalanx.scenarios.file import parse_scenario, written_scenario
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.driven import GATEWAY, OPERATOR, TELL_STOP
-from phalanx.wire.table import BOARD, ENTRY, ENTRY_RECV, FRAME_MAX, SENSOR
+from phalanx.wire.table import ACCELERATION, BOARD, ENTRY, ENTRY_RECV, FRAME_MAX, SENSOR
 
 ROBOT = """robot: 3
 mission: flock-12
@@ -547,6 +549,8 @@ def test_radios_of_a_multicast_group_hear_each_other_and_not_themselves_nor_stra
         (bytes(FRAME_MAX + 1), "sense returned b'"),
         ({"x_m": 1.0}, "sense returned {'x_m': 1.0}"),
         (None, "sense returned None"),
+        ({"x_m": 10**400}, "sense returned {'x_m': 1000"),
+        ({"x_m": Decimal("NaN")}, "sense returned {'x_m': Decimal('NaN')}"),
         ({"x_m": math.nan, "y_m": 2.0, "vx_mps": 0.0, "vy_mps": 0.0}, NoReading("x_m is nan")),
         ({"x_m": 1.0, "y_m": 2e6, "vx_mps": 0.0, "vy_mps": 0.0}, NoReading("y_m is 2e+06")),
         (OSError(5, "no answer"), NoReading("[Errno 5] no answer")),
@@ -567,6 +571,34 @@ async def test_a_driver_says_a_readings_fields_or_its_bytes(said, told):
             await driver.sense(7, 1.0)
         assert str(error.value).startswith(str(told))
         assert len(str(error.value)) < 100
+
+
+@pytest.mark.parametrize("kind", [StopIteration, GeneratorExit, asyncio.CancelledError])
+async def test_what_ends_a_task_is_a_mistake_where_a_driver_raises_it(kind):
+    class Base(Driver):
+        def sense(self):
+            raise kind
+
+        def drive(self, command):
+            raise kind
+
+    with contextlib.closing(OwnDriver(Base(1), dispatch.BUNDLED["flock"])) as driver:
+        with pytest.raises(RuntimeError, match=kind.__name__) as error:
+            await driver.sense(7, 1.0)
+        assert any(frame.name == "sense" and frame.path == Path(__file__) for frame in error.traceback)
+        driver.drive(ACCELERATION.encode(id=1, t=7, ax_mps2=0.0, ay_mps2=0.0))
+        with pytest.raises(RuntimeError, match=kind.__name__):
+            while True:
+                await driver.sense(7, 1.0) if driver._thread._failed else await asyncio.sleep(0.01)
+
+
+async def test_a_call_that_has_answered_does_not_hang_for_whoever_asks_again_at_once():
+    thread, running = DriverThread(lambda: None), []
+    with contextlib.closing(SimpleNamespace(close=lambda: thread.close(lambda: None))):
+        answer = thread._submit("sense", lambda: time.sleep(0.05))
+        answer.add_done_callback(lambda _: running.append(thread._running))
+        await asyncio.wrap_future(answer)
+    assert running == [""]
 
 
 def test_a_radio_of_mixed_addresses_or_of_no_address_of_ours_is_said():

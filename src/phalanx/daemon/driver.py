@@ -110,7 +110,7 @@ class OwnDriver(Hardware):
                 if not isinstance(value, bytes) and not abs(value) <= LARGEST_NUMBER:  # NaN is not
                     raise NoReading(f"{name} is {value:g}")
             return self._reads.encode(id=self._driver.rob_id, t=now_ms, **fields)
-        except (TypeError, ValueError, KeyError, UsageError) as error:
+        except (TypeError, ValueError, KeyError, ArithmeticError, UsageError) as error:
             names = ", ".join(each.name for each in self._reads.fields if each.name not in ("id", "t"))
             hint = f"{names}: numbers; or 1 to {FRAME_MAX} bytes"
             raise OwnMistake(f"sense returned {reprlib.repr(said)}", hint, self._driver, "sense") from error

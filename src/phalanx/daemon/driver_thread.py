@@ -95,9 +95,13 @@ class DriverThread:
             if not answer.set_running_or_notify_cancel():
                 return
             try:
-                answer.set_result(call())
+                said = call()
             except BaseException as error:  # noqa: BLE001 - whoever asked raises it
-                answer.set_exception(error)
+                self._running = ""
+                answer.set_exception(_raisable(error))
+            else:
+                self._running = ""  # before the answer: whoever has it may ask again at once
+                answer.set_result(said)
 
         self._calls.put((name, run))
         return answer
@@ -128,7 +132,7 @@ class DriverThread:
         try:
             call()
         except BaseException as error:  # noqa: BLE001 - raised where the daemon sees it
-            self._failed, self._stands = error, True
+            self._failed, self._stands = _raisable(error), True
             self._do_stop(threading.Event())
 
     def _stop_beside(self, done: threading.Event) -> None:
@@ -141,3 +145,10 @@ class DriverThread:
         except Exception:
             log.exception("the driver's stop failed")
         done.set()
+
+
+def _raisable(error: BaseException) -> BaseException:
+    """Return what an event loop can raise in its place: to that, these kinds say how a task of its own ended."""
+    if isinstance(error, StopIteration | GeneratorExit | asyncio.CancelledError):
+        return RuntimeError(repr(error)).with_traceback(error.__traceback__)
+    return error

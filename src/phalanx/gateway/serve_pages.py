@@ -107,7 +107,7 @@ class OperatorPages(Site):
             if stranger := self._stranger(request):
                 return stranger
             try:
-                words = json.loads(await request.text())
+                words = json.loads(await request.read())  # JSON is UTF-8, whatever charset is said
                 done = await self._at_the_gateway(act(words))
                 return _answer(done or {})
             except (UsageError, Unavailable) as error:

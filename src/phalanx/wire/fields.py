@@ -1,8 +1,8 @@
 """Little-endian fields in rows of bytes, for kernels: the same bytes compiled and not.
 
 `row` is always (n,) uint8, in C order, and `at` lies within it with the field's width to spare: callers check lengths
-first. Compiled, each access is checked against the row's length. Whole numbers come out as int64: a signed and an
-unsigned number's difference would be a float.
+first. Each access is checked against the row's length, compiled and not. Whole numbers come out as int64: a signed and
+an unsigned number's difference would be a float.
 """
 
 from __future__ import annotations
@@ -39,6 +39,13 @@ def whole(value: SupportsInt) -> int:
     return made
 
 
+def _piece(row: Row, at: int, length: int) -> Row:
+    """Return a piece of a row. Raises: IndexError: the row does not have all of it; negative is no place either."""
+    if not 0 <= at <= len(row) - length:
+        raise IndexError(f"{length} bytes at {at} are outside an array of {len(row)}")
+    return row[at : at + length]
+
+
 @kernel
 def get_i8(row: Row, at: int) -> int:
     """Return the signed byte at `at`."""
@@ -49,19 +56,19 @@ def get_i8(row: Row, at: int) -> int:
 @intrinsic("load_16")
 def get_u16(row: Row, at: int) -> int:
     """Return the u16 at `at`."""
-    return int(row[at : at + 2].view("<u2")[0])
+    return int(_piece(row, at, 2).view("<u2")[0])
 
 
 @intrinsic("load_32")
 def get_u32(row: Row, at: int) -> int:
     """Return the u32 at `at`."""
-    return int(row[at : at + 4].view("<u4")[0])
+    return int(_piece(row, at, 4).view("<u4")[0])
 
 
 @intrinsic("load_64")
 def get_u64(row: Row, at: int) -> int:
     """Return the u64 at `at`; negative from 2^63 on, which no clock of ours reaches."""
-    return int(row[at : at + 8].view("<i8")[0])
+    return int(_piece(row, at, 8).view("<i8")[0])
 
 
 @kernel
@@ -96,19 +103,19 @@ def are_finite(row: Row, at: int, count: int) -> bool:
 @intrinsic("store_16")
 def put_u16(row: Row, at: int, value: int) -> None:
     """Write the lowest 16 bits of `value` at `at`."""
-    row[at : at + 2].view("<u2")[0] = int(value) & 0xFFFF
+    _piece(row, at, 2).view("<u2")[0] = int(value) & 0xFFFF
 
 
 @intrinsic("store_32")
 def put_u32(row: Row, at: int, value: int) -> None:
     """Write the lowest 32 bits of `value` at `at`."""
-    row[at : at + 4].view("<u4")[0] = int(value) & 0xFFFFFFFF
+    _piece(row, at, 4).view("<u4")[0] = int(value) & 0xFFFFFFFF
 
 
 @intrinsic("store_64")
 def put_u64(row: Row, at: int, value: int) -> None:
     """Write the lowest 64 bits of `value` at `at`."""
-    row[at : at + 8].view("<u8")[0] = int(value) & 0xFFFFFFFFFFFFFFFF
+    _piece(row, at, 8).view("<u8")[0] = int(value) & 0xFFFFFFFFFFFFFFFF
 
 
 @kernel
@@ -120,7 +127,7 @@ def put_f32(row: Row, at: int, value: float) -> None:
 @intrinsic("move")
 def move(to: Row, to_at: int, source: Row, source_at: int, length: int) -> None:
     """Copy `length` bytes, 0 or more; the rows may be the same, and the places overlap."""
-    to[to_at : to_at + length] = source[source_at : source_at + length].copy()
+    _piece(to, to_at, length)[:] = _piece(source, source_at, length).copy()
 
 
 @kernel
@@ -145,7 +152,7 @@ def copy(to: Row, to_at: int, source: Row, source_at: int, length: int) -> None:
 @intrinsic("equal")
 def same(one: Row, one_at: int, other: Row, other_at: int, length: int) -> bool:
     """Return whether `length` bytes, 0 or more, agree; not for secrets."""
-    return bool((one[one_at : one_at + length] == other[other_at : other_at + length]).all())
+    return bool((_piece(one, one_at, length) == _piece(other, other_at, length)).all())
 
 
 @intrinsic("prefetch")
