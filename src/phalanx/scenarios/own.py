@@ -162,6 +162,14 @@ def mistakes_in(*named: str | None) -> Iterator[None]:
             raise
         # What is not from there is made or held by what is.
         raise OwnFileError(f"{where or files[0]}: {error}", error.hint) from error
+    except OwnFileError:
+        raise
+    except UsageError as error:
+        where = _first_shown(_raised_at(error), files)
+        if not where:
+            raise
+        logger.debug("%s", where, exc_info=error)
+        raise UsageError(f"{where}: {error}", error.hint or TRACEBACK_HINT) from error
     except (PhalanxError, KeyboardInterrupt):
         raise
     except (Exception, SystemExit) as error:
