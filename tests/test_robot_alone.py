@@ -311,6 +311,7 @@ def test_a_state_that_somebody_wrote_commands_no_terminal_and_makes_no_traceback
     shown = capsys.readouterr().out
     for words in (
         "x?]0;y?",
+        "s ago; the rest is of then",
         "2 (1.5 s old, for 3.5 s more)",
         "2: 5 times, 1.2 s ago",
         "output wrong, 1 times, 9.0 s ago",
