@@ -32,7 +32,7 @@ from phalanx.config import BtiConfig
 from phalanx.daemon import kept_log, proofs
 from phalanx.daemon import life as life_module
 from phalanx.daemon import run as daemon_run
-from phalanx.daemon.driver import Driver, NoReading, OwnDriver, no_reading
+from phalanx.daemon.driver import Driver, NoReading, OwnDriver, make_driver, no_reading
 from phalanx.daemon.evidence import Kept
 from phalanx.daemon.kept_log import KeptLog
 from phalanx.daemon.lateness import Lateness, why_stopped
@@ -568,6 +568,23 @@ async def test_a_driver_says_a_readings_fields_or_its_bytes(said, told):
             await driver.sense(7, 1.0)
         assert str(error.value).startswith(str(told))
         assert len(str(error.value)) < 100
+
+
+@pytest.mark.parametrize(
+    ("base", "method", "error", "hint"),
+    [
+        ("", "sense", "Base in wheels.py is no Driver", "derive it from phalanx.daemon.driver.Driver"),
+        ("(Driver)", "drive", "Base in wheels.py has drive, and no stop", "write stop: nothing else stops its motors"),
+    ],
+)
+def test_a_driver_that_is_none_or_cannot_stop_its_motors_is_refused(tmp_path, monkeypatch, base, method, error, hint):
+    monkeypatch.chdir(tmp_path)
+    text = f"from phalanx.daemon.driver import Driver\nclass Base{base}:\n    def sense(self): ...\n"
+    Path("wheels.py").write_text(text + f"    def {method}(self, command=None): ...\n")
+    settings = robot(Path(), ROBOT.replace("python:wheels.py", "python:wheels.py:Base"))
+    with pytest.raises(UsageError) as refused:
+        make_driver(settings, dispatch.BUNDLED["flock"])
+    assert (str(refused.value), refused.value.hint) == (error, hint)
 
 
 def test_a_radio_of_mixed_addresses_or_of_no_address_of_ours_is_said():
