@@ -57,7 +57,7 @@ def test_a_file_that_is_there_stays(phalanx, folder, kind):
     path = folder / f"mine{ENDINGS[kind]}"
     path.write_text("kept")
     code, out, err = phalanx("new", kind, "mine")
-    assert (code, out, err.splitlines()[0]) == (1, "", f"phalanx: error: {path.name} is there already")
+    assert (code, out, err.splitlines()[0]) == (2, "", f"phalanx: error: {path.name} is there already")
     assert path.read_text() == "kept"
 
 

@@ -238,6 +238,11 @@ class TestAttack:
         "change, words, complaint",
         [
             ({"return []": "return {}[7]"}, "lies.py:Brake:robot=2,at=1", "lies.py:10: KeyError: 7"),
+            (
+                {"return []": "from phalanx.robot import State; return State('x', 0.0, 0.0, 0.0).encode()"},
+                "lies.py:Brake:robot=2,at=1",
+                "lies.py:10: state: x_m is 'x'",
+            ),
             ({"return []": "return None"}, "lies.py:Brake:robot=2,at=1", "lies.py:8: put_out returned None"),
             ({"return []": "return ['x']"}, "lies.py:Brake:robot=2,at=1", "lies.py:8: put_out returned str"),
             (

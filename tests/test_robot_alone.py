@@ -33,7 +33,7 @@ from phalanx.config import BtiConfig
 from phalanx.daemon import kept_log, proofs
 from phalanx.daemon import life as life_module
 from phalanx.daemon import run as daemon_run
-from phalanx.daemon.driver import Driver, NoReading, OwnDriver, no_reading
+from phalanx.daemon.driver import Driver, NoReading, OwnDriver, make_driver, no_reading
 from phalanx.daemon.driver_thread import DriverThread
 from phalanx.daemon.evidence import Kept
 from phalanx.daemon.kept_log import KeptLog
@@ -313,6 +313,7 @@ def test_a_state_that_somebody_wrote_commands_no_terminal_and_makes_no_traceback
     shown = capsys.readouterr().out
     for words in (
         "x?]0;y?",
+        "s ago; the rest is of then",
         "2 (1.5 s old, for 3.5 s more)",
         "2: 5 times, 1.2 s ago",
         "output wrong, 1 times, 9.0 s ago",
@@ -599,6 +600,23 @@ async def test_a_call_that_has_answered_does_not_hang_for_whoever_asks_again_at_
         answer.add_done_callback(lambda _: running.append(thread._running))
         await asyncio.wrap_future(answer)
     assert running == [""]
+
+
+@pytest.mark.parametrize(
+    ("base", "method", "error", "hint"),
+    [
+        ("", "sense", "Base in wheels.py is no Driver", "derive it from phalanx.daemon.driver.Driver"),
+        ("(Driver)", "drive", "Base in wheels.py has drive, and no stop", "write stop: nothing else stops its motors"),
+    ],
+)
+def test_a_driver_that_is_none_or_cannot_stop_its_motors_is_refused(tmp_path, monkeypatch, base, method, error, hint):
+    monkeypatch.chdir(tmp_path)
+    text = f"from phalanx.daemon.driver import Driver\nclass Base{base}:\n    def sense(self): ...\n"
+    Path("wheels.py").write_text(text + f"    def {method}(self, command=None): ...\n")
+    settings = robot(Path(), ROBOT.replace("python:wheels.py", "python:wheels.py:Base"))
+    with pytest.raises(UsageError) as refused:
+        make_driver(settings, dispatch.BUNDLED["flock"])
+    assert (str(refused.value), refused.value.hint) == (error, hint)
 
 
 def test_a_radio_of_mixed_addresses_or_of_no_address_of_ours_is_said():

@@ -116,7 +116,7 @@ def test_a_robot_that_listens_or_whose_radio_is_busy_is_traced_the_same():
 
 @pytest.mark.parametrize("rob_id", [0, 10, -1])
 def test_a_robot_that_is_not_there_cannot_be_traced(rob_id):
-    with pytest.raises(UsageError, match=f"robot {rob_id} to trace"):
+    with pytest.raises(UsageError, match=f"no robot {rob_id} to trace"):
         Run(SWARM).trace(rob_id, print)
 
 
@@ -157,7 +157,7 @@ class TestCommand:
     @pytest.mark.parametrize(
         ("words", "error", "hint"),
         [
-            ("robot=99", "robot 99 to trace", "1 to 6"),
+            ("robot=99", "there is no robot 99 to trace", "robots are 1 to 6"),
             ("x", "--trace x", "--trace robot=5: the number of one robot"),
             ("robot=", "--trace robot=", "--trace robot=5: the number of one robot"),
             ("", "--trace ", "--trace robot=5: the number of one robot"),

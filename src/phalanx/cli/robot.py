@@ -124,6 +124,7 @@ def _rows(state: dict[str, Any], running: bool) -> dict[str, str]:
     return {
         "robot": f"{state['robot']}, mission {state['mission']}, {state['scenario']}, for {state['lived_s']:.0f} s",
         "is": _is(state, running),
+        **({} if running else {"last heard of": f"{time.time() - state['told_s']:.0f} s ago; the rest is of then"}),
         "vouched for by": f"{vouch}; {state['tokens_needed']} are needed",
         "tokens given": given or "none",
         "tokens refused": refused or "none",

@@ -207,4 +207,8 @@ def make_driver(settings: RobotSettings, declared: Declaration) -> Hardware:
         return OwnDriver(DotbotDriver(settings.said.robot, settings.said.driver), declared)
     path, _, name = where.partition(":")
     made: Any = find_class(f"{settings.path(path)}{name and ':'}{name}", Driver)
+    if made.drive is not Driver.drive and made.stop is Driver.stop:
+        raise UsageError(
+            f"{made.__name__} in {path} has drive, and no stop", "write stop: nothing else stops its motors"
+        )
     return OwnDriver(made(settings.said.robot), declared)

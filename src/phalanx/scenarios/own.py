@@ -13,6 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import phalanx.robot
 from phalanx.config.written import read_at_most
 from phalanx.errors import OwnFileError, PhalanxError, UsageError, did_you_mean
 from phalanx.robot.attacks.attack import Attack, own_attack
@@ -131,11 +132,12 @@ def _class_in(module: ModuleType, path: Path, name: str, kind: type[Any]) -> Any
             raise UsageError(f"{path} has {len(own)} classes derived from {kind.__name__}", f"{path}:CLASS names one")
         name = next(iter(own))
     found = getattr(module, name, None)
+    base = f"{'phalanx.robot' if kind.__name__ in phalanx.robot.__all__ else kind.__module__}.{kind.__name__}"
     if found is None:
-        known = f"it has {', '.join(own)}" if own else f"derive one from phalanx.robot.{kind.__name__}"
+        known = f"it has {', '.join(own)}" if own else f"derive one from {base}"
         raise UsageError(f"{path} has no {name}", did_you_mean(name, own) + known)
     if not issubclass(found if isinstance(found, type) else kind, kind):
-        raise UsageError(f"{name} in {path} is no {kind.__name__}", f"derive it from phalanx.robot.{kind.__name__}")
+        raise UsageError(f"{name} in {path} is no {kind.__name__}", f"derive it from {base}")
     if not callable(found) and not (kind is Liar and isinstance(found, Attack)):
         raise UsageError(f"{name} in {path} is a {type(found).__name__}", f"a class derived from {kind.__name__}")
     if left := sorted(getattr(found, "__abstractmethods__", ())):
@@ -162,6 +164,14 @@ def mistakes_in(*named: str | None) -> Iterator[None]:
             raise
         # What is not from there is made or held by what is.
         raise OwnFileError(f"{where or files[0]}: {error}", error.hint) from error
+    except OwnFileError:
+        raise
+    except UsageError as error:
+        where = _first_shown(_raised_at(error), files)
+        if not where:
+            raise
+        logger.debug("%s", where, exc_info=error)
+        raise UsageError(f"{where}: {error}", error.hint or TRACEBACK_HINT) from error
     except (PhalanxError, KeyboardInterrupt):
         raise
     except (Exception, SystemExit) as error:

@@ -42,7 +42,7 @@ def new(kind: str, name: str) -> None:
         with path.open("x") as file:
             file.write(text)
     except FileExistsError as error:
-        raise Unavailable(f"{path} is there already", "another name") from error
+        raise UsageError(f"{path} is there already", "another name") from error
     except OSError as error:
         raise Unavailable(f"cannot write {path}: {error.strerror}") from error
     click.echo(RUNS[kind].format(path))

@@ -131,7 +131,7 @@ class Run:
         Raises: UsageError: no such robot.
         """
         if rob_id not in self.ids:
-            raise UsageError(f"robot {rob_id} to trace", f"1 to {len(self.ids)}")
+            raise UsageError(f"there is no robot {rob_id} to trace", f"robots are 1 to {len(self.ids)}")
         i = rob_id - 1
         if i not in self.robots:
             self.robots[i] = Robot(self.world.fleet, i, self.world.work)
