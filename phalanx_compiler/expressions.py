@@ -1,7 +1,7 @@
 """Expressions of a typed kernel in C.
 
-What has to happen in Python's order is a statement of its own: a call of a kernel becomes an assignment to a temporary
-before the statement in which it stands, and operands that it might change are read into temporaries before it.
+C may evaluate operands in any order, Python goes from left to right. So a call of a kernel becomes an assignment to a
+temporary before its statement. Operands that the call might change are read into temporaries before it.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ LAYERS = [
 RANK = {package: i for i, row in enumerate(LAYERS) for package in row.split()}
 LAYERS_OF_COMPILER = [
     "errors flags sources violations value_types",
-    "parsing calling",
+    "parsing calling library",
     "writes constants assigned needed",
     "intrinsics",
     "typed_expressions",

@@ -22,7 +22,7 @@ from phalanx.robot.controllers.declaration import OWN
 from phalanx.scenarios.own import find_controller
 from phalanx.sim import Scenario, simulate
 from phalanx.sim.scenarios.run import Run
-from phalanx_compiler import own as building
+from phalanx_compiler import library as building
 
 EXAMPLE = ROOT / "examples" / "own_kernels.py"
 FLOCK = ROOT / "src" / "phalanx" / "robot" / "controllers" / "bundled" / "flock.py"

@@ -1,15 +1,13 @@
 """Mark kernels, load their compiled functions, and run them as Python with PHALANX_PURE=1.
 
-An auditor catches a liar by running its controller again and comparing bytes. That must give the same everywhere, or an
-honest robot on another machine would be convicted; and a simulated fleet does it so often that plain Python would take
-hours for minutes. So whatever robots run is written once, in a typed subset of Python (docs/kernels.md) that is
-translated to C when the package is built. With PHALANX_PURE=1 all kernels run uncompiled, for a debugger and as the
-oracle of tests; `kernel.py_func` is the same function uncompiled.
+An auditor catches a liar by running its controller again and comparing bytes. The bytes must be the same on every
+machine, or an honest robot would be refused. A simulated fleet replays so much that plain Python would take hours for
+minutes. So everything that robots run is written once, in a typed subset of Python (docs/kernels.md) that is translated
+to C when the package is built. With PHALANX_PURE=1 all kernels run uncompiled, for a debugger and as the oracle of
+tests; `kernel.py_func` is the same function uncompiled.
 
-Rules for kernels, so that compiled and uncompiled runs agree bit for bit on every machine: float64 with + - * / and
-`math.sqrt` in a written order; no other function of `math`, no sum over an array, no division by what can be zero,
-no dict and no set.
-Many arrays go to kernels together (bundle.py).
+Rules for kernels that auditors replay: float64 with + - * / and `math.sqrt` in a written order. No other function of
+`math`, no sum over an array, and no division by a number that can be zero.
 """
 
 from __future__ import annotations
@@ -124,7 +122,7 @@ def reading_peer() -> Iterator[None]:
 
 
 def _guarded(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return what a kernel with `reads_peer` does uncompiled."""
+    """Return a function that runs a kernel with `reads_peer` uncompiled."""
 
     @functools.wraps(function)
     def call(*arguments: Any) -> Any:
@@ -163,7 +161,7 @@ def kernel(function: _F) -> _F:
 
 
 def intrinsic(name: str) -> Callable[[_F], _F]:
-    """Return a decorator for what the compiler knows by this name; uncompiled, the function is run as it stands."""
+    """Return a decorator for a function that the compiler knows by this name; uncompiled it runs as it is."""
 
     def mark(function: _F) -> _F:
         function.__intrinsic__ = name  # type: ignore[attr-defined]
@@ -174,12 +172,12 @@ def intrinsic(name: str) -> Callable[[_F], _F]:
 
 @dataclass(frozen=True, slots=True)
 class Linked:
-    """A kernel of other libraries: compiled code finds its address in a table, which `link` sets.
+    """A kernel in another library: compiled code finds its address in a table, which `link` sets.
 
     Attributes:
-        symbol: of the table.
-        most: addresses in it.
-        writes: parameters that it writes to.
+        symbol: C symbol of the table.
+        most: number of addresses in the table.
+        writes: names of the parameters that it writes to.
     """
 
     symbol: str
@@ -188,10 +186,10 @@ class Linked:
 
 
 def linked(declared: _F, how: Linked, called: Callable[..., Any]) -> _F:
-    """Return a kernel that is only declared here: `declared` has its annotations, and first its place in the table.
+    """Return a kernel that is only declared here; the first parameter of `declared` is its place in the table.
 
     Args:
-        called: what is called uncompiled.
+        called: the function to call uncompiled.
     """
     declared.__kernel__, declared.__linked__ = True, how  # type: ignore[attr-defined]
 
@@ -212,7 +210,7 @@ def link(symbol: str, address: int) -> None:
 
 
 def written(declared: _F, body: list[str], scope: dict[str, Any]) -> _F:
-    """Return the kernel of a function that is only declared: `body` are its lines, `scope` what they name."""
+    """Return the kernel with the head of `declared` and the lines of `body`, whose names `scope` defines."""
     lines = [f"def {declared.__name__}({', '.join(inspect.signature(declared).parameters)}):", *body]
     names = {**declared.__globals__, **scope}
     exec(compile("\n    ".join(lines), declared.__code__.co_filename, "exec"), names)  # noqa: S102 - declarations of ours

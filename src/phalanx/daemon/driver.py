@@ -1,7 +1,7 @@
-"""Between a robot's daemon and what the robot has: sensors that are read, motors that are told.
+"""Drivers: how a robot's daemon reads sensors and moves motors.
 
-Where motors obey the trusted nodes alone, a driver's `drive` has nothing to do. Each call must return within some
-milliseconds. One that hangs leaves the robot without a reading, and its motors stand (driver_thread.py).
+If motors obey the trusted nodes alone, a driver's `drive` does nothing. Each call must return within some milliseconds.
+A call that hangs leaves the robot without a reading, and its motors stop (driver_thread.py).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ READY, GO = b"ready", b"go"
 
 
 class NoReading(Unavailable):
-    """The sensors have no reading now, and why. The robot stands until they have one, and stays in its mission."""
+    """The sensors have no reading now, for the reason given. The robot stands until they do; its mission goes on."""
 
 
 class Driver(ABC):
@@ -51,12 +51,13 @@ class Driver(ABC):
     def sense(self) -> Mapping[str, float] | bytes:
         """Return the fields of the controller's reading but for kind, id and time (`x_m`, …).
 
-        Or the whole reading as bytes, for a controller of your own with sensors of its own, or one that sees things.
-        Raises: NoReading, OSError: there is no reading now, as where a number is NaN. Anything else ends the robot.
+        For a controller with further sensors return the whole reading as bytes.
+        Raises: NoReading, OSError: there is no reading now; a number that is NaN means the same. Anything else ends the
+            robot's process.
         """
 
     def drive(self, command: Mapping[str, float]) -> None:  # noqa: B027 - where the trusted nodes have the motors
-        """Obey a command that the a-node let through: its fields by name (`ax_mps2`, …)."""
+        """Obey a command that the a-node passed: its fields by name (`ax_mps2`, …)."""
 
     def stop(self) -> None:  # noqa: B027 - the same
         """Stop the motors until the next `drive`: no reading, Safe Mode, or the daemon ends."""
@@ -66,41 +67,41 @@ class Driver(ABC):
 
 
 class Hardware(ABC):
-    """A driver as the daemon sees it: bytes as they are chained. Motors of an arena obey the trusted nodes alone."""
+    """A driver as the daemon uses it, in bytes as they are chained. An arena's motors obey the trusted nodes alone."""
 
     def begin(self) -> None:  # noqa: B027 - where nobody is waited for
-        """Return when the mission may begin; all is ready in this process."""
+        """Wait until the mission may begin; this process is ready."""
 
     @abstractmethod
     async def sense(self, now_ms: int, within_s: float) -> bytes:
-        """Return a reading, at this time of the robot's clock. Raises: NoReading: none within that time."""
+        """Return a reading taken at `now_ms` of the robot's clock. Raises: NoReading: none within `within_s`."""
 
     def drive(self, command: bytes) -> None:  # noqa: B027 - where the trusted nodes have the motors
         """Move the motors by a command that went out."""
 
     def stop(self) -> None:  # noqa: B027 - the same
-        """Stop the motors until the next command, whatever hangs."""
+        """Stop the motors until the next command, even if a call hangs."""
 
     def alive(self) -> None:  # noqa: B027 - the same
-        """Keep the motors running: the daemon does not hang. Called each ALIVE_S."""
+        """Note that the daemon does not hang, so the motors may go on. Called every ALIVE_S."""
 
     @abstractmethod
     def close(self) -> None:
-        """Stop the motors and release everything; a second time do nothing."""
+        """Stop the motors and release everything. Idempotent."""
 
 
 class OwnDriver(Hardware):
-    """A driver of a researcher's file."""
+    """Runs a driver of a researcher's file."""
 
     def __init__(self, driver: Driver, declared: Declaration) -> None:
         self._driver, self._reads, self._commands = driver, declared.reads, declared.commands
         self._thread = DriverThread(driver.stop)
 
     async def sense(self, now_ms: int, within_s: float) -> bytes:
-        """See `Hardware`. Raises: OwnMistake: it said what is no reading. What else its calls raised."""
+        """See `Hardware`. Raises: OwnMistake: it returned no reading. Whatever else its calls raised."""
         try:
             said = await self._thread.ask("sense", self._driver.sense, within_s)
-        except OSError as error:  # as where a bus or a line was disturbed, or the time is over
+        except OSError as error:  # a bus or a line was disturbed, or the time is over
             raise NoReading(str(error) or type(error).__name__) from error
         if isinstance(said, bytes) and 0 < len(said) <= FRAME_MAX:
             return said
@@ -118,11 +119,11 @@ class OwnDriver(Hardware):
     def drive(self, command: bytes) -> None:
         """See `Hardware`."""
         try:
-            told = self._commands.decode(command)
-        except PeerError:  # what no body of this kind obeys
+            fields = self._commands.decode(command)
+        except PeerError:  # no command of this kind of body
             self._thread.stop()
         else:
-            self._thread.drive(lambda: self._driver.drive(told))
+            self._thread.drive(lambda: self._driver.drive(fields))
 
     def stop(self) -> None:
         """See `Hardware`."""
@@ -138,7 +139,7 @@ class OwnDriver(Hardware):
 
 
 class ArenaDriver(Hardware):
-    """A body in an arena: sensors over a socket."""
+    """Reads the sensors of a body in an arena, over a socket."""
 
     def __init__(self, folder: Path, rob_id: int) -> None:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -172,10 +173,10 @@ class ArenaDriver(Hardware):
 
 
 def no_reading(reads: Record, rob_id: int, now_ms: int) -> bytes:
-    """Return what is logged where there was no reading: one whose numbers are NaN, as of broken sensors.
+    """Return the reading that is logged when there is none: its numbers are NaN, as from broken sensors.
 
-    It makes no sense to controllers: wheels stand, a point mass coasts, and nothing is sent. Auditors convict a robot
-    that does anything else. Source: docs/spec/rebound.md (no reading).
+    Controllers reject it: wheels stop, a point mass coasts, and nothing is sent. Auditors refuse a robot that does
+    anything else. Source: docs/spec/rebound.md (no reading).
     """
     known = {"tag": reads.tag, "id": rob_id, "t": now_ms}
     rest = {each.name: math.nan if each.type in FLOATS else 0 for each in reads.fields}
@@ -183,17 +184,17 @@ def no_reading(reads: Record, rob_id: int, now_ms: int) -> bytes:
 
 
 def sense_path(folder: Path, rob_id: int) -> Path:
-    """The socket of a body's sensors."""
+    """Return the path of the socket of a body's sensors."""
     return folder / f"sense-{rob_id}"
 
 
 def wheels_path(folder: Path, rob_id: int) -> Path:
-    """The socket of a body's motors."""
+    """Return the path of the socket of a body's motors."""
     return folder / f"wheels-{rob_id}"
 
 
 def make_driver(settings: RobotSettings, declared: Declaration) -> Hardware:
-    """The driver that the file names. Raises: UsageError: there is none; Unavailable: no arena."""
+    """Return the driver that the robot's file names. Raises: UsageError: there is none; Unavailable: no arena."""
     kind, _, where = settings.said.driver.partition(":")
     if kind == "ros2":
         raise UsageError("its driver is ros2", "phalanx robot ros2 runs it")

@@ -1,8 +1,8 @@
-"""A thread for the calls to a driver: one that hangs holds up neither the robot's audits nor the daemon's end.
+"""Call a driver in a thread of its own: a call that hangs delays neither the robot's audits nor the daemon's end.
 
-Motors stand when either side hangs. If the driver does, the daemon calls `stop` from a further thread. If the daemon
-does (a controller, a planner, trusted nodes), this thread calls it after HUNG_S. Only a driver that keeps Python's lock
-keeps both from it, as an extension in C may; then motors need a watchdog of their own, as behind kill -9.
+The motors stop when either side hangs. If the driver hangs, the daemon calls `stop` from a third thread. If the daemon
+hangs (a controller, a planner, trusted nodes), this thread calls `stop` after HUNG_S. An extension in C that keeps
+Python's lock prevents both. Then only the motors' own watchdog helps, as after kill -9.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from typing import TypeVar
 log = logging.getLogger(__name__)
 
 _T = TypeVar("_T")
-HUNG_S = 0.25  # longer than any audit takes; with what a stop takes, less than half a second
+HUNG_S = 0.25  # longer than any audit; together with a stop less than half a second
 LOOK_S = 0.05
-SOON_S = 0.1  # for the call before a stop to return
-END_S = 0.3  # for the last stop
+SOON_S = 0.1  # a stop waits so long for the running call to return
+END_S = 0.3  # the last stop may take so long
 CLOSE_S = 2.0
 STOP = "stop"
 
 
 class DriverThread:
-    """Runs calls one after another; motors stand from `stop`, even if a call hangs, until the next `drive`."""
+    """Runs calls one after another. `stop` stops the motors until the next `drive`, even if a call hangs."""
 
     def __init__(self, stop: Callable[[], None]) -> None:
         self._stop = stop
@@ -42,11 +42,14 @@ class DriverThread:
         self._thread.start()
 
     def alive(self) -> None:
-        """Keep the motors running: the daemon does not hang."""
+        """Note that the daemon does not hang, so the motors may go on."""
         self._alive_s = time.monotonic()
 
     async def ask(self, name: str, call: Callable[[], _T], timeout_s: float) -> _T:
-        """Return what a call returned. Raises: TimeoutError: a call hangs; what it, or `drive` before it, raised."""
+        """Return the result of a call.
+
+        Raises: TimeoutError: a call hangs. Whatever this call, or a `drive` before it, raised.
+        """
         if failed := self._failed:
             self._failed = None
             raise failed
@@ -62,19 +65,19 @@ class DriverThread:
             raise TimeoutError(f"{self._running or name} has not returned") from None
 
     def drive(self, call: Callable[[], None]) -> None:
-        """Run a call that moves the motors, soon; what it raises, the next `ask` raises."""
+        """Enqueue a call that moves the motors; the next `ask` raises what it raises."""
         self._stands = False
         self._calls.put(("drive", lambda: self._drive(call)))
 
     def stop(self) -> threading.Event:
-        """Have the motors stand, even if a call hangs. Returns: set when `stop` has returned."""
+        """Stop the motors, even if a call hangs. Returns: an event, set when the driver's `stop` has returned."""
         self._stands, done = True, threading.Event()
-        self._calls.put((STOP, lambda: self._do_stop(done)))  # also behind a call that hangs and moves them at last
+        self._calls.put((STOP, lambda: self._do_stop(done)))  # again behind a hanging call, which may move them at last
         threading.Thread(target=self._stop_beside, args=(done,), daemon=True).start()
         return done
 
     def close(self, call: Callable[[], None]) -> None:
-        """Stop the motors, run a last call, and end; a call that hangs is left behind. A second time do nothing."""
+        """Stop the motors, run a last call, and end the thread, or leave it behind if it hangs. Idempotent."""
         if self._over:
             return
         self._over = True
@@ -106,7 +109,7 @@ class DriverThread:
         self._calls.put((name, run))
         return answer
 
-    # --- in threads of ours ------------------------------------------------------------------------------------------
+    # --- in the threads ------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
         while True:

@@ -1,8 +1,8 @@
-"""One robot's life: its c-node between trusted nodes, radio and driver, in real time, from the mission key on.
+"""Run one robot in real time from its mission key on: its c-node between trusted nodes, radio and driver.
 
-The kernels and timers are those of the simulator (robot/runtime.py). A reading that is due goes before all else, and of
-what comes by radio one frame is taken at a time: so an audit can delay a reading by no more than itself. While there
-are no readings, ones that make no sense are logged in their place, motors stand, and audits go on.
+The handlers are those of the simulator, and robot/runtime.py keeps the timers. A due reading comes before everything
+else, and packets are handled one at a time: so an audit delays a reading by no more than its own time. Without a
+reading the robot logs one of NaN in its place, stops its motors, and goes on with audits.
 """
 
 from __future__ import annotations
@@ -44,34 +44,37 @@ from .trusted import OwnClock
 log = logging.getLogger(__name__)
 _Audit = TypeVar("_Audit", bound=Hashable)
 
-# Of δ, in tenths: so much before its moment on the grid the sensors are read. Who is late then has more than δ left.
-# But who waits for advice reads when there is some, or at that moment itself.
+# In tenths of δ: how long before a reading's time on the grid the sensors are read, so a late one has more than δ left.
+# A robot that waits for advice reads when advice comes (at most AT_ADVICE early), or at that time itself.
 EARLY, AT_ADVICE = 7, 9
-# And so much after it sensors are waited for; the rest of δ is for getting the reading to the trusted nodes.
+# In tenths of δ: how long after that time to wait for sensors; the rest is for the way to the trusted nodes.
 LATE = 5
-ALIVE_S = 0.1  # so often the driver is told that this process does not hang
+ALIVE_S = 0.1  # period of `Hardware.alive`
 
 
 def memory_kb() -> int:
-    """What this process has in memory, shared or not."""
+    """Return the resident memory of this process, kB, shared pages included."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * resource.getpagesize() // 1024
 
 
 class Life:
-    """A robot whose trusted nodes are to get, or just got, their mission key.
+    """One robot in real time; its trusted nodes get their mission key right before `begin`.
 
     Attributes:
-        clock, radio, far: of its trusted nodes; its radio; a planner that is elsewhere, or None.
-        longest_ms: how long something took at most, by what it was; `late` is by how much a reading came late.
-        why_late: the reading that came latest, if that was more than δ / 2, and what took the time; "" for none.
-        waits_for_advice: new advice is told by `advised`, and is waited for.
-        memory_began_kb: what the process had in memory when its mission key was loaded.
-        began_ms, began_s: when its mission key was loaded, of its nodes' clock and of this machine's monotonic one.
+        clock: the clock of its trusted nodes.
+        radio: its radio.
+        far: a planner in another process, or None.
+        longest_ms: the longest time of each activity; `late` is how late a reading came.
+        why_late: the latest reading, if it was later than δ / 2, and what took the time; "" for none.
+        waits_for_advice: readings wait for advice, which `advised` announces.
+        memory_began_kb: memory of the process when its mission key was loaded.
+        began_ms, began_s: when its mission key was loaded, by its nodes' clock and by this machine's monotonic clock.
         why_stopped: why it is in Safe Mode; "" while it is not.
         why_ended: why its process has ended; "" while it has not.
-        no_reading: since when of the robot's clock sensors have no reading, and why; None while they have.
-        given, refused: how often audits of ours ended and when the last did, ms; by auditee, refusals by reason too.
+        no_reading: when, by the robot's clock, readings ceased, and why; None while there are readings.
+        given: tokens issued, by auditee: how many, and when the last, ms.
+        refused: audits refused, by auditee and refusal: how many, and when the last, ms.
     """
 
     def __init__(
@@ -128,11 +131,11 @@ class Life:
         self.robot: Robot | Liar | None = None
 
     def begin(self) -> None:
-        """The mission key has just been loaded. Raises: Unavailable: the nodes are gone."""
+        """Start: the mission key has just been loaded. Raises: Unavailable: the nodes are gone."""
         now_ms = self.clock.now_ms()
         self.robot = self._as_it_is(now_ms)
         self.runtime = Runtime(self.robot, self.scenario.bti, now_ms)
-        self.began_ms = now_ms  # what its c-node says of that may be a lie
+        self.began_ms = now_ms  # kept here, because an attack may change its c-node's own record
         self.memory_began_kb = memory_kb()
         self.began_s, self._cpu_s = time.monotonic(), time.process_time()
 
@@ -145,7 +148,7 @@ class Life:
         return lying(self.attack.attack, self.fleet, 0, self._work, plan, self._controller)
 
     async def live(self, kept: KeptLog) -> None:
-        """Run until cancelled or stopped by the nodes; motors stand then. Raises: Unavailable: no nodes or no arena."""
+        """Run until cancelled or stopped by the nodes, then stop the motors. Raises: Unavailable: no nodes or arena."""
         loop = asyncio.get_running_loop()
         loop.add_reader(self.radio, self._came.set)
         beats = loop.create_task(self._beat())
@@ -154,7 +157,7 @@ class Life:
         finally:
             self._hardware.stop()
             beats.cancel()
-            # In Safe Mode too: nothing is read, and the system drops what finds no room.
+            # In Safe Mode too: the socket is no longer read, and the system drops packets once its buffer is full.
             loop.remove_reader(self.radio)
         self.why_stopped = why_stopped(self.fleet, self.clock.now_ms(), self.longest_ms["late"])
         log.error("robot %d is in Safe Mode: %s", self.id, self.why_stopped)
@@ -172,19 +175,19 @@ class Life:
             kept.keep(self.fleet)
             self._came.clear()
             if wait_ms <= 0:
-                await asyncio.sleep(0)  # what has come is heard, and waits for its turn
+                await asyncio.sleep(0)  # let the loop read packets that have come
                 continue
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(wait_ms / 1000 / self.clock.speed):
                     await self._came.wait()
 
     def advised(self) -> None:
-        """There is new advice: the next reading may be as early as auditors allow."""
+        """Note new advice: the next reading may be as early as auditors allow."""
         self._advised = True
         self._came.set()
 
     async def _turn(self) -> float:
-        """What is due and most urgent is done, or one frame heard; ms until something is due, if nothing was."""
+        """Handle the most urgent due event, or one packet. Returns: 0; if there was none, ms until the next is due."""
         runtime, now_ms = self.runtime, self.clock.now_ms()
         assert runtime
         self._lateness.turn(self.clock.asked_ms)
@@ -205,7 +208,7 @@ class Life:
         elif frame := self.radio.take():
             taken = self.clock.taken
             what, done = "frame", runtime.on_packet(now_ms, frame)
-            if self.clock.taken > taken:  # what the a-node refused, nobody heard
+            if self.clock.taken > taken:  # the a-node accepted the packet
                 self._overhear(now_ms, frame)
         else:
             wait_ms = min(reads_ms, runtime.due_ms) - now_ms
@@ -260,10 +263,10 @@ class Life:
             if isinstance(done, Transmit):
                 self.radio.send(done.packet)
                 if request.is_fragment(row(done.packet), len(done.packet)):
-                    # Whether it arrived nobody tells us: who did not hear it sends no token, and another is asked.
+                    # No radio acknowledgement: an auditor that missed it sends no token, and another is asked.
                     waiting.extend(self.runtime.on_sent(self.clock.now_ms(), arrived=True))
             elif isinstance(done, Actuate):
-                if self.no_reading is None:  # else motors stand, where a controller would have them coast
+                if self.no_reading is None:  # otherwise motors stand, though a point mass would coast
                     self._hardware.drive(done.command)
             elif done.refusal == Refusal.NONE:
                 self._count(self.given, done.auditee)
@@ -278,14 +281,14 @@ class Life:
 
     @property
     def core_share(self) -> float:
-        """Of a processor core, since the mission began, without the trusted nodes."""
+        """Return the share of a processor core used since the mission began, without the trusted nodes."""
         return (time.process_time() - self._cpu_s) / max(time.monotonic() - self.began_s, 1e-9)
 
     @property
     def first_deviation_ms(self) -> int | None:
-        """When this robot first did what an honest one would not, of its own clock; None for an honest one.
+        """Return when this robot first deviated, by its own clock; None for an honest robot.
 
-        Not before it begins to lie: what it compares itself with knows the time of its nodes to a millisecond only.
+        Never before its attack begins: the honest controller beside it knows its nodes' time to a millisecond only.
         """
         if not isinstance(self.robot, Liar) or self.robot.first_deviation_ms is None:
             return None
@@ -293,7 +296,7 @@ class Life:
         return max(self.robot.first_deviation_ms, began_ms) if self.clock.now_ms() >= began_ms else None
 
     def close(self) -> None:
-        """The driver is closed, and kernels know its nodes no longer."""
+        """Close the driver and a far planner, and forget the trusted nodes."""
         self._lateness.close()
         if self.far:
             self.far.close()

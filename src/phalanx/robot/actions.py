@@ -70,7 +70,7 @@ def clear(w: Work) -> None:
 
 @kernel
 def append(w: Work, kind: int, number: int, more: int) -> int:
-    """Append an action of two numbers, RETRY_AT, ROUND_AT or VERDICT; return its index."""
+    """Append an action of two numbers (RETRY_AT, ROUND_AT or VERDICT); return its index."""
     at = int(w.used[COUNT])
     w.used[COUNT] = at + 1
     w.actions[at].kind = kind
@@ -81,7 +81,7 @@ def append(w: Work, kind: int, number: int, more: int) -> int:
 
 @kernel
 def carry(w: Work, kind: int, to: int, source: Row, begin: int, length: int) -> None:
-    """Append an action with bytes, `source[begin : begin + length]`: TRANSMIT, to an id or EVERYBODY, or ACTUATE."""
+    """Append a TRANSMIT to an id or EVERYBODY, or an ACTUATE, with the bytes `source[begin : begin + length]`."""
     at, used = append(w, kind, to, 0), w.used[BYTES]
     copy(w.sent, used, source, begin, length)
     w.actions[at].begin = used
@@ -91,9 +91,9 @@ def carry(w: Work, kind: int, to: int, source: Row, begin: int, length: int) -> 
 
 @kernel
 def is_earlier(at: int, pending: int) -> bool:
-    """Return whether a retry at `at` needs a timer of its own beside the pending one, -1 for none.
+    """Return whether a retry at `at` needs a timer of its own beside the pending one; `pending` is -1 for none.
 
-    The later one is not withdrawn: it comes all the same.
+    A later timer is never withdrawn; it fires as well.
     """
     return pending < 0 or at < pending
 

@@ -3,9 +3,9 @@
 The surroundings call a handler for each event, and carry out the actions in `work.actions` (actions.py) in order:
 
     on_boot      the mission key was loaded        on_round   T_audit has passed, or the robot has listened
-    on_reading   the sensors were read             on_retry   a moment has come that `RETRY_AT` asked for
-    on_advice    a planner has advised             on_sent    the radio is done with a fragment
-    on_packet    a packet has arrived              on_no_room the radio took no fragment
+    on_reading   the sensors were read             on_retry   the time of a `RETRY_AT` has come
+    on_advice    a planner has advised             on_sent    the radio has sent a fragment, or given it up
+    on_packet    a packet has arrived              on_no_room the radio did not accept a fragment
 
 The protocol in short (RoboRebound §3; docs/spec/rebound.md):
 
@@ -14,18 +14,18 @@ c-node logs the same bytes. Auditors replay the log with the mission's controlle
 
 Rounds. A robot needs fresh tokens of f_max + 1 auditors, or its a-node stops it. So each T_audit a round begins: the
 robot says HELLO, so that others know an auditor; takes a checkpoint with its first request; and asks one robot after
-the other for a token. A robot that lacks tokens of the last round is silent first: two that speak at the same moment
-would never hear each other.
+the other for a token. A robot that lacks tokens of the last round first listens without sending: two robots that send
+at the same moment would never hear each other.
 
 Requests. A request is too long for one packet, so it goes out in fragments, one whenever the radio has sent the last.
-A fragment that does not arrive is repeated after a random time; a robot that stays silent is given up for another.
+A fragment that does not arrive is repeated after a random time. An auditor that stays silent is replaced by another.
 
 Tokens. An auditor whose replay agrees returns a token for the checkpoint that the request claims. With f_max + 1 of
-them the log is cut there. Too few by `RETRY_AT`: as many further robots are asked as tokens are missing.
+them the robot drops its log up to that checkpoint. If tokens are missing at `RETRY_AT`, it asks as many further robots.
 
-Seeking. A robot that hears too few others says SEEK in place of HELLO, and each that hears it answers with its HELLO.
+Seeking. A robot that hears too few others sends SEEK in place of HELLO. Each robot that hears it answers with HELLO.
 
-A robot whose controller is plain Python runs the same kernels, step by step (robot.py); an attack too, in another
+A robot whose controller is plain Python runs the same kernels step by step (robot.py). So does an attack, in another
 order or with other bytes (attacks/liar.py).
 """
 
@@ -45,7 +45,7 @@ from . import actions
 from .controllers import dispatch
 from .replay import replay_bundled
 
-# What `on_packet` returns beside its actions; negative: the a-node refused the packet.
+# What `on_packet` returns beside its actions.
 NOTHING, HEARD, WHOLE = 0, 1, 2
 ID_AT = STATE.at("id")  # as in every other broadcast of a controller's
 ID_BYTES = STATE.at("t") - ID_AT
@@ -53,7 +53,7 @@ ID_BYTES = STATE.at("t") - ID_AT
 
 @kernel
 def on_boot(f: Fleet, i: int, now: int) -> None:
-    """The c-node starts right after the mission key was loaded at `now`. Source: RoboRebound §3.3, §3.6."""
+    """Start the c-node, right after the mission key was loaded at `now`. Source: RoboRebound §3.3, §3.6."""
     r, s = f.robot[i], f.settings[0]
     r.alive = 1
     r.t_key = now
@@ -75,7 +75,7 @@ def on_advice(f: Fleet, i: int, advice: Row, length: int) -> int:
 
 @kernel
 def on_reading(f: Fleet, i: int, w: Work, now: int, reading: Row, length: int) -> None:
-    """The sensors were read: the s-node chains the reading, the controller decides, its outputs go out.
+    """Handle a reading: the s-node chains it, the controller decides, and its outputs go out.
 
     Source: RoboRebound Alg. 1.
     """
@@ -87,7 +87,7 @@ def on_reading(f: Fleet, i: int, w: Work, now: int, reading: Row, length: int) -
 
 @kernel
 def put_out(f: Fleet, i: int, w: Work, now: int, length: int) -> None:
-    """Send the packets in `w.out[:length]`, and carry out its commands, each if the a-node passes it."""
+    """Pass the packets and commands in `w.out[:length]` through the a-node, and on as actions."""
     at = 0
     while at < length:
         kind, size = int(w.out[at]), get_u16(w.out, at + OUTPUT_LENGTH)
@@ -119,7 +119,7 @@ def send(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int, to: int)
 
 @kernel
 def think(f: Fleet, i: int, w: Work, length: int) -> int:
-    """The controller has seen the INPUT in `w.entry`; `w.out` has its outputs, of the length returned."""
+    """Run the controller on the INPUT in `w.entry`; write its outputs to `w.out`, and return their length."""
     r, s = f.robot[i], f.settings[0]
     reading = w.entry[ENTRY_HEAD_BYTES:length]
     t = get_u32(w.entry, ENTRY_T)
@@ -179,10 +179,10 @@ def take(f: Fleet, i: int, w: Work, kind: int, now: int, payload: Row, length: i
 
 @kernel
 def on_packet(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) -> int:
-    """A packet has arrived: passed on by the a-node, logged and given to the controller, or taken as audit traffic.
+    """Handle a packet that the radio received: the controller gets it, or it is audit traffic and is handled here.
 
     Returns: NOTHING; HEARD: it is logged, and for the controller; WHOLE: it completed a request, at `work.place[0]`,
-        that a controller in plain Python has to replay. Negative: refused.
+        that a controller in plain Python has to replay. Negative: the a-node refused the packet.
     Source: RoboRebound Alg. 4, §3.7.
     """
     actions.clear(w)
@@ -237,7 +237,7 @@ def hear_audit(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) ->
 
 @kernel
 def hear_fragment(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int, src: int) -> int:
-    """Take a fragment of a request by `src`, and audit the request if it is whole now. Source: RoboRebound §3.7."""
+    """Store a fragment of a request by `src`, and audit the request if it is complete. Source: RoboRebound §3.7."""
     place = request.take_fragment(f, i, packet, length, now)
     if place < 0:
         return NOTHING
@@ -255,9 +255,9 @@ def hear_fragment(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int,
 
 @kernel
 def knock(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
-    """Check the request's form and its token request, and have the token made in `w.small[2]`: it goes out later.
+    """Check the request's form, and have the a-node issue the token to `w.small[2]`: `answer` sends it after the audit.
 
-    Liars have any number of false token requests, which must not count as audits. Only IssueToken can tell.
+    Liars can make any number of false token requests, which must not count as audits. Only IssueToken detects them.
     Returns: 0 or a `Refusal`. Source: RoboRebound §3.8, §5.1.
     """
     q = f.rx.rows[f.rx_info[i, place].row]
@@ -270,7 +270,7 @@ def knock(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
 @kernel
 @reads_peer(rejected=Refusal.DEFECT)
 def judge(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
-    """The request at `place` is audited with a bundled controller.
+    """Audit the request at `place` with the bundled controller.
 
     Returns: 0 or a `Refusal`. Source: RoboRebound §3.7.
     """
@@ -284,7 +284,7 @@ def judge(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
 
 @kernel
 def answer(f: Fleet, i: int, w: Work, now: int, place: int, src: int, refused: int) -> None:
-    """Count the verdict on the request at `place`, and send the token if it is a good one."""
+    """Count the verdict on the request at `place`, and send the token unless the audit refused it."""
     r = f.robot[i]
     actions.append(w, actions.VERDICT, src, refused)
     if refused:
@@ -303,7 +303,7 @@ def answer(f: Fleet, i: int, w: Work, now: int, place: int, src: int, refused: i
 
 @kernel
 def on_round(f: Fleet, i: int, w: Work, now: int, listened: int, busy: int) -> None:
-    """T_audit has passed: say HELLO, take a checkpoint, ask the first auditor. Source: RoboRebound §3.7.
+    """Begin a round: say HELLO, take a checkpoint, ask the first auditor. Source: RoboRebound §3.7.
 
     Args:
         listened: 1 when the robot has been silent before this round, as the last `ROUND_AT` said.
@@ -334,7 +334,7 @@ def begin_round(f: Fleet, i: int, w: Work, now: int) -> None:
 
 @kernel
 def on_retry(f: Fleet, i: int, w: Work, now: int, busy: int) -> None:
-    """The retry time has passed: ask further robots if tokens are missing. Source: RoboRebound §5.2."""
+    """Ask further robots if tokens are missing at the retry time. Source: RoboRebound §5.2."""
     actions.clear(w)
     if seek(f, i, w, now):
         ask(f, i, w, now, busy)
@@ -342,7 +342,7 @@ def on_retry(f: Fleet, i: int, w: Work, now: int, busy: int) -> None:
 
 @kernel
 def seek(f: Fleet, i: int, w: Work, now: int) -> bool:
-    """Ask again who is there, if that is due; return whether tokens are missing."""
+    """Send SEEK again, if that is due; return whether tokens are missing."""
     if rounds.retry(f, i) == 0:
         return False
     n = request.seek(f, i, now, w.frame)
@@ -353,7 +353,7 @@ def seek(f: Fleet, i: int, w: Work, now: int) -> bool:
 
 @kernel
 def on_sent(f: Fleet, i: int, w: Work, now: int, arrived: int, busy: int) -> None:
-    """The radio is done with the last fragment: send the next. Source: RoboRebound §5.2."""
+    """Send the next fragment: the radio has sent the last one, or given it up. Source: RoboRebound §5.2."""
     actions.clear(w)
     if arrived == 0:
         request.not_arrived(f, i, now)
@@ -362,7 +362,7 @@ def on_sent(f: Fleet, i: int, w: Work, now: int, arrived: int, busy: int) -> Non
 
 @kernel
 def on_no_room(f: Fleet, i: int) -> None:
-    """The radio, or the a-node, did not take a fragment: the request is given up until the next retry."""
+    """Withdraw the request until the next retry: the radio, or the a-node, did not accept a fragment."""
     rounds.withdraw(f, i)
     f.robot[i].quota = 0
 

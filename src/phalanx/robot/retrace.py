@@ -1,7 +1,7 @@
-"""A robot's log from its mission's beginning, gone through again: the first place where an honest robot's would differ.
+"""Replay a robot's whole log, and find the first place where an honest robot's log would differ.
 
-As its auditors do, with the same kernels, but over all that was ever logged and without MACs: what a log shows is what
-its c-node says that it shows. Source: RoboRebound §3.7.
+The kernels are those of audits. But the log begins with the mission, and no MAC is checked: its c-node alone vouches
+for what the log says. Source: RoboRebound §3.7.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from phalanx.wire.table import PROOF
 
 from .replay import replay
 
-# What depends on the entries before it alone, so that a shorter log has it too.
+# Refusals that depend only on earlier entries, so a log cut behind such an entry gets them too.
 OF_ENTRIES = {
     Refusal.ENTRY_MALFORMED,
     Refusal.OUT_OF_ORDER,
@@ -48,7 +48,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """The place where a log stops being an honest robot's, and why: `entry` counts from 0."""
+    """The first entry that an honest log would not have, counted from 0, and the reason."""
 
     entry: int
     t_ms: int
@@ -56,7 +56,7 @@ class Finding:
 
 
 def entries_of(raw: bytes) -> Iterator[Entry]:
-    """Yield the entries, up to one that was cut short."""
+    """Yield the entries and marks, up to one that was cut short."""
     data, at = row(raw), 0
     while at < len(raw):
         kind, _, end = map(int, log.piece_at(data, at, len(raw)))
@@ -72,16 +72,16 @@ def entries_of(raw: bytes) -> Iterator[Entry]:
 def first_lie(
     raw: bytes, rob_id: int, t_key_ms: int, config: BtiConfig, make: Callable[[int], Controller], mission_seed: int
 ) -> Finding | None:
-    """Return the first entry that an honest robot's log would not have there; None for an honest log.
+    """Return the first entry that an honest robot's log would not have; None for an honest log.
 
     Args:
-        raw: the log from the mission key on; what is cut short at its end is left out.
-        t_key_ms: when its mission key was loaded, of its trusted nodes' clock.
-        make: makes a robot's controller.
-        mission_seed: of the readings' phases.
+        raw: the log from the mission key on; an entry cut short at its end is left out.
+        t_key_ms: when its mission key was loaded, by the clock of its trusted nodes.
+        make: returns a new controller for a robot's id.
+        mission_seed: decides the phase of the readings.
     Raises: PeerError: the log cannot be replayed because of a defect of ours, which is logged.
     """
-    # As numbers: a hostile log has 64 million entries of one byte.
+    # As numbers, not as `Entry`: a hostile log has 64 million entries of one byte.
     entries = np.fromiter(((each.end, each.t_ms) for each in entries_of(raw)), ENTRIES)
     if not entries.size:
         return None
@@ -91,7 +91,7 @@ def first_lie(
     )
     work = make_work(config)
     newest = np.maximum.accumulate(entries["t_ms"])
-    # The check compares with the tops in a request's head, which a log has not: it is not to look behind the end.
+    # The check compares with the tops in a request's head. A log has none, so append room that it may read.
     q = row(raw + bytes(request.HEAD_BYTES))
 
     def begin(count: int) -> None:
@@ -113,7 +113,7 @@ def first_lie(
     if count:
         begin(count)
         if replayed := replay(fleet, work, q, make(rob_id), is_claim=False):
-            # What was being read when it differed: an output, or what came when one was overdue.
+            # The entry that was read when the replay differed: an output, or one that came while an output was overdue.
             number = int(np.searchsorted(entries["end"], int(work.case[0].at)))
             return Finding(number, int(entries["t_ms"][number]), Refusal(replayed))
     return found

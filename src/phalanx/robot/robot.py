@@ -49,9 +49,9 @@ class Robot:
     Attributes:
         id: the robot's, 1..65535.
         profile: of the trusted nodes.
-        raw: what the next reading carries only a hash of; whoever polls the sensors sets it before `on_reading`.
-        busy: its radio holds a fragment, so that no other is to be sent.
-        is_own: it runs a researcher's controller honestly, so that what goes wrong is reported as a mistake of theirs.
+        raw: sensor data of which the next reading has only a hash; the caller sets it before `on_reading`.
+        busy: its radio holds a fragment, so it must not send another.
+        is_own: it runs a researcher's controller honestly, so its errors are reported as mistakes in their file.
 
     Source: docs/spec/rebound.md.
     """
@@ -66,22 +66,22 @@ class Robot:
         self.is_own = self.controller is not None
         self.raw = b""
         self.busy = False
-        self._is_kept = True  # what its controller remembers, where checkpoints are made from
+        self._is_kept = True  # the fleet's memory has the controller's newest state
 
     # --- events ---
 
     def on_boot(self, now_ms: int) -> None:
-        """The mission key has just been loaded into both trusted nodes."""
+        """Start: the mission key has just been loaded into both trusted nodes."""
         handlers.on_boot(self.f, self.i, now_ms)
         self.keep_state()
 
     def on_reading(self, now_ms: int, reading: bytes) -> list[Action]:
-        """The sensors were read: the s-node is polled, the controller decides, its outputs go out."""
+        """Handle a reading: the s-node chains it, the controller decides, and its outputs go out."""
         n = self.take(INPUT, now_ms, reading)
         return self.carry_out(now_ms, n) if n > 0 else []
 
     def on_advice(self, advice: bytes) -> None:
-        """A planner has advised: log it, and give it to the controller. At most once a reading, or logs fill."""
+        """Log a planner's advice, and give it to the controller. At most once a reading, or logs fill."""
         self.record(guarded.ADVICE.encode(bytes=advice))
         if self.controller:
             self.controller.on_advice(advice)
@@ -90,7 +90,7 @@ class Robot:
             handlers.on_advice(self.f, self.i, row(advice), len(advice))
 
     def on_packet(self, now_ms: int, packet: bytes) -> list[Action]:
-        """A packet has arrived at the a-node."""
+        """Handle a packet that the radio received."""
         heard = handlers.on_packet(self.f, self.i, self.w, now_ms, row(packet), len(packet))
         if heard == handlers.HEARD and self.controller:
             self.controller.on_recv(int(get_u32(self.w.entry, ENTRY_T)), packet)
@@ -101,19 +101,19 @@ class Robot:
         return actions.decode(self.w)
 
     def on_round(self, now_ms: int, *, listened: bool) -> list[Action]:
-        """T_audit has passed, or the robot has listened since: say HELLO, take a checkpoint, ask the first auditor."""
+        """Begin a round: say HELLO, take a checkpoint, ask the first auditor; or listen first, without `listened`."""
         if listened:
             return self.begin_round(now_ms)
         asked, waits = self._done(handlers.listen, now_ms)
         return asked if waits else asked + self.begin_round(now_ms)
 
     def on_retry(self, now_ms: int) -> list[Action]:
-        """The retry time has passed: ask further robots if tokens are missing."""
+        """Ask further robots if tokens are missing at the retry time."""
         asked, is_missing = self._done(handlers.seek, now_ms)
         return asked + self.next_packet(now_ms) if is_missing else asked
 
     def on_sent(self, now_ms: int, *, arrived: bool) -> list[Action]:
-        """The radio is done with the last fragment."""
+        """Send the next fragment: the radio has sent the last one, or given it up."""
         if not arrived:
             request.not_arrived(self.f, self.i, now_ms)
         return self.next_packet(now_ms)
@@ -121,7 +121,7 @@ class Robot:
     # --- steps of these -----------------------------------------------------------------------------------------------
 
     def _done(self, step: Callable[..., Any], *args: int | Row) -> tuple[list[Action], int]:
-        """Carry out a step of the handlers; return its actions, and the number that it returned."""
+        """Run a step of the handlers; return its actions, and the number that it returned."""
         actions.clear(self.w)
         returned = step(self.f, self.i, self.w, *args)
         return actions.decode(self.w), int(returned or 0)
@@ -136,7 +136,7 @@ class Robot:
             log.append(self.f, self.i, row(bytes(raw)), len(raw))
 
     def carry_out(self, now_ms: int, entry_len: int) -> list[Action]:
-        """Decide on the INPUT in `work.entry`, and put out what that gives."""
+        """Decide on the INPUT in `work.entry`, and pass the outputs through the a-node."""
         asked = (self.checked("put_out", self.put_out(now_ms, output)) for output in self.decide(entry_len))
         return [action for each in asked for action in each]
 
@@ -164,12 +164,12 @@ class Robot:
         outputs = decide(self.controller, step, t_ms, reading, evidence)
         self._step_of[self.i] += 1
         self._is_kept = False
-        if not self.controller.is_ours:  # what it does wrong is told at once
+        if not self.controller.is_ours:  # report its mistakes at once
             self.keep_state()
         return checked_outputs(outputs, self._frame_max, self.controller)
 
     def evidence(self, step: int, t_ms: int, reading: bytes) -> bytes:
-        """Return what to keep of `raw`: nothing if the log is half full, as the rest is for unasked packets."""
+        """Return what to keep of `raw`: nothing once the log is half full, because the rest is for unasked packets."""
         assert isinstance(self.controller, EvidenceController)
         kept = self.controller.keep(step, t_ms, reading, self.raw)
         if self.profile == PLAIN:
@@ -197,7 +197,7 @@ class Robot:
         """Pass a packet through the a-node, and log it unless it is audit traffic."""
         asked, n = self._done(handlers.send, now_ms, row(packet), len(packet), to)
         if n == trusted.E_AIRTIME and self.is_own and not packet[0] & request.AUDIT:
-            # Else it would be stopped for an output that its log lacks, and nobody would know why.
+            # Otherwise its auditors would stop it for a missing output, without a hint at the reason.
             raise OwnMistake(
                 f"robot {self.id}: its a-node has no airtime left for a frame of {len(packet)} bytes",
                 "shorter frames, or fewer: in each state period as much airtime as four of 27 bytes",
@@ -230,8 +230,8 @@ class Robot:
     # --- plain-Python controllers ---
 
     def keep_state(self) -> None:
-        """Write what a controller in plain Python remembers to where checkpoints are made from."""
-        # A mission's is long, and nobody asks for it where nobody audits.
+        """Write the state of a controller in plain Python to the fleet's memory, from which checkpoints are made."""
+        # A mission's state is long, and without audits nothing reads it.
         unasked = self.profile == PLAIN and isinstance(self.controller, EvidenceController)
         if self.controller and not unasked:
             room = self.f.checkpoint.shape[2] - CHECKPOINT_BYTES
@@ -241,7 +241,7 @@ class Robot:
         self._is_kept = True
 
     def bring_up(self) -> None:
-        """Bring its state in the fleet's memory up to date."""
+        """Write the controller's state to the fleet's memory, unless it is there."""
         if not self._is_kept:
             self.keep_state()
 

@@ -1,8 +1,8 @@
-"""A robot outside of any world, and the timers that a world would keep for it.
+"""One robot outside the simulator, with the timers that the simulator's loop keeps otherwise.
 
-A pure state machine: the caller has the clock, the sensors, the radio and the actuators. It asks what is due, calls
-that, and carries out the actions that come back. The same readings, packets and moments give the same log as in the
-simulator, byte for byte. Source: docs/spec/rebound.md (c-node).
+A pure state machine: the caller has the clock, the sensors, the radio and the actuators. The caller reads which event
+is due next, calls its method, and carries out the actions returned. The same readings, packets and times give the same
+log as in the simulator, byte for byte. Source: docs/spec/rebound.md (c-node).
 """
 
 from __future__ import annotations
@@ -23,22 +23,20 @@ Done = Transmit | Actuate | Verdict
 
 
 def first_round_ms(mission_seed: int, rob_id: int, t_audit_ms: int) -> int:
-    """Return how long after the mission key a robot's first round begins; every later one T_audit after the last.
+    """Return how long after the mission key a robot's first round begins; each later one begins T_audit after the last.
 
-    Who is not heard yet when the first round comes is asked in the second, before T_val is over.
+    A robot not yet heard in the first round can be asked in the second, before T_val is over.
     """
     return FIRST_ROUND_MS + int(rounds.mixed(mission_seed + 1, rob_id)) % t_audit_ms
 
 
 class Runtime:
-    """A robot whose mission key was loaded at `now_ms` of its trusted nodes' clock, and what is due of it.
+    """A robot whose mission key was loaded at `now_ms` of its trusted nodes' clock, and the times of its next events.
 
     Attributes:
-        input_ms: when its sensors are to be read next.
-        audit_ms: when something of its audits is due next.
-        check_ms: when its a-node is to look at its tokens next.
-        wake_ms: when an attacker's own turn is next.
-        in_safe_mode: whether the a-node has stopped it; nothing is due any more.
+        check_ms: when its a-node checks its tokens next.
+        wake_ms: when an attack acts out of turn next.
+        in_safe_mode: whether the a-node has stopped it; then no event is due.
     """
 
     def __init__(self, robot: Robot, config: BtiConfig, now_ms: int) -> None:
@@ -46,7 +44,7 @@ class Runtime:
         self.in_safe_mode = False
         robot.on_boot(now_ms)
         seed = int(robot.f.settings[0].mission_seed)
-        # When a round or a retry is due, whether it is a retry, and whether the robot has listened. Each comes.
+        # Heap of rounds and retries: when, whether it is a retry, whether the robot has listened. None is withdrawn.
         self._audits = [(now_ms + first_round_ms(seed, robot.id, config.t_audit_ms), False, False)]
         self._retry_ms = -1
         self.check_ms = now_ms + config.p_check_ms
@@ -57,28 +55,28 @@ class Runtime:
 
     @property
     def input_ms(self) -> int:
-        """On the grid that its auditors know."""
+        """Return when its sensors must be read next: on the grid that its auditors know."""
         return int(rounds.grid(self.robot.f, self.robot.i, self._step))
 
     @property
     def audit_ms(self) -> int:
-        """The next round, or when further robots are asked."""
+        """Return when the next round or retry is due."""
         return self._audits[0][0]
 
     @property
     def due_ms(self) -> int:
-        """The first of all four."""
+        """Return when the earliest of the four is due."""
         return min(self.input_ms, self.audit_ms, self.check_ms, self.wake_ms)
 
     def on_reading(self, now_ms: int, reading: bytes, advice: bytes = b"") -> list[Done]:
-        """The sensors were read; before that, a planner may have advised."""
+        """Handle a planner's advice, if there is some, and then a reading."""
         self._step += 1
         if advice:
             self.robot.on_advice(advice)
         return self._kept(now_ms, self.robot.on_reading(now_ms, reading))
 
     def on_audit(self, now_ms: int) -> list[Done]:
-        """Do what is due of the audits at `audit_ms`."""
+        """Handle the round or the retry that was due at `audit_ms`."""
         due_ms, is_retry, listened = heapq.heappop(self._audits)
         if is_retry:
             self._retry_ms = -1
@@ -86,29 +84,29 @@ class Runtime:
         return self._kept(now_ms, self.robot.on_round(now_ms, listened=listened), now_ms - due_ms)
 
     def on_wake(self, now_ms: int) -> list[Done]:
-        """It is an attacker's own turn."""
+        """Let an attack act out of turn."""
         assert isinstance(self.robot, Liar)
         done = self._kept(now_ms, self.robot.on_wake(now_ms) if self.robot.lies(now_ms) else [])
         self.wake_ms = now_ms + self.robot.period_ms
         return done
 
     def on_check(self, now_ms: int) -> bool:
-        """Have the a-node look at its tokens; return whether it has stopped the robot."""
+        """Have the a-node check its tokens; return whether it has stopped the robot."""
         self.check_ms += self._config.p_check_ms
         fleet, i = self.robot.f, self.robot.i
         self.in_safe_mode = bool(trusted.anode_check(int(fleet.settings[0].profile), fleet.anode[i], now_ms))
         return self.in_safe_mode
 
     def on_packet(self, now_ms: int, packet: bytes) -> list[Done]:
-        """A packet has arrived, of any bytes."""
+        """Handle a packet of any bytes."""
         return self._kept(now_ms, self.robot.on_packet(now_ms, packet)) if packet else []
 
     def on_sent(self, now_ms: int, *, arrived: bool) -> list[Done]:
-        """The radio is done with the last fragment of an audit request."""
+        """Send the next fragment of an audit request: the radio has sent the last one, or given it up."""
         return self._kept(now_ms, self.robot.on_sent(now_ms, arrived=arrived))
 
     def _kept(self, now_ms: int, actions: list[Action], late_ms: int = 0) -> list[Done]:
-        """Keep the timers that were asked for, and return the other actions."""
+        """Set the timers that actions ask for, and return the other actions."""
         done: list[Done] = []
         for action in actions:
             if isinstance(action, RoundAt):

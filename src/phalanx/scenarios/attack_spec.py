@@ -1,4 +1,4 @@
-"""Who lies how in a scenario, from when to when; and the words for it: `spoof:robot=7,at=15`."""
+"""An attack in a scenario: which robot lies, how, and when; and its short form, `spoof:robot=7,at=15`."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class AttackSpec:
 
     @property
     def attack(self) -> Attack:
-        """What it is."""
+        """Return the attack's record."""
         return self.own or ATTACKS[self.name]
 
     def __post_init__(self) -> None:

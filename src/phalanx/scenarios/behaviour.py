@@ -1,4 +1,4 @@
-"""What the robots of a scenario run: the controller and its parameters, a planner, an adversary's plan."""
+"""Find what the robots of a scenario run: the controller and its parameters, a planner, an adversary's plan."""
 
 from __future__ import annotations
 
@@ -29,12 +29,16 @@ FOREVER_MS = (1 << 32) - 1
 
 
 def driving(scenario: Scenario) -> Declaration:
-    """Whose body the robots have, and what its kernels are given: a protocol's is the flock's."""
+    """Return the declaration of the scenario's controller; a protocol has the flock's body and parameters."""
     return dispatch.BUNDLED.get(scenario.controller, dispatch.BUNDLED["flock"])
 
 
 def params_of(scenario: Scenario, mission: int = 1) -> NDArray[np.float64]:
-    """What the scenario's controller is given: the mission, the same for all robots; `mission` is its key's number."""
+    """Return the parameters of the scenario's controller, the same for all robots.
+
+    Args:
+        mission: the number of the mission's key.
+    """
     bundled = driving(scenario)
     if bundled.config is WheelsConfig:
         return bundled.params(
@@ -48,19 +52,19 @@ def params_of(scenario: Scenario, mission: int = 1) -> NDArray[np.float64]:
         )
     if bundled.config is GuardConfig:
         return bundled.params(replace(scenario.guard, mission=mission))
-    # Claims give no more speed in a long T_val than in 10 s; as printed, any.
+    # Claims push a robot no faster in a long T_val than in 10 s. Other defences have no limit.
     longer = max(1.0, scenario.bti.t_val_ms / BtiConfig().t_val_ms)
     crowd = scenario.flock.crowd / longer if scenario.defence == "bound" else NO_CROWD
     return bundled.params(replace(scenario.flock, crowd=crowd))
 
 
 def number_of(scenario: Scenario, controller: MakeController | None) -> int:
-    """What a fleet knows its controller by: a researcher's own has no number."""
+    """Return a fleet's number of the controller; 0 for a researcher's own."""
     return 0 if controller else dispatch.NUMBERS[scenario.controller]
 
 
 def with_room(scenario: Scenario, controller: MakeController | None) -> Scenario:
-    """The same, in which a researcher's own controller has room for what it remembers, and for what it reads."""
+    """Return the scenario with room for the state and the readings of a researcher's own controller."""
     senses = getattr(controller, "senses", None)
     is_own = controller is None and scenario.controller in OWN
     capacity = dispatch.capacity(number_of(scenario, None), params_of(scenario)) if is_own else 0
@@ -75,7 +79,10 @@ def with_room(scenario: Scenario, controller: MakeController | None) -> Scenario
 def on_stage(
     scenario: Scenario, controller: MakeController | None
 ) -> tuple[Scenario, MakeController | None, Stage | None]:
-    """The same with room for what a protocol's robots sense and remember, its robots, and what its world holds."""
+    """Return the scenario with room for a protocol's readings and states, its controllers, and its stage.
+
+    Without a protocol the scenario and the controller stay the same, and the stage is None.
+    """
     protocol = find_protocol(scenario.controller)
     if not protocol:
         return scenario, controller, None
@@ -88,7 +95,10 @@ def on_stage(
 def adviser(
     scenario: Scenario, controller: MakeController | None, planner: MakePlanner | None = None
 ) -> MakePlanner | None:
-    """Return what advises each robot, None where nobody can. Raises: UsageError: a planner for such robots."""
+    """Return what makes a planner for each robot, None if no guard drives them.
+
+    Raises: UsageError: a planner, but no guard.
+    """
     advised = driving(scenario).advised is not None and controller is None
     if planner and not advised:
         raise UsageError("a planner, but nobody that it could advise", "a mission with controller: guard")
@@ -96,7 +106,7 @@ def adviser(
 
 
 def plan_of(scenario: Scenario, spec: AttackSpec, boot_ms: int, chance: np.random.Generator) -> Plan:
-    """What the adversary knows of a scenario in which `spec` is drawn, and whose robot's clock began at `boot_ms`."""
+    """Return the plan of the attack `spec` in a robot whose clock showed `boot_ms` at the beginning."""
     return Plan(
         ids=tuple(range(1, scenario.robots + 1)),
         goal_m=scenario.goal_m,

@@ -1,4 +1,4 @@
-"""Scenarios as YAML. Its keys are the fields of dataclasses (config/reader.py); bad bytes raise a `UsageError`."""
+"""Read and write scenarios as YAML. Keys are the fields of dataclasses (config/reader.py)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .scenario import Scenario
 MOST_BYTES = 1 << 16
 HINT = "a file ends in .yaml; phalanx sim list shows built-in ones"
 SCHEMA_NAME = "scenario.schema.json"
-# A scenario says these once, for all that need them; the sizes are the controller's.
+# Fields that a file cannot set: a scenario has them once, for all parts that need them; sizes are the controller's.
 SIZES = {"advice_bytes", "reading_bytes", "command_bytes", "state_bytes", "evidence_max_bytes", "evidence_bytes_per_s"}
 DERIVED: Derived = {
     BtiConfig: frozenset({"n_max", *SIZES}),
@@ -44,12 +44,12 @@ def find_scenario(name: str) -> Scenario:
 
 
 def read_scenario(path: Path) -> Scenario:
-    """The scenario in a file. Raises: UsageError: no such file, or not a scenario. Unavailable: it cannot be read."""
+    """Return the scenario in a file. Raises: UsageError: no such file, or no scenario. Unavailable: unreadable."""
     return parse_scenario(read_at_most(path, MOST_BYTES, HINT), str(path))
 
 
 def parse_scenario(data: bytes, source: str) -> Scenario:
-    """Return the scenario in YAML of at most 64 KiB; without a name it is called as its file, the `source`.
+    """Return the scenario in YAML of at most 64 KiB; without a name it gets that of its file, the `source`.
 
     Raises: UsageError: it is not a scenario.
     """
@@ -61,7 +61,7 @@ def parse_scenario(data: bytes, source: str) -> Scenario:
 
 
 def scenario_schema() -> dict[str, Any]:
-    """A JSON schema (draft 2020-12) of scenario files. Source: json-schema.org."""
+    """Return a JSON schema (draft 2020-12) of scenario files. Source: json-schema.org."""
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "phalanx scenario",
@@ -70,7 +70,7 @@ def scenario_schema() -> dict[str, Any]:
 
 
 def written_scenario(scenario: Scenario) -> dict[str, Any]:
-    """What a file says that is this scenario; as JSON it is YAML too."""
+    """Return the content of a file with this scenario; as JSON it is YAML too."""
     written: dict[str, Any] = as_written(scenario, DERIVED)
     return written
 

@@ -1,4 +1,7 @@
-"""A researcher's own file, "FILE.py:CLASS" or "FILE.py" with kernels, run as a script: whoever names one trusts it."""
+"""Load a researcher's own file, "FILE.py:CLASS" or "FILE.py" with kernels.
+
+The file is run as a script: name only files that you trust.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ from .behaviour import params_of
 from .scenario import CONTROLLERS, Scenario, in_scenarios
 
 TRACEBACK_HINT = "phalanx --log-level debug shows the whole traceback"
-# Raised where no line of a researcher's file runs, these say nothing of it.
+# Raised while no line of a researcher's file runs, these are no mistakes of that file.
 OURS = (AssertionError, OSError, MemoryError, SystemExit)
 MOST_BYTES = 1 << 24  # of a file of one's own
 logger = logging.getLogger(__name__)
@@ -59,7 +62,7 @@ def find_controller(
 
 
 def find_own(words: str) -> Callable[[int], Controller] | None:
-    """Return what makes controllers of a file's class; None of a file with kernels, which now go by these words."""
+    """Return what makes controllers of a file's class; None for a file with kernels, now registered by these words."""
     path, _, name = words.partition(":")
     if not name and own_kernels.is_loaded(words, Path(path)):
         return None
@@ -73,7 +76,10 @@ def find_own(words: str) -> Callable[[int], Controller] | None:
 
 
 def find_planner(words: MakePlanner | str | None) -> MakePlanner | None:
-    """Return the planner of "FILE.py:CLASS"; no words: as it is. Raises: UsageError: as `find_class`, or no file."""
+    """Return the planner of "FILE.py:CLASS", or a planner or None unchanged.
+
+    Raises: UsageError: as `find_class`, or no file.
+    """
     if not isinstance(words, str):
         return words
     if not is_file(words):
@@ -83,7 +89,7 @@ def find_planner(words: MakePlanner | str | None) -> MakePlanner | None:
 
 
 def no_controller(words: str, known: Collection[str]) -> UsageError:
-    """Neither one of the `known` bundled controllers is called that, nor a file."""
+    """Return the error for a name that is neither one of the `known` controllers nor a file."""
     return UsageError(f"no controller {words!r}", f"{did_you_mean(words, known)}{', '.join(known)}, or FILE.py:CLASS")
 
 
@@ -162,7 +168,7 @@ def mistakes_in(*named: str | None) -> Iterator[None]:
         where = _first_shown([*_raised_at(error), *error.places], files)
         if not where and len(files) != 1:
             raise
-        # What is not from there is made or held by what is.
+        # Objects from elsewhere were made, or are held, by an object of that file.
         raise OwnFileError(f"{where or files[0]}: {error}", error.hint) from error
     except OwnFileError:
         raise
@@ -205,7 +211,7 @@ def _first_shown(places: Iterable[tuple[str, int | None]], files: Sequence[str])
 
 
 def is_file(words: str) -> bool:
-    """Whether a controller or an attack is called by its file: "FILE.py:CLASS"."""
+    """Return whether a controller or an attack is named by its file: "FILE.py:CLASS"."""
     return words.partition(":")[0].endswith(".py")
 
 
@@ -217,10 +223,10 @@ def _run(path: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses look there
     beside = str(path.resolve().parent)
-    sys.path.insert(0, beside)  # what it imports from its own folder, as when it is run
+    sys.path.insert(0, beside)  # for imports from its own folder, as when it is run
     try:
         with mistakes_in(str(path)):
-            # Not by the loader: of a file that changed twice in a second it may run the bytecode of before.
+            # Not by the loader: if a file changed twice in a second, it may run stale bytecode.
             exec(compile(path.read_bytes(), str(path), "exec"), vars(module))  # noqa: S102 - whoever names it trusts it
     finally:
         sys.path.remove(beside)

@@ -1,4 +1,4 @@
-"""What a simulated run is made of: with its seed it decides every byte of the run."""
+"""A scenario: the settings of a run, which decide every byte of a simulation, with the seed."""
 
 from __future__ import annotations
 
@@ -31,20 +31,20 @@ GUARD = "guard"  # the one that planners advise
 WHEELS = "wheels"  # the one that obeys orders
 Formation = Literal["grid", "line", "ring", "islands"]
 MOST_ROBOTS = 65_535
-# A log of more neighbours does not fit a request; nor does a channel carry that of 130.
+# A log of more neighbours does not fit into a request. The channel is full at 130 already.
 MOST_NEIGHBOURS = 340
-# A flock that closes up has more neighbours than its grid: so many times as many are provided for, and a few.
+# A flock that closes up has more neighbours than its grid: n_max is so many times as large, and a few more.
 CLOSER, SPARE = 1.5, 4
 _Obstacle = TypeVar("_Obstacle", Disc, Box)
-ROWS = ("line", "ring")  # one robot behind the other
-# A robot's log has room for orders, and for what all are told: as much as this many neighbours would say.
+ROWS = ("line", "ring")  # formations of a single row
+# Room for orders in the log of a robot on wheels, as many bytes as so many neighbours broadcast.
 ORDERS_AS_NEIGHBOURS = 40
 MOST_AREA_M = 65.0  # a waypoint is 16 bits of millimetres
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """A swarm, where it starts, what it does, which robots lie, and what protects it; `flock` and `bti` follow these.
+    """A swarm: where it starts, its task, which robots lie, and its defence; `flock` and `bti` are adapted to these.
 
     Raises: UsageError: a value is out of range, or two contradict each other.
     Source: RoboRebound §4, §5.2, §5.3; docs/scenarios.md.
@@ -128,7 +128,7 @@ class Scenario:
 
     @property
     def robots_per_edge(self) -> int:
-        """Robots in a row of the grid, or of the larger of two; the last row may be shorter."""
+        """Return how many robots a row of the grid has, or of the larger of two grids; the last may be shorter."""
         return math.isqrt(self.grids[0] - 1) + 1
 
     @property
@@ -143,7 +143,7 @@ class Scenario:
         if self.formation == "ring":
             radius_m, turn = step_m / 2 / math.sin(math.pi / max(n, 2)), math.tau / n
             around = [(math.cos(i * turn), math.sin(i * turn)) for i in range(n)]
-            # To the millimetre: a cosine's last bit is not the same on all machines.
+            # To the millimetre: a cosine's last bit differs between machines.
             return [(round(radius_m * (1 + x), 3), round(radius_m * (1 + y), 3)) for x, y in around]
         edge = n if self.formation == "line" else row
         apart_m = edge * step_m + math.ceil(self.radio.range_m)
@@ -155,7 +155,7 @@ class Scenario:
 
     @property
     def task(self) -> Task:
-        """The same as a protocol's robots are told it."""
+        """Return the task of a protocol's robots."""
         return Task(
             starts_m=tuple(self.starts_m),
             step_m=self.grid_step_m,
@@ -168,13 +168,13 @@ class Scenario:
 
     @property
     def grids(self) -> tuple[int, ...]:
-        """So many robots stand on each grid."""
+        """Return how many robots stand on each grid."""
         half = self.robots // 2
         return (self.robots - half, half) if self.formation == "islands" else (self.robots,)
 
     @property
     def robots_in_range(self) -> float:
-        """Of a robot, itself included, in the middle of the grid or the row and while that keeps its step."""
+        """Return how many robots a robot in the middle can hear, itself included, while the grid keeps its step."""
         steps = self.radio.range_m / self.grid_step_m
         return min(1 + 2 * steps if self.formation in ROWS else math.pi * steps**2, self.robots)
 
@@ -210,9 +210,9 @@ class Scenario:
         audits = _given(f_max=f_max)
         for name, value in (("t_audit", t_audit_s), ("t_val", t_val_s)):
             if value is not None:
-                check_within(f"{name}_s", value, 0.0, LONGEST_S)  # what is not a number has no milliseconds
+                check_within(f"{name}_s", value, 0.0, LONGEST_S)  # before `round`, which raises for NaN
                 audits[f"{name}_ms"] = round(1000 * value)
-        # What bti was given for n_max last time must not stand in the way of a larger f_max.
+        # The n_max that `_agree` gave `bti` before must not refuse a larger f_max.
         bti = replace(self.bti, **audits, n_max=max(self.bti.n_max, (f_max or 0) + 1))
         plain = _given(robots=robots, duration_s=duration_s, defence=defence, attacks=attacks, seed=seed)
         return replace(self, bti=bti, **plain, **_given(grid_step_m=spacing_m, d_m=spacing_m))
@@ -247,7 +247,9 @@ class Scenario:
         return max(provided, self.bti.f_max + 1) + orders
 
     def _flock(self, bti: BtiConfig) -> FlockConfig:
-        obstacles = () if self.controller in PROTOCOLS else self.obstacles  # these go around by laws of their own
+        obstacles = (
+            () if self.controller in PROTOCOLS else self.obstacles
+        )  # protocols avoid obstacles by rules of their own
         return replace(
             self.flock,
             goal_m=self.goal_m,
@@ -276,14 +278,14 @@ class Scenario:
 
 
 def in_scenarios() -> list[str]:
-    """Names of the bundled controllers that a scenario can run; the others wait for orders."""
+    """Return the names of the controllers that a scenario can run; the others wait for orders."""
     from phalanx.robot.controllers.dispatch import BUNDLED  # noqa: PLC0415 - it takes long to import
 
     return [name for name, each in BUNDLED.items() if each.config in (FlockConfig, GuardConfig)] + [*PROTOCOLS]
 
 
 def for_robots(scenario: Scenario) -> Scenario:
-    """The same, if its robots have room to start. Raises: UsageError: they have not."""
+    """Return the scenario unchanged. Raises: UsageError: its robots have no room to start."""
     _ = scenario.starts_m
     return scenario
 

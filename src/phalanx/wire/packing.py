@@ -1,14 +1,14 @@
-"""Bytes of a frozen dataclass, as its fields declare them: what a controller remembers becomes a checkpoint.
+"""Encode a frozen dataclass by the types of its fields: a controller's memory becomes a checkpoint.
 
-Fields stand in their order, little-endian, without padding:
+Fields are written in their order, little-endian, without padding:
 
-- `int` has 8 bytes (`I64`), `float` 8 (`F64`), `bool` one; other widths are declared (widths.py);
-- tuples of a fixed length (`tuple[U16, F32]`, `Annotated[tuple[F32, ...], 16]`) and frozen dataclasses stand item by
-  item;
+- `int` has 8 bytes (`I64`), `float` 8 (`F64`), `bool` one; widths.py declares other widths;
+- tuples of a fixed length (`tuple[U16, F32]`, `Annotated[tuple[F32, ...], 16]`) and frozen dataclasses are written
+  item by item;
 - `bytes` has a length of 2 bytes before it, `Annotated[bytes, 20]` is 20 bytes without one.
 
-A float is its IEEE bits, infinities and -0.0 too. Every NaN becomes the same one, because its sign and its payload
-differ between machines.
+A float is written as its IEEE bits, infinities and -0.0 too. Every NaN becomes the same one, because the sign and the
+payload of a NaN differ between machines.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 from .record import FLOATS, INTEGERS, MalformedRecord
 
 WIDTHS = INTEGERS | {name: FLOATS[name] for name in ("f32", "f64")}
-DECLARED = {int: "i64", float: "f64"}  # where no width is
+DECLARED = {int: "i64", float: "f64"}  # of a field without a declared width
 LENGTH = struct.Struct("<H")  # of `bytes`, before its contents
 MOST_BYTES = 65_535
 MAY_BE = "a frozen dataclass of numbers, bools, bytes, tuples of a fixed length, and frozen dataclasses"
 
 
 class Unfit(ValueError):
-    """A value does not fit its field, or a field has a type without bytes."""
+    """A value does not fit its field, or a field's type has no encoding."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -41,25 +41,25 @@ class _Leaf:
 
     name: str  # as in `memory.neighbours[2].x_m`
     type: type[Any]
-    letter: str  # as `struct` has it; "" for bytes with a length before them
-    length: int = 0  # of other bytes
+    letter: str  # its `struct` format; "" for bytes with a length before them
+    length: int = 0  # of bytes without a length before them
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class _Part:
-    """How the value of a field becomes the values of its leaves, and the other way round."""
+    """Functions that spread a field's value into the values of its leaves, and build it from them."""
 
     spread: Callable[[Any, list[Any]], None]
     build: Callable[[Iterator[Any]], Any]
 
 
 class Packing:
-    """The bytes of one dataclass, whose values errors call `name`.
+    """The encoding of one dataclass; errors call its values `name`.
 
     Attributes:
-        size: of each encoding, bytes; None if that depends on the value.
+        size: bytes of every encoding; None if that depends on the value.
 
-    Raises: Unfit: the class is no frozen dataclass, or a field has a type without bytes.
+    Raises: Unfit: the class is no frozen dataclass, or a field's type has no encoding.
     """
 
     def __init__(self, kind: type[Any], name: str = "memory") -> None:
@@ -75,9 +75,9 @@ class Packing:
         self._floats = [n for n, leaf in enumerate(leaves) if leaf.type is float]
 
     def settle(self, value: Any) -> tuple[bytes, Any]:
-        """Return the bytes of a value, and the value that they are the bytes of: an F32 is rounded, a 1 may become 1.0.
+        """Return a value's bytes, and the value that decodes from them: an F32 is rounded, a 1 may become 1.0.
 
-        Raises: Unfit: a type, a number or a length is wrong; the words name the field.
+        Raises: Unfit: a type, a number or a length is wrong; the message names the field.
         """
         values: list[Any] = []
         self._part.spread(value, values)
@@ -86,15 +86,15 @@ class Packing:
                 values[n] = math.nan
         raw = self._joined(values)
         settled = self._split(raw)
-        # To compare takes a tenth of the time that it takes to build.
+        # Comparing takes a tenth of the time of building.
         if settled == values and list(map(type, values)) == self._types:
             return raw, value
         return raw, self._part.build(iter(settled))
 
     def decode(self, raw: bytes) -> Any:
-        """Return the value whose bytes these are.
+        """Return the value that these bytes encode.
 
-        Raises: MalformedRecord: they are no value's: of another length, a bool of 2, a NaN as no value has it.
+        Raises: MalformedRecord: no value has this encoding: another length, a bool of 2, another NaN than ours.
         """
         try:
             value = self._part.build(iter(self._split(raw)))
@@ -143,11 +143,11 @@ def _packed(leaf: _Leaf, value: Any) -> bytes:
         raise Unfit(f"{leaf.name} is {value!r:.40}: does not fit into {width}") from error
 
 
-# --- what each type of a field becomes ---
+# --- the parts of each type of a field ---
 
 
 def _part(kind: Any, name: str, leaves: list[_Leaf]) -> _Part:
-    """Return how values of a type are spread and built; their leaves are added. Raises: Unfit: it has no bytes."""
+    """Return the part of a type, and append its leaves to `leaves`. Raises: Unfit: the type has no encoding."""
     of, *more = (get_args(kind)) if get_origin(kind) is Annotated else (kind,)
     declared = more[0] if len(more) == 1 else None
     if len(leaves) >= MOST_BYTES:
@@ -221,7 +221,7 @@ def _class(of: Any, name: str, leaves: list[_Leaf]) -> _Part:
         raise Unfit(f"{name}: {error}") from error
     parts = {each.name: _part(hints[each.name], f"{name}.{each.name}", leaves) for each in dataclasses.fields(of)}
 
-    # Of two and more numbers, all at once: that is several times as fast.
+    # Two or more plain numbers are read at once, which is several times as fast.
     all_of = attrgetter(*parts) if len(parts) > 1 and all(part.spread is _append for part in parts.values()) else None
 
     def spread(value: Any, values: list[Any]) -> None:

@@ -1,6 +1,6 @@
-"""A record of the byte table and its codec: little-endian, no padding, lengths before contents, nothing left over.
+"""Records of the byte table and their codec: little-endian, no padding, lengths before contents, no trailing bytes.
 
-Only this file turns values into bytes and back; which records there are is in table.py.
+Only this file turns values into bytes and back. table.py lists the records.
 """
 
 from __future__ import annotations
@@ -18,41 +18,41 @@ Value = int | float | bytes
 INTEGERS = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "i8": "b", "i16": "h", "i32": "i", "i64": "q"}
 FLOATS = {"f32": "f", "f64": "d", "f64?": "d"}
 LENGTHS = {"v8": "B", "v16": "H"}
-LARGEST_NUMBER = 1e6  # of an f32: one NaN or infinity in a broadcast would make every neighbour's sums worthless
-LARGEST_F32 = 3.4028234663852886e38  # that there is
+LARGEST_NUMBER = 1e6  # of an f32 here: one NaN or infinity in a broadcast would spoil every neighbour's sums
+LARGEST_F32 = 3.4028234663852886e38  # of the type
 
 
 class MalformedRecord(PeerError):
-    """Too short, too long, another tag, or a number out of range."""
+    """A record is too short, too long, has another tag, or a number out of range."""
 
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One field.
+    """One field of a record.
 
     `type`: u8, u16, u32, u64; i8, i16, i32, i64, in two's complement; f32 (finite, at most 10^6 in size); f64 (not
-    NaN); f64? (NaN is none); bN: N bytes; v8, v16: a length, then as many bytes; rest: all that follows, last in its
-    record.
+    NaN); f64? (NaN stands for no value); bN: N bytes; v8, v16: a length, then as many bytes; rest: all bytes that
+    follow, only as the last field.
     """
 
     name: str  # as in code
     type: str
-    doc: str  # what it is, with its unit
-    value: int | None = None  # what an integer field always is: written by the codec and checked by it
+    doc: str  # its meaning and unit
+    value: int | None = None  # the constant of an integer field, which the codec writes and checks
 
     @property
     def size(self) -> int:
-        """Bytes that it has at least."""
+        """Return the size of its fixed part, bytes."""
         return struct.calcsize(f"<{self.form}")
 
     @property
     def dtype(self) -> str:
-        """That part as numpy has it, of an array of such fields."""
+        """Return the numpy dtype of its fixed part."""
         return f"<{self.form}"
 
     @property
     def form(self) -> str:
-        """That part as `struct` writes it."""
+        """Return the `struct` format of its fixed part."""
         known = {**INTEGERS, **FLOATS, **LENGTHS, "rest": ""}
         return known[self.type] if self.type in known else f"{self.type[1:]}s"
 
@@ -64,31 +64,31 @@ class Record:
     name: str  # as in code and in the C header
     fields: tuple[Field, ...]  # without the tag
     doc: str  # one line
-    tag: int | None = None  # the first byte; without one the first field says what it is
+    tag: int | None = None  # the first byte; without one the first field tells records apart
 
     @cached_property
     def all_fields(self) -> tuple[Field, ...]:
-        """The fields with the tag before them."""
+        """Return the fields, after the tag as the first field."""
         tag = () if self.tag is None else (Field("tag", "u8", "says what follows", self.tag),)
         return tag + self.fields
 
     @cached_property
     def size(self) -> int:
-        """Bytes of the record; without the contents of a v8, v16 or rest."""
+        """Return the size of the record, bytes, without the contents of a v8, v16 or rest."""
         return sum(field.size for field in self.all_fields)
 
     @cached_property
     def form(self) -> struct.Struct:
-        """Its fixed part as numbers and bytes in a row, unchecked: for whoever reads his own bytes, and for liars."""
+        """Return the `struct` of its fixed part: unchecked, for bytes of our own and for attacks."""
         return struct.Struct("<" + "".join(field.form for field in self.all_fields))
 
     @cached_property
     def dtype(self) -> list[tuple[str, str]]:
-        """Its fixed part as numpy has it, of an array of such records."""
+        """Return the fields of the numpy dtype of its fixed part."""
         return [(field.name, field.dtype) for field in self.all_fields]
 
     def at(self, name: str) -> int:
-        """Where the field begins.
+        """Return the offset of a field, bytes.
 
         Raises: UsageError: no such field.
         """
@@ -100,7 +100,7 @@ class Record:
         raise UsageError(f"{self.name} has no field {name}")
 
     def encode(self, **values: Value) -> bytes:
-        """The bytes of each field that is not constant, by its name: integers, floats, bytes.
+        """Return the record's bytes, from the values of all fields that are not constant, by name.
 
         Raises: UsageError: a field is missing or too many, or a value does not fit.
         """
@@ -113,10 +113,10 @@ class Record:
             raise UsageError(f"{self.name}: {error}") from error
 
     def read(self, raw: bytes, at: int = 0) -> tuple[dict[str, Any], int]:
-        """The record that begins at `at`, and where it ends.
+        """Read the record that begins at `at`.
 
-        Returns: the fields that are not constant, by name: int, float or bytes.
-        Raises: MalformedRecord: it is not there whole and valid.
+        Returns: the values of the fields that are not constant, by name; the offset behind the record.
+        Raises: MalformedRecord: it is incomplete or not valid.
         """
         values: dict[str, Any] = {}
         for field in self.all_fields:
@@ -128,7 +128,7 @@ class Record:
         return values, at
 
     def decode(self, raw: bytes) -> dict[str, Any]:
-        """The fields of a record that is all there is.
+        """Return the fields of a record that fills all of `raw`.
 
         Raises: MalformedRecord: too short, too long, or not valid.
         """
@@ -139,10 +139,10 @@ class Record:
 
 
 def fields(*declared: str | Field) -> tuple[Field, ...]:
-    """Return the fields that are declared, each as "NAME TYPE: what it is, with its unit".
+    """Return the declared fields, each from "NAME TYPE: its meaning and unit".
 
-    Several names before a type are as many fields, and what they are is the first one's. "= NUMBER" behind a type is
-    the field's `value`.
+    Several names before a type make as many fields; the first has the text. "= NUMBER" behind a type is the field's
+    `value`.
     """
     made: list[Field] = []
     for each in declared:
@@ -157,7 +157,7 @@ def fields(*declared: str | Field) -> tuple[Field, ...]:
 
 
 def record(head: str, *declared: str | Field, tag: int | None = None) -> Record:
-    """Return a record of `fields`; its head is "NAME: what it is"."""
+    """Return a record of these `fields`; its head is "NAME: its meaning"."""
     name, _, doc = head.partition(": ")
     return Record(name, fields(*declared), doc, tag)
 

@@ -1,6 +1,6 @@
-"""What an attack is: one record, which the list, scenarios, trials, tests and docs/attacks.md read alike.
+"""The record of an attack, which the list, scenarios, trials, tests and docs/attacks.md share.
 
-How it is carried out is a class, and only its name stands here until somebody attacks: the list loads none.
+Another class carries the attack out. The record has only its name until it is needed, so the list imports none.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from phalanx.errors import UsageError, did_you_mean
 
 from .harm import ASTRAY, Harm
 
-# What a defence does to an attack: it stops the robot within P1's bound; it limits the harm to its buckets; the attack
-# does nothing that matters under it; it is out of any defence's reach; or it goes on for ever, or does its harm first.
+# What a defence does to an attack. stopped: within P1's bound. limited: the a-node's rate limits bound the harm.
+# harmless: it does no harm that matters. not covered: no defence reaches it. bites: it goes on, or harms first.
 Verdict = Literal["stopped", "limited", "harmless", "not covered", "bites"]
-# Where it is tried: one robot of a flock lies; somebody stands between an honest robot on an errand and its operator or
-# its world; a captured file is guessed; one of several robots lies that audit each other on a mission; one robot of
-# another protocol lies in its words.
+# Where it is tried. flock: one robot of a flock lies. errand: between an honest robot on a mission and its operator or
+# its world. file: guessing a captured file. team: one of several robots that audit each other on a mission lies.
+# protocol: one robot of another protocol lies in that protocol's messages.
 Scene = Literal["flock", "errand", "file", "team", "protocol"]
 
 
 def by_defence(none: Verdict, paper: Verdict, bound: Verdict) -> Mapping[Defence, Verdict]:
-    """Verdicts of an attack."""
+    """Return an attack's verdicts by defence."""
     return {"none": none, "paper": paper, "bound": bound}
 
 
@@ -37,14 +37,14 @@ HOLE_OF_THE_PAPER = by_defence("bites", "bites", "stopped")
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """One thing that can be asked of an attack."""
+    """An option of an attack."""
 
-    values: tuple[float | str, ...] = ()  # what it may be; empty for any number from `least` on
+    values: tuple[float | str, ...] = ()  # allowed values; empty for any number from `least` on
     defences: tuple[Defence, ...] = DEFENCES  # under which it makes a difference
     least: float = 0.0
 
     def takes(self, value: float | str) -> bool:
-        """Return whether it may be this."""
+        """Return whether this is an allowed value."""
         if self.values:
             return value in self.values
         return not isinstance(value, str) and self.least <= value < math.inf
@@ -55,8 +55,8 @@ class Attack:
     """One way to lie, or to be lied to."""
 
     name: str  # as typed in commands
-    # Who carries it out: a `Liar`, or for other scenes a `Between`, a `Guess` or a `MissionCheat`; the class, or where
-    # it is in this package.
+    # The class that carries it out, or its dotted name in this package: a `Liar`, or for other scenes a `Between`, a
+    # `Guess` or a `MissionCheat`.
     made_of: str | type[Any]
     verdicts: Mapping[Defence, Verdict] = field(default_factory=lambda: STOPPED)  # what each defence makes of it
     harm: Harm = ASTRAY  # how its damage to others is measured
@@ -72,7 +72,7 @@ class Attack:
 
     @property
     def kind(self) -> type[Any]:
-        """The class that carries it out."""
+        """Return the class that carries it out."""
         if isinstance(self.made_of, type):
             return self.made_of
         module, _, name = self.made_of.rpartition(".")

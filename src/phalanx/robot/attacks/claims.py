@@ -1,4 +1,4 @@
-"""False claims: who and where a robot is, what it does in other protocols, and orders in the gateway's name."""
+"""False claims: a robot's identity and place, its part in other protocols, and orders in the gateway's name."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from .attack import Scene
 from .hijack import OmitSends
 from .liar import Liar, Motion
 
-# Each victim hears a lie in each control period: the adversary broadcasts "faster than correct c-nodes". Several liars
-# may share the work: ten of them at that pace fill the channel by themselves.
+# Each victim gets a lie in each control period: the adversary broadcasts "faster than correct c-nodes". Several liars
+# may share the victims: ten of them at full pace fill the channel by themselves.
 LIES_PERIOD_S = 0.25
 LIES_MPS, TOLD_APART_MPS = 1.0, 1e-6
 INVENTED = 60_000  # ids from here on are nobody's
@@ -33,12 +33,11 @@ MOST = 2**63 - 1  # the highest number that a robot takes
 def spoofed_state(
     victim_pos: tuple[float, float], goal: tuple[float, float], z: float = 150.0, eps: float = 2.0
 ) -> tuple[float, float, float, float]:
-    """Position (m) and velocity (m/s) that another robot has, as the liar tells it: in the way of the victim.
+    """Return the position (m) and velocity (m/s) that the liar claims for another robot: in the victim's way.
 
     Nearer than z: 1 m from the victim, towards the goal. Farther: z - eps from the goal, on the victim's way. In both
-    cases moving away from the goal at 1 m/s. The paper calls z the maximum distance that is kept between victim and
-    goal; as the formula has it, it is the minimum. The paper's velocity is printed as a second x_spoof.
-    All in m.
+    cases moving away from the goal at 1 m/s. The paper calls z the maximum distance kept between victim and goal, but
+    in its formula z is the minimum. The paper prints the velocity as a second x_spoof. All lengths are in m.
     Source: RoboRebound §5.3.
     """
     dx, dy = victim_pos[0] - goal[0], victim_pos[1] - goal[1]
@@ -53,8 +52,8 @@ def spoofed_state(
 class Spoof(Liar):
     """Claims, in the name of a random other robot and for one victim after the other, to be in the victim's way.
 
-    Each victim is lied to each `every` seconds. With `strong=1`, where no a-node makes a broadcast of each frame, every
-    other robot is claimed to be in the way of each victim, which alone hears of it.
+    Each victim gets a lie every `every` seconds. `strong=1` works without a defence, where no a-node turns frames into
+    broadcasts: it claims to each victim alone that every other robot is in its way.
     Source: RoboRebound §5.3; the choice of whose name is ours (docs/spec/rebound.md).
     """
 
@@ -67,7 +66,7 @@ class Spoof(Liar):
         self._strong = bool(self.plan.options.get("strong")) and self.profile == PLAIN
 
     def saw(self, rob_id: int, motion: Motion) -> None:
-        """Accomplices know each other's lies by their pace, and do not fall for them."""
+        """Note a state, unless its speed shows that it is an accomplice's lie."""
         if not (self.plan.accomplices and abs(math.hypot(motion.vx_mps, motion.vy_mps) - LIES_MPS) < TOLD_APART_MPS):
             super().saw(rob_id, motion)
 
@@ -89,7 +88,7 @@ class Spoof(Liar):
 
 
 class Masquerade(OmitSends):
-    """Is another robot: all that it broadcasts bears that robot's id, and stands before the nearest victim.
+    """Pretends to be another robot: it broadcasts only states with that robot's id, in the nearest victim's way.
 
     Source: RoboRebound §2.4, Fig. 2.
     """
@@ -111,7 +110,7 @@ class FalseState(Masquerade):
 
 
 class Equivocate(Masquerade):
-    """Tells each victim another state of its own: to each alone where it can, else one after the other to all."""
+    """Claims a different state of its own to each victim: to each alone if it can, otherwise to all in turn."""
 
     def on_wake(self, now_ms: int) -> list[Action]:
         alone = self.profile == PLAIN
@@ -122,10 +121,10 @@ class Equivocate(Masquerade):
 
 
 class Expel(Liar):
-    """Says that invented robots race past those that are farthest out, away from the swarm: who keeps pace is lost.
+    """Claims that invented robots race outwards past the outermost robots, so that these follow and are lost.
 
-    Lost for good: out of range nobody audits it, and it stops there. As fast as no decoder drops, in as many names as a
-    table holds, one after the other as the a-node lets words out.
+    A robot out of range gets no audits, and stops there for good. The claimed speed is the highest that decoders
+    accept. The liar uses as many ids as a table of neighbours holds, as often as its a-node's rate limit allows.
     """
 
     period_ms = 20
@@ -154,7 +153,7 @@ class Expel(Liar):
 
 
 class NotANumber(Liar):
-    """Broadcasts states of NaN and infinity in every name: arithmetic on one of them never ends being NaN."""
+    """Broadcasts states of NaN and infinity under every id: a sum with one of them stays NaN."""
 
     period_ms = 100
 
@@ -167,12 +166,12 @@ class NotANumber(Liar):
 
 
 class SeizeOrders(Liar):
-    """Has all robots stand, in the gateway's name: by the highest number, by a stop, and by what was said before.
+    """Stops all robots in the gateway's name: by an order of the highest number, a stop, and a replayed order.
 
-    Whoever believes the first of these obeys no true order any more.
+    A robot that accepts the first of these obeys no true order any more.
 
     Attributes:
-        key: what it signs with; its own, unless somebody has given it the gateway's.
+        key: signs the orders; its own key, unless a test sets the gateway's.
     """
 
     period_ms = 100
@@ -185,18 +184,18 @@ class SeizeOrders(Liar):
         self.key = Ed25519PrivateKey.from_private_bytes(self.plan.chance.bytes(SIGNER_KEY_BYTES))
 
     def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
-        """Remember the gateway's last order: whose mission it is, and what its clock says."""
+        """Remember the gateway's last order, for its mission number and its time."""
         is_order = frame[0] == driven.KIND_ORDER and len(frame) >= ORDER.size + SIGNATURE_BYTES
         if is_order and ORDER.decode(frame)["signer"] == GATEWAY:
             self._heard, self._heard_ms = frame, now_ms
         return super().on_packet(now_ms, frame)
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        told = ORDER.decode(self._heard) if self._heard else {"mission": 1, "said": self._heard_ms}
+        last = ORDER.decode(self._heard) if self._heard else {"mission": 1, "said": self._heard_ms}
         fields = {
-            "mission": told["mission"],
+            "mission": last["mission"],
             "signer": GATEWAY,
-            "said": told["said"] + now_ms - self._heard_ms,
+            "said": last["said"] + now_ms - self._heard_ms,
             "id": 0,
         }
         forged = (
@@ -210,10 +209,10 @@ class SeizeOrders(Liar):
 
 
 class Pretender(Liar):
-    """What all have in common: they know who claimed what, and claim in their own name.
+    """The base of attacks on other protocols: it notes all claims, and claims places in the robot's own name.
 
     Attributes:
-        claimed: by id, when it was heard last, ms, and the three places that it claimed.
+        claimed: by robot id, when its last claim came, ms, and the three places that it claimed.
     """
 
     scene: ClassVar[Scene] = "protocol"
@@ -234,19 +233,19 @@ class Pretender(Liar):
 
 
 class HogCells(Pretender):
-    """Says that it is in the cells that those ask for whose turn comes next."""
+    """Claims the cells that the next robots in turn ask for."""
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """Claim what they want who spoke longest ago, and so drive next."""
+        """Claim the cells wanted by the robots that claimed longest ago: they drive next."""
         next_first = sorted((heard_ms, places) for heard_ms, places in self.claimed.values())
         wanted = [wants for _, (_, _, wants) in next_first if wants != NOWHERE]
         return self.claim(now_ms, *wanted[:2]) if len(wanted) > 1 else []
 
 
 class ClaimArea(Pretender):
-    """Says in its turn that it is at one place after the other where nobody was, in the place of where it is.
+    """Claims in its turn that it is at one unvisited place after the other, instead of where it is.
 
-    Once a turn, and nothing else: of words that come sooner than its own would nobody believes either (places.py).
+    It claims once a turn: receivers drop both claims if one comes sooner than an honest robot's would (places.py).
     """
 
     period_ms = 0
@@ -261,13 +260,13 @@ class ClaimArea(Pretender):
 
     @property
     def places(self) -> Sequence[int]:
-        """Return the places of which it says so."""
+        """Return the places that it claims."""
         assert isinstance(self._honest, PlaceController), "as all who go to places"
         return [place for place, (at_ms, _) in enumerate(self._honest.visits) if not at_ms] or PLACES
 
 
 class ClaimVisits(ClaimArea):
-    """Says so of half of them, for ever, so that nobody goes there."""
+    """Claims half of the places for ever, so that no robot goes there."""
 
     @property
     def places(self) -> Sequence[int]:
@@ -275,7 +274,7 @@ class ClaimVisits(ClaimArea):
 
 
 class PointElsewhere(Pretender):
-    """Says of what was seen last that it is where the robot farthest from it is, and not what it sees."""
+    """Claims that the last sighting is where the farthest robot is, and hides its own sightings."""
 
     _seen: tuple[int, float, float] = 0, 0.0, 0.0  # until somebody has seen something
 

@@ -1,4 +1,4 @@
-"""Damage of an attack as a number: to a swarm beside the same run where nobody lies, to a mission, to its secrecy."""
+"""Measure an attack's damage: to a swarm, beside the same run without a liar; to a mission; to its secrecy."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Harm:
 
     words: str  # what is measured, for people
     unit: str
-    # The number: of a liar in a run, and the same run without it, or what else its scene leaves.
+    # Returns the damage, from a liar, its run and the same run without it, or from another scene's result.
     of: Callable[..., float]
 
 

@@ -1,6 +1,6 @@
-"""Commands that the controller never gave, and what a robot leaves out: to speak, to be audited, to audit, to live.
+"""Attacks that change commands, or leave out what a robot must do: broadcast, be audited, audit, run at all.
 
-Attacks on the audits do this too, and then hide it.
+Attacks on the audits derive from these, and hide the misbehaviour.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .liar import MOTION, Liar
 
 COMMAND = ACCELERATION.form
 FULL_MPS2 = 5.0
-# Of the ram: it closes in on its victim within a few seconds, and does not overshoot.
+# Gains of the ramming controller: it reaches its victim within a few seconds, and does not overshoot.
 SPRING_PER_S2, DAMPER_PER_S = 0.3, 1.1
 # On wheels: left and right, percent. A wide circle, so that it meets others and does not end at a wall.
 RUNAWAY_PCT = bytes((100, 80))
@@ -68,7 +68,7 @@ class Nondeterministic(Liar):
 
 
 class Dawdle(Liar):
-    """In-protocol harm: what it does is right, and as late as the rules allow: each reading, and what follows."""
+    """In-protocol harm: it acts correctly, but takes each reading and sends each output as late as the rules allow."""
 
     # Little, and no noise: the run beside it is the same to the bit until the first delay, and among the twelve of
     # docs/attacks.md one that delays by the period alone stays within 2 mm of it (tests/attacks/test_small_harm.py).
@@ -83,14 +83,14 @@ class Dawdle(Liar):
     _waiting: tuple[tuple[int, Send | Act], ...] = ()
 
     def on_reading(self, now_ms: int, reading: bytes) -> list[Action]:
-        """Have the s-node wait, and then say where the robot is by then."""
+        """Keep a reading back; `on_wake` gives it to the s-node later, moved to where the robot is by then."""
         if not self.lies(now_ms) or reading[0] != SENSOR.tag or not self.POLLS_MS:
             return super().on_reading(now_ms, reading)
         self._reading = now_ms, reading
         return []
 
     def _moved(self, now_ms: int, was_ms: int, reading: bytes) -> bytes:
-        """Return what the sensor would say so much later."""
+        """Return the reading that the sensor would give at `now_ms`, from the one at `was_ms`."""
         dt = (now_ms - was_ms) / 1000
         kind, rob_id, _, *motion = MOTION.unpack_from(reading)
         x_m, y_m, vx_mps, vy_mps = motion

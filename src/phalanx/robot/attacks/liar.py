@@ -1,8 +1,8 @@
-"""A compromised robot: the honest one, with some of its methods overridden. What every attack has in common.
+"""A compromised robot: the honest `Robot` with some methods overridden, and the base class of all attacks on swarms.
 
-Beside the lying c-node runs an honest controller, fed with what this robot's sensors and radio really said. What the
-a-node lets through and that controller would not have said, or the other way round, is a deviation: so no attack has to
-be believed about when it began. An attack sees what a c-node sees, and its plan; the trusted nodes only answer calls.
+An honest controller runs beside the lying c-node, with the true readings and packets. A deviation is an output that the
+a-node passed and the honest controller did not return, or the reverse. So the first deviation is measured, and does not
+depend on the attack's own account. An attack sees what a c-node sees, and its plan; it can only call the trusted nodes.
 """
 
 from __future__ import annotations
@@ -34,20 +34,20 @@ MOTION = STATE.form  # of a `sensor` too: kind, id, t, position, velocity
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What the adversary knows and wants when it takes a robot over."""
+    """The adversary's knowledge and options when it takes a robot over."""
 
     ids: tuple[int, ...]  # every robot's id
     goal_m: tuple[float, float]  # where the swarm is going
     accomplices: tuple[int, ...]  # ids of the other compromised robots
-    start_ms: int  # from when to when it lies, ms of the robot's own clock
-    stop_ms: int
-    chance: np.random.Generator  # the adversary's dice, seeded by the scenario
-    options: Mapping[str, float | str] = field(default_factory=dict)  # what was asked for beside that
+    start_ms: int  # it lies from here on, ms of the robot's own clock
+    stop_ms: int  # and is honest again from here on
+    chance: np.random.Generator  # the adversary's random source, seeded by the scenario
+    options: Mapping[str, float | str] = field(default_factory=dict)  # the attack's options, by name
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Where a robot says it is, m, and how fast it goes, m/s; or what a sensor says of its own."""
+    """Position and velocity that a robot claims, or that its own sensors measure."""
 
     x_m: float
     y_m: float
@@ -61,11 +61,15 @@ class Liar(Robot):
     While it lies, `sensed`, `heard`, `asked` and `round_due` replace what an honest c-node does at these events.
 
     Class attributes:
-        scene: where such an attack is tried.
-        period_ms: `on_wake` is called so often while it lies; 0 never. One that knows when may set its own each time.
+        scene: kind of run in which such an attack is tried.
+        period_ms: time between calls of `on_wake` while it lies; 0 for never. An attack may set its own each time.
 
     Attributes:
-        attack: what it is an instance of; set by who makes it (`lying`).
+        attack: the record of this attack; `lying` sets it.
+        first_deviation_ms: when it first did what an honest robot would not; None while it has not.
+        last_deviation_ms: when it did so last.
+        output_missing: the first deviation is an output left out: no auditor can know before δ and the skew are over.
+        gained: how much an attack on the audits gained beyond what an honest robot is due.
     """
 
     scene: ClassVar[Scene] = "flock"
@@ -76,15 +80,15 @@ class Liar(Robot):
         self, fleet: Fleet, i: int, work: Work, plan: Plan, make_controller: MakeController | None = None
     ) -> None:
         super().__init__(fleet, i, work, make_controller)
-        self.is_own = False  # its mistakes are the adversary's
+        self.is_own = False  # its errors are no mistakes of a researcher's controller
         self.plan = plan
         self.first_deviation_ms: int | None = None
         self.last_deviation_ms: int | None = None
-        self.output_missing = False  # the first deviation: nobody can know of it before δ and the skew are over
-        self.gained = 0  # what an attack on the audits got out of them, beyond what is due to an honest robot
+        self.output_missing = False
+        self.gained = 0
         self.seen: dict[int, Motion] = {}
         self.me = Motion(0.0, 0.0, 0.0, 0.0)
-        self.sensed_ms = 0  # its last reading: in Safe Mode there are none
+        self.sensed_ms = 0  # when its last reading came; in Safe Mode there are none
         bundled = compiled(fleet.settings[0].controller, fleet.params)
         self._honest = (make_controller or bundled)(self.id)
         self._steps = 0
@@ -99,12 +103,12 @@ class Liar(Robot):
 
     @property
     def alive_s(self) -> float:
-        """Seconds for which it has had its mission key, until Safe Mode."""
+        """Return for how many seconds it has had its mission key, until Safe Mode."""
         return (self.sensed_ms - int(self.f.robot[self.i].t_key)) / 1000
 
     @property
     def lied_s(self) -> float:
-        """Seconds for which it has lied, until Safe Mode."""
+        """Return for how many seconds it has lied, until Safe Mode."""
         return max(0, min(self.sensed_ms, self.plan.stop_ms) - self.plan.start_ms) / 1000
 
     @classmethod
@@ -117,12 +121,12 @@ class Liar(Robot):
     # --- events: honest while it does not lie -------------------------------------------------------------------------
 
     def on_reading(self, now_ms: int, reading: bytes) -> list[Action]:
-        """The sensors were read; what goes out is compared with what an honest robot would put out."""
+        """Handle a reading, and compare what goes out with the honest controller's outputs."""
         reading = self.read(now_ms, reading)
         self.sensed_ms = now_ms
         self.me = Motion(*MOTION.unpack_from(reading)[3:]) if reading[0] == SENSOR.tag else self.me
-        told = self._honest.on_input(self._steps, now_ms, reading)
-        due = checked_outputs(told, int(self.f.settings[0].frame_max), self._honest)
+        outputs = self._honest.on_input(self._steps, now_ms, reading)
+        due = checked_outputs(outputs, int(self.f.settings[0].frame_max), self._honest)
         self._steps += 1
         self._put_out = []
         actions = self.sensed(now_ms, reading) if self.lies(now_ms) else super().on_reading(now_ms, reading)
@@ -147,17 +151,17 @@ class Liar(Robot):
         return self.round_due(now_ms) if self.lies(now_ms) else super().begin_round(now_ms)
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """Act out of turn, each `period_ms` while it lies."""
+        """Act out of turn, every `period_ms` while it lies."""
         return []
 
     # --- what subclasses override -------------------------------------------------------------------------------------
 
     def saw(self, rob_id: int, motion: Motion) -> None:
-        """Note a state that came in a robot's name."""
+        """Note a state that was broadcast in a robot's name; it may be a lie."""
         self.seen[rob_id] = motion
 
     def read(self, now_ms: int, reading: bytes) -> bytes:
-        """Return what the sensor itself says, before the s-node has it."""
+        """Return the reading that the sensor gives the s-node; override it for a sensor that lies."""
         return reading
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
@@ -200,7 +204,7 @@ class Liar(Robot):
         return self.plan.start_ms <= now_ms < self.plan.stop_ms
 
     def deviates(self, now_ms: int, *, output_missing: bool = False) -> None:
-        """Note the moment: an honest robot would not have done this, or otherwise."""
+        """Note a deviation from an honest robot at this time."""
         if self.first_deviation_ms is None:
             self.first_deviation_ms = now_ms
             self.output_missing = output_missing
@@ -217,7 +221,7 @@ class Liar(Robot):
         return [rob_id for rob_id in self.others() if rob_id not in self.plan.accomplices]
 
     def nearest(self, *, but: int = 0) -> Motion:
-        """Return the motion of the nearest robot that it has heard of, except one."""
+        """Return the motion of the nearest robot that it has heard of, except `but`."""
         heard = [motion for rob_id, motion in self.seen.items() if rob_id != but]
         return min(heard, key=lambda other: math.hypot(other.x_m - self.me.x_m, other.y_m - self.me.y_m))
 
@@ -226,12 +230,12 @@ class Liar(Robot):
         return self.send(now_ms, MOTION.pack(KIND_STATE, name, now_ms, *motion), to)
 
     def count(self, actions: list[Action]) -> list[Action]:
-        """Count what an attack on the audits has sent."""
+        """Add the packets that an attack on the audits has sent to `gained`; return them."""
         self.gained += len(actions)
         return actions
 
     def whole_request(self, now_ms: int, frame: bytes) -> int:
-        """Take a fragment; return the place of the request if it is whole now and well-formed, -1 otherwise."""
+        """Store a fragment; return the place of the request if it is complete and well-formed, -1 otherwise."""
         place = int(request.take_fragment(self.f, self.i, row(frame), len(frame), now_ms))
         if place < 0:
             return -1
@@ -240,12 +244,12 @@ class Liar(Robot):
         return place if audit.open_request(self.w, q, length, src) == 0 else -1
 
     def shown(self, place: int) -> Row:
-        """Return the request that is at this place, or just was."""
+        """Return the bytes of the request at this place, also right after it was released."""
         q: Row = self.f.rx.rows[self.f.rx_info[self.i, place].row]
         return q
 
     def vouch(self, now_ms: int, place: int) -> list[Action]:
-        """Send a token to the sender of the request just opened, whatever its log shows."""
+        """Send a token to the sender of the request just opened, without an audit."""
         src = int(self.w.case[0].tee)
         refused = audit.issue(self.f, self.i, self.w, self.shown(place), self.w.small[2])
         actions = self.answer(now_ms, place, src, refused)
@@ -282,7 +286,7 @@ def is_audit(packet: bytes, sub: int) -> bool:
 def lying(
     attack: Attack, fleet: Fleet, i: int, work: Work, plan: Plan, make_controller: MakeController | None = None
 ) -> Liar:
-    """Robot `i`, compromised; arguments as for a `Liar`."""
+    """Return robot `i`, compromised by this attack; arguments as for a `Liar`."""
     liar: Liar = attack.kind(fleet, i, work, plan, make_controller)
     liar.attack = attack
     return liar

@@ -1,6 +1,6 @@
-"""Tokens that no audit earned, true tokens that were not asked for, and true requests that keep auditors busy.
+"""Attacks with tokens: forged, replayed or shared ones, stale answers, and requests that keep auditors busy.
 
-Holes of ours, closed in bti/rounds.py and robot/handlers.py.
+bti/rounds.py and robot/handlers.py have the defences against those that our own protocol once let through.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from .liar import Liar, tokens_in
 
 
 class Token(NamedTuple):
-    """As `anode_install_token` takes them."""
+    """The arguments of `anode_install_token`."""
 
     tor: int
     t: int
@@ -54,7 +54,7 @@ class TokenForger(Hijack, ABC):
 
     @abstractmethod
     def tokens(self, now_ms: int) -> list[Token]:
-        """Return what it has to offer."""
+        """Return the tokens that it offers its a-node now."""
 
 
 class ForgeTokens(TokenForger):
@@ -116,8 +116,8 @@ class SelfIssue(TokenForger):
         treq, mac, hckpt = row(bytes(TOKEN_REQUEST.size)), row(bytes(MAC_BYTES)), row(bytes(HASH_BYTES))
         if trusted.anode_token_request(profile, anode, now_ms, self.id, treq) < 0:
             return []
-        told = TOKEN_REQUEST.decode(treq.tobytes())
-        t, top, treq_mac = told["t"], row(told["top"]), row(told["mac"])
+        asked = TOKEN_REQUEST.decode(treq.tobytes())
+        t, top, treq_mac = asked["t"], row(asked["top"]), row(asked["mac"])
         made = trusted.anode_issue_token(profile, anode, self.id, t, top, treq_mac, hckpt, mac)
         return [Token(self.id, t, hckpt.tobytes(), mac.tobytes())] if made >= 0 else []
 
@@ -133,11 +133,11 @@ class Collude(Hijack):
 
 
 class ZeroKey(Hijack):
-    """Makes itself tokens of the end of all time, before there is a key. Source: docs/spec/rebound.md (zero key)."""
+    """Makes itself tokens that never expire, before the key is loaded. Source: docs/spec/rebound.md (zero key)."""
 
     @classmethod
     def before_key(cls, rob_id: int, profile: int, anode: Row, f_max: int) -> None:
-        """Install tokens of f_max + 1 invented auditors, which no true token replaces; good until the clock ends."""
+        """Install tokens of f_max + 1 invented auditors, dated at the clock's end; no true token replaces them."""
         zero, hckpt = bytes(KEY_BYTES), bytes(HASH_BYTES)
         for tor in range(0xFFFF - f_max, 0x10000):
             t = (1 << 32) - 1
@@ -148,7 +148,7 @@ class ZeroKey(Hijack):
 
 
 class StaleAnswers(Liar):
-    """Audits every other time only, and sends the last token again between: the victim thinks that it was answered."""
+    """Audits every other request, and answers the others with an old token, as if it had audited."""
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
@@ -173,7 +173,7 @@ class StaleAnswers(Liar):
 
 
 class WrongCheckpoint(Liar):
-    """Vouches for where the log begins, as it has before, and not for the checkpoint that was to be vouched for."""
+    """Issues the token for the checkpoint where the log begins, instead of the one at its end."""
 
     def asked(self, now_ms: int, frame: bytes) -> list[Action]:
         if self.profile == PLAIN:
@@ -190,10 +190,10 @@ class WrongCheckpoint(Liar):
 
 
 class Drain(RefuseToAudit):
-    """Passes its own audits, and takes up the time that auditors have for others with one true token request each.
+    """Passes its own audits, and sends auditors true token requests that use up their time for other robots.
 
-    The request around it shows no log, and is refused; but it has to be looked at. It audits nobody, so that others ask
-    the more.
+    The request around each has an empty log and is refused, but only after an audit. It audits no other robot, so that
+    the others need more audits from the rest.
     """
 
     period_ms = 20
@@ -205,12 +205,12 @@ class Drain(RefuseToAudit):
         self._sent_ms: dict[int, int] = {}
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """Send the next one that is due; never to those whom it asks for audits of its own."""
+        """Send the next request that is due; never to robots that it asks for audits of its own."""
         f, i = self.f, self.i
         if self.profile == PLAIN or f.robot["request_len"][i] > 0:
             return []
         t_audit, peers = int(f.settings[0].t_audit), int(f.robot["peers"][i])
-        # As lists: a record's field takes microseconds, and it wakes often.
+        # As lists: reading a record's field takes microseconds, and this runs often.
         for tor, asked_ms in zip(f.peer_id[i, :peers].tolist(), f.peer["asked_ms"][i, :peers].tolist(), strict=True):
             asked = now_ms - asked_ms < 2 * t_audit
             just_sent = now_ms - self._sent_ms.get(tor, 0) <= t_audit // 2
@@ -226,7 +226,7 @@ class Drain(RefuseToAudit):
         return []
 
     def _make(self, now_ms: int, tor: int) -> bool:
-        """Make a true token request, in a request that shows an empty log since boot; its own log shows the flush."""
+        """Make a true token request, in a request with an empty log since boot; log the flush that it causes."""
         spare_ms = int(self.f.settings[0].t_audit) * 2 // 5
         treq = row(bytes(TOKEN_REQUEST.size))
         if now_ms - self._made_ms < spare_ms:  # its own audits need token requests too

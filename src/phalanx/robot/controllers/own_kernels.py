@@ -30,7 +30,8 @@ from phalanx.wire.fields import OUTPUT_HEAD_BYTES, OUTPUT_LENGTH, Row, get_u16
 from phalanx.wire.record import Record
 from phalanx.wire.table import ENTRY_ACMD, ENTRY_SEND, FRAME_MAX, KIND_AUDIT
 from phalanx_compiler.errors import SubsetError
-from phalanx_compiler.own import NoCompiler, Own, UnsafeCache, library_of, line_of, source_of_own
+from phalanx_compiler.library import NoCompiler, UnsafeCache, library_of
+from phalanx_compiler.own import Own, line_of, source_of_own
 from phalanx_compiler.parsing import shown_path, uncompiled
 from phalanx_compiler.value_types import BOOL, FLOAT, INT, Array, ValueType, signature_of
 from phalanx_compiler.violations import MESSAGES, RAISED

@@ -1,8 +1,9 @@
-"""Controllers in plain Python, and the bundled ones behind the same interface.
+"""The interface of controllers in plain Python, and the checks of what they return.
 
-An auditor feeds a copy of the controller the same readings and packets and compares every byte: one that can answer the
-same inputs differently convicts honest robots. Packets come from liars, so whatever bytes they hold, nothing raises,
-and NaN goes no further. Source: RoboRebound §3.7; docs/own-controller.md (all rules); docs/adr/0012.
+An auditor gives a copy of the controller the same readings and packets, and compares every byte. So a controller that
+can answer the same inputs differently makes auditors refuse honest robots. Packets come from liars: whatever their
+bytes, nothing may raise, and NaN must not spread.
+Source: RoboRebound §3.7; docs/own-controller.md (all rules); docs/adr/0012.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from .senses import Senses
 
 @dataclass(frozen=True, slots=True)
 class Send:
-    """A frame for everybody in range."""
+    """A packet to broadcast."""
 
     payload: bytes
 
@@ -45,7 +46,7 @@ TYPED = {"on_input": "on_reading", "on_recv": "on_state"}  # what each of these 
 
 
 class OwnMistake(OwnFileError):
-    """A researcher's object `whose` did what it must not, in its `method`."""
+    """An object of a researcher's file, `whose`, broke a rule in its `method`."""
 
     def __init__(self, message: str, hint: str, whose: object, method: str = "on_input") -> None:
         super().__init__(message, hint)
@@ -53,7 +54,7 @@ class OwnMistake(OwnFileError):
 
     @property
     def places(self) -> Iterator[tuple[str, int]]:
-        """File and line of each method in which it may have happened, the likeliest first; then of the class."""
+        """Yield file and line of each method in which it may have happened, the likeliest first; then of the class."""
         kind = self.whose if isinstance(self.whose, type) else type(self.whose)
         for name in (self.method, TYPED.get(self.method, "")):
             method: Any = getattr(kind, name, None)
@@ -71,14 +72,14 @@ class Controller:
 
     Override `on_reading` and, to listen to others, `on_state`; assign to `self.memory` to remember something. To work
     with bytes instead, override `on_input` for `on_reading`, `on_recv` for `on_state`, `encode` and `decode` for
-    `memory`, and put out `Act` and `Send` for `Command` and `State`; any of these by itself.
+    `memory`, and return `Act` and `Send` for `Command` and `State`. Each of these works by itself.
 
     Class attributes:
-        memory: what it remembers at boot: a frozen dataclass, whose fields say how it is encoded (wire/packing.py).
+        memory: its state at boot: a frozen dataclass, whose fields decide the encoding (wire/packing.py).
         state_bytes: longest encoding; 0 for as much as the scenario has room for.
-        reading_bytes: longest reading, of a robot whose driver has sensors of its own; 0 for the scenario's.
-        senses: a lidar and bumpers, which simulations and arenas then have; their readings are as much longer.
-        is_ours: whether tests show that it is deterministic. Then a simulation replays it once, not for each auditor.
+        reading_bytes: longest reading of a robot whose driver has further sensors; 0 for the scenario's.
+        senses: a lidar and bumpers, which simulations and arenas then provide behind each reading.
+        is_ours: our tests show that it is deterministic. Then a simulation replays it once, not for each auditor.
     """
 
     memory: Any = None
@@ -91,7 +92,7 @@ class Controller:
     _has_booted = False
 
     def __init_subclass__(cls) -> None:
-        if cls.encode is not Controller.encode:  # it remembers what it likes where it likes
+        if cls.encode is not Controller.encode:  # it keeps its state in attributes of its own
             cls.__setattr__ = object.__setattr__  # type: ignore[method-assign,assignment]
         elif cls.memory is not None:
             try:
@@ -106,7 +107,7 @@ class Controller:
         self.rob_id = rob_id
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Encode the memory as soon as it changes: an auditor goes on from the same rounded numbers."""
+        """Set an attribute; encode a new memory at once, so that auditors continue from the same rounded numbers."""
         if name == "memory" and self._packing:
             try:
                 self.__dict__["_encoding"], value = self._packing.settle(value)
@@ -124,33 +125,33 @@ class Controller:
         raise OwnMistake(f"{type(self).__name__} has no on_reading", "on_reading(self, step, t_ms, reading)", self)
 
     def on_state(self, t_ms: int, state: State) -> None:
-        """Hear where another robot says it is, at `t_ms` of the a-node's clock; it may lie."""
+        """Handle another robot's state, received at `t_ms` of the a-node's clock; it may be a lie."""
 
     # --- bytes -------------------------------------------------------------------------------------------------------
 
     def encode(self) -> bytes:
-        """Return all that it remembers: the checkpoint."""
+        """Return its whole state, encoded: the checkpoint."""
         self.__dict__["_has_booted"] = True
         return self._encoding
 
     def decode(self, encoding: bytes) -> None:
-        """Remember this checkpoint, and nothing else. Raises: PeerError: `encode` of this robot gives no such."""
+        """Replace its state by this checkpoint. Raises: PeerError: `encode` of this robot never returns these bytes."""
         if self._packing:
             self.memory = self._packing.decode(encoding)
         elif encoding:
             raise MalformedRecord(f"{len(encoding)} bytes of nothing")
 
     def on_recv(self, t_ms: int, frame: bytes) -> None:
-        """Hear a frame at `t_ms` of the a-node's clock."""
+        """Handle a packet, received at `t_ms` of the a-node's clock."""
         state = State.find(frame)
         if state:
             self.on_state(t_ms, state)
 
     def on_advice(self, advice: bytes) -> None:
-        """Hear a planner's advice, whatever it is."""
+        """Handle a planner's advice, which may be any bytes."""
 
     def on_input(self, step: int, t_ms: int, reading: bytes) -> Iterable[Output]:
-        """Decide on a reading as bytes; at one that makes no sense the robot coasts, in silence."""
+        """Decide on a reading as bytes. At an invalid one the robot coasts and broadcasts nothing."""
         size = Reading.RECORD.size
         seen = Reading.find(reading[:size], beside=reading[size:])
         if seen is None or (self.senses and not self.senses.is_readable(seen.beside)):
@@ -172,32 +173,35 @@ class Controller:
 
 
 class EvidenceController(Controller, ABC):
-    """A controller that also reads data of which the chain holds a hash alone, as scans."""
+    """A controller that also reads data of which the chain has only a hash, such as scans."""
 
     @abstractmethod
     def keep(self, step: int, t_ms: int, reading: bytes, raw: bytes) -> bytes:
-        """Return what to keep of `raw`, whose hash is in `reading`; b"" for nothing. No auditor calls this."""
+        """Return the part of `raw` to log as evidence, b"" for none; `reading` has its hash. No auditor calls this."""
 
     @abstractmethod
     def on_evidence(self, step: int, t_ms: int, reading: bytes, evidence: bytes) -> Iterable[Output]:
-        """Decide as `on_input` does, with what was kept. Raises: PeerError: the evidence does not prove the reading."""
+        """Decide as `on_input`, with logged evidence. Raises: PeerError: the evidence does not prove the reading."""
 
     def on_input(self, step: int, t_ms: int, reading: bytes) -> Iterable[Output]:
-        """Decide on a reading of which nothing was kept."""
+        """Decide on a reading without evidence."""
         return self.on_evidence(step, t_ms, reading, b"")
 
 
-def checked_outputs(told: object, room: int, whose: object) -> list[Output]:
-    """Return a controller's outputs. Raises: OwnMistake: one is none, out of order, or not of 1 to `room` bytes."""
+def checked_outputs(returned: object, room: int, whose: object) -> list[Output]:
+    """Return a controller's outputs as a list.
+
+    Raises: OwnMistake: one is no output, out of order, or not of 1 to `room` bytes.
+    """
     asked = overridden(whose, "on_input")
     some = "a list of Command and State" if asked == "on_reading" else "a list of Act and Send"
 
     def refuse(what: str, hint: str) -> OwnMistake:
         return OwnMistake(f"{asked} {what}", hint, whose)
 
-    if type(told) is not list and (not isinstance(told, Iterable) or isinstance(told, str | bytes)):
-        raise refuse(f"returned {kind_of(told)}", f"{some}, empty for nothing")
-    outputs = list(told)
+    if type(returned) is not list and (not isinstance(returned, Iterable) or isinstance(returned, str | bytes)):
+        raise refuse(f"returned {kind_of(returned)}", f"{some}, empty for nothing")
+    outputs = list(returned)
     has_sent = False
     for output in outputs:
         if not isinstance(output, Send | Act):
@@ -216,29 +220,29 @@ def checked_outputs(told: object, room: int, whose: object) -> list[Output]:
     return outputs
 
 
-def checked_state(told: object, room: int, whose: object) -> bytes:
-    """Return what `encode` returned. Raises: OwnMistake: not bytes, or more than there is room for."""
-    if not isinstance(told, bytes):
+def checked_state(returned: object, room: int, whose: object) -> bytes:
+    """Return what `encode` returned. Raises: OwnMistake: it is not bytes, or longer than `room`."""
+    if not isinstance(returned, bytes):
         hint = "bytes, as struct packs them; b'' for nothing"
-        raise OwnMistake(f"encode returned {kind_of(told)}", hint, whose, "encode")
-    if len(told) > room:
-        hint = f"at most {room}, or state_bytes = {len(told)} in its class"
-        raise OwnMistake(f"encode returned {len(told)} bytes", hint, whose, "encode")
-    return told
+        raise OwnMistake(f"encode returned {kind_of(returned)}", hint, whose, "encode")
+    if len(returned) > room:
+        hint = f"at most {room}, or state_bytes = {len(returned)} in its class"
+        raise OwnMistake(f"encode returned {len(returned)} bytes", hint, whose, "encode")
+    return returned
 
 
 def overridden(whose: object, method: str) -> str:
-    """Return the method that a researcher wrote, of those that see bytes and those that see dataclasses."""
+    """Return the name of the method that a researcher wrote: the one for bytes, or the one for dataclasses."""
     return TYPED.get(method, method) if getattr(type(whose), method, None) is getattr(Controller, method) else method
 
 
-def kind_of(told: object) -> str:
-    """Return what was given instead, for people."""
-    return "None" if told is None else type(told).__name__
+def kind_of(value: object) -> str:
+    """Return the name of an object's type, for messages."""
+    return "None" if value is None else type(value).__name__
 
 
 def pack_outputs(outputs: Iterable[Output]) -> bytes:
-    """Return outputs as kernels put them out."""
+    """Return outputs in the bytes that kernels write."""
     return b"".join(
         OUTPUT.form.pack(ENTRY_SEND if isinstance(output, Send) else ENTRY_ACMD, len(output.payload)) + output.payload
         for output in outputs
@@ -246,7 +250,7 @@ def pack_outputs(outputs: Iterable[Output]) -> bytes:
 
 
 def unpack_outputs(packed: bytes) -> list[Output]:
-    """Return the outputs of a kernel of ours, which are well formed."""
+    """Return the outputs that a kernel wrote; they must be well formed."""
     outputs: list[Output] = []
     at = 0
     while at < len(packed):

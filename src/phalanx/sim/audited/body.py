@@ -1,9 +1,8 @@
-"""Robots' bodies: what their sensors say, what their commands do, where they are, and what they touch.
+"""Robots' bodies: their sensors, the effect of commands, their motion, and contacts.
 
-Two kinds: a point mass that accelerates (the paper's flocks), and two wheels with an LED (the demo's robots). Which one
-a controller drives is in its declaration: what it reads, and what it commands. A body is moved only when somebody asks
-where it is. Nothing stops a point mass but its own brakes: the law of flocking knows no collisions, so contacts only
-count.
+There are two kinds: a point mass that accelerates (the paper's flocks), and two wheels with an LED (the demo's robots).
+A controller's declaration chooses the kind by its reading and its command. A body is moved only when its place is
+needed. Contacts are counted and do not stop a robot, because the flocking law knows no collisions.
 """
 
 from __future__ import annotations
@@ -22,13 +21,13 @@ from phalanx.wire.fields import Row, get_f32, get_i8, put_f32, put_u16, put_u64
 
 from .world import World
 
-POINT_MASS, WHEELS = table.KIND_SENSOR, table.KIND_WHEELS_SENSOR  # bodies go by what their sensors say
+POINT_MASS, WHEELS = table.KIND_SENSOR, table.KIND_WHEELS_SENSOR  # a body is named by the kind of its reading
 COMMANDS = {POINT_MASS: table.ACCELERATION, WHEELS: table.WHEELS_COMMAND}
 SENSOR_BYTES = table.SENSOR.size
 COMMAND_BYTES = table.ACCELERATION.size
 WHEELS_SENSOR_BYTES = table.WHEELS_SENSOR.size
 WHEELS_COMMAND_BYTES = table.WHEELS_COMMAND.size
-ID, TIME = map(table.SENSOR.at, ("id", "t"))  # as in the other three
+ID, TIME = map(table.SENSOR.at, ("id", "t"))  # the same in the other three records
 X, Y, VX, VY = map(table.SENSOR.at, ("x_m", "y_m", "vx_mps", "vy_mps"))
 AX, AY = map(table.ACCELERATION.at, ("ax_mps2", "ay_mps2"))
 X_MM, Y_MM, DIRECTION = map(table.WHEELS_SENSOR.at, ("x_mm", "y_mm", "direction_deg"))
@@ -39,7 +38,7 @@ DEG_PER_RAD = 57.29577951308232
 
 
 def driven_by(controller: Declaration) -> int:
-    """POINT_MASS or WHEELS.
+    """Return the kind of body that a controller drives: POINT_MASS or WHEELS.
 
     Raises: UsageError: there is no body with that sensor and those actuators.
     """
@@ -51,7 +50,7 @@ def driven_by(controller: Declaration) -> int:
 
 @kernel
 def advance(world: World, i: int) -> None:
-    """Robot i is where its last command has brought it by now. Source: RoboRebound §4."""
+    """Move robot i to where its last command has brought it by now. Source: RoboRebound §4."""
     now_us = world.clock[0].now_us
     if world.clock[0].body == POINT_MASS:
         accelerated(world.pos, world.vel, world.acc, world.moved_us, i, now_us)
@@ -77,9 +76,9 @@ def advance(world: World, i: int) -> None:
 
 @kernel
 def accelerated(pos: F64x2, vel: F64x2, acc: F64x2, at_us: I64x1, i: int, now_us: int) -> None:
-    """Robot i is where its last command has brought it by now: exact, as the acceleration is constant in between.
+    """Move robot i from at_us[i] to `now_us`: exactly, because its acceleration is constant in between.
 
-    `pos`, `vel` and `acc`, (N, 2), m, m/s and m/s², are those of at_us[i], (N,), which is `now_us` afterwards.
+    `pos`, `vel` and `acc`: (N, 2), m, m/s and m/s². `at_us`: (N,); at_us[i] is `now_us` afterwards.
     Source: RoboRebound §4 (double integrator).
     """
     dt = (now_us - at_us[i]) * 1e-6
@@ -96,7 +95,7 @@ def _inside(value: float, side: float) -> float:
 
 @kernel
 def sensed(world: World, i: int, rob_id: int, now_ms: int) -> int:
-    """What the robot's sensors say is in `world.reading`; its length. Source: docs/spec/rebound.md (27 bytes)."""
+    """Write robot i's reading to `world.reading`; return its length. Source: docs/spec/rebound.md (27 bytes)."""
     q: Row = world.reading
     put_u16(q, ID, rob_id)
     put_u64(q, TIME, now_ms)
@@ -116,7 +115,7 @@ def sensed(world: World, i: int, rob_id: int, now_ms: int) -> int:
 
 @kernel
 def actuate(world: World, i: int, command: Row, length: int) -> None:
-    """The actuators do what a command says, as far as they can; what is no command of theirs does nothing.
+    """Apply a command within the actuators' limits; bytes that are no command of this body do nothing.
 
     Source: RoboRebound §4; docs/spec/world.md.
     """
@@ -136,7 +135,7 @@ def actuate(world: World, i: int, command: Row, length: int) -> None:
 
 @kernel
 def accelerate(acc: F64x2, i: int, ax: float, ay: float, most_mps2: float) -> None:
-    """Robot i accelerates so from now on, each axis clipped to what it can; what is not a number is no acceleration.
+    """Set robot i's acceleration, each axis clipped to `most_mps2`, NaN taken as 0.
 
     The robot must have been advanced to now. `acc`: (N, 2), m/s².
     Source: RoboRebound §4.
@@ -160,11 +159,11 @@ def _share(percent: int) -> float:
 
 @kernel
 def halt(world: World, i: int) -> None:
-    """Robot i stands where it is. Source: RoboRebound §3.1 (Safe Mode)."""
+    """Stop robot i where it is. Source: RoboRebound §3.1 (Safe Mode)."""
     advance(world, i)
     for axis in range(2):
         world.acc[i, axis] = 0.0
-        if world.clock[0].body == POINT_MASS:  # of wheels it is the direction
+        if world.clock[0].body == POINT_MASS:  # with wheels, `vel` holds the direction
             world.vel[i, axis] = 0.0
 
 
@@ -173,19 +172,22 @@ def halt(world: World, i: int) -> None:
 
 @kernel
 def robot_contacts(pos: F64x2, last: F64x2, reach: Reach, contact_m: float) -> int:
-    """How many pairs of robots came closer than `contact_m` since the last look, counted once until they part again.
+    """Return how many pairs of robots came closer than `contact_m` since the last look; each contact counts once.
 
-    Between two looks robots are taken to go straight, so none passes through another unseen. `pos`, (N, 2), metres, is
-    what `reach` was rebuilt for, with a range of at least `contact_m`; `last` is `pos` at the last look, NaN at the
-    first. Distances are between centres.
+    Robots are assumed to go straight between two looks, so none passes through another unseen. Distances are between
+    centres.
+
+    Args:
+        pos: (N, 2), m, for which `reach` was rebuilt, with a range of at least `contact_m`.
+        last: (N, 2), m, `pos` at the last look; NaN at the first.
     """
     count = 0
     limit = contact_m * contact_m
-    # Two that are farther apart than both can have gone since, and that much more, have not met.
+    # Robots farther apart than this cannot have met since the last look.
     far = contact_m + 2.0 * _longest_step(pos, last) + 0.01
     beyond = far * far
     for i in range(len(pos)):
-        if reach.least_m[i] > far + reach.skin_m:  # since that was noted, two have come nearer by the skin at most
+        if reach.least_m[i] > far + reach.skin_m:  # since then two robots have come nearer by the skin at most
             continue
         for at in range(reach.near[i], reach.near[i + 1]):
             k = int(reach.maybe[at])
@@ -202,18 +204,18 @@ def robot_contacts(pos: F64x2, last: F64x2, reach: Reach, contact_m: float) -> i
 
 @kernel
 def _longest_step(pos: F64x2, last: F64x2) -> float:
-    """How far somebody has gone at most since the last look, metres; who was not there then has gone nowhere."""
+    """Return the longest way of a robot since the last look, m; a robot that was not there then counts as 0."""
     longest = 0.0
     for i in range(len(pos)):
         x, y = pos[i, 0] - last[i, 0], pos[i, 1] - last[i, 1]
-        if x * x + y * y > longest:  # noqa: PLR1730 - `max` of what is not a number is another, compiled
+        if x * x + y * y > longest:  # noqa: PLR1730 - compiled, `max` treats NaN differently
             longest = x * x + y * y
     return math.sqrt(longest)
 
 
 @kernel
 def _closest(from_x: float, from_y: float, to_x: float, to_y: float) -> float:
-    """Least square distance from the origin to the stretch between two points; to its end if it has no beginning."""
+    """Return the least squared distance from the origin to a segment; to its end if its beginning is NaN."""
     if math.isnan(from_x + from_y):
         return to_x * to_x + to_y * to_y
     step_x, step_y = to_x - from_x, to_y - from_y
@@ -226,11 +228,15 @@ def _closest(from_x: float, from_y: float, to_x: float, to_y: float) -> float:
 
 @kernel
 def obstacle_contacts(pos: F64x2, last: F64x2, discs: F64x2, boxes: F64x2, contact_m: float) -> int:
-    """How many times a robot has come to touch an obstacle since the last look, counted once until they part again.
+    """Return how many robots have come to touch an obstacle since the last look; each contact counts once.
 
-    An obstacle is touched when its edge is less than half of `contact_m` from a robot's centre. Seen at the two looks
-    only: at 10 m/s a robot goes half a metre in the 50 ms between them, and obstacles are larger. `pos` and `last` are
-    as above; `discs`, (D, 3): centre x, y, radius; `boxes`, (B, 4): least x, least y, greatest x, greatest y, metres.
+    A robot touches an obstacle if its centre is less than half of `contact_m` from the obstacle's edge. Only the places
+    at both looks count: at 10 m/s a robot goes half a metre in the 50 ms between them, and obstacles are larger.
+
+    Args:
+        pos, last: as for `robot_contacts`.
+        discs: (D, 3), m: centre x, y, radius.
+        boxes: (B, 4), m: least x, least y, greatest x, greatest y.
     """
     count = 0
     radius = 0.5 * contact_m

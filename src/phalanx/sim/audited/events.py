@@ -1,8 +1,8 @@
 """A queue of events in the order of simulated time, in arrays that are made once.
 
-A heap holds what is due within this millisecond; what is due later waits in a wheel of buckets, a millisecond each, in
-no order, until its turn comes (Varghese and Lauck, SOSP 1987). So an event costs the same whatever waits.
-Events of one microsecond come out in the order in which they went in, so that a run is the same every time.
+A heap holds the events that are due within this millisecond. Later ones wait unsorted in a timer wheel of buckets, a
+millisecond each (Varghese and Lauck, SOSP 1987). So an event costs the same however many wait.
+Events of one microsecond come out in the order in which they went in, so a run is the same every time.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ CONTROL, MESSAGE = 10, 16
 NEVER_US = np.iinfo(np.int64).max
 # A bucket is 1024 µs; once round the wheel is 4.2 s, longer than a round of audits.
 BUCKETS, SHIFT = 4096, 10
-# What `tally` counts: events that wait, pushes so far, pushes refused for want of room; of those that wait, how many
-# are in the heap; the place given back last; how many places were ever taken; the millisecond that the heap is of.
+# Fields of `tally`: events that wait; pushes so far; pushes refused because the queue was full; waiting events that are
+# in the heap; the place released last; places ever used; the millisecond that the heap holds.
 _WAITING, _PUSHED, _REFUSED, _NEAR, _FREE, _TAKEN, _WINDOW = range(7)
 
 
 EVENT = layout(
     "t_us i8",
     "number i8",  # of the push
-    # What they mean is the caller's affair.
+    # Their meaning is the caller's.
     "kind robot arg i4",
     "after i4",  # the next place of the same bucket, or the next that is free
 )
@@ -50,7 +50,7 @@ pack = bundled(Queue)
 
 
 def make_queue(capacity: int) -> Queue:
-    """An empty queue in which so many may wait at once; the radio keeps at most two a robot there.
+    """Return an empty queue for `capacity` waiting events; the radio needs at most two for each robot.
 
     Raises: UsageError: no room for a single event.
     """
@@ -68,7 +68,7 @@ def make_queue(capacity: int) -> Queue:
 
 @kernel
 def push(queue: Queue, t_us: int, kind: int, robot: int, arg: int) -> int:
-    """0, and the event waits for its time; or -1 if the queue is full: then it is only counted, see `refused`."""
+    """Add an event. Returns: 0; -1: the queue is full, and the event is dropped and counted (`refused`)."""
     tally, place = queue.tally, queue.tally[_FREE]
     if place != NOTHING:
         tally[_FREE] = queue.event[place].after
@@ -89,7 +89,7 @@ def push(queue: Queue, t_us: int, kind: int, robot: int, arg: int) -> int:
 
 @kernel
 def pop(queue: Queue) -> tuple[int, int, int, int]:
-    """The earliest event as (t_us, kind, robot, arg), taken out; NEVER_US and three times NOTHING if none waits."""
+    """Remove the earliest event; return (t_us, kind, robot, arg), or NEVER_US and three times NOTHING if none waits."""
     tally, heap = queue.tally, queue.heap
     if tally[_WAITING] == 0:
         return NEVER_US, NOTHING, NOTHING, NOTHING
@@ -124,7 +124,7 @@ def peek(queue: Queue) -> int:
 
 @kernel
 def next_us(queue: Queue) -> int:
-    """When the earliest event is due, µs; NEVER_US if none waits."""
+    """Return when the earliest event is due, µs; NEVER_US if none waits."""
     if queue.tally[_WAITING] == 0:
         return NEVER_US
     _turn(queue)
@@ -133,13 +133,13 @@ def next_us(queue: Queue) -> int:
 
 @kernel
 def refused(queue: Queue) -> int:
-    """How many pushes found no room, ever: a run in which this is not 0 is wrong."""
+    """Return how many pushes found the queue full, ever: a run in which this is not 0 is wrong."""
     return queue.tally[_REFUSED]  # type: ignore[no-any-return]
 
 
 @kernel
 def _wait(queue: Queue, place: int) -> None:
-    """The event is in the heap if its time has come or is past, or else in its bucket."""
+    """Put an event into the heap if its millisecond has come, otherwise into its bucket."""
     event = queue.event[place]
     window = event.t_us >> SHIFT
     if window <= queue.tally[_WINDOW]:
@@ -165,7 +165,7 @@ def _rise(queue: Queue, place: int) -> None:
 
 @kernel
 def _turn(queue: Queue) -> None:
-    """Something waits: the wheel turns until some of it is in the heap."""
+    """Turn the wheel until an event is in the heap; at least one must wait."""
     tally, turned = queue.tally, 0
     while tally[_NEAR] == 0:
         if turned == BUCKETS:  # nothing for a whole turn: the rest is far away
@@ -183,7 +183,7 @@ def _turn(queue: Queue) -> None:
 
 @kernel
 def _earliest(queue: Queue) -> int:
-    """The earliest millisecond in which anything in the wheel is due."""
+    """Return the earliest millisecond in which an event in the wheel is due."""
     window = NEVER_US
     for bucket in range(BUCKETS):
         place = int(queue.bucket[bucket])

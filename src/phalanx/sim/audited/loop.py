@@ -1,8 +1,8 @@
-"""The world goes on: events in the order of microseconds, each handled by one stage.
+"""The loop of the simulator: take events in the order of microseconds, and handle each by one stage.
 
 sense → control → actuate → broadcast → deliver → audit → enforce → move
 
-A robot that runs in Python stops the loop when it has an event: whoever called handles it (`pybot`) and calls again.
+The loop returns when a robot that runs in Python has an event. The caller handles it (`pybot.handle`) and calls again.
 Source: docs/spec/rebound.md, RoboRebound §3, §4 (the simulation).
 """
 
@@ -32,16 +32,16 @@ from .world import (
 
 # Kinds of events beside CONTROL, MESSAGE and the radio's ATTEMPT and TX_END.
 ROUND, RETRY, CHECK, MOVE, WAKE = 11, 12, 13, 14, 15
-# What only Python sees: its last fragment is gone.
+# An event that only Python gets: the radio has sent its last fragment, or given it up.
 SENT = 17
 REACHED, FOR_PYTHON = 0, 1
 
 
 @kernel
 def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeline, in one place
-    """The world at `until_us`, or at the first event that a robot in Python has to handle.
+    """Advance the world to `until_us`, or to the first event that a robot in Python has to handle.
 
-    Returns: REACHED or FOR_PYTHON; then `clock.kind`, `clock.robot`, `clock.arg` and `frame` tell the event.
+    Returns: REACHED; FOR_PYTHON: the event is in `clock.kind`, `clock.robot`, `clock.arg` and `frame`.
     Source: docs/spec/world.md.
     """
     clock = world.clock[0]
@@ -95,7 +95,7 @@ def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeli
 
 @kernel
 def for_python(world: World, kind: int, i: int, arg: int) -> int:
-    """Note an event of a robot in Python for whoever called `run`. Returns: FOR_PYTHON."""
+    """Note an event of a robot in Python for the caller of `run`. Returns: FOR_PYTHON."""
     clock = world.clock[0]
     clock.kind, clock.robot, clock.arg = kind, i, arg
     return FOR_PYTHON
@@ -106,7 +106,7 @@ def for_python(world: World, kind: int, i: int, arg: int) -> int:
 
 @kernel
 def control(world: World, i: int) -> int:
-    """The robot's sensors are read and its controller acts on them. Returns: whether Python has to. Source: Alg. 1."""
+    """Read a robot's sensors, and handle the reading. Returns: FOR_PYTHON if Python has to. Source: Alg. 1."""
     body.advance(world, i)
     if world.safe[i]:
         return 0
@@ -123,7 +123,7 @@ def control(world: World, i: int) -> int:
 
 @kernel
 def transmitted(world: World, i: int, arg: int) -> None:
-    """A transmission is over: its receivers are noted, and who may send the next frame."""
+    """End a transmission: note its receivers, and the sender, whose radio has room again."""
     clock = world.clock[0]
     end = radio.finish(world.air, world.reach, world.queue, i, arg, clock.now_us, world.receivers)
     clock.next = 0
@@ -139,7 +139,7 @@ def transmitted(world: World, i: int, arg: int) -> None:
 
 @kernel
 def deliver(world: World, j: int) -> int:
-    """The frame has arrived at robot j. Returns: whether Python has to take it. Source: RoboRebound Alg. 4."""
+    """Deliver the frame to robot j. Returns: FOR_PYTHON if Python has to handle it. Source: RoboRebound Alg. 4."""
     if j >= len(world.fleet.robot) or world.safe[j]:
         return 0
     if world.runs[j] != COMPILED:
@@ -154,7 +154,7 @@ def deliver(world: World, j: int) -> int:
 
 @kernel
 def frame_left(world: World, i: int, arrived: int) -> int:
-    """A robot's radio is done with a frame; if it was a fragment the next may follow. Source: RoboRebound §5.2."""
+    """Handle a frame that left robot i's radio: after a fragment the next may follow. Source: RoboRebound §5.2."""
     if not request.is_fragment(world.frame, world.frame_len[0]) or i >= len(world.fleet.robot) or world.safe[i]:
         return 0
     if world.runs[i] != COMPILED:
@@ -199,13 +199,13 @@ def _addressed(world: World, packet: Row, to: int) -> int:
         to = get_u16(packet, request.AT_DST) if request.is_audit(packet, len(packet)) else 0
     if to <= 0:
         return BROADCAST
-    # An id that nobody has is a robot out of range.
+    # An id that no robot has is treated as a robot out of range.
     return to - 1
 
 
 @kernel
 def _retry_us(world: World, i: int, now: int, at_ms: int) -> int:
-    """Return when a retry is due: so long after now; robots in Python go by whole milliseconds of their clock."""
+    """Return the time of a retry, µs; robots in Python use whole milliseconds of their clock."""
     now_us = world.clock[0].now_us
     if world.runs[i] == PYTHON:
         return int(max(at_ms * 1000 - world.boot_us[i], now_us))
@@ -214,13 +214,13 @@ def _retry_us(world: World, i: int, now: int, at_ms: int) -> int:
 
 @kernel
 def transmit(world: World, i: int, frame: Row, length: int, to: int) -> int:
-    """The frame is in the robot's radio, for `to` (a robot's index) or BROADCAST; -1 if it is full."""
+    """Enqueue a frame in robot i's radio, for `to` (a robot's index) or BROADCAST. Returns: -1 if it is full."""
     return radio.enqueue(world.air, world.queue, i, frame, length, to, world.clock[0].now_us)
 
 
 @kernel
 def judged(world: World, auditor: int, auditee_id: int, refusal: int) -> None:
-    """A verdict is kept for whoever watches."""
+    """Store a verdict in the ring that `VerdictReader` reads."""
     clock = world.clock[0]
     row = world.verdicts[clock.verdicts % VERDICTS]
     row[0], row[1], row[2], row[3] = clock.now_us, int(world.fleet.robot[auditor].id), auditee_id, refusal
@@ -232,7 +232,7 @@ def judged(world: World, auditor: int, auditee_id: int, refusal: int) -> None:
 
 @kernel
 def enforce(world: World) -> None:
-    """Each a-node has checked its tokens; those without enough of them have stopped their robot. Source: Alg. 4."""
+    """Have each a-node check its tokens, and stop the robots that lack some. Source: RoboRebound Alg. 4."""
     f = world.fleet
     for i in range(len(f.robot)):
         if world.safe[i] == 0 and trusted.anode_check(f.settings[0].profile, f.anode[i], clock_ms(world, i)) != 0:
@@ -241,7 +241,7 @@ def enforce(world: World) -> None:
 
 @kernel
 def stop(world: World, i: int) -> None:
-    """The robot is in Safe Mode: it stands where it is, and its radio is silent. Source: RoboRebound §3.1."""
+    """Put robot i into Safe Mode: stop it where it is, and silence its radio. Source: RoboRebound §3.1."""
     now_us = world.clock[0].now_us
     body.halt(world, i)
     world.safe[i] = 1
@@ -252,7 +252,7 @@ def stop(world: World, i: int) -> None:
 
 @kernel
 def move(world: World) -> None:
-    """Everybody is where physics puts them now, and who hears whom is known again. Source: docs/spec/world.md."""
+    """Move all bodies to now, rebuild who hears whom, and count contacts. Source: docs/spec/world.md."""
     clock = world.clock[0]
     for i in range(len(world.fleet.robot)):
         body.advance(world, i)

@@ -1,7 +1,8 @@
-"""Robots that run in Python inside the compiled loop: they get its events, and it carries out their actions.
+"""Run robots in Python (attacks, researchers' controllers) inside the compiled loop.
 
-One robot can be traced: then each of its events is printed, with the actions that it asked for. A traced robot runs the
-steps of the compiled handlers from Python, so a traced run has the digests of any other.
+They get the loop's events, and the loop carries out their actions. One robot can be traced: each of its events is
+printed, with the actions that it returned. A traced robot runs the steps of the compiled handlers from Python, so a
+traced run has the same digest.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from . import body, loop
 from .events import CONTROL, MESSAGE, push
 from .world import CLOCK, TRACED, World
 
-# What hears of each kind of event.
+# The method of `Robot` for each kind of event.
 METHODS = {
     CONTROL: "on_reading",
     MESSAGE: "on_packet",
@@ -36,10 +37,10 @@ METHODS = {
 
 
 class Looks(Protocol):
-    """What sensors see beside the robot itself: a protocol's stage, or a lidar and bumpers."""
+    """Sensors that see more than the robot's own motion: a protocol's stage, or a lidar and bumpers."""
 
     def look(self, rob_id: int, t_s: float, place_m: tuple[float, float], *, lies: bool) -> bytes:
-        """A robot is there, and its sensors are read; what they say behind its own motion."""
+        """Return the bytes behind the motion in the reading of a robot at this place."""
         ...
 
 
@@ -52,7 +53,7 @@ NAMES = {
     for name, value in vars(module).items()
     if name.startswith("KIND_")
 }
-# What an event says. A record of numpy takes 5 us for a field, and all of them as a tuple 1.
+# Fields of an event, read as one tuple: that takes 1 us, and one field of a numpy record takes 5.
 _EVENT: Final = itemgetter(*map(list(CLOCK.names or ()).index, ("robot", "kind", "now_us", "body", "arg")))
 
 
@@ -85,7 +86,7 @@ def _of_action(action: Action) -> str:
 
 
 def described(raw: bytes) -> str:
-    """Return what a packet, a reading or a command is, and how long."""
+    """Return a packet, a reading or a command in words, with its length."""
     if request.is_audit(row(raw), len(raw)):
         src, dst, sub = get_u16(row(raw), request.AT_SRC), get_u16(row(raw), request.AT_DST), raw[request.AT_SUB]
         text = f"{SUBS.get(sub, f'audit packet {sub}')} of robot {src}" + (f" for robot {dst}" if dst else "")
@@ -105,7 +106,7 @@ def handle(
 ) -> None:
     """Hand the event at which the loop stopped to its robot, found by index in `robots`, and carry out its actions.
 
-    `planners` advise some of them; on a `stage` their sensors see more than themselves; `trace` prints one of them.
+    `planners` advise some robots, by index; `stage` adds bytes to their readings; `trace` prints one of them.
     """
     i, kind, now_us, body_kind, arg = _EVENT(world.clock.item())
     robot = robots[i]
@@ -149,7 +150,7 @@ def _plan(world: World, robot: Robot, planner: Planner, kind: int, now_ms: int) 
 
 
 def _check_commands(body_kind: int, robot: Robot, asked: list[Action]) -> None:
-    # The body would do nothing, and the audits, which ask whether it is what the controller said, find nothing wrong.
+    # The body would ignore it, and the audits, which only compare it with the controller's, would pass it.
     known = body.COMMANDS[body_kind]
     for action in asked:
         if isinstance(action, Actuate) and (len(action.command), action.command[0]) != (known.size, known.tag):
@@ -179,7 +180,7 @@ def _actions(world: World, robot: Robot, kind: int, now_ms: int, seen: bytes, ar
 
 
 def wake(world: World, liar: Liar, now_us: int) -> None:
-    """The liar's next turn is among the events, if it has one."""
+    """Schedule the next time that a liar acts out of turn, if it does."""
     if not liar.period_ms:
         return
     start_us = liar.plan.start_ms * 1000 - int(world.boot_us[liar.i])

@@ -1,6 +1,6 @@
-"""Who could be audited: of which correct robots P2 says nothing when they are stopped.
+"""Find the correct robots that were stopped without a quorum: the promise P2 does not cover them.
 
-Source: docs/spec/rebound.md (P2); docs/spec/world.md says what is counted, and why.
+Source: docs/spec/rebound.md (P2); docs/spec/world.md defines the count and gives the reasons.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ SECOND_US = 1_000_000
 
 
 class Quorum:
-    """Watches every second who has the auditors and the air that P2 wants; `correct`, (N,): who does not lie."""
+    """Records each second which robots have the auditors and the airtime that P2 requires; `correct`: (N,)."""
 
     def __init__(self, world: World, config: BtiConfig, correct: NDArray[np.bool_]) -> None:
         self._world, self._config, self._correct = world, config, correct
@@ -36,7 +36,7 @@ class Quorum:
         self._correct[i] = False
 
     def look(self) -> None:
-        """Remember how things were since the last look."""
+        """Record which robots had a quorum since the last look."""
         self._without = self.stopped_without()
         self._counted |= self._world.safe.astype(bool)
         self._had.append(self._has())
@@ -45,7 +45,7 @@ class Quorum:
         self._airtime_us = self._spent_us()
 
     def stopped_without(self) -> NDArray[np.bool_]:
-        """(N,), correct robots that are in Safe Mode and lacked a quorum at some moment of the T_val before.
+        """Return the correct robots in Safe Mode that lacked a quorum at some time of the T_val before, (N,).
 
         Source: docs/spec/rebound.md (P2).
         """
@@ -61,12 +61,12 @@ class Quorum:
         return spent
 
     def _has(self) -> NDArray[np.bool_]:
-        # At the end a second may just have begun, and a burst is no full channel.
+        # A second may just have begun, and a short burst does not fill the channel.
         passed_us = max(int(self._world.clock[0].now_us) - self._looked_us, SECOND_US)
-        # Frames of correct robots only: whoever a liar shouts down was not stopped for want of a quorum.
+        # Frames of correct robots only: a robot that a liar jams was not stopped for want of a quorum.
         sent_us, full = (self._spent_us() - self._airtime_us) * self._correct, np.zeros(len(self._correct), bool)
         _full(self._world.reach, sent_us, passed_us, full)
-        # Who was stopped although it had a quorum still counts as an auditor: one wrong must not excuse the next.
+        # A robot stopped in spite of a quorum still counts as an auditor: one failure must not excuse the next.
         auditors, lost = self._correct & ~self._without, self._correct & (full | self._without)
         has = np.zeros(len(self._correct), bool)
         _enough(self._world.reach, auditors, lost, self._config.tokens_needed, self._config.n_max, has)
@@ -75,7 +75,7 @@ class Quorum:
 
 @kernel
 def _full(reach: Reach, sent_us: I64x1, passed_us: int, full: BOOLx1) -> None:
-    """`full`, (N,): where those in range have sent for longer than there was time."""
+    """Set `full`, (N,), for each robot in whose range frames took longer than the time that has passed."""
     for i in range(len(full)):
         total = sent_us[i]
         for at in range(reach.near[i], in_range(reach, i)):
@@ -86,7 +86,7 @@ def _full(reach: Reach, sent_us: I64x1, passed_us: int, full: BOOLx1) -> None:
 
 @kernel
 def _enough(reach: Reach, auditors: BOOLx1, lost: BOOLx1, needed: int, most: int, has: BOOLx1) -> None:
-    """`has`, (N,): who has so many auditors in range, no more robots than `most`, and half of them not `lost`."""
+    """Set `has`, (N,): `needed` auditors in range, at most `most` robots, and at most half of them `lost`."""
     for i in range(len(has)):
         begin, end, can, cannot = reach.near[i], in_range(reach, i), 0, 0
         for at in range(begin, end):

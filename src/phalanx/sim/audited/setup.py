@@ -1,4 +1,4 @@
-"""A world from its settings: robots powered up with their keys, clocks that agree on nothing, the first events."""
+"""Make a world from its settings: power robots up with keys and unsynchronised clocks; push the first events."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ from .world import PYTHON, VERDICTS, World, clock_ms, make_clock, pack
 Board = tuple[bytes, MissionKey]
 PROFILES = {"none": PLAIN, "paper": PAPER, "bound": BOUND}
 MOVE_US = 50_000
-# They were powered up within so much of each other.
+# All robots are powered up within this time.
 POWER_UP_MS = 60_000
-# Neighbours for whom large swarms have room in the lists of who is near, beside twice those provided for.
+# Extra room for neighbours in a large swarm's lists, beside twice n_max.
 ROOM = 32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """What a world is made of."""
+    """The settings of a world."""
 
     robots: int  # N
     starts_m: NDArray[np.float64]  # (M, 2), where robots, and stations behind them, are at first
@@ -58,20 +58,19 @@ class Setup:
     radio: RadioConfig
     obstacles: Sequence[Disc | Box] = ()  # count as contacts
     area_m: tuple[float, float] = (0.0, 0.0)  # what wheels stay within
-    plain: bool = False  # one simple way to compute each thing, for a run that others are compared with
-    hub: int = 0  # so many robots hear all in range, and the others, each in an aisle of its own, hear them alone
+    plain: bool = False  # compute everything in one simple way: a reference run to compare with
+    hub: int = 0  # the first so many robots hear all in range; each other robot is in an aisle and hears only them
     # What a compromised c-node does to its a-node before the mission key is loaded, by index (Liar).
     before_key: Mapping[int, Callable[[int, int, Row, int], None]] = field(default_factory=dict)
     make_nodes: Callable[[int, int, Limits], TrustedNodes] = Nodes  # of so many robots, in this profile
-    boards: Sequence[Board] = field(default=(), repr=False)  # of each robot, if its keys are somebody's
+    boards: Sequence[Board] = field(default=(), repr=False)  # of each robot; () for keys drawn at random
 
 
 def audits_share(config: BtiConfig, radio: RadioConfig, robots: float, *, filled: bool = False) -> float:
-    """Share of the time for which the requests of so many robots, all in one range, are on the air; 1 is all there is.
+    """Return the share of airtime that the audit requests of so many robots take, all in one range; 1 is all of it.
 
-    Each T_audit a robot shows f_max + 1 others a checkpoint and as long a log; `filled`: one that grows as fast as it
-    has room for, by what f_max liars say. Up to a quarter less than is measured with 25 to 120 honest robots, with
-    f_max from 3 to 8.
+    Each T_audit a robot sends f_max + 1 auditors a checkpoint and the log since. `filled`: f_max liars fill that log as
+    fast as it has room. The result is up to a quarter below measurements of 25 to 120 honest robots, f_max 3 to 8.
     """
     neighbours = min(max(math.ceil(robots) - 1, config.tokens_needed), config.n_max)
     seen = replace(config, n_max=neighbours)
@@ -84,7 +83,7 @@ def audits_share(config: BtiConfig, radio: RadioConfig, robots: float, *, filled
 
 
 def make_lists(bodies: int, config: BtiConfig, radio: RadioConfig, *, skin: float) -> Reach:
-    """Return lists of who is near whom, with room for more neighbours than are provided for."""
+    """Return lists of who is near whom, with room for more than n_max neighbours."""
     room = None if bodies <= SMALL_SWARM else bodies * (2 * config.n_max + ROOM)
     return make_reach(bodies, radio.range_m, room, skin=skin)
 
@@ -99,9 +98,9 @@ def power_up(
     make_nodes: Callable[[int, int, Limits], TrustedNodes] = Nodes,
     boards: Sequence[Board] = (),
 ) -> TrustedNodes:
-    """`n` robots' trusted nodes with ids 1..n, and a mission key loaded at `now_ms`, (n,).
+    """Return trusted nodes of robots 1..n, with a mission key loaded at `now_ms`, (n,).
 
-    Without `boards` keys come from `chance`, a master key for all: in a simulation they keep nothing secret.
+    Without `boards` keys are drawn from `chance`, one master key for all: in a simulation they keep nothing secret.
     Source: RoboRebound §3.3, Alg. 2.
     """
     nodes = make_nodes(n, profile, limits)
@@ -117,7 +116,7 @@ def power_up(
 
 
 def make_world(setup: Setup, chance: np.random.Generator) -> World:
-    """The world at time 0, with nobody running yet.
+    """Return the world at time 0; no robot runs yet.
 
     Raises: UsageError: the controller's state can be longer than a checkpoint has room for. Source: docs/spec/world.md.
     """
@@ -156,7 +155,7 @@ def make_world(setup: Setup, chance: np.random.Generator) -> World:
         last=np.full((m, 2), np.nan),
         led=np.zeros((m, 3), np.uint8),
         area=np.array(setup.area_m),
-        # Of float64 whatever they were written as: kernels take no others.
+        # As float64 even if they were written as integers: kernels accept nothing else.
         discs=np.array(
             [(o.x_m, o.y_m, o.radius_m) for o in setup.obstacles if isinstance(o, Disc)], np.float64
         ).reshape(-1, 3),
@@ -186,7 +185,7 @@ def make_world(setup: Setup, chance: np.random.Generator) -> World:
 
 
 def start(world: World, robots: Mapping[int, Robot]) -> None:
-    """Everybody's c-node starts, in Python those in `robots` by index, and the first events wait.
+    """Start all c-nodes, in Python those in `robots` (by index), and push the first events.
 
     Source: RoboRebound §3.6.
     """
@@ -203,7 +202,7 @@ def start(world: World, robots: Mapping[int, Robot]) -> None:
             robot.on_boot(now_ms)
         else:
             handlers.on_boot(world.fleet, i, now_ms)
-        # Half a millisecond on: the robot's clock shows the grid's own millisecond whatever the rounding.
+        # Half a millisecond later, so that the robot's clock shows the grid's millisecond in spite of rounding.
         push(world.queue, int(world.fleet.robot[i].phase) * 1000 + 500, CONTROL, i, 0)
         if clock.audit_us:
             first_us = first_round_ms(int(settings.mission_seed), i + 1, int(clock.audit_us) // 1000) * 1000

@@ -1,7 +1,7 @@
-"""The simulated world as arrays: bodies, one radio channel, and the fleet's nodes. The loop over it is in `loop`.
+"""The simulated world as arrays: bodies, one radio channel, and the fleet's nodes; loop.py advances it.
 
-There may be more bodies and radios than robots: those behind the last robot are stations that people talk through,
-without trusted nodes and without a controller.
+There may be more bodies and radios than robots. Those behind the last robot are stations, as a gateway's radio: they
+have no trusted nodes and no controller.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from phalanx.wire.fields import prefetch
 
 from .events import Queue
 
-# What runs a robot: compiled code; Python, event by event (an attack, a researcher's controller); or Python for a
-# trace, which does exactly what compiled code does.
+# How a robot runs: compiled; in Python, event by event (an attack, a researcher's controller); or in Python for a
+# trace, with the same result as compiled.
 COMPILED, PYTHON, TRACED = 0, 1, 2
 VERDICTS = 4096
 Verdict = tuple[float, int, int, Refusal]
-# Fields that every event reads lie at the front of a robot's rows; most controllers' states are this long.
+# How much of a row to prefetch: fields that every event reads come first; most controllers' states are this long.
 HOT_BYTES, STATE_BYTES, NIC_BYTES = 192, 256, NIC.itemsize
 # Swarms of up to so many robots fit into the caches: there prefetching would cost 2 %.
 CACHED_ROBOTS = 500
@@ -40,26 +40,26 @@ CLOCK = layout(
     "audit_us i8",  # period of rounds, 0 without a defence
     "contact_m f8",
     "contacts i8",
-    "crowded i8",  # more neighbours than `reach` has room for, once: the run is wrong from then on
-    "body i8",  # what robots are, see `body`
+    "crowded i8",  # 1 since `reach` had no room for all neighbours: the run is wrong from then on
+    "body i8",  # the kind of body: body.POINT_MASS or body.WHEELS
     # A transmission that is being delivered.
     "sender next receivers arrived i8",
     # An event that waits for Python.
     "kind robot i8",
     "arg i8",  # of SENT: whether the frame arrived; of ROUND: whether the robot has listened
-    "verdicts i8",  # ever; the ring keeps the newest
+    "verdicts i8",  # count since the start; the ring keeps the newest
 )
 
 
 class World(NamedTuple):
-    """Everything a run changes. Of M bodies the first N are robots."""
+    """All arrays that a run changes. Of M bodies the first N are robots."""
 
     clock: Annotated[Any, Records(CLOCK)]  # (1,)
     fleet: Fleet  # the robots' nodes
     work: Work  # scratch memory
     queue: Queue  # events to come
     air: Air  # the channel
-    reach: Reach  # who hears whom, as of the last 50 ms
+    reach: Reach  # which robots hear each other, rebuilt every 50 ms
     pos: F64x2  # (M, 2), m
     vel: F64x2  # (M, 2), m/s; with wheels, [:, 0] is the direction in degrees
     acc: F64x2  # (M, 2), m/s²; with wheels, each one's share of its speed
@@ -72,7 +72,7 @@ class World(NamedTuple):
     boot_us: I64x1  # (N,), by how much a robot's clock is ahead of the world's
     runs: U8x1  # (N,), COMPILED, PYTHON or TRACED
     safe: U8x1  # (N,), in Safe Mode
-    safe_us: I64x1  # (N,), since when, -1 never
+    safe_us: I64x1  # (N,), when it entered Safe Mode, -1 if it has not
     retry_us: I64x1  # (N,), when the next RETRY is due, -1 if none is
     receivers: I32x1  # (M,), of the transmission that is being delivered
     frame: U8x1  # that transmission's bytes, or the frame for Python
@@ -86,16 +86,16 @@ pack = bundled(World)
 
 @kernel
 def clock_ms(world: World, i: int) -> int:
-    """A robot's own clock, ms. Source: docs/spec/rebound.md."""
+    """Return the time of robot i's own clock, ms. Source: docs/spec/rebound.md."""
     return int((world.clock[0].now_us + world.boot_us[i]) // 1000)
 
 
 def make_clock() -> NDArray[Any]:
-    """A clock at 0."""
+    """Return a clock at 0."""
     return records(1, CLOCK)
 
 
-# --- prefetching: ask the caches for the rows that the next event reads; of a large swarm they do not hold all ---
+# --- prefetching rows for the next event: the caches do not hold all rows of a large swarm ---
 
 
 @kernel
@@ -138,7 +138,7 @@ def prefetch_log(world: World, i: int) -> None:
 
 
 def shields(world: World, i: int) -> list[tuple[int, float]]:
-    """Robots that vouch for robot i and for how many seconds more, the longest first; none in Safe Mode.
+    """Return the robots that vouch for robot i, each with the seconds left, longest first; none in Safe Mode.
 
     Source: RoboRebound §3.5.
     """
@@ -148,16 +148,16 @@ def shields(world: World, i: int) -> list[tuple[int, float]]:
 
 
 class VerdictReader:
-    """Reads audits' ends in order; of more than 4096 at once the oldest are lost."""
+    """Reads verdicts in order; if more than VERDICTS came since the last call, the oldest are lost."""
 
     def __init__(self, world: World) -> None:
         self._world = world
-        self._told = 0
+        self._read = 0
 
     def new(self) -> list[Verdict]:
-        """Since the last call: time s, auditor, auditee, why it got no token or NONE. Source: RoboRebound §3.7."""
+        """Return the verdicts since the last call: time s, auditor, auditee, refusal or NONE. Source: §3.7."""
         total = int(self._world.clock[0].verdicts)
-        first = max(self._told, total - VERDICTS)
-        self._told = total
+        first = max(self._read, total - VERDICTS)
+        self._read = total
         rows = (self._world.verdicts[k % VERDICTS] for k in range(first, total))
-        return [(int(t) / 1e6, int(tor), int(tee), Refusal(int(why))) for t, tor, tee, why in rows]
+        return [(int(t) / 1e6, int(auditor), int(auditee), Refusal(int(why))) for t, auditor, auditee, why in rows]

@@ -1,4 +1,4 @@
-"""One seeded run of a scenario: made, advanced, watched, summed up."""
+"""One seeded run of a scenario: make it, advance it, watch it, and sum it up."""
 
 from __future__ import annotations
 
@@ -41,19 +41,19 @@ from phalanx.sim.radio.channel import AIRTIME_US, APP_BROADCAST, AUDIT_BROADCAST
 
 
 class Run:
-    """A scenario being run.
+    """One run of a scenario.
 
     Args:
-        scenario: what runs.
-        controller: a researcher's own, made for each robot's id; None for the scenario's.
-        planner: who advises robots that a guard drives, made for each robot's id and the goal; None for `ToGoal`.
-        plain: each thing is computed in one simple way, by the firmware's C where it has it: a run to compare with.
-        make_nodes: the robots' trusted nodes, if they are elsewhere.
-    Raises: UsageError: a planner for robots that nobody can advise. Unavailable: so many robots do not fit into memory.
+        scenario: the scenario to run.
+        controller: makes a researcher's controller from a robot's id; None for the scenario's.
+        planner: makes the planner of a guarded robot from its id and the goal; None for `ToGoal`.
+        plain: compute everything in one simple way, with the firmware's C where possible: a reference run.
+        make_nodes: makes the robots' trusted nodes, if they are elsewhere.
+    Raises: UsageError: a planner for robots without a guard. Unavailable: so many robots do not fit into memory.
     Source: docs/spec/world.md.
     """
 
-    has_station = False  # whether somebody gives orders
+    has_station = False  # whether the world has a station that sends orders
 
     def __init__(
         self,
@@ -121,7 +121,7 @@ class Run:
         start(self.world, self.robots)
 
     def sense(self, senses: Senses | None) -> None:
-        """Robots have these senses, if any."""
+        """Give all robots these senses, if any."""
         if senses:
             self.looks = Around(self.world, senses, self.scenario.contact_m)
 
@@ -138,15 +138,18 @@ class Run:
             self.world.runs[i] = TRACED
         self._trace = pybot.Trace(rob_id, echo)
 
-    # --- going on -----------------------------------------------------------------------------------------------------
+    # --- advancing ----------------------------------------------------------------------------------------------------
 
     @property
     def now_s(self) -> float:
-        """Simulated seconds so far."""
+        """Return the simulated time so far, s."""
         return float(self.world.clock[0].now_us) / 1e6
 
     def advance(self, until_s: float) -> None:
-        """The world at `until_s`."""
+        """Advance the world to `until_s`.
+
+        Raises: UsageError: too many robots crowd together. Unavailable: trusted nodes that are elsewhere failed.
+        """
         began = time.perf_counter()
         until_us = round(until_s * 1e6)
         while self.world.clock[0].now_us < until_us:
@@ -187,40 +190,40 @@ class Run:
 
     @property
     def positions_m(self) -> NDArray[np.float64]:
-        """(N, 2), world frame, as they are now; a copy, as all that is told here: it stays while the world goes on."""
+        """Return positions, (N, 2), m, world frame. A copy, as all arrays here: it does not change with the world."""
         return self.world.pos.copy()
 
     @property
     def velocities_mps(self) -> NDArray[np.float64]:
-        """(N, 2), world frame; a copy."""
+        """Return velocities, (N, 2), m/s, world frame; a copy."""
         return self.world.vel.copy()
 
     @property
     def airtime_s(self) -> NDArray[np.float64]:
-        """(N,), for how long each robot has been on the air; a copy."""
+        """Return for how long each robot has sent, (N,), s; a copy."""
         used: NDArray[np.float64] = self.world.air.counts[: len(self.ids), :, AIRTIME_US].sum(axis=1) / 1e6
         return used
 
     @property
     def in_safe_mode(self) -> NDArray[np.bool_]:
-        """(N,); a copy."""
+        """Return which robots are in Safe Mode, (N,); a copy."""
         return self.world.safe.astype(bool)
 
     @property
     def compromised(self) -> dict[int, str]:
-        """Names of the attacks, by robot id."""
+        """Return the names of the attacks, by robot id."""
         return {i + 1: robot.attack.name for i, robot in self.robots.items() if isinstance(robot, Liar)}
 
     def shields(self) -> list[list[tuple[int, float]]]:
-        """Of each robot, who vouches for it and for how many seconds more, the longest first. Source: §3.5."""
+        """Return for each robot the ids that vouch for it, with the seconds left, longest first. Source: §3.5."""
         return [shields(self.world, i) for i in range(len(self.ids))]
 
     def new_verdicts(self) -> list[Verdict]:
-        """Audits that ended since the last call: time s, auditor, auditee, why it got no token or NONE."""
+        """Return the audits that ended since the last call: time s, auditor, auditee, refusal or NONE."""
         return self._verdicts.new()
 
     def summary(self) -> dict[str, Any]:
-        """What `phalanx sim run --json` prints. Source: RoboRebound §5.2, §5.3."""
+        """Return what `phalanx sim run --json` prints. Source: RoboRebound §5.2, §5.3."""
         world, counts = self.world, self.world.air.counts
         n, seconds = len(self.ids), max(self.now_s, 1e-9)
         alone = self._quorum.stopped_without()
@@ -241,7 +244,7 @@ class Run:
             "digest": digest.hexdigest(),
             "mean_distance_to_goal_m": self._mean_distance_m(),
             "distance_series": list(self._distances),
-            "compromised": [self._told(i, liar) for i, liar in sorted(self.robots.items()) if isinstance(liar, Liar)],
+            "compromised": [self._summed(i, liar) for i, liar in sorted(self.robots.items()) if isinstance(liar, Liar)],
             "correct_in_safe_mode": [int(each) for each in self.ids[wronged]],
             "without_quorum": [int(each) for each in self.ids[alone]],
             "contacts": int(world.clock[0].contacts),
@@ -253,7 +256,7 @@ class Run:
             "real_time_factor": seconds / self._wall_s if self._wall_s else None,
         }
 
-    def _told(self, i: int, liar: Liar) -> dict[str, Any]:
+    def _summed(self, i: int, liar: Liar) -> dict[str, Any]:
         boot_ms = int(self.world.boot_us[i]) // 1000
         deviated, safe_us = liar.first_deviation_ms, int(self.world.safe_us[i])
         return {
@@ -265,5 +268,5 @@ class Run:
 
 
 def _known(share: float) -> float | None:
-    """None where nothing was due: JSON has no NaN."""
+    """Return a share, or None for NaN, which JSON does not have."""
     return None if math.isnan(share) else share
