@@ -229,11 +229,28 @@ static inline double max_d(double a, double b) { return b > a ? b : a; }
 LOAD_STORE(16, uint16_t)
 LOAD_STORE(32, uint32_t)
 LOAD_STORE(64, uint64_t)
+/* Packets and entries have 16 to 64 bytes, for which a call of memmove takes longer than the move. All is read first. */
+typedef struct { uint64_t words[2]; } two_words;
+static inline void move_short(char *to, const char *from, size_t length)
+{
+    two_words a, b, c, d;
+    memcpy(&a, from, 16);
+    memcpy(&b, from + length - 16, 16);
+    if (length > 32) {
+        memcpy(&c, from + 16, 16);
+        memcpy(&d, from + length - 32, 16);
+        memcpy(to + 16, &c, 16);
+        memcpy(to + length - 32, &d, 16);
+    }
+    memcpy(to, &a, 16);
+    memcpy(to + length - 16, &b, 16);
+}
 static inline void move_bytes(arr1 to, int64_t to_at, arr1 from, int64_t from_at, int64_t length, int32_t at)
 {
     room(to, to_at, length, at);
     room(from, from_at, length, at);
-    memmove(to.p + to_at, from.p + from_at, (size_t)length);
+    if (length >= 16 && length <= 64) move_short(to.p + to_at, from.p + from_at, (size_t)length);
+    else memmove(to.p + to_at, from.p + from_at, (size_t)length);
 }
 static inline bool equal_bytes(arr1 a, int64_t a_at, arr1 b, int64_t b_at, int64_t length, int32_t at)
 {
