@@ -52,8 +52,6 @@ def scrypt(password: bytes, salt: bytes, *, log2_n: int, r: int, length: int) ->
 class Damaged(PeerError):
     """Not a sealed text, or not as it was written."""
 
-    reason = "damaged"
-
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Lock:

@@ -65,8 +65,6 @@ class Found:
 class Unshown(PeerError):
     """A robot claims what its reading, its way so far, or the mission's file does not bear out."""
 
-    reason = "unshown"
-
 
 def unlock(mission: EncodedMission, claim: Claim) -> bytes | None:
     """What the claim opens the node with, by one hash or one KDF: a key (sealed), b"" (paper), or None: nothing."""

@@ -31,8 +31,6 @@ Eye = tuple[Intrinsics, Mount]  # a camera, as far as it says where a code is
 class BadEvidence(PeerError):
     """Not evidence, or not of the reading whose hash was chained."""
 
-    reason = "bad_evidence"
-
 
 class Sensed(NamedTuple):
     """What other sensors read in one moment."""
