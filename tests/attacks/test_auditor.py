@@ -168,7 +168,7 @@ def untouched(f: Fleet, lent: set[int]) -> dict[str, bytes]:
 
     `lent` are the rows that may be lent to robot 0.
     """
-    taken_in = {"robot", "anode", "peer", "peer_id", "rx_info", "taken"}
+    taken_in = {"robot", "anode", "peer", "peer_id", "owed", "rx_info", "taken"}
     own = set(Fleet._fields) - {"memo", "request", "rx"}
     robots = {name: getattr(f, name)[int(name in taken_in) :].tobytes() for name in own}
     robots |= {"request": f.request.rows.tobytes(), "rx": np.delete(f.rx.rows, sorted(lent), axis=0).tobytes()}
@@ -190,11 +190,11 @@ def test_fragments_of_any_bytes_do_no_harm(caught):
     }
     before, audited = untouched(f, lent), 0
     for k in range(3000):
-        length = int(dice.choice([1, 5, 6, 10, 11, 20, 60, 2048]))
+        length = int(dice.choice([1, 5, 6, 10, 11, 15, 20, 60, 2048]))
         frame = np.frombuffer(bytearray(dice.bytes(length)), np.uint8)
         frame[0] |= request.AUDIT
         if k % 4 and length > 10:
-            request.audit_head(frame, int(dice.integers(0, 12)), 1, int(dice.integers(0, 4)))
+            request.audit_head(frame, int(dice.integers(0, 12)), 1, int(dice.integers(0, 5)))
             frame[8], frame[9] = int(dice.choice([0, 1, 5, 62, 63, 255])), int(dice.choice([0, 1, 2, 6, 63, 64, 255]))
         told = handlers.on_packet(f, 0, w, now + k * 7, frame, length)
         asked = actions.decode(w)
@@ -207,4 +207,5 @@ def test_fragments_of_any_bytes_do_no_harm(caught):
         assert (f.rx_info[0].len <= f.rx.rows.shape[1]).all()
     assert audited > 0
     after = untouched(f, lent)
-    assert {name for name in before if before[name] != after[name]} == set()
+    # The time of an answer to SEEK is drawn from the s-node, once a round: that flushes its chain, and marks the log.
+    assert {name for name in before if before[name] != after[name]} <= {"log", "snode"}

@@ -10,8 +10,9 @@ from test_refusals import Auditee
 from phalanx.bti import request, rounds, trusted
 from phalanx.bti.refusal import Refusal
 from phalanx.robot import actions, handlers
-from phalanx.robot.actions import Action, Transmit, Verdict
+from phalanx.robot.actions import Action, RetryAt, Transmit, Verdict
 from phalanx.wire.fields import row
+from phalanx.wire.table import AUDIT_SEEK
 
 VICTIM_ID = VICTIM + 1
 STRANGER_ID = 8
@@ -199,13 +200,12 @@ class TestWhose:
         at = rounds.peer_at(door.fleet, door.tor - 1, robot)
         assert door.fleet.peer[door.tor - 1, at].heard == door.now_ms
 
-    def test_who_seeks_is_told_alone_once_in_half_a_round(self, door):
-        seek, told = row(self.hello(STRANGER_ID)), row(bytes(request.AUDIT_HEAD_BYTES))
-        seek[request.AT_SUB] = request.SEEK
-        request.audit_head(told, door.tor, STRANGER_ID, request.HELLO)
-        assert door.hears_frame(seek.tobytes() + b"\0") == PASSED_OVER
-        assert door.hears_frame(seek.tobytes()) == (handlers.NOTHING, [Transmit(told.tobytes(), STRANGER_ID)])
-        assert door.hears_frame(seek.tobytes()) == PASSED_OVER
+    def test_a_seek_is_answered_later(self, door):
+        seek = AUDIT_SEEK.encode(src=STRANGER_ID, dst=0, nonce=1, since=0, share=255)
+        assert door.hears_frame(seek + b"\0") == PASSED_OVER
+        code, (answer,) = door.hears_frame(seek)
+        assert (code, type(answer)) == (handlers.NOTHING, RetryAt)
+        assert door.hears_frame(seek) == PASSED_OVER
 
     def test_a_frame_that_is_shorter_than_its_head_is_nobodys(self, door):
         assert door.hears_frame(self.hello(STRANGER_ID)[:-1]) == PASSED_OVER

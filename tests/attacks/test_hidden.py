@@ -1,17 +1,19 @@
-"""`talk-over`: liars whom a robot does not hear talk while it asks. What was lost is said again, at times of its own."""
+"""`talk-over`: liars out of a robot's range talk while it asks. Lost fragments are repeated at random times."""
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
-from test_answers import BOOT_MS, F_MAX, GRANT_MS, VICTIM, Asking
+from test_answers import BOOT_MS, GRANT_MS, VICTIM, Asking
 
-from phalanx.bti import request, rounds
+from phalanx.bti import rounds, seeking
+from phalanx.bti.fleet import BOUND, PAPER
 from phalanx.config import BtiConfig
 from phalanx.robot import handlers
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
+from phalanx.wire.fields import row
+from phalanx.wire.table import AUDIT_HERE
 
 T_AUDIT_MS = 4000
 # The longest pauses before a fragment is said again.
@@ -37,54 +39,90 @@ def test_two_liars_in_other_aisles_stop_nobody_whom_three_auditors_hear(seed):
 class Unheard(Asking):
     """Its fragments are lost."""
 
-    def says(self, now_ms: int) -> bytes:
-        """The frame that goes out now, if one does."""
+    def sends(self, now_ms: int) -> bytes:
+        """Return the fragment that goes out now, if one does."""
         n = handlers.next_fragment(self.fleet, VICTIM, self.work, now_ms)
         return self.work.frame[:n].tobytes()
 
-    def passes_over(self, now_ms: int) -> int:
-        """When it asks the first one that it waits for: f_max of whom nothing arrived it did not."""
-        asked = set()
-        for k in range(F_MAX):
-            assert self.says(now_ms + k * GRANT_MS) != b""
-            asked.add(int(self.robot.request_to))
-            request.not_arrived(self.fleet, VICTIM, now_ms + k * GRANT_MS)
-            assert self.robot.request_len == 0
-        assert len(asked) == F_MAX
-        return now_ms + F_MAX * GRANT_MS
+    def loses(self, now_ms: int) -> None:
+        """Lose the last fragment."""
+        seeking.not_arrived(self.fleet, VICTIM, now_ms, self.work.small[1])
+
+    def seeks(self, now_ms: int) -> None:
+        """Send SEEK, and receive answers of all others."""
+        self.loses(now_ms)
+        seeking.packet(self.fleet, VICTIM, now_ms, self.work.frame)
+        for rob_id in range(2, 9):
+            self.receives_here(rob_id, int(self.robot.nonce), now_ms)
+        self.robot.quota = 1
+
+    def receives_here(self, rob_id: int, nonce: int, now_ms: int) -> None:
+        here = row(AUDIT_HERE.encode(src=rob_id, dst=VICTIM + 1, nonce=nonce))
+        assert handlers.on_packet(self.fleet, VICTIM, self.work, now_ms, here, len(here)) == handlers.NOTHING
 
     def pauses_ms(self, now_ms: int) -> list[int]:
-        """How long it waits each time, until it gives up."""
-        waited, frame = [], self.says(now_ms)
+        """Return how long it waits each time, until it gives up."""
+        waited, fragment = [], self.sends(now_ms)
+        assert fragment
         while True:
-            request.not_arrived(self.fleet, VICTIM, now_ms)
+            self.loses(now_ms)
             if self.robot.request_len == 0:
                 return waited
             pause_ms = int(rounds.next_retry(self.fleet, VICTIM, now_ms)) - now_ms
-            assert self.says(now_ms + pause_ms - 1) == b""
-            assert self.says(now_ms + pause_ms) == frame, "the same fragment, alone"
+            assert self.sends(now_ms + pause_ms - 1) == b""
+            assert self.sends(now_ms + pause_ms) == fragment, "the same fragment, alone"
             waited.append(pause_ms)
             now_ms += pause_ms
 
 
-def test_a_fragment_that_was_lost_is_said_again_after_ever_longer_pauses_that_nobody_can_foresee():
+def begun(at_ms: int, profile: int = BOUND) -> Unheard:
+    robot = Unheard(profile)
+    robot.round_begins(at_ms)
+    assert robot.sends(at_ms + GRANT_MS) != b""
+    return robot
+
+
+def test_a_robot_whose_fragment_is_lost_asks_nobody_else_until_somebody_has_answered_its_seek():
+    robot, now_ms = begun(BOOT_MS), BOOT_MS + GRANT_MS
+    robot.loses(now_ms)
+    assert (robot.robot.request_len, robot.robot.seeks) == (0, 1)
+    for later_ms in range(now_ms + 50, now_ms + 2000, 50):
+        robot.robot.quota = 1
+        assert robot.sends(later_ms) == b"", "all that it knows of it has only heard"
+    robot.receives_here(3, int(robot.robot.nonce) ^ 1, later_ms)
+    assert robot.sends(later_ms) == b"", "relayed from another round"
+    robot.receives_here(3, int(robot.robot.nonce), later_ms)
+    robot.robot.quota = 1
+    assert robot.sends(later_ms + T_AUDIT_MS // 2 + 1) == b"", "too long ago"
+    assert robot.sends(later_ms + 1) != b""
+    assert robot.robot.request_to == 3
+
+
+def test_as_printed_a_lost_fragment_is_repeated_at_once():
+    robot = begun(BOOT_MS, PAPER)
+    robot.loses(BOOT_MS + GRANT_MS)
+    assert robot.robot.request_len > 0
+    assert robot.robot.seeks == 0
+
+
+def test_a_robot_that_seeks_repeats_a_lost_fragment_after_ever_longer_random_pauses():
     seen = []
     for k in range(12):
-        robot = Unheard()
-        robot.round_begins(BOOT_MS + k)
-        seen.append(robot.pauses_ms(robot.passes_over(BOOT_MS + GRANT_MS + k)))
+        robot = begun(BOOT_MS + k)
+        robot.seeks(BOOT_MS + GRANT_MS + k)
+        seen.append(robot.pauses_ms(BOOT_MS + 2 * GRANT_MS + k))
     assert all(len(pauses) == len(PAUSES_MS) for pauses in seen)
     for nth, longest in zip(zip(*seen), PAUSES_MS):
         assert len(set(nth)) > 6
         assert 1 <= min(nth) < longest / 2 < max(nth) <= longest
 
 
-def test_whoever_heard_nothing_of_a_request_may_be_asked_again_soon_and_whoever_did_after_half_a_round():
+def test_an_auditor_that_received_nothing_may_be_asked_again_soon_and_another_after_half_a_round():
     again_ms = []
     for k in range(12):
-        robot = Unheard()
-        robot.round_begins(BOOT_MS)
-        robot.pauses_ms(now_ms := robot.passes_over(BOOT_MS + GRANT_MS + k))
+        robot = begun(BOOT_MS)
+        robot.seeks(BOOT_MS + GRANT_MS + k)
+        robot.pauses_ms(now_ms := BOOT_MS + 2 * GRANT_MS + k)
         to = rounds.peer_at(robot.fleet, VICTIM, int(robot.robot.request_to))
         again_ms.append(int(robot.fleet.peer[VICTIM, to].asked_ms) + int(rounds.again_after(robot.fleet)) - now_ms)
     assert len(set(again_ms)) > 6
@@ -94,61 +132,39 @@ def test_whoever_heard_nothing_of_a_request_may_be_asked_again_soon_and_whoever_
     for k in range(12):
         robot.hears(BOOT_MS + k)
     robot.fleet.settings[0].frame_max = 256
-    robot.says(BOOT_MS + 600)
-    robot.says(BOOT_MS + 601)
-    to, now_ms = rounds.peer_at(robot.fleet, VICTIM, int(robot.robot.request_to)), BOOT_MS + 602
+    robot.sends(BOOT_MS + 600)
+    robot.sends(BOOT_MS + 601)
+    to = rounds.peer_at(robot.fleet, VICTIM, int(robot.robot.request_to))
     assert robot.robot.request_next == 2
-    for _ in PAUSES_MS:
-        request.not_arrived(robot.fleet, VICTIM, now_ms)
-        now_ms += max(PAUSES_MS)
-        assert robot.says(now_ms) != b""
-    request.not_arrived(robot.fleet, VICTIM, now_ms)
+    robot.loses(BOOT_MS + 602)
     assert robot.robot.request_len == 0
     assert robot.fleet.peer[VICTIM, to].asked_ms == BOOT_MS + 600, "an auditor takes one request in half a round"
 
 
 @pytest.mark.parametrize("f_max, waits", [(5, True), (6, False)])
-def test_of_many_that_may_lie_none_is_waited_for_that_falls_silent_amid_a_request(f_max, waits):
-    """Else eight who acknowledged no more than first fragments cost a round and the next, and stopped others."""
+def test_of_many_that_may_lie_none_is_waited_for(f_max, waits):
+    """Otherwise eight liars whose radios acknowledge first fragments alone cost a round and the next."""
     robot = Unheard(config=BtiConfig(f_max=f_max))
     robot.round_begins(BOOT_MS)
-    for k in range(12):
-        robot.hears(BOOT_MS + k)
-    robot.fleet.settings[0].frame_max = 256
-    for k in range(f_max):
-        now_ms = BOOT_MS + (k + 1) * GRANT_MS
-        robot.says(now_ms)
-        assert robot.says(now_ms + 1) != b"" and robot.robot.request_next == 2
-        request.not_arrived(robot.fleet, VICTIM, now_ms + 2)
-        assert (robot.robot.request_len > 0) == waits
-        if waits:
-            break
+    assert robot.sends(BOOT_MS + GRANT_MS) != b""
+    robot.seeks(BOOT_MS + GRANT_MS)
+    now_ms = BOOT_MS + 2 * GRANT_MS
+    assert robot.sends(now_ms) != b""
+    robot.loses(now_ms + 1)
+    assert (robot.robot.request_len > 0) == waits
 
 
 def test_while_a_fragment_waits_nobody_else_is_asked():
-    robot = Unheard()
-    robot.round_begins(BOOT_MS)
-    now_ms = robot.passes_over(BOOT_MS + GRANT_MS)
-    robot.says(now_ms)
+    robot = begun(BOOT_MS)
+    robot.seeks(BOOT_MS + GRANT_MS)
+    now_ms = BOOT_MS + 2 * GRANT_MS
+    robot.sends(now_ms)
     to, number = int(robot.robot.request_to), int(robot.robot.request_no)
-    request.not_arrived(robot.fleet, VICTIM, now_ms + 1)
-    rounds.retry(robot.fleet, VICTIM)
-    assert robot.says(now_ms + 1) == b""
+    robot.loses(now_ms + 1)
+    rounds.retry(robot.fleet, VICTIM, now_ms + 1)
+    assert robot.sends(now_ms + 1) == b""
     assert (int(robot.robot.request_to), int(robot.robot.request_no)) == (to, number)
-    assert np.all(robot.fleet.robot[VICTIM].request_len > 0)
-
-
-def test_who_has_asked_all_that_there_are_waits_for_the_first_of_whom_nothing_arrived():
-    robot = Unheard()
-    for rob_id in (2, 3):
-        rounds.heard(robot.fleet, VICTIM, rob_id, BOOT_MS)
-    rounds.begin_round(robot.fleet, VICTIM)
-    robot.says(BOOT_MS + GRANT_MS)
-    request.not_arrived(robot.fleet, VICTIM, BOOT_MS + GRANT_MS)
-    assert robot.robot.request_len == 0, "one is left"
-    robot.says(BOOT_MS + 2 * GRANT_MS)
-    request.not_arrived(robot.fleet, VICTIM, BOOT_MS + 2 * GRANT_MS)
-    assert robot.robot.request_len > 0, "none is"
+    assert robot.robot.request_len > 0
 
 
 def test_f_max_that_were_good_auditors_and_are_gone_at_once_stop_nobody():

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from phalanx.bti import fleet, request, rounds
+from phalanx.bti import request, rounds
 from phalanx.bti.nodes import Limits
 from phalanx.config import BtiConfig
 from phalanx.scenarios.attack_spec import AttackSpec
@@ -86,16 +86,11 @@ def test_f_max_liars_push_no_half_heard_request_out(f_max):
     assert auditor.hears(victim, 0, 1, auditor.now_ms + 2)
 
 
-def test_liars_who_begin_requests_between_a_victims_fragments_stop_nobody(monkeypatch):
-    """`push-out`, of whom all but f_max + 2 of the middle are: with three places for all they stopped robot 27."""
+def test_liars_who_begin_requests_between_a_victims_fragments_stop_nobody():
+    """`push-out`, of whom all but f_max + 2 of the middle are."""
     liars = tuple(AttackSpec(name="push-out", at_s=1.5, robot=k + 1) for k in range(8))
     made = star(hub=18, robots=27, attacks=liars, n_max=None, seed=2, duration_s=12.0, bti=BtiConfig(f_max=8))
     assert stopped(made) == 0
-    monkeypatch.setattr(fleet, "RX_SLOTS", 3 - 8)
-    run = Run(made)
-    run.advance(made.duration_s)
-    assert run.summary()["correct_in_safe_mode"] == [27]
-    assert all(run.robots[k].gained > 0 for k in range(8))
 
 
 def test_all_neighbours_at_once_are_audited_and_no_more_than_that():

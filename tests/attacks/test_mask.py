@@ -1,4 +1,4 @@
-"""`mask`: liars talk when others say HELLO. Who lacks tokens asks who is there, and each who hears it tells it alone."""
+"""`mask`: liars talk when others send HELLO. A robot that lacks tokens sends SEEK, and each that receives it answers."""
 
 from __future__ import annotations
 
@@ -7,36 +7,40 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from opened import Hole, run_with
-from test_answers import BOOT_MS, ROUND_MS, VICTIM, Asking
+from test_answers import BOOT_MS, GRANT_MS, ROUND_MS, VICTIM, Asking
 
-from phalanx.bti import audit, log, request, rounds
+from phalanx.bti import audit, log, request, rounds, seeking
+from phalanx.bti.fleet import BOUND, PAPER
 from phalanx.bti.nodes import Limits
 from phalanx.config import BtiConfig
 from phalanx.robot import actions, handlers
-from phalanx.robot.actions import Action, Transmit
-from phalanx.robot.attacks.channel import Mask, talk
+from phalanx.robot.actions import EVERYBODY, Action, RetryAt, RoundAt, Transmit
+from phalanx.robot.attacks.channel import Mask
+from phalanx.robot.attacks.liar import is_audit
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attacks
 from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
 from phalanx.wire.fields import row
+from phalanx.wire.table import AUDIT_HELLO, AUDIT_HERE, AUDIT_SEEK, AUDIT_TOKEN
 
-DEAF = Hole(handlers, "hear_audit", "sub == request.SEEK", "False")
+DEAF = Hole(handlers, "hear_audit", "sub == seeking.SEEK", "False")
 ASKER = 5
 
 
 class Amplify(Mask):
     """What it says in the place of noise is SEEK: the answers of others are the noise."""
 
-    SAYS = request.SEEK
+    def noise(self) -> bytes:
+        return seek_of(self.id)
 
 
 class Echo(Mask):
     """Noise as ever, and at each SEEK one of its own: whoever is to answer has to answer all liars too."""
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
-        asks = len(frame) == request.AUDIT_HEAD_BYTES and frame[request.AT_SUB] == request.SEEK
-        return super().heard(now_ms, frame) + (talk(self, now_ms, 1, request.SEEK) if asks else [])
+        asks = is_audit(frame, seeking.SEEK)
+        return super().heard(now_ms, frame) + (self.send(now_ms, seek_of(self.id), EVERYBODY) if asks else [])
 
 
 def star(f_max: int, seed: int, attack: str | type[Mask] = "mask") -> Scenario:
@@ -96,142 +100,182 @@ def test_where_nobody_answers_they_starve_most_of_a_hub(monkeypatch):
 
 
 class Seeking(Asking):
-    """Its first round has given it nothing."""
+    """A robot whose first round has given it nothing."""
 
     def __init__(self):
         super().__init__()
-        rounds.begin_round(self.fleet, VICTIM)
+        rounds.begin_round(self.fleet, VICTIM, BOOT_MS)
         self.now_ms = BOOT_MS + ROUND_MS
 
     def senses(self, now_ms: int) -> None:
-        """So that its s-chain is another."""
+        """Take a reading, so that its s-chain is another."""
         handlers.take(self.fleet, VICTIM, self.work, audit.INPUT, now_ms, row(bytes(8)), 8)
 
-    def listens_ms(self) -> int:
-        """For how long, when its next round is due."""
-        return int(request.listens(self.fleet, VICTIM, self.now_ms, self.work.small[1]))
+    def event(self, handler, *args: int) -> list[Action]:
+        handler(self.fleet, VICTIM, self.work, *args)
+        return actions.decode(self.work)
 
-    def begins(self) -> bytes:
-        """What it says when that round begins."""
-        rounds.begin_round(self.fleet, VICTIM)
-        n = request.hello(self.fleet, VICTIM, self.now_ms, self.work.frame)
-        return self.work.frame[:n].tobytes()
+    def round_due(self, *, listened: bool) -> list[Action]:
+        return self.event(handlers.on_round, self.now_ms, int(listened), 0)
 
-    def hears_seek(self, src: int, now_ms: int) -> bytes:
-        """What it answers."""
-        frame = row(bytes(request.AUDIT_HEAD_BYTES))
-        request.audit_head(frame, src, 0, request.SEEK)
-        assert handlers.on_packet(self.fleet, VICTIM, self.work, now_ms, frame, len(frame)) == handlers.NOTHING
-        asked = actions.decode(self.work)
-        if not asked:
-            return b""
-        (sent,) = asked
-        assert sent == Transmit(sent.packet, src)
-        return sent.packet
+    def receives(self, packet: bytes, now_ms: int) -> list[Action]:
+        handlers.on_packet(self.fleet, VICTIM, self.work, now_ms, row(packet), len(packet))
+        return actions.decode(self.work)
 
 
-def audit_frame(src: int, dst: int, sub: int) -> bytes:
-    frame = row(bytes(request.AUDIT_HEAD_BYTES))
-    request.audit_head(frame, src, dst, sub)
-    return frame.tobytes()
+def seek_of(src: int, nonce: int = 77, since: int = 0) -> bytes:
+    return AUDIT_SEEK.encode(src=src, dst=0, nonce=nonce, since=since, share=255)
 
 
-def test_who_lacks_tokens_seeks_and_asks_for_audits_when_it_was_answered():
+def sent(asked: list[Action]) -> list[bytes]:
+    return [each.packet for each in asked if isinstance(each, Transmit)]
+
+
+def retry_ms(asked: list[Action]) -> int:
+    return min(each.at_ms for each in asked if isinstance(each, RetryAt))
+
+
+def test_a_robot_that_lacks_tokens_listens_then_seeks_and_asks_those_that_answer():
     robot = Seeking()
-    assert robot.listens_ms() > 0
-    assert robot.begins() == audit_frame(VICTIM + 1, 0, request.SEEK)
+    _, listens = robot.round_due(listened=False)
+    assert isinstance(listens, RoundAt) and listens.listened
+    assert seeking.LISTENS_MS <= listens.at_ms - robot.now_ms < seeking.LISTENS_MS + ROUND_MS // 16
+    assert log.logged(robot.fleet, VICTIM)[-1] == log.FLUSH_S
+    robot.now_ms = listens.at_ms
     rounds.heard(robot.fleet, VICTIM, 3, robot.now_ms)
-    assert handlers.next_fragment(robot.fleet, VICTIM, robot.work, robot.now_ms) == 0
-    retry_ms = int(rounds.next_retry(robot.fleet, VICTIM, robot.now_ms))
-    assert retry_ms == robot.now_ms + robot.config.retry_ms
-    assert rounds.retry(robot.fleet, VICTIM) == robot.config.f_max + 1
-    assert handlers.next_fragment(robot.fleet, VICTIM, robot.work, retry_ms) > 0
-    assert robot.robot.request_to == 3
-
-
-@pytest.mark.parametrize("others, seeks", [(7, True), (8, False)])
-def test_who_lacks_tokens_and_hears_2_f_max_plus_2_others_only_listens(others, seeks):
-    """f_max + 2 of them are correct: one more than it needs, which P2 wants where liars talk over it."""
-    robot = Seeking()
-    for rob_id in range(2, 2 + others):
-        rounds.heard(robot.fleet, VICTIM, rob_id, robot.now_ms - ROUND_MS * 5 // 4)
-    rounds.heard(robot.fleet, VICTIM, 100, robot.now_ms - ROUND_MS * 5 // 4 - 1)
-    assert robot.listens_ms() > 0
-    assert robot.begins() == audit_frame(VICTIM + 1, 0, request.SEEK if seeks else request.HELLO)
-    assert (robot.robot.quota > 0) != seeks
+    asked = robot.round_due(listened=True)
+    (seek,) = map(AUDIT_SEEK.decode, sent(asked))
+    assert (seek["src"], seek["dst"], seek["since"], seek["share"]) == (VICTIM + 1, 0, robot.now_ms, 255)
+    at_ms = retry_ms(asked)
+    assert at_ms == robot.now_ms + robot.config.retry_ms
+    assert not sent(robot.event(handlers.on_retry, at_ms, 0)), "robot 3 was only heard"
+    for src, nonce in ((2, seek["nonce"] + 1), (4, seek["nonce"])):
+        robot.receives(AUDIT_HERE.encode(src=src, dst=VICTIM + 1, nonce=nonce % 2**32), at_ms)
+    (request_,) = sent(robot.event(handlers.on_retry, at_ms + robot.config.retry_ms, 0))
+    assert request_[request.AT_SUB] == request.FRAGMENT
+    assert robot.robot.request_to == 4
 
 
 @pytest.mark.parametrize("name, value", [("got", BtiConfig().f_max + 1), ("round_no", 0)])
-def test_who_has_its_tokens_and_who_begins_its_first_round_say_hello_at_once(name, value):
+def test_a_robot_that_has_its_tokens_or_begins_its_first_round_sends_hello_at_once(name, value):
     robot = Seeking()
     robot.robot[name] = value
-    assert robot.listens_ms() == 0
-    assert robot.begins() == audit_frame(VICTIM + 1, 0, request.HELLO)
+    assert sent(robot.round_due(listened=False)) == [AUDIT_HELLO.encode(src=VICTIM + 1, dst=0)]
 
 
-def test_it_seeks_again_while_it_lacks_tokens_at_moments_that_nobody_can_foresee():
+@pytest.mark.parametrize("profile, seeks", [(BOUND, 1), (PAPER, 0)])
+def test_a_robot_seeks_when_an_auditor_is_silent_for_the_retry_time(profile, seeks):
+    robot = Asking(profile)
+    robot.round_begins(BOOT_MS)
+    now_ms = BOOT_MS + GRANT_MS
+    robot.ask(now_ms)
+    for at_ms, has_begun in ((now_ms + 49, 0), (now_ms + 50, seeks)):
+        seeking.seek(robot.fleet, VICTIM, at_ms, robot.work.small[1], robot.work.frame)
+        assert robot.robot.seeks == has_begun
+
+
+def test_it_repeats_seek_at_random_times_until_it_has_its_tokens():
     moments = set()
     for k in range(8):
         robot = Seeking()
         robot.senses(BOOT_MS + k)
-        at_ms = robot.now_ms + robot.listens_ms()
-        assert request.LISTENS_MS <= at_ms - robot.now_ms < request.LISTENS_MS + ROUND_MS // 16
-        assert log.logged(robot.fleet, VICTIM)[-1] == log.FLUSH_S
-        robot.now_ms = at_ms
-        robot.begins()
-        said_ms = [now_ms for now_ms in range(at_ms, at_ms + ROUND_MS, 10) if robot_seeks(robot, now_ms)]
+        robot.now_ms = at_ms = robot.round_due(listened=False)[1].at_ms
+        robot.round_due(listened=True)
+        said_ms = [now_ms for now_ms in range(at_ms, at_ms + ROUND_MS, 10) if seeks_now(robot, now_ms)]
         gaps_ms = np.diff([at_ms, *said_ms])
         assert (gaps_ms >= ROUND_MS // 8).all()
         assert (gaps_ms <= ROUND_MS // 4 + 10).all()
         moments |= {at_ms, *said_ms}
-        late_ms = at_ms + 10 * ROUND_MS
         robot.robot.got = robot.config.f_max + 1
-        assert not robot_seeks(robot, late_ms)
-        robot.robot.got = 0
-        assert robot_seeks(robot, late_ms)
-        for rob_id in range(2, 10):
-            rounds.heard(robot.fleet, VICTIM, rob_id, late_ms)
-        assert not robot_seeks(robot, late_ms + ROUND_MS // 2)
+        assert not sent(robot.event(handlers.on_retry, at_ms + 10 * ROUND_MS, 0))
     assert len(moments) > 30, "another s-chain, other moments"
 
 
-def robot_seeks(robot: Seeking, now_ms: int) -> bool:
-    return bool(request.seek(robot.fleet, VICTIM, now_ms, robot.work.frame))
+def answers(asked: list[Action]) -> list[bytes]:
+    return [packet for packet in sent(asked) if packet[request.AT_SUB] != request.FRAGMENT]
 
 
-def test_each_who_hears_it_tells_it_alone_and_once_in_half_a_round():
-    robot, half_ms = Seeking(), ROUND_MS // 2
-    for after_ms, answered in ((0, True), (half_ms - 1, False), (half_ms, True), (half_ms + 1, False)):
-        told = robot.hears_seek(ASKER, robot.now_ms + after_ms)
-        assert told == (audit_frame(VICTIM + 1, ASKER, request.HELLO) if answered else b"")
-        assert robot.hears_seek(ASKER + 1 + after_ms, robot.now_ms + after_ms) != b"", "another's share is its own"
-    assert robot.hears_seek(VICTIM + 1, robot.now_ms) == b""
+def seeks_now(robot: Seeking, now_ms: int) -> bool:
+    return any(packet[request.AT_SUB] == seeking.SEEK for packet in sent(robot.event(handlers.on_retry, now_ms, 0)))
+
+
+def test_each_round_has_a_nonce_of_its_own():
+    nonces, robot = set(), Seeking()
+    for _ in range(4):
+        robot.senses(robot.now_ms)
+        robot.round_due(listened=False)
+        nonces |= {AUDIT_SEEK.decode(each)["nonce"] for each in sent(robot.round_due(listened=True))}
+        robot.now_ms += ROUND_MS
+    assert len(nonces) == 4
+
+
+def test_a_robot_answers_each_seek_once_at_a_random_time():
+    waits_ms = set()
+    for k in range(12):
+        robot = Seeking()
+        robot.senses(robot.now_ms + k)
+        at_ms = retry_ms(robot.receives(seek_of(ASKER), robot.now_ms))
+        assert 0 < at_ms - robot.now_ms <= ROUND_MS // 16
+        waits_ms.add(at_ms - robot.now_ms)
+        assert not robot.receives(seek_of(ASKER), robot.now_ms + ROUND_MS // 8 - 1), "one in T_audit / 8"
+        other_ms = retry_ms(robot.receives(seek_of(ASKER + 1, 78), robot.now_ms))
+        early = answers(robot.event(handlers.on_retry, min(at_ms, other_ms) - 1, 0))
+        assert not early
+        told = [answers(robot.event(handlers.on_retry, each, 0)) for each in sorted({at_ms, other_ms})]
+        assert sorted(packet for each in told for packet in each) == [
+            AUDIT_HERE.encode(src=VICTIM + 1, dst=dst, nonce=nonce) for dst, nonce in ((ASKER, 77), (ASKER + 1, 78))
+        ]
+        assert not answers(robot.event(handlers.on_retry, robot.now_ms + ROUND_MS, 0))
+        assert robot.receives(seek_of(ASKER), robot.now_ms + ROUND_MS // 8), "the next one"
+    assert len(waits_ms) > 6
+
+
+@pytest.mark.parametrize("since_ms, repeats", [(1000, True), (1001, False)])
+def test_a_token_of_this_round_that_may_be_lost_is_the_answer(since_ms, repeats):
+    robot, mac = Seeking(), row(bytes(range(8)))
+    rounds.heard(robot.fleet, VICTIM, ASKER, robot.now_ms)
+    request.new_token(robot.fleet, VICTIM, ASKER, 3, 1000, mac, robot.work.frame)
+    at_ms = retry_ms(robot.receives(seek_of(ASKER, since=since_ms), robot.now_ms))
+    token = AUDIT_TOKEN.encode(src=VICTIM + 1, dst=ASKER, request=3, t=1000, mac=bytes(range(8)))
+    here = AUDIT_HERE.encode(src=VICTIM + 1, dst=ASKER, nonce=77)
+    assert answers(robot.event(handlers.on_retry, at_ms, 0)) == [token if repeats else here]
+
+
+def test_of_many_in_range_a_share_answers_that_doubles_with_each_seek():
+    robot, shares = Seeking(), []
+    for rob_id in range(2, 26):
+        rounds.heard(robot.fleet, VICTIM, rob_id, robot.now_ms)
+    robot.round_due(listened=False)
+    shares += [AUDIT_SEEK.decode(each)["share"] for each in sent(robot.round_due(listened=True))]
+    for k in range(1, 6):
+        at_ms = robot.now_ms + k * ROUND_MS // 4
+        shares += [AUDIT_SEEK.decode(each)["share"] for each in sent(robot.event(handlers.on_retry, at_ms, 0))]
+    assert shares == [163, 255, 255, 255, 255, 255], "4 (f_max + 1) of 25 at first"
+    told = []
+    for share in (0, 63, 127, 255):
+        robot = Seeking()
+        seeks = [AUDIT_SEEK.encode(src=2 + k, dst=0, nonce=1000 * k, since=0, share=share) for k in range(24)]
+        told.append(sum(bool(robot.receives(each, robot.now_ms)) for each in seeks))
+    assert told[0] < told[1] < told[2] < told[3] == 24
+
+
+@pytest.mark.parametrize("wrong", [seek_of(ASKER)[:-1], seek_of(ASKER) + b"\0", seek_of(VICTIM + 1), seek_of(0)])
+def test_a_seek_of_another_length_or_of_nobody_is_not_answered(wrong):
+    robot = Seeking()
+    assert not robot.receives(wrong, robot.now_ms)
 
 
 @pytest.mark.parametrize("seeks, first", [(0, 3), (1, 4)])
-def test_who_seeks_asks_first_whom_it_never_asked_in_vain(seeks, first):
-    """A liar's token counts for T_val; its a-node has few requests, and liars who gave one once would have them all."""
+def test_a_robot_that_seeks_asks_first_whom_it_never_asked_in_vain(seeks, first):
+    """A liar's token counts for T_val; its a-node has few requests, and liars that issued one once would use them up."""
     robot = Seeking()
     robot.robot.seeks = seeks
     for rob_id in (3, 4):
         rounds.heard(robot.fleet, VICTIM, rob_id, robot.now_ms)
+        robot.fleet.peer[VICTIM, rounds.peer_at(robot.fleet, VICTIM, rob_id)].here = robot.now_ms
     gave_one = robot.fleet.peer[VICTIM, rounds.peer_at(robot.fleet, VICTIM, 3)]
     gave_one.token, gave_one.misses = robot.now_ms, 1
     assert rounds.next_candidate(robot.fleet, VICTIM, robot.now_ms) == first
-
-
-def test_where_tokens_were_missing_a_lost_fragment_is_said_again_at_once():
-    """Another request would cost one of the few that the a-node makes."""
-    robot = Seeking()
-    robot.listens_ms()
-    robot.begins()
-    for rob_id in range(2, 9):
-        rounds.heard(robot.fleet, VICTIM, rob_id, robot.now_ms)
-    now_ms = robot.now_ms + robot.config.retry_ms
-    rounds.retry(robot.fleet, VICTIM)
-    assert handlers.next_fragment(robot.fleet, VICTIM, robot.work, now_ms) > 0
-    request.not_arrived(robot.fleet, VICTIM, now_ms)
-    assert robot.robot.request_len > 0
 
 
 @pytest.mark.parametrize("n_max", [4, 24, 100])

@@ -37,7 +37,7 @@ ROBOT = layout(
     "log_full u1",
     # What each event needs lies together: of large swarms it is not near, and each line of it is waited for.
     "booted u1",  # the log begins at boot, not at a checkpoint
-    "seeks u1",  # in this round it asks who is there
+    "seeks u1",  # 0; in a round in which it asks only robots that have answered its SEEK: 1, and 1 for each SEEK so far
     "log_len i8",
     "log_max i8",  # longest log so far
     "state_len i8",
@@ -58,8 +58,12 @@ ROBOT = layout(
     "request_len i8",  # of the request under way, 0 if none
     "request_row i4",  # where it is, NO_ROW if nowhere
     "drawn u4",  # what nobody could know who had not heard the last one
-    "secret u4",  # what nobody else can know, of a round in which it seeks
-    "seek_at i8",  # when it asks again who is there, ms of the robot's clock
+    "secret nonce u4",  # out of an authenticator that is shown to nobody; the nonce goes out in SEEK
+    "round_at i8",  # when this round began
+    "drawn_in i8",  # the round in which they were drawn
+    "seek_at i8",  # when it sends the next SEEK, ms of the robot's clock
+    "retry_at i8",  # when further robots may be asked
+    "answer_at i8",  # when it answers the next SEEK; 0: none is left
     "request_next i8",  # its next fragment
     "repeats i8",  # how often fragments of it were said again
     "repeat_at i8",  # when the next fragment may be said, ms of the robot's clock
@@ -74,11 +78,20 @@ PEER = layout(
     "asked_ms i8",  # when we last asked it
     "took i8",  # ms at which we last took a request of its
     "took_t i8",  # and that request's own time
-    "told i8",  # ms at which we last told it, and it alone, that we are here
+    "here i8",  # ms at which it last answered a SEEK of ours
     "asked i4",  # round in which we last asked it
     "claimed i4",  # the checkpoint that was about, by its number
     "answered i4",  # round in which it last gave us a token
     "misses i4",  # rounds in a row in which we asked it for nothing
+)
+# What a robot owes each of its peers.
+OWED = layout(
+    "sought i8",  # ms of our clock, of the last SEEK from it that we took
+    "answer_at i8",  # when to answer it; 0: it is answered
+    "nonce since i8",  # out of that SEEK
+    "t i8",  # of the last request of its that passed; the token's MAC, and the request's number
+    f"mac {MAC_BYTES}u1",
+    "no i8",
 )
 RX = layout(
     "src i8",  # who sends it, 0: nobody, and the row is not the place's any more
@@ -108,6 +121,7 @@ class Fleet(NamedTuple):
     token: Annotated[Any, Records(TOKEN, 3)]  # (N, 2, K): the tokens that cover them
     peer: Annotated[Any, Records(PEER, 2)]  # (N, n_max): robots whose AUDIT frames or tokens were heard
     peer_id: U16x2  # (N, n_max), who they are: beside the rest, as most of what is asked is who is known
+    owed: Annotated[Any, Records(OWED, 2)]  # (N, n_max): answers and tokens for the same robots
     request: Pool  # of R bytes: requests under way
     rx: Pool  # of R bytes: requests that arrive in fragments
     rx_info: Annotated[Any, Records(RX, 2)]  # (N, f_max + RX_SLOTS)
@@ -179,6 +193,7 @@ def make_fleet(
         token=records((n, 2, config.tokens_kept), TOKEN),
         peer=records((n, config.n_max), PEER),
         peer_id=np.zeros((n, config.n_max), np.uint16),
+        owed=records((n, config.n_max), OWED),
         request=make_pool(n, requests),
         rx=make_pool(n * places, requests),
         rx_info=records((n, places), RX),

@@ -10,13 +10,12 @@ from phalanx.config.bti import MOST_FRAGMENTS
 from phalanx.kernel import kernel
 from phalanx.pool import NO_ROW, give_back, lend
 from phalanx.wire import table
-from phalanx.wire.fields import Row, copy, get_u16, get_u32, put_u16, put_u32
+from phalanx.wire.fields import Row, copy, get_u16, put_u16, put_u32
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
-from . import trusted
 from .fleet import PENDING, START, Fleet
-from .log import FLUSH_S, mark, read
-from .rounds import again_after, drawn, flush_marks, hears_few, mixed, next_candidate, peer_at, withdraw
+from .log import read
+from .rounds import flush_marks, next_candidate, peer_at, withdraw
 
 VERSION = table.REQUEST_VERSION
 AT_FLAGS, AT_TEE, AT_T, AT_TOP_A, AT_TREQ_MAC = map(table.REQUEST.at, ("flags", "tee", "t", "top_a", "treq_mac"))
@@ -28,7 +27,7 @@ TOKEN_TOR, TOKEN_T, TOKEN_MAC = map(table.COVERING_TOKEN.at, ("tor", "t", "mac")
 TOKEN_BYTES = table.COVERING_TOKEN.size
 
 AUDIT = table.KIND_AUDIT
-HELLO, FRAGMENT, TOKEN, SEEK = table.HELLO, table.FRAGMENT, table.TOKEN_REPLY, table.SEEK
+HELLO, FRAGMENT, TOKEN = table.HELLO, table.FRAGMENT, table.TOKEN_REPLY
 AUDIT_HEAD_BYTES = table.AUDIT_HEADER_BYTES
 FRAGMENT_HEAD_BYTES = table.AUDIT_FRAGMENT.size
 TOKEN_FRAME_BYTES = table.AUDIT_TOKEN.size
@@ -37,12 +36,6 @@ AT_REQUEST, AT_INDEX, AT_COUNT = map(table.AUDIT_FRAGMENT.at, ("request", "index
 REPLY_T, REPLY_MAC = map(table.AUDIT_TOKEN.at, ("t", "mac"))
 AUTH_MAC = table.AUTHENTICATOR.at("mac")
 TREQ_BYTES = table.TOKEN_REQUEST.size
-# So often fragments of one request are said again that did not arrive.
-REPEATS = 4
-# Of f_max who fall silent amid a request each costs an eighth of a round on the mean: six and more are not waited for.
-PATIENT = 5
-# A HELLO is over by then, if it waited for a fragment or two of others.
-LISTENS_MS = 5
 
 
 @kernel
@@ -166,107 +159,34 @@ def next_fragment(f: Fleet, i: int, now: int, frame: Row) -> int:
 
 
 @kernel
-def not_arrived(f: Fleet, i: int, now: int) -> None:
-    """The fragment last said, which did not arrive, is said again after a while; after so many the next robot is asked.
-
-    Who is out of the robot's hearing, and knows when it asks, could talk over each of its requests: so it waits a time
-    that nobody knows who has not heard this request, out of a MAC in it, and each time about twice as long. A robot of
-    which nothing arrived may be asked again at such a time too. The first f_max of those in a round are not waited for:
-    else as many that are gone would cost others a round and more.
-    Source: docs/adr/0028; RoboRebound §5.2.
-    """
-    r, s = f.robot[i], f.settings[0]
-    if r.request_len == 0:
-        return
-    chance = mixed(drawn(f, i), r.repeats)
-    nothing = r.request_next == 1
-    given_up = nothing or s.f_max > PATIENT
-    if r.repeats < REPEATS and not (given_up and _moves_on(f, i, now)):
-        r.request_next = max(r.request_next - 1, 0)
-        r.repeat_at = now + 1 + chance % max(1, s.t_audit >> (REPEATS + 2 - r.repeats))
-        r.repeats += 1
-        return
-    if nothing:
-        f.peer[i, peer_at(f, i, int(r.request_to))].asked_ms = now - again_after(f) + chance % (s.t_audit // 2)
-    withdraw(f, i)
-    r.quota += 1
-
-
-@kernel
-def _moves_on(f: Fleet, i: int, now: int) -> bool:
-    """Whether a robot of which nothing arrived counts as gone: so may f_max in a round, while others can be asked.
-
-    Not for who seeks: its a-node's requests are what is rare by then, and what is said again costs none.
-    Source: docs/adr/0028, docs/adr/0036.
-    """
-    r, silent = f.robot[i], 0
-    if r.seeks:
-        return False
-    for k in range(r.peers):
-        silent += f.peer[i, k].asked == r.round_no and f.peer[i, k].answered != r.round_no
-    tor = next_candidate(f, i, now)
-    others = tor != 0 and f.peer[i, peer_at(f, i, tor)].asked != r.round_no
-    return bool(others and silent <= f.settings[0].f_max)
-
-
-@kernel
-def listens(f: Fleet, i: int, now: int, auth_s: Row) -> int:
-    """For how long the robot listens before it begins the round that is due, ms: 0 if the last one gave it its tokens.
-
-    Two who speak at the same moment of each round would never hear each other's HELLO. Who lacks a token is silent at
-    that moment, and speaks at another that differs from robot to robot. Who hears few besides will seek: then nobody
-    can foresee the moment, which comes of an authenticator, in `auth_s` (30,), that is shown to nobody.
-    Source: docs/adr/0030, docs/adr/0036.
-    """
-    r, s = f.robot[i], f.settings[0]
-    r.seeks = 0
-    if r.round_no == 0 or r.got > s.f_max:
-        return 0
-    chance = mixed(drawn(f, i), int(r.id))
-    if hears_few(f, i, now) and trusted.snode_make_auth(s.profile, f.snode[i], f.hckpt[i, PENDING], auth_s) >= 0:
-        mark(f, i, FLUSH_S)
-        r.seeks = 1
-        chance = r.secret = get_u32(auth_s, AUTH_MAC)
-    return int(LISTENS_MS + chance % max(1, s.t_audit >> 4))
-
-
-@kernel
-def hello(f: Fleet, i: int, now: int, frame: Row) -> int:
-    """The frame by which others know, in a round that begins, that this robot is here to audit; its length.
-
-    Who seeks asks for one of each that hears it: they may have spoken when somebody talked over them. It asks for
-    audits when they have answered. Source: docs/adr/0036.
-    """
-    r, s = f.robot[i], f.settings[0]
-    if r.seeks:
-        r.quota = 0
-        r.asked_at = now
-        pause = max(1, s.t_audit >> 3)
-        r.seek_at = now + pause + mixed(int(r.secret), now) % pause
-    audit_head(frame, int(r.id), 0, SEEK if r.seeks else HELLO)
+def hello(f: Fleet, i: int, frame: Row) -> int:
+    """Write the broadcast that tells others that this robot audits; return its length."""
+    audit_head(frame, int(f.robot[i].id), 0, HELLO)
     return AUDIT_HEAD_BYTES
 
 
 @kernel
-def seek(f: Fleet, i: int, now: int, frame: Row) -> int:
-    """As `hello`, once more in a round that began so, after a pause that nobody can foresee; 0 if it is not to be."""
-    r = f.robot[i]
-    due = r.seeks != 0 and r.got <= f.settings[0].f_max and now >= r.seek_at
-    return int(hello(f, i, now, frame)) if due and hears_few(f, i, now) else 0
+def new_token(f: Fleet, i: int, to: int, number: int, t: int, mac: Row, frame: Row) -> int:
+    """Write the answer to request `number` of robot `to`, and store it in case it is lost; return its length.
+
+    `t` is the token request's time, ms; `mac` (8,) is the token's.
+    """
+    at = peer_at(f, i, to)
+    if at >= 0:
+        o = f.owed[i, at]
+        o.t, o.no = t, number
+        copy(o.mac, 0, mac, 0, MAC_BYTES)
+    return int(token_packet(f, i, to, number, t, mac, frame))
 
 
 @kernel
-def hello_to(f: Fleet, i: int, src: int, now: int, frame: Row) -> int:
-    """The same for one robot alone, which asked for it; 0 if it was told in the last T_audit / 2.
-
-    Source: docs/adr/0036.
-    """
-    at = peer_at(f, i, src)
-    if at < 0 or now - f.peer[i, at].told < f.settings[0].t_audit // 2:
-        return 0
-    f.peer[i, at].told = now
-    audit_head(frame, int(f.robot[i].id), src, HELLO)
-    return AUDIT_HEAD_BYTES
+def token_packet(f: Fleet, i: int, to: int, number: int, t: int, mac: Row, frame: Row) -> int:
+    """Write a token for robot `to`; return the packet's length. The arguments are those of `new_token`."""
+    audit_head(frame, int(f.robot[i].id), to, TOKEN)
+    put_u16(frame, AT_REQUEST, number)
+    put_u32(frame, REPLY_T, t)
+    copy(frame, REPLY_MAC, mac, 0, MAC_BYTES)
+    return TOKEN_FRAME_BYTES
 
 
 @kernel

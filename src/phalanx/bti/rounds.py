@@ -12,7 +12,7 @@ from phalanx.wire.fields import Row, copy, get_u32, put_u32, whole
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
 from . import trusted
-from .fleet import LONG_AGO, PAPER, PEER, PENDING, START, Fleet, records
+from .fleet import LONG_AGO, OWED, PAPER, PEER, PENDING, START, Fleet, records
 from .log import CHECKPOINT, FLUSH_A, FLUSH_S, mark, truncate
 
 CHECKPOINT_BYTES = table.CHECKPOINT.size  # without the controller's state
@@ -27,7 +27,8 @@ HEARD_ROUNDS_X2 = 5
 MOST_MISSES = 15
 # Who was never heard, asked or audited.
 STRANGER = records(1, PEER)
-STRANGER["heard"] = STRANGER["token"] = STRANGER["asked_ms"] = STRANGER["took"] = STRANGER["told"] = LONG_AGO
+STRANGER["heard"] = STRANGER["token"] = STRANGER["asked_ms"] = STRANGER["took"] = STRANGER["here"] = LONG_AGO
+NOTHING_OWED = records(1, OWED)
 STRANGER["asked"] = STRANGER["claimed"] = STRANGER["answered"] = STRANGER["took_t"] = -1
 
 
@@ -78,6 +79,7 @@ def peer_at(f: Fleet, i: int, rob_id: int) -> int:
             if f.peer[i, k].heard < f.peer[i, at].heard:
                 at = k
     f.peer[i, at] = STRANGER[0]
+    f.owed[i, at] = NOTHING_OWED[0]
     f.peer_id[i, at] = rob_id
     return int(at)
 
@@ -92,12 +94,12 @@ def heard(f: Fleet, i: int, rob_id: int, now: int) -> None:
 
 @kernel
 def next_candidate(f: Fleet, i: int, now: int) -> int:
-    """Whom to ask next in this round, 0 if nobody is left: sources of fresh tokens first, then of AUDIT frames.
+    """Return whom to ask next in this round, 0 if nobody is left: sources of fresh tokens first, then of AUDIT packets.
 
-    Within each sort, who did not answer the last time comes later: what an auditor has heard the least of, it may be
-    out of range. To who seeks all are of one sort: liars who gave a token once would have its few requests. After that
-    the order differs from robot to robot, so that no auditor is everybody's favourite.
-    Source: docs/spec/rebound.md (ghost auditors).
+    A robot that seeks asks only robots that have just answered its SEEK, and does not prefer fresh tokens: liars that
+    issued one once would use up its few requests. Within each group, a robot that did not answer its last requests
+    comes later. After that the order differs from robot to robot, so that no auditor is everybody's favourite.
+    Source: docs/spec/rebound.md (ghost auditors); docs/adr/0036.
     """
     r, s = f.robot[i], f.settings[0]
     best, best_key = 0, 1 << 40
@@ -106,9 +108,13 @@ def next_candidate(f: Fleet, i: int, now: int) -> int:
         if p.answered == r.round_no or now < p.asked_ms + again_after(f):
             continue
         fresh = p.token >= now - s.t_val
-        if not fresh and p.heard * 2 < now * 2 - HEARD_ROUNDS_X2 * s.t_audit:
+        if r.seeks:
+            fresh = True
+            if now - p.here > s.t_audit // 2:
+                continue
+        elif not fresh and p.heard * 2 < now * 2 - HEARD_ROUNDS_X2 * s.t_audit:
             continue
-        key = mixed(int(r.id), rob_id) + (whole(p.misses) << 32) + (0 if fresh or r.seeks else 1 << 36)
+        key = mixed(int(r.id), rob_id) + (whole(p.misses) << 32) + (0 if fresh else 1 << 36)
         if p.asked == r.round_no:
             key += 1 << 37  # silent so far in this round: only if nobody else is left
         if key < best_key:
@@ -136,17 +142,32 @@ def next_retry(f: Fleet, i: int, now: int) -> int:
     r, s = f.robot[i], f.settings[0]
     if r.got > s.f_max:
         return -1
-    if r.request_len > 0:
-        return int(max(r.repeat_at, now + 1))
     soon = r.asked_at + s.retry
-    if soon > now:
-        return int(soon)
-    # Who seeks hears of others at any time; and what its a-node has no request for now, it has soon.
-    return int(now + s.retry if r.seeks else max(now + s.retry, r.asked_at + again_after(f)))
+    if r.request_len > 0:
+        r.retry_at = r.repeat_at
+    elif soon > now:
+        r.retry_at = soon
+    elif r.seeks:
+        # An answer may come at any time; and if its a-node has no token request left, it soon has.
+        r.retry_at = now + s.retry
+    else:
+        r.retry_at = max(now + s.retry, r.asked_at + again_after(f))
+    if r.seeks and r.request_len == 0:
+        r.retry_at = min(r.retry_at, r.seek_at)
+    r.retry_at = max(r.retry_at, now + 1)
+    return int(r.retry_at)
 
 
 @kernel
-def begin_round(f: Fleet, i: int) -> None:
+def end_round(f: Fleet, i: int) -> bool:
+    """Stop seeking; return whether tokens of the round that ends are missing."""
+    r = f.robot[i]
+    r.seeks = 0
+    return bool(r.round_no > 0 and r.got <= f.settings[0].f_max)
+
+
+@kernel
+def begin_round(f: Fleet, i: int, now: int) -> None:
     """A new round is open, with a request for each token that is needed. Source: RoboRebound §3.7."""
     r = f.robot[i]
     for k in range(r.peers):
@@ -154,6 +175,7 @@ def begin_round(f: Fleet, i: int) -> None:
         if p.asked == r.round_no and p.answered != r.round_no:
             p.misses = min(int(p.misses) + 1, MOST_MISSES)
     r.round_no += 1
+    r.round_at = now
     r.quota = f.settings[0].f_max + 1
     r.got = 0
     withdraw(f, i)
@@ -178,24 +200,14 @@ def drawn(f: Fleet, i: int) -> int:
 
 
 @kernel
-def hears_few(f: Fleet, i: int, now: int) -> bool:
-    """Whether of those heard in the last round too few may be left to ask, if f_max of them lie: not 2 f_max + 2.
-
-    One more than f_max + 1 correct ones, as one of those may be talked over. Source: docs/adr/0036.
-    """
-    s, heard_of = f.settings[0], 0
-    for k in range(f.robot[i].peers):
-        heard_of += (now - f.peer[i, k].heard) * 4 <= s.t_audit * 5
-    return bool(heard_of <= 2 * s.f_max + 1)
-
-
-@kernel
-def retry(f: Fleet, i: int) -> int:
-    """Tokens still missing in this round; as many further robots may now be asked, or a fragment said again.
+def retry(f: Fleet, i: int, now: int) -> int:
+    """Return how many tokens are missing in this round if it is time to ask as many further robots, else 0.
 
     Source: RoboRebound §5.2.
     """
     r = f.robot[i]
+    if now < r.retry_at:
+        return 0
     missing = max(f.settings[0].f_max + 1 - r.got, 0)
     if r.request_len == 0:
         r.quota = missing

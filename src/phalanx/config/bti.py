@@ -30,7 +30,7 @@ class BtiConfig:
     Raises: UsageError: a value is out of range. Source: RoboRebound §4, §5.2; docs/spec/rebound.md.
     """
 
-    f_max: int = within(3, 1, 15, "compromised robots that are tolerated; f_max + 1 fresh tokens keep a robot alive")
+    f_max: int = within(3, 1, 15, "most compromised robots that are tolerated; f_max + 1 fresh tokens keep a robot alive")
     t_audit_ms: int = within(4000, 500, 600_000, "a round of audits is asked for so often")
     t_val_ms: int = within(10_000, 1000, 3_600_000, "how long a token counts")
     t_control_ms: int = within(250, 20, 10_000, "period of the sensors' grid")
@@ -82,6 +82,14 @@ class BtiConfig:
     def tokens_needed(self) -> int:
         """Fresh tokens of different auditors that keep a robot alive."""
         return self.f_max + 1
+
+    @property
+    def quorum(self) -> int:
+        """Correct robots that hear a robot and are heard by it, with which P2 holds: liars may talk over one of them.
+
+        Source: docs/promises.md.
+        """
+        return self.f_max + 2
 
     def stop_bound_ms(self, *, output_missing: bool) -> int:
         """From deviation to Safe Mode, at most; δ + skew more if an output is missing or late.

@@ -37,7 +37,7 @@ class Actuate:
 
 @dataclass(frozen=True, slots=True)
 class RetryAt:
-    """Call `on_retry` at this moment of the robot's clock."""
+    """Call `on_retry` at this moment of the robot's clock, or earlier if it asks for that: it has one timer."""
 
     at_ms: int
 
@@ -87,15 +87,6 @@ def carry(w: Work, kind: int, to: int, source: Row, begin: int, length: int) -> 
     w.actions[at].begin = used
     w.actions[at].length = length
     w.used[BYTES] = used + length
-
-
-@kernel
-def is_earlier(at: int, pending: int) -> bool:
-    """Return whether a retry at `at` needs a timer of its own beside the pending one; `pending` is -1 for none.
-
-    A later timer is never withdrawn; it fires as well.
-    """
-    return pending < 0 or at < pending
 
 
 def decode(w: Work) -> list[Action]:

@@ -13,17 +13,14 @@ Log. Each reading passes the s-node, and each packet and command the a-node. The
 c-node logs the same bytes. Auditors replay the log with the mission's controller, and compare.
 
 Rounds. A robot needs fresh tokens of f_max + 1 auditors, or its a-node stops it. So each T_audit a round begins: the
-robot says HELLO, so that others know an auditor; takes a checkpoint with its first request; and asks one robot after
-the other for a token. A robot that lacks tokens of the last round first listens without sending: two robots that send
-at the same moment would never hear each other.
-
-Requests. A request is too long for one packet, so it goes out in fragments, one whenever the radio has sent the last.
-A fragment that does not arrive is repeated after a random time. An auditor that stays silent is replaced by another.
+robot sends HELLO, so that others know an auditor; takes a checkpoint with its first request; and asks one robot after
+the other for a token. A request goes out in fragments, one whenever the radio has sent the last.
 
 Tokens. An auditor whose replay agrees returns a token for the checkpoint that the request claims. With f_max + 1 of
-them the robot drops its log up to that checkpoint. If tokens are missing at `RETRY_AT`, it asks as many further robots.
+them the robot drops its log up to that checkpoint.
 
-Seeking. A robot that hears too few others sends SEEK in place of HELLO. Each robot that hears it answers with HELLO.
+Seeking. If an auditor stays silent, or a round ends without enough tokens, the robot sends SEEK at a random time. Each
+robot that receives it answers at a random time, and the robot asks only those (bti/seeking.py).
 
 A robot whose controller is plain Python runs the same kernels step by step (robot.py). So does an attack, in another
 order or with other bytes (attacks/liar.py).
@@ -31,7 +28,7 @@ order or with other bytes (attacks/liar.py).
 
 from __future__ import annotations
 
-from phalanx.bti import audit, log, request, rounds, trusted
+from phalanx.bti import audit, log, request, rounds, seeking, trusted
 from phalanx.bti.audit import ACMD, INPUT, RECV, SEND
 from phalanx.bti.fleet import PAPER, PLAIN, Fleet
 from phalanx.bti.log import ENTRY_HEAD_BYTES, ENTRY_LENGTH, ENTRY_T
@@ -228,10 +225,12 @@ def hear_audit(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) ->
     if sub == request.TOKEN and length == request.TOKEN_FRAME_BYTES:
         t, mac = get_u32(packet, request.REPLY_T), packet[request.REPLY_MAC : request.TOKEN_FRAME_BYTES]
         rounds.on_token(f, i, src, t, mac, now)
-    if sub == request.SEEK and length == request.AUDIT_HEAD_BYTES:
-        n = request.hello_to(f, i, src, now, w.frame)
-        if n > 0:
-            send(f, i, w, now, w.frame, n, src)
+    elif sub == seeking.SEEK and length == seeking.SEEK_BYTES:
+        answer_at = seeking.receive_seek(f, i, src, now, packet, w.small[1])
+        if answer_at > 0:
+            actions.append(w, actions.RETRY_AT, answer_at, 0)
+    elif sub == seeking.HERE and length == seeking.HERE_BYTES:
+        seeking.receive_here(f, i, src, now, packet)
     return NOTHING
 
 
@@ -270,10 +269,7 @@ def knock(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
 @kernel
 @reads_peer(rejected=Refusal.DEFECT)
 def judge(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
-    """Audit the request at `place` with the bundled controller.
-
-    Returns: 0 or a `Refusal`. Source: RoboRebound §3.7.
-    """
+    """Audit the request at `place` with the bundled controller; return 0 or a `Refusal`. Source: RoboRebound §3.7."""
     info = f.rx_info[i, place]
     q, length = f.rx.rows[info.row], info.len
     refused = audit.examine(f, i, w, q, length, src)
@@ -291,11 +287,9 @@ def answer(f: Fleet, i: int, w: Work, now: int, place: int, src: int, refused: i
         r.audits_refused += 1
         return
     r.audits_passed += 1
-    request.audit_head(w.frame, int(r.id), src, request.TOKEN)
-    put_u16(w.frame, request.AT_REQUEST, f.rx_info[i, place].no)
-    put_u32(w.frame, request.REPLY_T, w.case[0].t)
-    copy(w.frame, request.REPLY_MAC, w.small[2], 0, MAC_BYTES)
-    send(f, i, w, now, w.frame, request.TOKEN_FRAME_BYTES, src)
+    number = int(f.rx_info[i, place].no)
+    n = request.new_token(f, i, src, number, int(w.case[0].t), w.small[2, :MAC_BYTES], w.frame)
+    send(f, i, w, now, w.frame, n, src)
 
 
 # --- audited ---
@@ -317,9 +311,9 @@ def on_round(f: Fleet, i: int, w: Work, now: int, listened: int, busy: int) -> N
 
 @kernel
 def listen(f: Fleet, i: int, w: Work, now: int) -> bool:
-    """Ask for the next round, and return whether this one waits until the robot has listened (request.listens)."""
+    """Ask for the next round, and return whether this one waits until the robot has listened (seeking.listens)."""
     actions.append(w, actions.ROUND_AT, now + f.settings[0].t_audit, 0)
-    wait_ms = request.listens(f, i, now, w.small[1])
+    wait_ms = seeking.listens(f, i, now, w.small[1]) if rounds.end_round(f, i) else 0
     if wait_ms > 0:
         actions.append(w, actions.ROUND_AT, now + wait_ms, 1)
     return wait_ms > 0
@@ -327,9 +321,10 @@ def listen(f: Fleet, i: int, w: Work, now: int) -> bool:
 
 @kernel
 def begin_round(f: Fleet, i: int, w: Work, now: int) -> None:
-    """Open a round, and say HELLO."""
-    rounds.begin_round(f, i)
-    send(f, i, w, now, w.frame, request.hello(f, i, now, w.frame), actions.EVERYBODY)
+    """Open a round, and send HELLO or SEEK."""
+    rounds.begin_round(f, i, now)
+    n = seeking.packet(f, i, now, w.frame) if f.robot[i].seeks else request.hello(f, i, w.frame)
+    send(f, i, w, now, w.frame, n, actions.EVERYBODY)
 
 
 @kernel
@@ -342,10 +337,17 @@ def on_retry(f: Fleet, i: int, w: Work, now: int, busy: int) -> None:
 
 @kernel
 def seek(f: Fleet, i: int, w: Work, now: int) -> bool:
-    """Send SEEK again, if that is due; return whether tokens are missing."""
-    if rounds.retry(f, i) == 0:
+    """Answer SEEKs, and send one, if that is due; return whether it is time to ask for missing tokens."""
+    n = seeking.answer(f, i, now, w.frame)
+    while n > 0:
+        send(f, i, w, now, w.frame, n, get_u16(w.frame, request.AT_DST))
+        n = seeking.answer(f, i, now, w.frame)
+    for at_ms in (f.robot[i].answer_at, f.robot[i].retry_at):
+        if at_ms > now:
+            actions.append(w, actions.RETRY_AT, int(at_ms), 0)
+    if rounds.retry(f, i, now) == 0:
         return False
-    n = request.seek(f, i, now, w.frame)
+    n = seeking.seek(f, i, now, w.small[1], w.frame)
     if n > 0:
         send(f, i, w, now, w.frame, n, actions.EVERYBODY)
     return True
@@ -356,7 +358,7 @@ def on_sent(f: Fleet, i: int, w: Work, now: int, arrived: int, busy: int) -> Non
     """Send the next fragment: the radio has sent the last one, or given it up. Source: RoboRebound §5.2."""
     actions.clear(w)
     if arrived == 0:
-        request.not_arrived(f, i, now)
+        seeking.not_arrived(f, i, now, w.small[1])
     ask(f, i, w, now, busy)
 
 
@@ -365,6 +367,7 @@ def on_no_room(f: Fleet, i: int) -> None:
     """Withdraw the request until the next retry: the radio, or the a-node, did not accept a fragment."""
     rounds.withdraw(f, i)
     f.robot[i].quota = 0
+    f.robot[i].retry_at = f.robot[i].asked_at + rounds.again_after(f)
 
 
 @kernel
@@ -376,10 +379,7 @@ def ask(f: Fleet, i: int, w: Work, now: int, busy: int) -> None:
 
 @kernel
 def next_fragment(f: Fleet, i: int, w: Work, now: int) -> int:
-    """Write the next fragment of the request under way, or of a new one, to `w.frame`.
-
-    Returns: its length; 0 when there is nothing to send now. Source: RoboRebound §3.7.
-    """
+    """Write the next fragment, of a new request if need be, to `w.frame`; return its length, 0 for nothing to send."""
     n = request.next_fragment(f, i, now, w.frame)
     if n == 0 and request.make_request(f, i, now, w.small[0], w.small[1], w.small[2]) > 0:
         n = request.next_fragment(f, i, now, w.frame)

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from phalanx.bti import audit, log, memo, request, trusted
+from phalanx.bti import audit, log, memo, request, seeking, trusted
 from phalanx.bti.audit import INPUT
 from phalanx.bti.fleet import PLAIN, Fleet
 from phalanx.bti.log import ENTRY_HEAD_BYTES, ENTRY_T
@@ -115,7 +115,7 @@ class Robot:
     def on_sent(self, now_ms: int, *, arrived: bool) -> list[Action]:
         """Send the next fragment: the radio has sent the last one, or given it up."""
         if not arrived:
-            request.not_arrived(self.f, self.i, now_ms)
+            seeking.not_arrived(self.f, self.i, now_ms, self.w.small[1])
         return self.next_packet(now_ms)
 
     # --- steps of these -----------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ import heapq
 from phalanx.bti import rounds, trusted
 from phalanx.config import BtiConfig
 
-from .actions import Action, Actuate, RetryAt, RoundAt, Transmit, Verdict, is_earlier
+from .actions import Action, Actuate, RetryAt, RoundAt, Transmit, Verdict
 from .attacks.liar import Liar
 from .robot import Robot
 
@@ -44,9 +44,9 @@ class Runtime:
         self.in_safe_mode = False
         robot.on_boot(now_ms)
         seed = int(robot.f.settings[0].mission_seed)
-        # Heap of rounds and retries: when, whether it is a retry, whether the robot has listened. None is withdrawn.
-        self._audits = [(now_ms + first_round_ms(seed, robot.id, config.t_audit_ms), False, False)]
-        self._retry_ms = -1
+        # Heap of rounds: when, and whether the robot has listened.
+        self._rounds = [(now_ms + first_round_ms(seed, robot.id, config.t_audit_ms), False)]
+        self._retry_ms = NEVER_MS
         self.check_ms = now_ms + config.p_check_ms
         self.wake_ms = NEVER_MS
         if isinstance(robot, Liar) and robot.period_ms:
@@ -61,7 +61,7 @@ class Runtime:
     @property
     def audit_ms(self) -> int:
         """Return when the next round or retry is due."""
-        return self._audits[0][0]
+        return min(self._rounds[0][0], self._retry_ms)
 
     @property
     def due_ms(self) -> int:
@@ -77,10 +77,10 @@ class Runtime:
 
     def on_audit(self, now_ms: int) -> list[Done]:
         """Handle the round or the retry that was due at `audit_ms`."""
-        due_ms, is_retry, listened = heapq.heappop(self._audits)
-        if is_retry:
-            self._retry_ms = -1
+        if self._retry_ms < self._rounds[0][0]:
+            self._retry_ms = NEVER_MS
             return self._kept(now_ms, self.robot.on_retry(now_ms))
+        due_ms, listened = heapq.heappop(self._rounds)
         return self._kept(now_ms, self.robot.on_round(now_ms, listened=listened), now_ms - due_ms)
 
     def on_wake(self, now_ms: int) -> list[Done]:
@@ -112,12 +112,9 @@ class Runtime:
             if isinstance(action, RoundAt):
                 # Rounds keep their pace, however late one of them is.
                 at_ms = action.at_ms if action.listened else action.at_ms - late_ms
-                heapq.heappush(self._audits, (at_ms, False, action.listened))
+                heapq.heappush(self._rounds, (at_ms, action.listened))
             elif isinstance(action, RetryAt):
-                at_ms = max(action.at_ms, now_ms)
-                if is_earlier(at_ms, self._retry_ms):
-                    self._retry_ms = at_ms
-                    heapq.heappush(self._audits, (at_ms, True, False))
+                self._retry_ms = min(self._retry_ms, max(action.at_ms, now_ms))
             else:
                 done.append(action)
         return done

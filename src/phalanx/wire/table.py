@@ -117,11 +117,25 @@ HELLO = 0
 FRAGMENT = 1
 TOKEN_REPLY = 2
 SEEK = 3
+HERE = 4
 
 _AUDIT = fields("src u16: robot id; in `bound` written by the a-node", "dst u16: robot id, 0 for all")
 AUDIT_HELLO = record("audit_hello: here is somebody who audits", *_AUDIT, f"sub u8 = {HELLO}", tag=KIND_AUDIT)
 AUDIT_SEEK = record(
-    "audit_seek: a hello that each who hears it answers with one", *_AUDIT, f"sub u8 = {SEEK}", tag=KIND_AUDIT
+    "audit_seek: lacks tokens; robots that receive it answer, each at a random time",
+    *_AUDIT,
+    f"sub u8 = {SEEK}",
+    "nonce u32: random; an answer repeats it",
+    "since u32: ms, auditee's a-node clock: tokens for requests from then on are wanted again",
+    "share u8: how many of 256 robots shall answer, less one",
+    tag=KIND_AUDIT,
+)
+AUDIT_HERE = record(
+    "audit_here: answer to a SEEK where no token is to be repeated",
+    *_AUDIT,
+    f"sub u8 = {HERE}",
+    "nonce u32: of the SEEK",
+    tag=KIND_AUDIT,
 )
 AUDIT_FRAGMENT = record(
     "audit_fragment: a piece of a request for an audit",
@@ -294,7 +308,7 @@ LOGGED = (FLUSHED_S, FLUSHED_A, CHECKED, EVIDENCE, guarded.ADVICE)  # beside ENT
 DRIVEN = (*driven.ORDERS, WHEELS_COMMAND, WHEELS_SENSOR, WHEELS_STATE)
 ON_MISSION = (MISSION_READING, MISSION_MESSAGE, DRIVE, ACTION)
 ADVISED = (guarded.WISH, guarded.SIGNED_WISH)
-AUDITS = (AUDIT_HELLO, AUDIT_SEEK, AUDIT_FRAGMENT, AUDIT_TOKEN)
+AUDITS = (AUDIT_HELLO, AUDIT_SEEK, AUDIT_HERE, AUDIT_FRAGMENT, AUDIT_TOKEN)
 PAYLOADS = (STATE, SENSOR, ACCELERATION, *ADVISED, *DRIVEN, *ON_MISSION, *AUDITS)
 MACED = (MKEY, AUTH_S, AUTH_S_PAPER, AUTH_A_PAPER, TREQ, TREQ_PAPER, TOKEN, SEALED)
 HANDED_OUT = (AUTHENTICATOR, TOKEN_REQUEST, BOARD, SEAL)

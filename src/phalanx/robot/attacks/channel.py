@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from bisect import bisect_right
 from typing import Any, ClassVar
 
-from phalanx.bti import request
+from phalanx.bti import request, seeking
 from phalanx.bti.fleet import BOUND, PLAIN
 from phalanx.robot.actions import EVERYBODY, Action, Transmit
 from phalanx.robot.runtime import first_round_ms
@@ -169,10 +169,10 @@ def audit_frame(src: int, dst: int, sub: int, rest: bytes) -> bytes:
     return AUDIT_HELLO.form.pack(KIND_AUDIT, src, dst, sub) + rest
 
 
-def talk(liar: Liar, now_ms: int, frames: int, sub: int = NOISE) -> list[Action]:
-    """Send short AUDIT frames to everybody, which no log shows."""
-    noise = audit_frame(liar.id, 0, sub, b"")
-    return liar.count([action for _ in range(frames) for action in liar.send(now_ms, noise, EVERYBODY)])
+def talk(liar: Liar, now_ms: int, packets: int, noise: bytes = b"") -> list[Action]:
+    """Send short AUDIT packets to everybody, which no log shows."""
+    noise = noise or audit_frame(liar.id, 0, NOISE, b"")
+    return liar.count([action for _ in range(packets) for action in liar.send(now_ms, noise, EVERYBODY)])
 
 
 def begin_request(liar: Liar, now_ms: int, auditor: int) -> list[Action]:
@@ -226,14 +226,17 @@ class Mask(RefuseToAudit):
     """
 
     period_ms = 1
-    SAYS: ClassVar[int] = NOISE
     AT_ANSWERS: ClassVar[int] = 8  # as many as fill the time for which others answer
     _moments: tuple[int, ...] = ()  # ms of a round, rising, at which to talk
 
+    def noise(self) -> bytes:
+        """Return the packet that it talks in."""
+        return audit_frame(self.id, 0, NOISE, b"")
+
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
-        """Talk over the answers to who asks for HELLO."""
-        asks = is_audit(frame, request.SEEK)
-        return super().heard(now_ms, frame) + (talk(self, now_ms, self.AT_ANSWERS, self.SAYS) if asks else [])
+        """Talk over the answers to SEEK."""
+        asks = is_audit(frame, seeking.SEEK)
+        return super().heard(now_ms, frame) + (talk(self, now_ms, self.AT_ANSWERS, self.noise()) if asks else [])
 
     def on_wake(self, now_ms: int) -> list[Action]:
         """Talk if somebody says HELLO now; wake next when somebody does again."""
@@ -245,7 +248,7 @@ class Mask(RefuseToAudit):
         following = bisect_right(self._moments, now)
         talks = following > 0 and self._moments[following - 1] == now
         self.period_ms = (self._moments[following % len(self._moments)] - now - 1) % period_ms + 1
-        return talk(self, now_ms, 1, self.SAYS) if talks else []
+        return talk(self, now_ms, 1, self.noise()) if talks else []
 
 
 class SlotSquat(Liar):

@@ -129,7 +129,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                stopped_by="tokens run out by themselves: not to be audited is to be stopped"),
         Attack("refuse-to-audit", "hijack.RefuseToAudit", HARMLESS, STARVED, 1, crowd=True,
                does="takes requests for audits, and answers none",
-               stopped_by="nothing has to: others are asked instead, of which P2 wants f_max + 1 correct ones in "
+               stopped_by="nothing has to: others are asked instead, of which P2 wants f_max + 2 correct ones in "
                           "range"),
     ),
     "How it comes by tokens": (
@@ -169,6 +169,15 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                does="talks whenever somebody says that it is there, and audits nobody: others shall know no auditors",
                stopped_by="who lacks tokens asks who is there, at a time that nobody can foresee, and each who hears "
                           "it answers it alone, until that has arrived"),
+        Attack("talk-over-replies", "replies.TalkOverReplies", HARMLESS, STARVED, 1, crowd=True,
+               does="talks whenever a victim asks, so that it does not hear the tokens of auditors that cannot hear "
+                    "the liars",
+               stopped_by="a robot that lacks tokens sends SEEK at a random time, and each auditor repeats its token "
+                          "at another"),
+        Attack("relay-hello", "replies.RelayHello", HARMLESS, STARVED, 1, crowd=True,
+               options={"both": Option((0, 1))},
+               does="sends again, near a victim, that robots far away are there: it asks them for audits in vain",
+               stopped_by="a robot whom an auditor did not answer asks only those that answer the nonce of its SEEK"),
         Attack("covert-talk", "channel.CovertTalk", LIMITED, AIRTIME, 4,
                does="sends an accomplice, or the nearest ear, whatever it likes in AUDIT frames, which no log shows",
                stopped_by="nothing ends it; in `bound` the a-node's bucket limits how much"),

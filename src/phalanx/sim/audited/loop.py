@@ -82,6 +82,8 @@ def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeli
             move(world)
         elif world.safe[i] == 0:
             if kind == RETRY:
+                if world.retry_us[i] != now_us:  # an earlier one took its place
+                    continue
                 world.retry_us[i] = -1
             if world.runs[i] != COMPILED:
                 return for_python(world, kind, i, arg)
@@ -185,7 +187,7 @@ def carry_out(world: World, i: int, now: int) -> None:
             push(world.queue, clock.now_us + (action.number - now) * 1000, ROUND, i, action.more)
         elif action.kind == actions.RETRY_AT:
             at_us = _retry_us(world, i, now, action.number)
-            if actions.is_earlier(at_us, world.retry_us[i]):
+            if world.retry_us[i] < 0 or at_us < world.retry_us[i]:
                 world.retry_us[i] = at_us
                 push(world.queue, at_us, RETRY, i, 0)
         else:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from operator import itemgetter
 from typing import Final, Protocol
 
-from phalanx.bti import request
+from phalanx.bti import request, seeking
 from phalanx.robot import actions
 from phalanx.robot.actions import EVERYBODY, Action, Actuate, RetryAt, RoundAt, Transmit
 from phalanx.robot.attacks.liar import Liar
@@ -46,7 +46,13 @@ class Looks(Protocol):
 
 NO_PLANNERS: Mapping[int, Planner] = {}
 # Names in a trace.
-SUBS = {request.HELLO: "HELLO", request.SEEK: "SEEK", request.FRAGMENT: "fragment", request.TOKEN: "token"}
+SUBS = {
+    request.HELLO: "HELLO",
+    seeking.SEEK: "SEEK",
+    seeking.HERE: "HERE",
+    request.FRAGMENT: "fragment",
+    request.TOKEN: "token",
+}
 NAMES = {
     value: name.removeprefix("KIND_").lower().replace("_", " ")
     for module in (driven, guarded, protocols, table)

@@ -69,7 +69,7 @@ class Quorum:
         # A robot stopped in spite of a quorum still counts as an auditor: one failure must not excuse the next.
         auditors, lost = self._correct & ~self._without, self._correct & (full | self._without)
         has = np.zeros(len(self._correct), bool)
-        _enough(self._world.reach, auditors, lost, self._config.tokens_needed, self._config.n_max, has)
+        _enough(self._world.reach, auditors, lost, self._config.quorum, self._config.n_max, has)
         return has & ~full
 
 

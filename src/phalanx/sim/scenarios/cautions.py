@@ -46,13 +46,13 @@ def _crowded(scenario: Scenario) -> list[str]:
 
 
 def _lonely(scenario: Scenario) -> list[str]:
-    needed = scenario.bti.tokens_needed
+    needed = scenario.bti.quorum
     lonely = int((neighbours_at_start(scenario) < needed).sum())
     if lonely == 0:
         return []
     who = "none of the robots has" if lonely == scenario.robots else f"{lonely} of {scenario.robots} robots do not have"
-    others = f"the {needed} others (f_max + 1) within {scenario.radio.range_m:.0f} m at the start that a quorum takes"
-    ends = f"without them a robot is stopped after {scenario.bti.t_val_ms / 1000:g} s"
+    others = f"the {needed} others (f_max + 2) within {scenario.radio.range_m:.0f} m at the start that a quorum takes"
+    ends = f"a robot without them may be stopped after {scenario.bti.t_val_ms / 1000:g} s"
     return [f"{who} {others}: {ends}; more robots, a closer grid or a smaller f_max help"]
 
 

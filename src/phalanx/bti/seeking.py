@@ -1,0 +1,225 @@
+"""Seeking: how a robot that lacks tokens finds auditors that it can reach now, and how others answer.
+
+A robot seeks if an auditor stays silent in this round, or if its last round ended without enough tokens. It broadcasts
+SEEK at a random time, and again until it has its tokens. Each robot that receives SEEK answers once, at a random time:
+with the token that it has issued in this round, which may be lost, or with HERE, which repeats the nonce of SEEK. A
+robot that seeks asks only robots that have just answered: each request uses up one of its a-node's few token requests.
+
+The random times come from an authenticator that is never sent: nobody can talk over packets at times that it cannot
+foresee. A HELLO or HERE that somebody relays from elsewhere does not answer the nonce.
+Source: docs/adr/0028, 0030, 0036; docs/spec/rebound.md (rounds).
+"""
+
+from __future__ import annotations
+
+from phalanx.kernel import kernel
+from phalanx.wire import table
+from phalanx.wire.fields import Row, get_u32, put_u32, whole
+
+from . import trusted
+from .fleet import PAPER, PENDING, Fleet
+from .log import FLUSH_S, mark
+from .request import AUTH_MAC, audit_head, token_packet
+from .rounds import again_after, drawn, mixed, next_candidate, peer_at, withdraw
+
+SEEK, HERE = table.SEEK, table.HERE
+SEEK_BYTES, HERE_BYTES = table.AUDIT_SEEK.size, table.AUDIT_HERE.size
+SEEK_NONCE, SEEK_SINCE, SEEK_SHARE = map(table.AUDIT_SEEK.at, ("nonce", "since", "share"))
+HERE_NONCE = table.AUDIT_HERE.at("nonce")
+# How often fragments of one request are repeated.
+REPEATS = 4
+# To wait for an auditor takes an eighth of a round on average: that is too long for six and more that may lie.
+PATIENT = 5
+# A HELLO is over by then, if it waited for a fragment or two of others.
+LISTENS_MS = 5
+# By then all robots answer, however many they are.
+MOST_DOUBLED = 9
+
+
+@kernel
+def listens(f: Fleet, i: int, now: int, auth_s: Row) -> int:
+    """Return for how long a robot that lacks tokens listens before its next round, ms. It will seek in that round.
+
+    Two robots whose rounds begin at the same moment would never hear each other's HELLO. `auth_s` (30,) is scratch.
+    Source: docs/adr/0030.
+    """
+    r = f.robot[i]
+    chance = mixed(drawn(f, i), int(r.id))
+    if _start(f, i, now, int(r.round_no) + 1, auth_s):
+        chance = mixed(int(r.secret), now)
+    return int(LISTENS_MS + chance % max(1, f.settings[0].t_audit >> 4))
+
+
+@kernel
+def not_arrived(f: Fleet, i: int, now: int, auth_s: Row) -> None:
+    """Give up the request whose fragment did not arrive, and seek; a robot that seeks repeats the fragment later.
+
+    A liar out of the robot's range that knows when it asks could talk over each request. So a fragment is repeated
+    after random pauses, each about twice as long as the last. Only robots that hear this request know them.
+    `auth_s` (30,) is scratch. Source: docs/adr/0028; RoboRebound §5.2.
+    """
+    r, s = f.robot[i], f.settings[0]
+    if r.request_len == 0:
+        return
+    chance, nothing = mixed(drawn(f, i), r.repeats), r.request_next == 1
+    began = not r.seeks and _start(f, i, now, int(r.round_no), auth_s)
+    if not (began or r.repeats == REPEATS or (s.f_max > PATIENT and _is_replaceable(f, i, now))):
+        r.request_next = max(r.request_next - 1, 0)
+        r.repeat_at = now + 1 + chance % max(1, s.t_audit >> (REPEATS + 2 - r.repeats))
+        r.repeats += 1
+        return
+    if nothing:  # nothing has begun there: it may be asked again in this round
+        at = peer_at(f, i, int(r.request_to))
+        f.peer[i, at].asked_ms = now - again_after(f) + (0 if began else chance % (s.t_audit // 2))
+    withdraw(f, i)
+    if not began:
+        r.quota += 1
+
+
+@kernel
+def _is_replaceable(f: Fleet, i: int, now: int) -> bool:
+    """Return whether another robot has answered that was not asked yet, and at most f_max are silent."""
+    r, silent = f.robot[i], 0
+    for k in range(r.peers):
+        silent += f.peer[i, k].asked == r.round_no and f.peer[i, k].answered != r.round_no
+    other = next_candidate(f, i, now)
+    return bool(other != 0 and silent <= f.settings[0].f_max and f.peer[i, peer_at(f, i, other)].asked != r.round_no)
+
+
+@kernel
+def seek(f: Fleet, i: int, now: int, auth_s: Row, frame: Row) -> int:
+    """Write the next SEEK if it is due, and return its length; begin to seek if an auditor is silent.
+
+    `auth_s` (30,) is scratch.
+    """
+    r = f.robot[i]
+    if not r.seeks:
+        if r.request_len == 0 and _is_one_silent(f, i, now):
+            _start(f, i, now, int(r.round_no), auth_s)
+        return 0
+    return int(packet(f, i, now, frame)) if now >= r.seek_at else 0
+
+
+@kernel
+def _is_one_silent(f: Fleet, i: int, now: int) -> bool:
+    """Return whether a robot that was asked in this round has not answered within the retry time."""
+    r = f.robot[i]
+    for k in range(r.peers):
+        p = f.peer[i, k]
+        if p.asked == r.round_no and p.answered != r.round_no and now >= p.asked_ms + f.settings[0].retry:
+            return True
+    return False
+
+
+@kernel
+def _start(f: Fleet, i: int, now: int, number: int, auth_s: Row) -> bool:
+    """Begin to seek in round `number`; return False where it cannot: `paper` has no SEEK."""
+    r, s = f.robot[i], f.settings[0]
+    if s.profile == PAPER or not _draw(f, i, number, auth_s):
+        return False
+    r.seeks = 1
+    r.quota = 0
+    r.asked_at = now
+    r.seek_at = now + 1 + mixed(int(r.secret), now) % max(1, s.t_audit >> 4)
+    return True
+
+
+@kernel
+def _draw(f: Fleet, i: int, number: int, auth_s: Row) -> bool:
+    """Draw the secret and the nonce of round `number`, once; return False if the s-node refuses."""
+    r, s = f.robot[i], f.settings[0]
+    if r.drawn_in == number + 1:
+        return True
+    if trusted.snode_make_auth(s.profile, f.snode[i], f.hckpt[i, PENDING], auth_s) < 0:
+        return False
+    mark(f, i, FLUSH_S)
+    r.drawn_in = number + 1
+    r.secret = get_u32(auth_s, AUTH_MAC)
+    r.nonce = get_u32(auth_s, AUTH_MAC + 4)
+    return True
+
+
+@kernel
+def packet(f: Fleet, i: int, now: int, frame: Row) -> int:
+    """Write a SEEK, draw the time of the next one, and return its length.
+
+    Where many robots are in range, all their answers would fill the channel: the first SEEK of a round asks for about
+    4 (f_max + 1), and each further one for twice as many.
+    """
+    r, s = f.robot[i], f.settings[0]
+    near = 1
+    for k in range(r.peers):
+        near += (now - f.peer[i, k].heard) * 4 <= s.t_audit * 5
+    share = ((s.f_max + 1) * 1024 // near) << (int(r.seeks) - 1)
+    r.seeks = min(int(r.seeks) + 1, MOST_DOUBLED)
+    r.quota = 0
+    r.asked_at = now
+    pause = max(1, s.t_audit >> 3)
+    r.seek_at = now + pause + mixed(int(r.secret), now) % pause
+    audit_head(frame, int(r.id), 0, SEEK)
+    put_u32(frame, SEEK_NONCE, whole(r.nonce))
+    put_u32(frame, SEEK_SINCE, r.round_at)
+    frame[SEEK_SHARE] = min(share, 255)
+    return SEEK_BYTES
+
+
+# --- robots that receive a SEEK ---
+
+
+@kernel
+def receive_seek(f: Fleet, i: int, src: int, now: int, packet: Row, auth_s: Row) -> int:
+    """Store a SEEK by `src`; return when to answer it, ms of the robot's clock, or -1.
+
+    Not if this robot answered one just now, or is none of the share that shall answer and owes no token.
+    `auth_s` (30,) is scratch.
+    """
+    r, s = f.robot[i], f.settings[0]
+    at = peer_at(f, i, src)
+    if at < 0 or not _draw(f, i, int(r.round_no), auth_s):
+        return -1
+    o, nonce, since = f.owed[i, at], get_u32(packet, SEEK_NONCE), get_u32(packet, SEEK_SINCE)
+    owes = o.t > 0 and o.t >= since
+    if (o.sought and now - o.sought < s.t_audit >> 3) or not (
+        owes or mixed(nonce, int(r.id)) % 256 <= packet[SEEK_SHARE]
+    ):
+        return -1
+    o.sought, o.nonce, o.since = now, nonce, since
+    o.answer_at = now + 1 + mixed(int(r.secret) ^ src, now) % max(1, s.t_audit >> 4)
+    r.answer_at = o.answer_at if r.answer_at == 0 else min(r.answer_at, o.answer_at)
+    return int(o.answer_at)
+
+
+@kernel
+def receive_here(f: Fleet, i: int, src: int, now: int, packet: Row) -> None:
+    """Note that `src` can be reached now, if it has repeated the nonce of this round."""
+    r = f.robot[i]
+    at = peer_at(f, i, src)
+    if at >= 0 and r.seeks and get_u32(packet, HERE_NONCE) == whole(r.nonce):
+        f.peer[i, at].here = now
+
+
+@kernel
+def answer(f: Fleet, i: int, now: int, frame: Row) -> int:
+    """Write the next answer to a SEEK that is due; return its length, 0 if none is due."""
+    r = f.robot[i]
+    if r.answer_at == 0 or now < r.answer_at:
+        return 0
+    due, later = -1, 0
+    for k in range(r.peers):
+        at = f.owed[i, k].answer_at
+        if at == 0:
+            continue
+        if due < 0 and at <= now:
+            due = k
+        elif later == 0 or at < later:
+            later = at
+    r.answer_at = later
+    if due < 0:
+        return 0
+    o, to = f.owed[i, due], whole(f.peer_id[i, due])
+    o.answer_at = 0
+    if o.t > 0 and o.t >= o.since:
+        return int(token_packet(f, i, to, o.no, o.t, o.mac, frame))
+    audit_head(frame, int(r.id), to, HERE)
+    put_u32(frame, HERE_NONCE, o.nonce)
+    return HERE_BYTES
