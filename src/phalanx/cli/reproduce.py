@@ -12,7 +12,7 @@ import click
 from phalanx.errors import PhalanxError, Unavailable
 from phalanx.experiments.figure import FIGURES, Figure
 from phalanx.experiments.plot import draw
-from phalanx.experiments.statement import Shown, page, report
+from phalanx.experiments.statement import Shown, compare, page, report
 from phalanx.experiments.sweep.dealing import deal_cases
 from phalanx.experiments.table import EachCase, measure, one_by_one, read_table, version
 from phalanx.io.private_file import write_whole
@@ -84,7 +84,7 @@ def reproduce_all(quick: bool, scheduler: str | None, workers: int | None, out: 
                 "figure": each.figure.name,
                 "failure": each.failure or None,
                 "statements": len(each.statements),
-                "agree": len(each.statements) - len(each.differing),
+                "agree": each.agreeing,
             }
             for each in shown
         ]
@@ -105,7 +105,7 @@ def _show(figure: Figure, out: Path, each_case: EachCase, *, quick: bool) -> Sho
     draw(csv, figure)
     many = f"{len(table.cases)} cases" if table.cases else f"{len(table.lines)} lines"
     measured = f"{many}, phalanx {table.version}."
-    return Shown(figure=figure, measured=measured, statements=figure.body.compare(table))
+    return Shown(figure=figure, measured=measured, statements=compare(figure, table))
 
 
 def _measure(figure: Figure, out: Path, asked: dict[str, Any], each_case: EachCase, begin: str = "") -> bool:
