@@ -138,8 +138,10 @@ class TestController:
         text = WHOLE.replace('return b""', "return __import__('random').randbytes(4)")
         words = ("--robots", "9", "--f-max", "2", "--controller", mine(text))
         code, _, err = phalanx("sim", "run", "flock-12", "--duration", "13", *words)
-        assert code == 0
-        assert err.splitlines()[-1].endswith("were stopped: phalanx sim check mine.py:Mine")
+        assert code == 1
+        stopped, hint = err.splitlines()[-2:]
+        assert stopped.startswith("phalanx: correct robots that had a quorum were stopped: ")
+        assert hint == "phalanx: hint: phalanx sim check mine.py:Mine"
         assert "sim check" not in phalanx("sim", "run", "flock-12", "--duration", "2", *words)[2]
 
     def test_the_traceback_is_there_for_who_wants_it(self, phalanx, mine):
