@@ -76,7 +76,7 @@ def report(figure: Figure, table: Table) -> Report:
         own: Report = figure.body.report(table)
         return own
     statements = compare(figure, table)
-    heads = ("", "paper", "reference", "ours, median (5 … 95 %)", "", "asked")
+    heads = ("", "paper", "reference", "ours, median (5 … 95 % of seeds)", "", "asked")
     rows = [
         (each.what, each.paper or "-", each.reference or "-", each.ours, each.verdict, each.why) for each in statements
     ]
@@ -155,7 +155,7 @@ def page(command: str, version: str, shown: Sequence[Shown]) -> str:
         if each.failure:
             parts.append(f"Not measured: {each.failure}")
             continue
-        heads = ("", "the paper", "reference", "ours, median (5 … 95 %)", "", "asked, or why")
+        heads = ("", "the paper", "reference", "ours, median (5 … 95 % of seeds)", "", "asked, or why")
         parts += [
             f"![{each.figure.about}]({each.figure.name}.png)",
             _table(
