@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -102,6 +104,15 @@ def test_after_ctrl_c_the_same_command_goes_on(figures, phalanx, tmp_path, monke
     code, _, _ = phalanx(*WORDS, "--out", str(tmp_path))
     assert code == 0
     assert "## c" in (tmp_path / "reproduction.md").read_text()
+
+
+def test_sigterm_ends_it_with_a_line_as_ctrl_c_does(figures, phalanx, tmp_path):
+    pytest.importorskip("matplotlib")
+    body = Body(1)
+    body.measure_case = lambda case, tell: os.kill(os.getpid(), signal.SIGTERM)
+    figures["b"] = replace(figures["b"], made_by=body)
+    code, _, err = phalanx(*WORDS, "--out", str(tmp_path))
+    assert (code, "stopped; 1 of 3 figures are in" in err) == (1, True)
 
 
 def test_quick_is_less_of_what_is_not_said():

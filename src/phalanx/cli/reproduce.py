@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import logging
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from phalanx.experiments.statement import Shown, compare, page, report
 from phalanx.experiments.sweep.dealing import deal_cases
 from phalanx.experiments.table import EachCase, measure, one_by_one, read_table, version
 from phalanx.io.private_file import write_whole
+from phalanx.sim.signals import handled_by
 
 from .credentials import read_login
 from .run import run
@@ -119,7 +121,8 @@ def _measure(figure: Figure, out: Path, asked: dict[str, Any], each_case: EachCa
         finished = run(body.measure(out, tell, **asked))
     else:
         try:
-            measure(out, figure, asked["seeds"], tell, each_case)
+            with handled_by(signal.default_int_handler, signal.SIGTERM):
+                measure(out, figure, asked["seeds"], tell, each_case)
             finished = True
         except KeyboardInterrupt:
             finished = False

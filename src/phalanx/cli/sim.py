@@ -71,9 +71,9 @@ def choose(
         return Chosen(found, own, find_planner(planner), (controller, planner, *attacks))
 
 
-def run(scenario: str, record: Path | None, trace: str | None, plain: bool, as_json: bool, **said: Any) -> int:
+def run(scenario: str, record: Path | None, trace: tuple[str, ...], plain: bool, as_json: bool, **said: Any) -> int:
     """Run a scenario and sum it up on stdout; 1 if a correct robot that had a quorum was stopped."""
-    traced = None if trace is None else _traced(trace)
+    traced = _traced(trace) if trace else None
     lines = sys.stderr if as_json else sys.stdout  # before a controller's own words are turned aside
     before = _written(record)
     chosen = choose(scenario, **said)
@@ -128,8 +128,11 @@ def check(controller: str, seed: int, as_json: bool) -> int:
     return 0 if report.agrees else 1
 
 
-def _traced(words: str) -> int:
-    """Return the robot of `--trace robot=5`. Raises: UsageError: it is written otherwise."""
+def _traced(said: tuple[str, ...]) -> int:
+    """Return the robot of `--trace robot=5`. Raises: UsageError: it is written otherwise, or several are named."""
+    if len(said) > 1:
+        raise UsageError(f"--trace {' --trace '.join(said)}", "one robot a run")
+    (words,) = said
     found = re.fullmatch(r"robot=(\d{1,5})", words)
     if not found:
         raise UsageError(f"--trace {words}", "--trace robot=5: the number of one robot")
