@@ -321,7 +321,7 @@ def _visitor_rows(fleet: Fleet, report: dict[str, Any]) -> list[Row]:
         Row(
             section=0,
             what="age of a frame when opened, p50",
-            measured=ages_ms[len(ages_ms) // 2],
+            measured=statistics.median(ages_ms),
             unit="ms",
             note=f"p95 {ages_ms[len(ages_ms) * 95 // 100]}, worst {ages_ms[-1]}",
         ),

@@ -3,6 +3,9 @@
     python scripts/promises.py [--attacks spoof,…] [--layouts grid,hub,line,ring,islands,hidden,…] [--f-max 1,2,3,4,5]
                                [--t-audit 2,4,8] [--loss 0,5,20] [--seeds 2] [--csv out/promises.csv] [--table]
 
+The table tells whether these attacks break a promise in these places. It is no sample of attackers: a share of runs
+without a breach is no probability that an attacker who aims has none.
+
 Seeds are even and odd: with an even one as many robots lie as the attack takes, with an odd one f_max. Runs come in an
 order drawn by lot, so that a table that was stopped is a sample of it all. Each is appended to the CSV when it is over
 and is not lived again; after a change of the robot begin another file. Ends with 1 if a promise was broken.
@@ -51,6 +54,7 @@ SATURATES = {"jam"}
 PAST_THEIR_A_NODE = {"jam", "relay-hello"}
 NEED_THEM = 7  # robots at least beside those of a hub
 SHOWN = 40
+OF_A_GRID = "attacks, layouts and numbers are a grid that we chose, which says nothing about other attackers"
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,7 +294,7 @@ def print_table(rows: list[Row]) -> bool:
             print(f"{value!s:18}{len(group):7}" + "".join(f"{counts[each]:5}" for each in PROMISES)
                   + f"{counts['without_quorum']:11}")  # fmt: skip
     broken = [row for row in rows if any(getattr(row, each) for each in PROMISES)]
-    print(f"\n{len(rows)} runs, {len(broken)} broke a promise")
+    print(f"\n{len(rows)} runs, {len(broken)} broke a promise; {OF_A_GRID}")
     for row in broken[:SHOWN]:
         print(told(row))
     return bool(broken)

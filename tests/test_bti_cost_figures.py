@@ -22,6 +22,7 @@ def row(audit=2000.0, log=4000.0, growth=800.0, neighbours=24.0, **more):
     values = {
         "app_bytes_per_s": 18.0,
         "audit_bytes_per_s": audit,
+        "audit_airtime_pct": 1.0,
         "log_bytes_per_s": growth,
         "log_bytes": log,
         "stored_bytes": log + 1000,
@@ -65,7 +66,7 @@ def test_a_row_is_the_run_s():
     got = dict(zip(costs.COLUMNS, found))
     run = Run(SMALL)
     run.advance(SMALL.duration_s)
-    assert got["audit_bytes_per_s"] == run.summary()["bytes_per_s_per_robot"]["audit"]
+    assert got["audit_bytes_per_s"] == run.summary()["tried_bytes_per_s_per_robot"]["audit"]
     assert got["neighbours"] == 5
     assert got["log_bytes_per_s"] == pytest.approx(costs.paper_log_bytes_per_s(5), rel=0.1)
     longest = run.world.fleet.robot["log_max"].mean()

@@ -134,12 +134,22 @@ class TestController:
         assert error.startswith(f"phalanx: error: {complaint}")
         assert hint.startswith("phalanx: hint: ")
 
+    def test_a_file_of_another_kind_is_not_what_was_meant(self, phalanx, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        (tmp_path / "mine.mcap").touch()
+        words = ("sim", "run", "flock-12", *QUICK, "--planner", "mine.py:Mine")
+        assert phalanx(*words)[2].splitlines()[-1] == "phalanx: hint: FILE.py:CLASS"
+        (tmp_path / "min.py").touch()
+        assert phalanx(*words)[2].splitlines()[-1] == "phalanx: hint: did you mean min.py? FILE.py:CLASS"
+
     def test_who_stops_honest_robots_is_told_how_to_find_out(self, phalanx, mine):
         text = WHOLE.replace('return b""', "return __import__('random').randbytes(4)")
         words = ("--robots", "9", "--f-max", "2", "--controller", mine(text))
         code, _, err = phalanx("sim", "run", "flock-12", "--duration", "13", *words)
-        assert code == 0
-        assert err.splitlines()[-1].endswith("were stopped: phalanx sim check mine.py:Mine")
+        assert code == 1
+        stopped, hint = err.splitlines()[-2:]
+        assert stopped.startswith("phalanx: correct robots that had a quorum were stopped: ")
+        assert hint == "phalanx: hint: phalanx sim check mine.py:Mine"
         assert "sim check" not in phalanx("sim", "run", "flock-12", "--duration", "2", *words)[2]
 
     def test_the_traceback_is_there_for_who_wants_it(self, phalanx, mine):

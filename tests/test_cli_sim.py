@@ -25,7 +25,7 @@ from phalanx.sim.scenarios.play import play
 QUICK = ("--duration", "3", "--robots", "6")
 KEYS = set(
     """robots duration_s seed defence digest mean_distance_to_goal_m distance_series compromised correct_in_safe_mode
-    without_quorum contacts bytes_per_s_per_robot log_bytes_max broadcast_delivery unicast_delivery
+    without_quorum contacts bytes_per_s_per_robot tried_bytes_per_s_per_robot airtime_pct_per_robot log_bytes_max broadcast_delivery unicast_delivery
     real_time_factor""".split()
 )
 
@@ -58,7 +58,20 @@ class TestRun:
         }
         assert told["correct_in_safe_mode"] == told["without_quorum"] == []
         assert told["bytes_per_s_per_robot"]["audit"] > told["bytes_per_s_per_robot"]["app"] > 0
+        assert told["tried_bytes_per_s_per_robot"]["audit"] > told["bytes_per_s_per_robot"]["audit"]
+        assert told["tried_bytes_per_s_per_robot"]["app"] == pytest.approx(
+            told["bytes_per_s_per_robot"]["app"], rel=0.1
+        )
+        assert 100 > told["airtime_pct_per_robot"]["audit"] > told["airtime_pct_per_robot"]["app"] > 0
         assert 0.9 < told["broadcast_delivery"] <= 1
+
+    @pytest.mark.parametrize("defence, code", [("paper", 1), ("bound", 0)])
+    def test_it_ends_with_1_if_a_correct_robot_with_a_quorum_was_stopped(self, phalanx, defence, code):
+        words = ("--defence", defence, "--attack", "request-flood:at=1", "--duration", "20", "--json")
+        ended, out, err = phalanx("sim", "run", "flock-12", *words)
+        stopped = json.loads(out)["correct_in_safe_mode"]
+        line = f"phalanx: correct robots that had a quorum were stopped: {', '.join(map(str, stopped))}"
+        assert (ended, bool(stopped), line in err.splitlines()) == (code, bool(code), bool(code))
 
     @pytest.mark.parametrize("name", built_in("scenarios"))
     def test_every_built_in_scenario_runs(self, said, name):
@@ -391,8 +404,7 @@ class TestFigures:
         code, out, err = phalanx(*words)
         assert code == 0
         assert sorted(path.name for path in tmp_path.iterdir()) == ["bti-fig9.csv", "bti-fig9.png", "bti-fig9.svg"]
-        assert out.splitlines()[-1].startswith("agrees: from its first lie to Safe Mode")
-        assert out.splitlines()[-1].endswith("nothing disagrees")
+        assert out.splitlines()[-1] == "no verdict with fewer than ten seeds: 1"
         assert "2 of 2 runs" in err
         before = (tmp_path / "bti-fig9.csv").read_bytes()
         began = time.monotonic()

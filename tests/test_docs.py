@@ -127,6 +127,14 @@ def test_the_launch_example_starts_commands_that_there_are(monkeypatch):
         parse_phalanx([word if isinstance(word, str) else "README.md" for word in words])
 
 
+def test_nobody_is_sent_to_an_index_that_has_no_phalanx():
+    """In the container, `--no-index` installs the wheel that was just built."""
+    told = [*PAGES, *(ROOT / "src").rglob("*.py"), *(ROOT / "examples").rglob("*.*"), *(ROOT / "deploy").iterdir()]
+    wrong = re.compile(r"phalanx-swarm\[|pip install (?!.*--no-index).*phalanx[-_]swarm(?!-\*\.whl)")
+    found = [f"{path}: {each[0]}" for path in told if path.is_file() for each in wrong.finditer(path.read_text())]
+    assert not found
+
+
 @each_page()
 def test_commands_named_in_the_text_exist(page):
     for words in CODE.findall(prose(page.read_text())):

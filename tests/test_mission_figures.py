@@ -97,8 +97,12 @@ def test_a_figure_goes_on_where_it_was_stopped_and_is_drawn_from_its_table_alone
     assert measured == ["seed 0", "seed 1", "seed 1"]
     assert all(path.stat().st_size > 1000 for path in draw(csv, figure))
     told = report(figure, read_table(csv))
-    assert told.rows[0]["ours"] == "2"
-    assert told.lines[-1] == "agrees: rows.  nothing disagrees"
+    assert (told.rows[0]["ours"], told.rows[0]["agrees"]) == ("2", None)
+    assert told.lines[-1] == "no verdict with fewer than ten seeds: 2"
+    measure(tmp_path, figure, 10)
+    told = report(figure, read_table(csv))
+    assert (told.rows[0]["ours"], told.rows[0]["agrees"]) == ("10", True)
+    assert told.lines[-1] == "agrees: rows.  nothing differs"
 
 
 @pytest.mark.parametrize("name", FIGURES)

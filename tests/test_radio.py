@@ -90,6 +90,7 @@ class TestDisc:
         world.run()
         assert world.left[0][1:] == (0, 0)
         assert world.air.counts[0, radio.APP_UNICAST, radio.AIRTIME_US] == 7 * 620
+        assert world.air.tried[0, radio.APP_UNICAST] == 7 * world.air.counts[0, radio.APP_UNICAST, radio.BYTES]
         assert world.air.counts[0, radio.APP_UNICAST, radio.DUE] == 1
         assert radio.delivery(world.air, radio.APP_UNICAST) == 0.0
         assert np.isnan(radio.delivery(world.air, radio.AUDIT_UNICAST))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +13,7 @@ import pytest
 from phalanx.cli import reproduce
 from phalanx.errors import Unavailable
 from phalanx.experiments.figure import FIGURES, Figure
-from phalanx.experiments.statement import NOT_MEASURED, Statement
+from phalanx.experiments.statement import NOT_MEASURED, Statement, quantiles
 from phalanx.experiments.table import by_seed, read_table
 
 WORDS = ("reproduce", "all", "--quick")
@@ -49,9 +51,20 @@ def figures(monkeypatch):
     return made
 
 
-def test_the_page_has_each_figure_and_what_agrees_and_differs(figures, phalanx, tmp_path):
+def test_two_seeds_are_figures_without_a_verdict(figures, phalanx, tmp_path):
     pytest.importorskip("matplotlib")
     code, out, err = phalanx(*WORDS, "--out", str(tmp_path), "--json")
+    assert code == 0
+    page = (tmp_path / "reproduction.md").read_text()
+    assert "| x \\| y | 1 |   | 2 | - | the same |" in page
+    assert "b: no verdict with fewer than ten seeds" in err
+    assert [each["agree"] for each in json.loads(out)["figures"]] == [0, 0, 0]
+    assert list(read_table(tmp_path / "a.csv").cases) == ["seed 0", "seed 1"], "quick is two seeds"
+
+
+def test_the_page_has_each_figure_and_what_agrees_and_differs(figures, phalanx, tmp_path):
+    pytest.importorskip("matplotlib")
+    code, out, err = phalanx("reproduce", "all", "--out", str(tmp_path), "--json")
     assert code == 0
     page = (tmp_path / "reproduction.md").read_text()
     assert [line for line in page.splitlines() if line.startswith("## ")] == ["## a", "## b", "## c", "## Not measured"]
@@ -61,7 +74,6 @@ def test_the_page_has_each_figure_and_what_agrees_and_differs(figures, phalanx, 
     assert all(what in page for what, _ in NOT_MEASURED)
     assert "b: agrees in 0 of 1; differs: x | y" in err
     assert [(each["figure"], each["agree"]) for each in json.loads(out)["figures"]] == [("a", 1), ("b", 0), ("c", 1)]
-    assert list(read_table(tmp_path / "a.csv").cases) == ["seed 0", "seed 1"], "quick is two seeds"
 
 
 @pytest.mark.parametrize(
@@ -75,7 +87,7 @@ def test_a_figure_that_fails_is_told_and_the_others_are_there(figures, phalanx, 
     assert "Traceback" not in err
     page = (tmp_path / "reproduction.md").read_text()
     assert f"| b | about b | not measured: {told} |" in page
-    assert "| c | about c | agrees in 1 of 1 |" in page
+    assert "| c | about c | no verdict with fewer than ten seeds |" in page
 
 
 def test_after_ctrl_c_the_same_command_goes_on(figures, phalanx, tmp_path, monkeypatch):
@@ -94,6 +106,15 @@ def test_after_ctrl_c_the_same_command_goes_on(figures, phalanx, tmp_path, monke
     assert "## c" in (tmp_path / "reproduction.md").read_text()
 
 
+def test_sigterm_ends_it_with_a_line_as_ctrl_c_does(figures, phalanx, tmp_path):
+    pytest.importorskip("matplotlib")
+    body = Body(1)
+    body.measure_case = lambda case, tell: os.kill(os.getpid(), signal.SIGTERM)
+    figures["b"] = replace(figures["b"], made_by=body)
+    code, _, err = phalanx(*WORDS, "--out", str(tmp_path))
+    assert (code, "stopped; 1 of 3 figures are in" in err) == (1, True)
+
+
 def test_quick_is_less_of_what_is_not_said():
     fig4, fig9 = FIGURES["link-fig4"], FIGURES["bti-fig9"]
     assert fig9.asked({}) == {"seeds": 20}
@@ -104,3 +125,8 @@ def test_quick_is_less_of_what_is_not_said():
 
 def test_every_figure_makes_statements_for_the_page():
     assert all(callable(each.body.compare) for each in FIGURES.values())
+
+
+def test_an_even_number_of_values_has_the_mean_of_the_middle_two_as_median():
+    assert quantiles(np.array([6.98, 8.98]), ".2f") == "7.98 (6.98 … 8.98)"
+    assert quantiles(np.array([np.inf, np.inf]), ".2f").startswith("inf")

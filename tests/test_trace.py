@@ -167,3 +167,8 @@ class TestCommand:
         code, out, err = phalanx(*self.QUICK, "--trace", words)
         assert (code, out) == (2, "")
         assert err.splitlines() == [f"phalanx: error: {error}", f"phalanx: hint: {hint}"]
+
+    def test_a_second_robot_is_refused(self, phalanx):
+        code, out, err = phalanx(*self.QUICK, "--trace", "robot=5", "--trace", "robot=6")
+        assert (code, out) == (2, "")
+        assert err.splitlines() == ["phalanx: error: --trace robot=5 --trace robot=6", "phalanx: hint: one robot a run"]

@@ -70,10 +70,12 @@ class TestAudit:
         assert report.told()["core_s"] == report.core_s
 
     def test_what_is_behind_a_message_or_a_random_token_is_out_of_reach(self):
-        for barrier in ("message", "token"):
+        for barrier in ("message", "token", "reading"):
             draft = small(CHEAP)
             if barrier == "message":
                 draft.nodes[1] = replace(draft.nodes[1], wait=("go",))
+            elif barrier == "reading":
+                draft.nodes[1] = replace(draft.nodes[1], see=((Sensor(b"ab" * 16),),))
             else:
                 draft.nodes[1] = replace(draft.nodes[1], see=((Landmark("qr", 4, 2, 0.3, None, "ab" * 16),),))
             report, row = rows(draft, Profile.SEALED, open_start=True)
@@ -83,6 +85,14 @@ class TestAudit:
         draft.nodes[1] = replace(draft.nodes[1], see=((Landmark("qr", 4, 2, 0.3, None, "shelf 3"),),))
         _, row = rows(draft, Profile.SEALED, open_start=True)
         assert row["door"].candidates < OUT_OF_REACH, "a text that hangs on a wall is public"
+
+    @pytest.mark.parametrize("value, bits", [(b"5f" * 16, 128), (b"gas", 0)])
+    def test_a_floor_plan_shows_no_random_reading(self, value, bits):
+        plain = office()
+        start = replace(plain.nodes[0], see=((Sensor(value),),))
+        mission = replace(plain, nodes=(start, *plain.nodes[1:]))
+        report = audit(mission, Profile.SEALED, open_start=True, plan=shown_by(OFFICE, 1))
+        assert report.nodes[0].by_plan == report.nodes[0].candidates == 2.0**bits
 
     def test_the_robots_own_search_is_told(self):
         config = MissionConfig(tolerance_m=1.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import logging
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,11 @@ import click
 from phalanx.errors import PhalanxError, Unavailable
 from phalanx.experiments.figure import FIGURES, Figure
 from phalanx.experiments.plot import draw
-from phalanx.experiments.statement import Shown, page, report
+from phalanx.experiments.statement import Shown, compare, page, report
 from phalanx.experiments.sweep.dealing import deal_cases
 from phalanx.experiments.table import EachCase, measure, one_by_one, read_table, version
 from phalanx.io.private_file import write_whole
+from phalanx.sim.signals import handled_by
 
 from .credentials import read_login
 from .run import run
@@ -84,7 +86,7 @@ def reproduce_all(quick: bool, scheduler: str | None, workers: int | None, out: 
                 "figure": each.figure.name,
                 "failure": each.failure or None,
                 "statements": len(each.statements),
-                "agree": len(each.statements) - len(each.differing),
+                "agree": each.agreeing,
             }
             for each in shown
         ]
@@ -105,7 +107,7 @@ def _show(figure: Figure, out: Path, each_case: EachCase, *, quick: bool) -> Sho
     draw(csv, figure)
     many = f"{len(table.cases)} cases" if table.cases else f"{len(table.lines)} lines"
     measured = f"{many}, phalanx {table.version}."
-    return Shown(figure=figure, measured=measured, statements=figure.body.compare(table))
+    return Shown(figure=figure, measured=measured, statements=compare(figure, table))
 
 
 def _measure(figure: Figure, out: Path, asked: dict[str, Any], each_case: EachCase, begin: str = "") -> bool:
@@ -119,7 +121,8 @@ def _measure(figure: Figure, out: Path, asked: dict[str, Any], each_case: EachCa
         finished = run(body.measure(out, tell, **asked))
     else:
         try:
-            measure(out, figure, asked["seeds"], tell, each_case)
+            with handled_by(signal.default_int_handler, signal.SIGTERM):
+                measure(out, figure, asked["seeds"], tell, each_case)
             finished = True
         except KeyboardInterrupt:
             finished = False

@@ -18,7 +18,7 @@ from .terminal import print_json, print_table, said_aside, talk, warn_if_nothing
 NAME = "scorecard.csv"
 HEADS = (
     *("protocol", "attack", "defence", "declared", "runs", "harm", "worst", "undefended", ""),
-    *("stopped s", "worst s", "bound s", "correct stopped", "cost B/s", "missed"),
+    *("stopped s", "worst s", "bound s", "correct stopped", "cost B/s", "on air %", "missed"),
 )
 
 
@@ -64,6 +64,7 @@ def _show(table: Sequence[Line]) -> None:
                 *(told(value, ".2f") for value in (line.stop_median_s, line.stop_worst_s, line.bound_s)),
                 str(line.correct_stopped),
                 told(line.cost_bytes_per_s, ".0f"),
+                told(line.cost_airtime_pct, ".2f"),
                 line.missed or "-",
             )
             for line in table

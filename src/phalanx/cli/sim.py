@@ -71,9 +71,9 @@ def choose(
         return Chosen(found, own, find_planner(planner), (controller, planner, *attacks))
 
 
-def run(scenario: str, record: Path | None, trace: str | None, plain: bool, as_json: bool, **said: Any) -> int:
-    """Run a scenario and sum it up on stdout."""
-    traced = None if trace is None else _traced(trace)
+def run(scenario: str, record: Path | None, trace: tuple[str, ...], plain: bool, as_json: bool, **said: Any) -> int:
+    """Run a scenario and sum it up on stdout; 1 if a correct robot that had a quorum was stopped."""
+    traced = _traced(trace) if trace else None
     lines = sys.stderr if as_json else sys.stdout  # before a controller's own words are turned aside
     before = _written(record)
     chosen = choose(scenario, **said)
@@ -98,16 +98,20 @@ def run(scenario: str, record: Path | None, trace: str | None, plain: bool, as_j
     except KeyboardInterrupt:
         return stopped(f"recorded until then: {record}" if _written(record) != before else "")
     end_status_line()
+    summary = ended.summary()
     if as_json:
-        print_json(ended.summary())
+        print_json(summary)
     else:
         knows_goal = not chosen.is_own and chosen.scenario.controller not in PROTOCOLS
-        show(chosen.scenario, ended.summary(), knows_goal=knows_goal)
-    if chosen.is_own and ended.summary()["correct_in_safe_mode"]:
-        click.echo(f"phalanx: hint: honest robots were stopped: phalanx sim check {chosen.files[0]}", err=True)
+        show(chosen.scenario, summary, knows_goal=knows_goal)
     if record:
         click.echo(f"recorded: {record}", err=True)
-    return 0
+    wronged = summary["correct_in_safe_mode"]
+    if wronged:
+        click.echo(f"phalanx: correct robots that had a quorum were stopped: {_ids(wronged)}", err=True)
+        if chosen.is_own:
+            click.echo(f"phalanx: hint: phalanx sim check {chosen.files[0]}", err=True)
+    return int(bool(wronged))
 
 
 def check(controller: str, seed: int, as_json: bool) -> int:
@@ -124,8 +128,11 @@ def check(controller: str, seed: int, as_json: bool) -> int:
     return 0 if report.agrees else 1
 
 
-def _traced(words: str) -> int:
-    """Return the robot of `--trace robot=5`. Raises: UsageError: it is written otherwise."""
+def _traced(said: tuple[str, ...]) -> int:
+    """Return the robot of `--trace robot=5`. Raises: UsageError: it is written otherwise, or several are named."""
+    if len(said) > 1:
+        raise UsageError(f"--trace {' --trace '.join(said)}", "one robot a run")
+    (words,) = said
     found = re.fullmatch(r"robot=(\d{1,5})", words)
     if not found:
         raise UsageError(f"--trace {words}", "--trace robot=5: the number of one robot")
@@ -174,8 +181,11 @@ def show(scenario: Scenario, summary: dict[str, Any], *, knows_goal: bool = True
         "correct, in Safe Mode": _ids(summary["correct_in_safe_mode"]),
         "for want of a quorum": _ids(summary["without_quorum"]),
         **({} if is_driven else {"contacts": str(summary["contacts"])}),
-        "sent": "{app:.0f} B/s a robot by the flock, {audit:.0f} by the audits".format(
-            **summary["bytes_per_s_per_robot"]
+        "sent": "{app:.0f} B/s a robot by the flock, {audit:.0f} by the audits, each try counted".format(
+            **summary["tried_bytes_per_s_per_robot"]
+        ),
+        "on the air": "{app:.2f} % of the time a robot for the flock, {audit:.2f} for the audits".format(
+            **summary["airtime_pct_per_robot"]
         ),
         "longest log": f"{summary['log_bytes_max']} B",
         "delivered": f"{told(summary['broadcast_delivery'], '.4f')} of broadcasts, "

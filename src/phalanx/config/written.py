@@ -43,7 +43,11 @@ def file_meant(path: Path, hint: str) -> str:
         beside = list(path.parent.iterdir())
         # Their endings alone would make any two files of a kind alike.
         stems = difflib.get_close_matches(path.stem, {each.stem for each in beside}, len(beside) + 1, ALIKE)
-        names = [each.name for each in beside if each.stem in stems and each.is_file()]
+        # A misspelt ending is meant to be another one, as .ctr; a file of another kind is not meant.
+        kinds = {each.suffix for each in beside}
+        if path.suffix:
+            kinds = set(difflib.get_close_matches(path.suffix, kinds, len(beside) + 1, ALIKE))
+        names = [each.name for each in beside if each.stem in stems and each.suffix in kinds and each.is_file()]
         near = difflib.get_close_matches(path.name, names, 1, ALIKE)
         if near and not hint.startswith("did you mean"):
             return f"did you mean {near[0]}? {hint}"

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -14,6 +15,9 @@ from .figure import Figure
 from .table import Table
 
 LOW, HIGH = 0.05, 0.95
+# With fewer seeds a figure has no verdict: one seed in ten often lies outside of what the others suggest.
+LEAST_SEEDS = 10
+NO_VERDICT = "no verdict with fewer than ten seeds"
 # Of the papers' figures and tables, those that nobody can measure here.
 NOT_MEASURED = (
     ("Qrkey Figs. 1 to 3, 5, 6, Table I", "pictures of the protocol, the robot and the page; its topics"),
@@ -32,8 +36,19 @@ class Statement:
     paper: str = ""  # what the paper says, in words, or ""
     reference: str = ""  # what the independent reference has, or ""
     ours: str
-    agrees: bool  # whether they agree, by the tolerance named in `why`
+    agrees: bool | None  # whether ours is as `asked`, by the tolerance named in `why`; None without a verdict
     why: str  # the tolerance, and where it comes from; of a disagreement, the reason
+    asked: str = "agrees"  # what was tested: that ours agrees, or only that it is "not worse"
+
+    @property
+    def differs(self) -> bool:
+        """Whether there is a verdict, and ours is not as it was asked."""
+        return self.agrees is not None and not self.agrees
+
+    @property
+    def verdict(self) -> str:
+        """In a word."""
+        return "-" if self.agrees is None else self.asked if self.agrees else "differs"
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,34 +60,47 @@ class Report:
     more: dict[str, Any]  # what JSON says beside the rows
 
 
+def compare(figure: Figure, table: Table) -> list[Statement]:
+    """Return the figure's statements; without verdicts where the table has fewer than LEAST_SEEDS seeds."""
+    statements: list[Statement] = figure.body.compare(table)
+    return [replace(each, agrees=None) for each in statements] if _has_few_seeds(table) else statements
+
+
+def _has_few_seeds(table: Table) -> bool:
+    return table.seeds is not None and table.seeds < LEAST_SEEDS
+
+
 def report(figure: Figure, table: Table) -> Report:
     """What is told of a figure that was measured."""
     if hasattr(figure.body, "report"):
         own: Report = figure.body.report(table)
         return own
-    statements: list[Statement] = figure.body.compare(table)
-    heads = ("", "paper", "reference", "ours, median (5 … 95 %)", "", "asked")
+    statements = compare(figure, table)
+    heads = ("", "paper", "reference", "ours, median (5 … 95 % of seeds)", "", "asked")
     rows = [
-        (each.what, each.paper or "-", each.reference or "-", each.ours, "ok" if each.agrees else "NO", each.why)
-        for each in statements
+        (each.what, each.paper or "-", each.reference or "-", each.ours, each.verdict, each.why) for each in statements
     ]
     widths = [max(len(row[k]) for row in (heads, *rows)) for k in range(len(heads))]
     lines = ["  ".join(f"{cell:{width}}" for cell, width in zip(row, widths, strict=True)) for row in (heads, *rows)]
-    return Report([asdict(each) for each in statements], [*map(str.rstrip, lines), last_line(statements)], {})
+    last = f"{NO_VERDICT}: {table.seeds}" if _has_few_seeds(table) else last_line(statements)
+    return Report([asdict(each) for each in statements], [*map(str.rstrip, lines), last], {})
 
 
 def last_line(statements: list[Statement]) -> str:
-    """What agrees with the paper and the reference, what does not, and why."""
-    agree = [each.what for each in statements if each.agrees]
-    differ = [f"{each.what}: {each.ours} (asked: {each.why})" for each in statements if not each.agrees]
-    said = [f"agrees: {'; '.join(agree)}"] if agree else []
-    return ".  ".join([*said, f"does not agree: {'; '.join(differ)}" if differ else "nothing disagrees"])
+    """What agrees with the paper and the reference or is not worse, what differs, and why."""
+    met = {
+        asked: [each.what for each in statements if each.agrees and each.asked == asked]
+        for asked in dict.fromkeys(each.asked for each in statements)
+    }
+    said = [f"{asked}: {'; '.join(whats)}" for asked, whats in met.items() if whats]
+    differ = [f"{each.what}: {each.ours} (asked: {each.why})" for each in statements if each.differs]
+    return ".  ".join([*said, f"differs: {'; '.join(differ)}" if differ else "nothing differs"])
 
 
 def quantiles(values: NDArray[np.float64], form: str = ".1f") -> str:
-    """`median (5 % … 95 %)` in words."""
-    low, middle, high = np.quantile(values, (LOW, 0.5, HIGH), method="nearest")
-    return f"{middle:{form}} ({low:{form}} … {high:{form}})"
+    """Return `median (5 % … 95 %)`; the two quantiles are values that were measured."""
+    low, high = np.quantile(values, (LOW, HIGH), method="nearest")
+    return f"{np.median(values):{form}} ({low:{form}} … {high:{form}})"
 
 
 def band(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -92,17 +120,26 @@ class Shown:
 
     @property
     def differing(self) -> list[Statement]:
-        """Of the statements, those in which ours is another than the paper's."""
-        return [each for each in self.statements if not each.agrees]
+        """Of the statements, those in which ours is not as it was asked."""
+        return [each for each in self.statements if each.differs]
+
+    @property
+    def agreeing(self) -> int:
+        """Of how many statements ours is as it was asked."""
+        return sum(bool(each.agrees) for each in self.statements)
 
     @property
     def verdict(self) -> str:
         """In a few words."""
         if self.failure:
             return f"not measured: {self.failure}"
-        agree = len(self.statements) - len(self.differing)
+        if all(each.agrees is None for each in self.statements):
+            return NO_VERDICT
+        judged = [each for each in self.statements if each.agrees is not None]
+        counts = Counter(each.asked for each in judged if each.agrees)
+        met = " and ".join(f"{asked} in {n}" for asked, n in counts.items()) or f"{judged[0].asked} in 0"
         differs = f"; differs: {'; '.join(each.what for each in self.differing)}" if self.differing else ""
-        return f"agrees in {agree} of {len(self.statements)}{differs}"
+        return f"{met} of {len(judged)}{differs}"
 
 
 def page(command: str, version: str, shown: Sequence[Shown]) -> str:
@@ -118,19 +155,20 @@ def page(command: str, version: str, shown: Sequence[Shown]) -> str:
         if each.failure:
             parts.append(f"Not measured: {each.failure}")
             continue
-        heads = ("", "the paper", "reference", "ours, median (5 … 95 %)", "", "asked, or why")
+        heads = ("", "the paper", "reference", "ours, median (5 … 95 % of seeds)", "", "asked, or why")
         parts += [
             f"![{each.figure.about}]({each.figure.name}.png)",
             _table(
                 heads,
-                (
-                    (one.what, one.paper, one.reference, one.ours, "agrees" if one.agrees else "**differs**", one.why)
-                    for one in each.statements
-                ),
+                ((one.what, one.paper, one.reference, one.ours, _bold(one), one.why) for one in each.statements),
             ),
         ]
     parts += ["## Not measured", _table(("what", "is"), NOT_MEASURED)]
     return "\n\n".join(parts) + "\n"
+
+
+def _bold(statement: Statement) -> str:
+    return f"**{statement.verdict}**" if statement.differs else statement.verdict
 
 
 def _table(heads: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:

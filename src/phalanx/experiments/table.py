@@ -17,6 +17,7 @@ import json
 import os
 import shutil
 import subprocess
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -65,6 +66,12 @@ class Table:
     def version(self) -> str:
         """Of the program that began it."""
         return str(self.origin.get("version", ""))
+
+    @property
+    def seeds(self) -> int | None:
+        """Return the number of seeds of the point that has the fewest; None where no case has a seed."""
+        points = Counter(case.rpartition("seed ")[0] for case in self.cases if "seed " in case)
+        return min(points.values(), default=None)
 
     def column(self, case: str, name: str) -> Rows:
         """(rows,) of a case."""

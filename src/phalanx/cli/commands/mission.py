@@ -113,8 +113,9 @@ def verify() -> None:
 def audit() -> None:
     """Tell what a mission is worth: what who captures it must try, what looks wrong, and what no robot can live.
 
-    By candidates and time, without a floor plan and with it. A robot's belief is run ahead along each way: too long for
-    its time-out, nothing in sight, or too unsure to tell a landmark from the next that looks the same.
+    Candidates and times to open nodes are upper bounds, without a floor plan and with it. Who has the plan finds places
+    without opening anything: docs/threat-model.md, "A captured mission". A robot's belief is run ahead along each way:
+    too long for its time-out, nothing in sight, or too unsure to tell a landmark from the next that looks the same.
     """
 
 
@@ -234,5 +235,6 @@ def run() -> None:
 def ros2() -> None:
     """Live an encoded mission with a robot of ROS 2: scan and odom in, cmd_vel out; exit 1 if it was not completed.
 
-    The file, its start key and where the robot stands are all that it knows: no map. Needs phalanx-swarm[ros2].
+    The file, its start key and where the robot stands are all that it knows: no map. It needs ROS 2:
+    pip install '.[ros2]' in a clone.
     """

@@ -15,8 +15,8 @@ NOTES = (
     "in the same folder counts too, also where it is more."
 )
 FINDINGS = (
-    " Ends with 0 once it has been measured and drawn, whether or not ours agrees with the paper: NO is a finding, and "
-    "the last line says why."
+    " Ends with 0 once it has been measured and drawn, whether or not ours agrees with the paper: a difference is a "
+    "finding, and the last line says why. With fewer than ten seeds there is no verdict."
 )
 
 

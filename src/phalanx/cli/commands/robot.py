@@ -30,7 +30,10 @@ def run() -> None:
 @option("--namespace", default="", metavar="NAME", help="Of the robot's topics and node.")
 @runs("robot", "ros2")
 def ros2() -> None:
-    """Run the robot in ROBOT.yaml, a guard between cmd_vel_raw and cmd_vel of ROS 2. Needs phalanx-swarm[ros2]."""
+    """Run the robot in ROBOT.yaml, a guard between cmd_vel_raw and cmd_vel of ROS 2.
+
+    It needs ROS 2: pip install '.[ros2]' in a clone.
+    """
 
 
 @robot.command(epilog="Example: phalanx robot advise mission.yaml planner.py:Home unix:advice")

@@ -74,7 +74,7 @@ def _attack(
         start = parse_start_key(encoded.start)
     else:
         raise UsageError(
-            "a sealed mission without its start key: 2^256 gates stand before the first try",
+            "a sealed mission without its start key: 2^256 gates stand before the first node",
             "--key FILE, if that was captured too",
         )
     return crack_sealed(encoded, start, area, pool.map, shown)

@@ -44,7 +44,7 @@ def tell_worth(
     trial: int | None,
     as_json: bool,
 ) -> None:
-    """Prints what an attacker must try, what the robot must, what looks wrong, and what no robot can live."""
+    """Prints what an attacker must try at most, what the robot must, what looks wrong, and what no robot can live."""
     rates, form, eye = Rates(), Profile[profile.upper()], LidarConfig.parse(lidar)
     if source is None:
         told, floor = explored(plan, start, "audit", doors, eye)
@@ -79,7 +79,7 @@ def tell_worth(
 
 
 def _show(report: Audit, rates: Rates) -> None:
-    click.echo(f"{'node':16}{'candidates':>12}{'one core':>12}{'one GPU':>12}{'with map':>12}{'robot':>10}")
+    click.echo(f"{'node':16}{'at most':>12}{'one core':>12}{'one GPU':>12}{'with map':>12}{'robot':>10}")
     for row in report.nodes:
         far = row.candidates >= OUT_OF_REACH
         cells = ["> 2^128", "-", "-"] if far else [f"{row.candidates:.3g}", span(row.core_s), span(row.gpu_s)]
@@ -88,11 +88,11 @@ def _show(report: Audit, rates: Rates) -> None:
         problems = f"   {'; '.join(looks)}" if looks else ""
         click.echo(f"{row.name:16}{''.join(f'{cell:>12}' for cell in cells)}{row.robot_ms:>7.1f} ms{problems}")
     for who, costs_s in (
-        ("all that can be guessed", (report.core_s, report.gpu_s)),
+        ("all that can be opened, at most", (report.core_s, report.gpu_s)),
         ("likewise with the map", (report.plan_core_s, report.plan_gpu_s)),
     ):
-        cells = ["-" if cost_s is None else span(cost_s) if math.isfinite(cost_s) else "nothing" for cost_s in costs_s]
-        click.echo(f"{who:28}{cells[0]:>12}{cells[1]:>12}")
+        cells = ["-" if cost_s is None else span(cost_s) if math.isfinite(cost_s) else "-" for cost_s in costs_s]
+        click.echo(f"{who:32}{cells[0]:>12}{cells[1]:>12}")
     for problem in report.problems:
         click.echo(f"note: {problem}")
     click.echo(

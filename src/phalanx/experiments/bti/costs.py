@@ -21,7 +21,8 @@ from phalanx.sim.scenarios.run import Run
 
 COLUMNS = (
     "app_bytes_per_s",  # sent, of the flock's own
-    "audit_bytes_per_s",  # sent, of audits
+    "audit_bytes_per_s",  # sent, of audits, with each try of the radio
+    "audit_airtime_pct",  # share of the time that these are on the air
     "log_bytes_per_s",  # by which the log grows
     "log_bytes",  # the longest that it was
     "stored_bytes",  # the same, with checkpoints
@@ -83,12 +84,13 @@ def measure_costs(scenario: Scenario, tell: Callable[[float], None]) -> Rows:
         tell(now_s / scenario.duration_s)
 
     told = play(scenario, on_step=look).summary()
-    rates = told["bytes_per_s_per_robot"]
+    rates = told["tried_bytes_per_s_per_robot"]
     return np.array(
         [
             (
                 rates["app"],
                 rates["audit"],
+                told["airtime_pct_per_robot"]["audit"],
                 float((grown / np.maximum(grew_s, 1e-9)).mean()),
                 float(most["log_len"].mean()),
                 float(most["stored"].mean()),

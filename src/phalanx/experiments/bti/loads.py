@@ -147,6 +147,7 @@ class Loads:
                 paper=f"{paper:.2f}",
                 ours=", ".join(f"{load:.2f} {words}" for words, load in zip(pct, ours, strict=True)),
                 agrees=bool(max(ours) <= NEAR * paper),
+                asked="not worse",
                 why=f"at most {NEAR:g} times the paper's; 50 MHz, one instruction a cycle, a bus of 2 Mb/s",
             )
             for name, paper, ours in rows
@@ -214,6 +215,7 @@ def compare_costs(table: Table) -> list[Statement]:
                 paper=f"{paper_ms:g}",
                 ours=", ".join(f"{ms:.3f} {words}" for words, ms in ours.items()),
                 agrees=max(ours.values()) <= paper_ms,
+                asked="not worse",
                 why="no more than the paper's; one instruction a cycle"
                 + ("" if name == "mac" else "; ours is SHA-1 made small (-Os), 64 bytes of it 4 400 instructions"),
             )
@@ -224,8 +226,8 @@ def compare_costs(table: Table) -> list[Statement]:
             Statement(
                 what=f"{name} of {rows[0, -1, 1]:.0f} bytes on this machine, ns a byte",
                 ours=quantiles(rows[:, -1, 4] / rows[:, -1, 1], ".1f"),
-                agrees=True,
-                why="as fast as it is",
+                agrees=None,
+                why="nothing: the paper has none of this machine",
             )
         )
     return told

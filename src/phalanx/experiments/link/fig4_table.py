@@ -117,7 +117,7 @@ def summarize(rows: Sequence[Row]) -> Summary:
         late=sum(row.outcome == "late" for row in lost),
         reliability_pct=_percent(len(decided) - len(lost), len(decided)),
         mean_ms=statistics.fmean(latencies) if latencies else None,
-        median_ms=quantile(latencies, 0.5),
+        median_ms=statistics.median(latencies) if latencies else None,
         p99_ms=quantile(latencies, 0.99),
         max_ms=latencies[-1] if latencies else None,
         slow_pct=_percent(sum(map(is_slow, decided)), len(decided)),

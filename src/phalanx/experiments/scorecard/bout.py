@@ -23,7 +23,7 @@ from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.own import find_attack, find_controller, mistakes_in
 from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.audited.world import clock_ms
-from phalanx.sim.radio.channel import AUDIT_BROADCAST, BYTES
+from phalanx.sim.radio.channel import AIRTIME_US, AUDIT_BROADCAST
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.swarms.protected import DEMO, EDGE_MM, ProtectedSwarm
@@ -46,7 +46,8 @@ OUTCOME = {
     "bound_s": "double",  # of that; none where nothing is promised
     "correct_stopped": "int64",
     "missed": "string",  # which promises were not kept; "" if all were
-    "audit_bytes_per_s": "double",  # that a robot sends, with nobody lying
+    "audit_bytes_per_s": "double",  # that a robot sends with nobody lying, with each try of the radio
+    "audit_airtime_pct": "double",  # share of the time that these are on the air
     "digest": "string",
     "cpu_s": "double",
 }
@@ -100,7 +101,8 @@ def _in_flock(bout: Bout, spec: AttackSpec, scenario: Scenario) -> dict[str, Any
         "bound_s": max(filter(None, map(trial.bound_of, trial.stops)), default=None),
         "correct_stopped": len(trial.attacked["correct_in_safe_mode"]) + len(trial.attacked["without_quorum"]),
         "missed": _missed(trial, spec.attack),
-        "audit_bytes_per_s": trial.honest["bytes_per_s_per_robot"]["audit"],
+        "audit_bytes_per_s": trial.honest["tried_bytes_per_s_per_robot"]["audit"],
+        "audit_airtime_pct": trial.honest["airtime_pct_per_robot"]["audit"],
         "digest": trial.attacked["digest"],
     }
 
@@ -186,7 +188,8 @@ def try_on_wheels(spec: AttackSpec, defence: Defence, seed: int, seconds: float)
     stop = Stop(i + 1, began_s, None if safe_us < 0 else safe_us / 1e6, liar.output_missing)
     in_time = stop.is_in_time(bound_s, (clock_ms(world, i) - boot_ms) / 1000)
     wronged = int(world.safe[:ROBOTS].sum()) - int(world.safe[i])
-    rates = honest.world.air.counts[:ROBOTS, AUDIT_BROADCAST : AUDIT_BROADCAST + 2, BYTES]
+    air, audits = honest.world.air, slice(AUDIT_BROADCAST, AUDIT_BROADCAST + 2)
+    airtime_s = float(air.counts[:ROBOTS, audits, AIRTIME_US].sum()) / 1e6
     return {
         "harm": float(max(0, int(world.clock[0].contacts) - int(honest.world.clock[0].contacts))),
         "harm_unit": "contacts",
@@ -197,5 +200,6 @@ def try_on_wheels(spec: AttackSpec, defence: Defence, seed: int, seconds: float)
         "bound_s": bound_s,
         "correct_stopped": wronged,
         "missed": {"stopped too late": not in_time, "correct robots stopped": promised and wronged > 0},
-        "audit_bytes_per_s": float(rates.sum()) / ROBOTS / seconds,
+        "audit_bytes_per_s": float(air.tried[:ROBOTS, audits].sum()) / ROBOTS / seconds,
+        "audit_airtime_pct": 100 * airtime_s / ROBOTS / seconds,
     }

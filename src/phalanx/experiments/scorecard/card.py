@@ -46,7 +46,8 @@ class Line:
     stop_worst_s: float | None
     bound_s: float | None
     correct_stopped: int  # robots, all runs
-    cost_bytes_per_s: float | None  # that a robot's audits send
+    cost_bytes_per_s: float | None  # that a robot's audits send, with each try of the radio
+    cost_airtime_pct: float | None  # share of the time that these are on the air
     misses: int  # runs in which something promised was not kept
     missed: str  # what, and in how many
 
@@ -67,9 +68,10 @@ def lines(rows: Iterable[Mapping[str, Any]]) -> list[Line]:
 
 def _line(point: tuple[str, str, str], of: list[Mapping[str, Any]], undefended: list[Mapping[str, Any]]) -> Line:
     def values(name: str, rows: list[Mapping[str, Any]] = of) -> list[float]:
-        return [row[name] for row in rows if row[name] is not None]
+        return [row[name] for row in rows if row.get(name) is not None]
 
     harms, stops, costs = values("harm"), values("slowest_stop_s"), values("audit_bytes_per_s")
+    airtimes = values("audit_airtime_pct")
     missed = Counter(words for row in of for words in row["missed"].split("; ") if words)
     protocol, attack, defence = point
     return Line(
@@ -90,6 +92,7 @@ def _line(point: tuple[str, str, str], of: list[Mapping[str, Any]], undefended: 
         bound_s=max(values("bound_s"), default=None),
         correct_stopped=sum(row["correct_stopped"] for row in of),
         cost_bytes_per_s=median(costs) if costs else None,
+        cost_airtime_pct=median(airtimes) if airtimes else None,
         misses=sum(bool(row["missed"]) for row in of),
         missed="; ".join(f"{words} ({count})" for words, count in missed.items()),
     )

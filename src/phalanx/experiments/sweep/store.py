@@ -37,7 +37,8 @@ OUTCOME = {
     "without_quorum": "int64",
     "contacts": "int64",
     "app_bytes_per_s": "double",
-    "audit_bytes_per_s": "double",
+    "audit_bytes_per_s": "double",  # a robot sends, with each try of the radio
+    "audit_airtime_pct": "double",  # share of the time that these tries of a robot are on the air
     "log_bytes_max": "int64",
     "broadcast_delivery": "double",
     "unicast_delivery": "double",
@@ -50,7 +51,7 @@ def outcome(summary: Mapping[str, Any], cpu_s: float) -> dict[str, Any]:
     liars = summary["compromised"]
     deviated = [liar for liar in liars if liar["first_deviation_s"] is not None]
     stops_s = [each["safe_mode_s"] - each["first_deviation_s"] for each in deviated if each["safe_mode_s"] is not None]
-    rates = summary["bytes_per_s_per_robot"]
+    rates = summary["tried_bytes_per_s_per_robot"]
     counted = {name: len(summary[name]) for name in ("correct_in_safe_mode", "without_quorum")}
     of_liars = {
         "score": next(iter(summary.get("task", {}).values()), None),
@@ -60,6 +61,7 @@ def outcome(summary: Mapping[str, Any], cpu_s: float) -> dict[str, Any]:
         "slowest_stop_s": max(stops_s, default=None),
         "app_bytes_per_s": rates["app"],
         "audit_bytes_per_s": rates["audit"],
+        "audit_airtime_pct": summary["airtime_pct_per_robot"]["audit"],
         "cpu_s": cpu_s,
     }
     same = {name: summary[name] for name in OUTCOME if name in summary and name not in counted}

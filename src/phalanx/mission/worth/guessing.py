@@ -12,7 +12,7 @@ from phalanx.mission.authoring.document import TOKEN
 from phalanx.mission.file.canonical import shape_of
 from phalanx.mission.file.records import Profile
 from phalanx.mission.graph import Mission, Node, PlainWay
-from phalanx.mission.observable import MM_PER_M, Landmark, Observable, bins_of, sector_of
+from phalanx.mission.observable import MM_PER_M, Landmark, Observable, Sensor, bins_of, sector_of
 from phalanx.mission.walk.search import WINDOWS
 
 from .shown import Before, Shown, cell_in
@@ -22,7 +22,7 @@ Alias = tuple[Observable, ...]
 
 
 class Guess:
-    """The attacker's candidates."""
+    """The attacker's candidates, who tries one node after the other: upper bounds, for cheaper orders are known."""
 
     def __init__(
         self, mission: Mission, coding: CodingConfig, profile: Profile, open_start: bool, plan: Shown | None
@@ -39,7 +39,7 @@ class Guess:
         self.shapes = {shape_of(alias) for node in mission.nodes for alias in node.see}
 
     def candidates(self, node: Node) -> float:
-        """With a map's size alone: for the node's weakest alias, from the predecessor that says most."""
+        """At most, with a map's size alone: for the node's weakest alias, from the predecessor that says most."""
         ways = self._ways(node)
         counts = [self._places(alias, node, way) * self._rest(alias, node) for alias in node.see for way in ways]
         return min([OUT_OF_REACH, *counts])
@@ -73,10 +73,7 @@ class Guess:
     def _rest(self, alias: Alias, node: Node) -> float:
         """How often each place has to be tried, for what else goes into the hash."""
         shape = shape_of(alias)
-        landmark = landmark_of(alias)
-        # Only a random token is secret: any other text that hangs on a wall is public.
-        text = landmark.text if landmark and landmark.text and TOKEN.fullmatch(landmark.text) else ""
-        count = float(16 ** min(32, len(text)))
+        count = float(16 ** min(32, sum(map(len, _tokens(alias)))))
         if self.profile is Profile.PAPER:
             count *= len(self.shapes)  # the file says which kinds occur, not where
             count *= max(1, len(self.actions)) if node.do else 1
@@ -112,6 +109,14 @@ class Guess:
         if direction is None or source is None:
             return None
         return Before(*source, sector_of(direction, sectors) * TWO_PI / sectors, sectors)
+
+
+def _tokens(alias: Alias) -> list[str]:
+    """Return the random tokens among texts and readings: any other text on a wall or word of a sensor is public."""
+    landmark = landmark_of(alias)
+    texts = [landmark.text] if landmark and landmark.text else []
+    texts += [thing.value.decode(errors="replace").lower() for thing in alias if isinstance(thing, Sensor)]
+    return [text for text in texts if TOKEN.fullmatch(text)]
 
 
 def landmark_of(alias: Alias) -> Landmark | None:

@@ -325,11 +325,12 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                           "hides no place"),
         guess("guess-plan", "missions.guesses.GuessPlan", BITES, READ, 1,
                does="tries what the building's floor plan shows against a captured mission and its start key",
-               stopped_by="nothing: a floor plan shows all places; what it does not show is a token or a message, "
-                          "and a start key that was not captured"),
+               stopped_by="nothing: a floor plan shows all places; what it does not show is a token or a message. A "
+                          "start key that was not captured keeps payloads shut, and hides no place"),
         guess("guess-gate", "missions.guesses.GuessGate", by_defence("bites", "bites", "harmless"), READ, 1,
                does="tries to read a captured mission without its start key, with gates that it draws",
-               stopped_by="in `bound` 2^256 gates stand before the first place; `paper` has no start key"),
+               stopped_by="in `bound` 2^256 gates stand before the first payload, but who matches the file's graph "
+                          "with a floor plan needs none for the places; `paper` has no start key"),
         guess("guess-token", "missions.guesses.GuessToken", by_defence("bites", "harmless", "harmless"), READ, 1,
                does="tries random tokens against the node of a captured mission whose place it knows, with all "
                     "that leads there",

@@ -14,7 +14,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from phalanx.arrays import I32x1, I64x3, Records, U8x3, layout
+from phalanx.arrays import I32x1, I64x2, I64x3, Records, U8x3, layout
 from phalanx.bundle import bundled
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
@@ -39,8 +39,8 @@ AUDIT_BIT = 0x80
 # Rows of `Air.counts[i]`: what a frame is, by its first byte and its destination.
 APP_BROADCAST, APP_UNICAST, AUDIT_BROADCAST, AUDIT_UNICAST = 0, 1, 2, 3
 # Columns: frames that left or were given up, receptions due and those that came about (all on the sender's account),
-# frames heard by this robot, bytes of frames sent, airtime of all tries, sum over receptions of µs since `enqueue`,
-# frames that found no room in the NIC.
+# frames heard by this robot, bytes of frames sent (each once, however often tried), airtime of all tries, sum over
+# receptions of µs since `enqueue`, frames that found no room in the NIC.
 SENT, DUE, ARRIVED, HEARD, BYTES, AIRTIME_US, DELAY_US, DROPPED = 0, 1, 2, 3, 4, 5, 6, 7
 
 
@@ -60,6 +60,7 @@ class Air(NamedTuple):
     long: Pool  # of long_bytes: the one longer frame of each ring
     slot: Annotated[Any, Records(SLOT, 2)]  # (SLOTS, N)
     counts: I64x3  # (N, 4, 8), see APP_BROADCAST … and SENT …
+    tried: I64x2  # (N, 4), bytes of all tries of frames, by kind: a unicast frame without an answer is tried again
     rates: Rates  # bits and times of a symbol
     half_exponents: int  # twice the exponent of the path loss
     capture: float  # how many times as strong as all that overlaps it a broadcast must be
@@ -95,6 +96,7 @@ def make_air(robots: int, config: RadioConfig, seed: int) -> Air:
         long=make_pool(robots, config.long_bytes),
         slot=np.zeros((SLOTS, robots), SLOT).view(np.recarray),
         counts=np.zeros((robots, 4, 8), np.int64),
+        tried=np.zeros((robots, 4), np.int64),
         rates=rates_of(config),
         half_exponents=round(2 * config.exponent),
         capture=10 ** (config.capture_db / 10),
@@ -180,7 +182,9 @@ def attempt(air: Air, reach: Reach, queue: Queue, robot: int, now_us: int) -> No
     else:
         took_us, answer_us = unicast_us(air.rates, length), card.SIFS_US + ack_us(air.rates)
     nic.tries += 1
-    air.counts[robot, _class(int(_bytes(air, robot, slot)[0]), dst), AIRTIME_US] += took_us
+    kind = _class(int(_bytes(air, robot, slot)[0]), dst)
+    air.counts[robot, kind, AIRTIME_US] += took_us
+    air.tried[robot, kind] += length
     _transmit(air, reach, queue, robot, now_us, now_us + took_us, answer_us, 0)
 
 

@@ -17,7 +17,13 @@ Table = Literal["robots", "verdicts", "runs"]
 VERDICT = np.dtype([("seed", "i8"), ("time_s", "f8"), ("auditor", "i4"), ("auditee", "i4"), ("refusal", "i4")])
 RESEARCH_HINT = "pip install '.[research]' in a clone"
 # Of a summary, what is no number of the run as a whole.
-SERIES = ("distance_series", "compromised", "bytes_per_s_per_robot")
+SERIES = (
+    "distance_series",
+    "compromised",
+    "bytes_per_s_per_robot",
+    "tried_bytes_per_s_per_robot",
+    "airtime_pct_per_robot",
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -229,8 +229,10 @@ class Run:
         alone = self._quorum.stopped_without()
         wronged = self._correct & self.in_safe_mode & ~alone
 
-        def rate(first: int) -> float:
-            return float(counts[:, first : first + 2, BYTES].sum()) / n / seconds
+        def each(count: NDArray[np.int64]) -> dict[str, float]:
+            """Return a robot's mean in a second, of the flock's frames and of audits'."""
+            kinds = {"app": APP_BROADCAST, "audit": AUDIT_BROADCAST}
+            return {name: float(count[:, first : first + 2].sum()) / n / seconds for name, first in kinds.items()}
 
         digest = self._digest.copy()
         digest.update(f"{world.clock[0].now_us} {world.clock[0].contacts}".encode())
@@ -248,7 +250,9 @@ class Run:
             "correct_in_safe_mode": [int(each) for each in self.ids[wronged]],
             "without_quorum": [int(each) for each in self.ids[alone]],
             "contacts": int(world.clock[0].contacts),
-            "bytes_per_s_per_robot": {"app": rate(APP_BROADCAST), "audit": rate(AUDIT_BROADCAST)},
+            "bytes_per_s_per_robot": each(counts[:, :, BYTES]),
+            "tried_bytes_per_s_per_robot": each(world.air.tried),
+            "airtime_pct_per_robot": {name: us / 1e4 for name, us in each(counts[:, :, AIRTIME_US]).items()},
             "log_bytes_max": int(world.fleet.robot["log_max"].max()),
             "broadcast_delivery": _known(delivery(world.air, APP_BROADCAST)),
             "unicast_delivery": _known(delivery(world.air, AUDIT_UNICAST)),
