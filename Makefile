@@ -38,7 +38,7 @@ ifeq ($(filter test% check-long coverage lint% bench docs %-dev,$(MAKECMDGOALS))
 NEEDS += broker=mosquitto
 else
 NEEDED := .venv/needs-dev
-NEEDS += mosquitto=mosquitto chromium=chromium valgrind=valgrind spin=spin
+NEEDS += mosquitto=mosquitto browser=chromium-headless-shell valgrind=valgrind spin=spin
 # The only compiler with a fuzzer: 50 MB to fetch.
 NEEDS += clang=clang fuzzer=libclang-rt-14-dev
 # What the firmware is compiled with for microcontrollers: 70 MB to fetch.
