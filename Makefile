@@ -38,7 +38,7 @@ ifeq ($(filter test% check-long coverage lint% bench docs %-dev,$(MAKECMDGOALS))
 NEEDS += broker=mosquitto
 else
 NEEDED := .venv/needs-dev
-NEEDS += mosquitto=mosquitto chromium=chromium valgrind=valgrind spin=spin
+NEEDS += mosquitto=mosquitto browser=chromium-headless-shell valgrind=valgrind spin=spin
 # The only compiler with a fuzzer: 50 MB to fetch.
 NEEDS += clang=clang fuzzer=libclang-rt-14-dev
 # What the firmware is compiled with for microcontrollers: 70 MB to fetch.
@@ -85,10 +85,14 @@ $(NEEDED):
 	@$(PIP) --require-hashes -r $< || echo "pip goes on without it"
 	@touch $@
 
-.venv/runtime: requirements.lock requirements-amqtt.lock pyproject.toml $(FIRMWARE) | .venv/uv
-	@echo "installing Python packages, compiling the trusted nodes and the kernels"
+.venv/packages: requirements.lock requirements-amqtt.lock | .venv/uv
+	@echo "installing Python packages"
 	@$(call PINNED,requirements.lock)
 	@PATH="$$PATH:/usr/sbin"; command -v mosquitto >/dev/null || $(call PINNED,requirements-amqtt.lock)
+	@touch $@
+
+.venv/runtime: .venv/packages pyproject.toml $(FIRMWARE)
+	@echo "compiling the trusted nodes and the kernels"
 	@$(PIP) --no-deps --no-build-isolation -e .
 	@touch $@
 
@@ -98,7 +102,8 @@ $(NEEDED):
 		{ echo "compiling the kernels"; $(BIN)/python setup.py --quiet build_ext --inplace; }
 	@touch $@
 
-.venv/dev: requirements-dev.lock .venv/runtime
+# While compilers run: both lock files name the same versions (scripts/lock.sh), so that nothing they use is replaced.
+.venv/dev: requirements-dev.lock .venv/packages
 	@echo "installing Python packages for the tests"
 	@$(call PINNED,requirements-dev.lock)
 	@touch $@

@@ -47,6 +47,7 @@ FRESH_S = 2.0
 ROUTES_PER_S = 100
 # As phones see it: an address that browsers do not take for secure, and so without their own cryptography.
 HOST = "swarm.test"
+CHROMIUM = shutil.which("chromium-headless-shell") or shutil.which("chromium")
 FLAGS = ["--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-component-update"]
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 # Counts animation frames by second, and ten times a second whether the map looks different and the badge says live.
@@ -147,7 +148,7 @@ async def a_page(url: str) -> AsyncIterator[Page]:
     """The visitors' page in chromium, live."""
     flags = [*FLAGS, f"--host-resolver-rules=MAP {HOST} 127.0.0.1", *(["--no-sandbox"] if os.geteuid() == 0 else [])]
     async with async_playwright() as playwright:
-        browser = await playwright.chromium.launch(executable_path=shutil.which("chromium"), args=flags)
+        browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=flags)
         try:
             page = await (await browser.new_context(**PHONE)).new_page()
             await page.goto(url.replace("http://127.0.0.1", f"http://{HOST}", 1))
@@ -189,7 +190,7 @@ class Usage:
 
 
 async def bench_fleet(fleet: Fleet, soak_s: float, say: Callable[[str], None]) -> list[Row]:
-    if not pages_are_built() or not shutil.which("chromium") or not TSX.exists():
+    if not pages_are_built() or not CHROMIUM or not TSX.exists():
         raise RuntimeError("the pages, their tools or chromium are missing: make setup-dev")
     say(f"{fleet.robots} robots, {fleet.visitors} visitors and a page")
     up = (sys.executable, "-m", "phalanx", "up", "--events", "--port", "0", "--robots", str(fleet.robots))

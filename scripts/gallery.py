@@ -23,7 +23,8 @@ ZOOMS = {"refused": 3}  # so often larger: robots stand close
 
 with sync_playwright() as playwright:
     chromium = playwright.chromium.launch(
-        executable_path=shutil.which("chromium"), args=["--no-sandbox", "--disable-gpu"]
+        executable_path=shutil.which("chromium-headless-shell") or shutil.which("chromium"),
+        args=["--no-sandbox", "--disable-gpu"],
     )
     for name, words, at_s in PICTURES:
         with subprocess.Popen([*VIEW, *words], stdout=subprocess.PIPE, text=True) as running:

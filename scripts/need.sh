@@ -1,5 +1,5 @@
 #!/bin/sh
-# Makes sure that commands are there: `need.sh mosquitto=mosquitto chromium=chromium`, each command=debian-package.
+# Makes sure that commands are there: `need.sh mosquitto=mosquitto gcc=gcc`, each command=debian-package.
 # As root on Debian the missing packages are installed; elsewhere all that is missing is named at once, and nothing else
 # happens. `broker` is mosquitto where phalanx can do without it: who cannot install it is told, and gets amqtt.
 set -eu
@@ -75,6 +75,10 @@ for pair in "$@"; do
         else
             echo "note: no mosquitto here; going on with amqtt, a slower broker (hint: sudo apt-get install $package)" >&2
         fi
+        ;;
+    browser)
+        # Any chromium will do for the tests; the shell without windows takes half of the processor time.
+        is_there chromium-headless-shell || { is_there chromium && ! can_install; } || missing="$missing $package"
         ;;
     fuzzer)
         # Debian's clang comes without what its sanitizers and its fuzzer link.

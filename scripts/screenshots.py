@@ -45,7 +45,8 @@ async def main() -> None:
                 route = {"threshold": 60, "waypoints": [corner(i, 12), corner(i + 3, 12)]}
                 await client.command(robot["address"], "waypoints", route)
             chromium = await p.chromium.launch(
-                executable_path=shutil.which("chromium"), args=["--no-sandbox", "--disable-gpu"]
+                executable_path=shutil.which("chromium-headless-shell") or shutil.which("chromium"),
+                args=["--no-sandbox", "--disable-gpu"],
             )
             phone = await chromium.new_page(
                 viewport={"width": 390, "height": 844}, device_scale_factor=2, has_touch=True

@@ -9,7 +9,6 @@ import json
 import logging
 import os
 import re
-import shutil
 import signal
 import socket
 import subprocess
@@ -25,7 +24,7 @@ import aiomqtt
 import pytest
 from hypothesis import HealthCheck, settings
 
-from chromium import FLAGS
+from chromium import CHROMIUM, FLAGS
 from phalanx.cli.main import run_command
 from phalanx.gateway.serve_pages import PAGES, VISITOR_POLICY, OperatorPages
 from phalanx.io import ANY, Server
@@ -353,10 +352,9 @@ def secrets_of(ready: dict) -> list[str]:
 def browser():
     in_real_time()
     playwright = pytest.importorskip("playwright.sync_api")
-    chromium = shutil.which("chromium")
-    assert chromium, "apt-get install chromium"
+    assert CHROMIUM, "apt-get install chromium-headless-shell"
     flags = [*FLAGS, "--no-sandbox"] if os.geteuid() == 0 else FLAGS
     with playwright.sync_playwright() as p:
-        running = p.chromium.launch(executable_path=chromium, args=flags)
+        running = p.chromium.launch(executable_path=CHROMIUM, args=flags)
         yield running
         running.close()

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-import shutil
 import subprocess
 import sys
 
 import pytest
 
+from chromium import CHROMIUM
 from conftest import ROOT
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.slow]
@@ -36,7 +36,7 @@ console.log(JSON.stringify(ends));
 
 @pytest.fixture(scope="module")
 def report():
-    assert shutil.which("chromium"), "apt-get install chromium"
+    assert CHROMIUM, "apt-get install chromium-headless-shell"
     done = subprocess.run(
         [sys.executable, "benchmarks/bench_link.py", "--quick", "--json"],
         cwd=ROOT,
