@@ -94,4 +94,6 @@ def test_these_are_all_that_are_harmless_everywhere():
         "slot-squat", "stale-answers", "wrong-checkpoint", "drain", "refuse-to-audit", "talk-over",  # test_hidden.py
         "mask",  # test_mask.py
         "push-out",  # test_hub.py
+        "talk-over-replies",  # test_replies.py
+        "relay-hello",  # test_replies.py
     }  # fmt: skip

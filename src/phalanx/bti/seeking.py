@@ -15,6 +15,7 @@ from __future__ import annotations
 from phalanx.kernel import kernel
 from phalanx.wire import table
 from phalanx.wire.fields import Row, get_u32, put_u32, whole
+from phalanx.wire.table import MAC_BYTES
 
 from . import trusted
 from .fleet import PAPER, PENDING, Fleet
@@ -135,7 +136,7 @@ def _draw(f: Fleet, i: int, number: int, auth_s: Row) -> bool:
     mark(f, i, FLUSH_S)
     r.drawn_in = number + 1
     r.secret = get_u32(auth_s, AUTH_MAC)
-    r.nonce = get_u32(auth_s, AUTH_MAC + 4)
+    r.nonce = get_u32(auth_s, AUTH_MAC + MAC_BYTES // 2)
     return True
 
 

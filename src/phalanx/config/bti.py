@@ -30,7 +30,7 @@ class BtiConfig:
     Raises: UsageError: a value is out of range. Source: RoboRebound §4, §5.2; docs/spec/rebound.md.
     """
 
-    f_max: int = within(3, 1, 15, "most compromised robots that are tolerated; f_max + 1 fresh tokens keep a robot alive")
+    f_max: int = within(3, 1, 15, "most compromised robots tolerated; f_max + 1 fresh tokens keep a robot alive")
     t_audit_ms: int = within(4000, 500, 600_000, "a round of audits is asked for so often")
     t_val_ms: int = within(10_000, 1000, 3_600_000, "how long a token counts")
     t_control_ms: int = within(250, 20, 10_000, "period of the sensors' grid")
