@@ -18,7 +18,7 @@ FLOCK_ATTACKS = (
     "spoof masquerade false-state equivocate nan omit-sends hijack flee expel seize-orders drop-entries alter-entries "
     "reorder-entries insert-entries truncate-log forge-checkpoint swap-nodes stale-log interleave starve-sensors t-key "
     "refuse-audit refuse-to-audit forge-tokens share-tokens replay-tokens self-issue collude zero-key request-flood "
-    "frame-flood talk-over mask covert-talk ghost-auditors log-flood long-frames slot-squat push-out stale-answers "
+    "frame-flood talk-over talk-over-replies relay-hello mask covert-talk ghost-auditors log-flood long-frames slot-squat push-out stale-answers "
     "wrong-checkpoint drain nondeterministic crash stuck-sensor gps-spoof in-protocol jam"
 ).split()
 PROTOCOL_ATTACKS = {
