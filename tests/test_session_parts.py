@@ -93,7 +93,7 @@ def opened() -> tuple[Channel, Channel]:
     server, client = ends()
     server.offer(keys("0"), 0)
     client.adopt(0, keys("0"), 0)
-    assert server.open(client.seal(b"first"), 0) == (b"first", True)
+    assert server.open(client.seal(b"first"), 0) == (b"first", True, True)
     return server, client
 
 
@@ -105,12 +105,12 @@ def test_keys_that_were_offered_take_effect_with_the_first_record():
     with pytest.raises(UsageError):
         server.seal(b"too early")
     record = client.seal(b"first")
-    assert server.open(record, 0) == (b"first", True)
+    assert server.open(record, 0) == (b"first", True, True)
     assert server.is_open
     with pytest.raises(Replayed):
         server.open(record, 0)
-    assert server.open(client.seal(b"second"), 0) == (b"second", False)
-    assert client.open(server.seal(b"back"), 0) == (b"back", False)
+    assert server.open(client.seal(b"second"), 0) == (b"second", False, True)
+    assert client.open(server.seal(b"back"), 0) == (b"back", False, True)
 
 
 def test_a_record_is_refused_elsewhere_altered_cut_off_or_sent_back():
@@ -132,7 +132,7 @@ def test_a_record_is_refused_elsewhere_altered_cut_off_or_sent_back():
     other.offer(keys("1"), 0)
     with pytest.raises(PeerError):
         other.open(client.seal(b"spliced")[:30] + record[30:], 0)
-    assert server.open(record, 0) == (b"drive", False)
+    assert server.open(record, 0) == (b"drive", False, True)
 
 
 def test_keys_before_are_accepted_for_ten_seconds_after_the_new_ones():
@@ -141,10 +141,10 @@ def test_keys_before_are_accepted_for_ten_seconds_after_the_new_ones():
     server.offer(keys("1"), 1000)
     old = server.seal(b"old")
     client.adopt(server.next_generation, keys("1"), 1100)
-    assert server.open(client.seal(b"ready"), 1200) == (b"ready", True)
-    assert client.open(server.seal(b"new"), 1300) == (b"new", False)
-    assert client.open(old, 11_299) == (b"old", False)
-    assert server.open(slow[0], 11_199) == (b"slow 1", False)
+    assert server.open(client.seal(b"ready"), 1200) == (b"ready", True, True)
+    assert client.open(server.seal(b"new"), 1300) == (b"new", False, True)
+    assert client.open(old, 11_299) == (b"old", False, False)
+    assert server.open(slow[0], 11_199) == (b"slow 1", False, False)
     with pytest.raises(NotAuthentic):
         server.open(slow[1], 11_200)
 
@@ -153,12 +153,12 @@ def test_a_handshake_that_was_not_confirmed_changes_nothing():
     server, client = opened()
     server.offer(keys("1"), 1000)
     server.offer(keys("2"), 2000)
-    assert server.open(client.seal(b"still here"), 3000) == (b"still here", False)
+    assert server.open(client.seal(b"still here"), 3000) == (b"still here", False, True)
     client.adopt(server.next_generation, keys("1"), 3000)
     with pytest.raises(NotAuthentic):
         server.open(client.seal(b"keys that were replaced"), 3000)
     client.adopt(server.next_generation, keys("2"), 3000)
-    assert server.open(client.seal(b"these"), 3000) == (b"these", True)
+    assert server.open(client.seal(b"these"), 3000) == (b"these", True, True)
 
 
 def test_a_record_that_is_too_large_is_not_read():
@@ -287,15 +287,15 @@ def test_a_removal_also_drops_the_next_epoch_which_the_removed_one_has():
 def test_a_command_is_late_if_its_update_is_older_than_a_second_forgotten_or_not_ours():
     made = writer()
     reading = reader(made)
-    assert made.is_late(reading.seen, reading.digest, 0)
+    assert not made.is_recent(reading.seen, reading.digest, 0)
     reading.open(made.seal(b"a", 1000))
-    assert not made.is_late(reading.seen, reading.digest, 2000)
-    assert made.is_late(reading.seen, reading.digest, 2001)
-    assert made.is_late(reading.seen, bytes(8), 1000)
-    assert made.is_late(reading.seen + 1, reading.digest, 1000)
+    assert made.is_recent(reading.seen, reading.digest, 2000)
+    assert not made.is_recent(reading.seen, reading.digest, 2001)
+    assert not made.is_recent(reading.seen, bytes(8), 1000)
+    assert not made.is_recent(reading.seen + 1, reading.digest, 1000)
     for _ in range(64):
         made.seal(b"more", 1000)
-    assert made.is_late(reading.seen, reading.digest, 1000)
+    assert not made.is_recent(reading.seen, reading.digest, 1000)
 
 
 # --- invitations ---

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from phalanx.errors import NotAuthentic, UsageError
 from phalanx.wire.sessions import RECORD, RECORD_HEAD, TAG_BYTES
@@ -23,6 +24,14 @@ class _Generation:
     sent: int = 0
     window: Window = field(default_factory=Window)
     until_ms: int | None = None  # it is received until then
+
+
+class Opened(NamedTuple):
+    """A message of a peer."""
+
+    content: bytes
+    is_first: bool  # with keys that were offered, which are in use now
+    in_order: bool  # no later record was opened before
 
 
 class Channel:
@@ -92,10 +101,9 @@ class Channel:
         sealed = used.send.seal(head["counter"], plaintext, RECORD_HEAD.encode(**head))
         return RECORD.encode(**head, sealed=sealed)
 
-    def open(self, raw: bytes, now_ms: int) -> tuple[bytes, bool]:
+    def open(self, raw: bytes, now_ms: int) -> Opened:
         """Open a record of a peer.
 
-        Returns: the message; whether it is the first one with keys that were offered, which are in use now.
         Raises: TooLarge, MalformedRecord, NotAuthentic, Replayed.
         """
         check_size(raw, RECORD.size + self._max_receive + TAG_BYTES)
@@ -109,13 +117,14 @@ class Channel:
         used.window.check(counter)
         plaintext = used.receive.open(counter, sealed, RECORD_HEAD.encode(generation=number, counter=counter))
         content = unpad(plaintext)
+        in_order = used is not self._before and used.window.is_newest(counter)
         used.window.enter(counter)
         is_first = used is self._offered
         if is_first:
             self._before, self._now, self._offered = self._now, used, None
         if used is self._now and self._before and self._before.until_ms is None:
             self._before.until_ms = now_ms + self._overlap_ms
-        return content, is_first
+        return Opened(content, is_first, in_order)
 
     def _generation(self, number: int, keys: Keys, now_ms: int) -> _Generation:
         send, receive = (keys.to_client, keys.to_server) if self.is_server else (keys.to_server, keys.to_client)

@@ -196,8 +196,12 @@ class SessionClient:
     def _record(self, raw: bytes, now_ms: int) -> list[ClientEvent]:
         if not self._channel.is_open:
             raise Unexpected("a record before the handshake")
-        content, _ = self._channel.open(raw, now_ms)
-        return self._read(decode_from_server(content))
+        content, _, in_order = self._channel.open(raw, now_ms)
+        message = decode_from_server(content)
+        # Held back on the way, these would undo what the server has said since.
+        if isinstance(message, NewSecret | Standing) and not in_order:
+            raise Unexpected("a record that comes after later ones")
+        return self._read(message)
 
     def _read(self, message: FromServer) -> list[ClientEvent]:
         match message:

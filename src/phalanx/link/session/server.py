@@ -13,7 +13,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 
 from phalanx.config.session import SessionConfig
-from phalanx.errors import PeerError
+from phalanx.errors import Late, PeerError
 
 from .assignment import Assignment
 from .connections import Connection, Connections, is_record
@@ -277,22 +277,26 @@ class SessionServer:
     # --- records -----------------------------------------------------------------------------------------------------
 
     def _record(self, connection: Connection, raw: bytes, now: Now) -> list[ServerEvent]:
-        content, is_first = connection.channel.open(raw, now.ms)
+        content, is_first, in_order = connection.channel.open(raw, now.ms)
         connection.heard_ms = now.ms
         message = decode_from_client(content)
         if is_first:
             events = self._confirm(connection, message, now)
             # On a broker `ready` may get lost, or come after what follows it.
-            return events if isinstance(message, Join | Ready) else [*events, *self._message(connection, message, now)]
-        return self._message(connection, message, now)
+            if isinstance(message, Join | Ready):
+                return events
+            return [*events, *self._message(connection, message, now, in_order=in_order)]
+        return self._message(connection, message, now, in_order=in_order)
 
-    def _message(self, connection: Connection, message: FromClient, now: Now) -> list[ServerEvent]:
+    def _message(self, connection: Connection, message: FromClient, now: Now, *, in_order: bool) -> list[ServerEvent]:
         visitor = self.visitors.find(connection.visitor)
         if visitor is None:
             raise Unexpected("a record of nobody")
         match message:
             case Command():
-                return self._command(visitor, connection, message, now)
+                return self._command(visitor, connection, message, now, in_order=in_order)
+            case Request(number) if not in_order:
+                return self._refused(connection, Late("a request after later ones"), number, Reason.LATE)
             case Request(number, name, payload):
                 try:
                     connection.caps.request(now.ms)
@@ -307,19 +311,20 @@ class SessionServer:
                 raise Unexpected("a second first message")
         return []
 
-    def _command(self, visitor: Visitor, connection: Connection, command: Command, now: Now) -> list[ServerEvent]:
+    def _command(
+        self, visitor: Visitor, connection: Connection, command: Command, now: Now, *, in_order: bool
+    ) -> list[ServerEvent]:
         try:
             connection.caps.command(now.ms)
-            if not command.stop and self.updates.is_late(command.seen, command.digest, now.ms):
-                self.rejected["late"] += 1
-                refused = Reason.LATE
-            else:
-                self.assignment.claim(visitor, command.robot, now.ms, is_stop=command.stop)
-                told = self.standings(now)
-                return [Commanded(visitor.id, command.robot, command.name, command.payload, command.stop), *told]
-        except (TooMany, NotAllowed, Busy) as error:
+            # One that was held back must not undo a later one, within the second in which its update is recent.
+            if not command.stop and not (in_order and self.updates.is_recent(command.seen, command.digest, now.ms)):
+                raise Late("a command based on an old update, or after later ones")
+            self.assignment.claim(visitor, command.robot, now.ms, is_stop=command.stop)
+            told = self.standings(now)
+            return [Commanded(visitor.id, command.robot, command.name, command.payload, command.stop), *told]
+        except (TooMany, Late, NotAllowed, Busy) as error:
             self._reject(error)
-            reasons = {TooMany: Reason.TOO_MANY, Busy: Reason.BUSY}
+            reasons = {TooMany: Reason.TOO_MANY, Late: Reason.LATE, Busy: Reason.BUSY}
             refused = reasons.get(type(error), Reason.NOT_ALLOWED)
         told = self.connections.seal(connection, Refused(0, refused))
         return [*told, CommandRefused(visitor.id, command.robot, refused)]

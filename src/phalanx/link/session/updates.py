@@ -116,10 +116,10 @@ class UpdateWriter:
             self._sent.popitem(last=False)
         return update
 
-    def is_late(self, seen: int, digest: bytes, now_ms: int) -> bool:
-        """Return whether a command is based on an old update, on a forgotten one, or on none of ours."""
+    def is_recent(self, seen: int, digest: bytes, now_ms: int) -> bool:
+        """Return whether a command is based on an update of ours that was sent no longer than `late_ms` ago."""
         own, sent_ms = self._sent.get(seen, (b"", 0))
-        return not hmac.compare_digest(own, digest) or now_ms - sent_ms > self._config.late_ms
+        return hmac.compare_digest(own, digest) and now_ms - sent_ms <= self._config.late_ms
 
     def _make(self, epoch: int) -> Chain:
         return Chain(epoch, self._counter + 1, self._random_bytes(KEY_BYTES), self._random_bytes(TOPIC_BYTES))

@@ -17,6 +17,10 @@ class Window:
         self._newest = -1
         self._seen = 0  # bit k: newest - k
 
+    def is_newest(self, counter: int) -> bool:
+        """Return whether a counter is larger than all that were received."""
+        return counter > self._newest
+
     def check(self, counter: int) -> None:
         """Raise Replayed if the counter was received, or may have been."""
         behind = self._newest - counter
