@@ -242,8 +242,8 @@ def test_fifty_phones_behind_one_router_join_by_room_code():
 def test_a_session_of_an_hour_makes_new_keys_six_times_and_loses_nothing():
     world = with_robots()
     ada = world.join()
-    for second in range(3600):
-        world.wait(1000)
+    for second in range(360):
+        world.wait(10_000, 10_000)
         world.publish(str(second).encode())
         assert ada.last(Updated) == Updated(str(second).encode())
         assert isinstance(world.drive(ada), Commanded)

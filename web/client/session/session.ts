@@ -63,6 +63,8 @@ export class Session {
   #signer = "";
   #reader: UpdateReader | undefined;
   #early: readonly EpochFields[] = [];
+  /** A secret that came before `welcome`: it cannot be confirmed yet. */
+  #earlySecret: readonly SessionEvent[] = [];
   #requests = 0;
   #said_ms = 0;
 
@@ -188,9 +190,13 @@ export class Session {
     switch (message.kind) {
       case "welcome":
         return this.#welcome(message.visitor, message.signer, message.name);
-      case "secret":
+      case "secret": {
         this.#secret = message.secret;
-        return [{ ...message, kind: "keep" }];
+        const keep: SessionEvent = { ...message, kind: "keep" };
+        if (this.#joined) return [keep];
+        this.#earlySecret = [keep];
+        return [];
+      }
       case "epoch":
         if (this.#reader === undefined) {
           this.#early = [...this.#early, message.epoch].slice(-EPOCHS_KEPT);
@@ -221,7 +227,9 @@ export class Session {
     this.#early = [];
     this.#adopted_ms = undefined;
     this.#joined = true;
-    return [...this.#hear(), { kind: "admitted", visitor, name }];
+    const keep = this.#earlySecret;
+    this.#earlySecret = [];
+    return [...this.#hear(), { kind: "admitted", visitor, name }, ...keep];
   }
 
   #update(raw: Uint8Array): SessionEvent[] {

@@ -103,6 +103,7 @@ class SessionClient:
         self._signer = b""
         self._reader: UpdateReader | None = None
         self._early: list[Epoch] = []
+        self._early_secret: list[ClientEvent] = []  # that came before `welcome`: it cannot be confirmed yet
         self._requests = 0
         self._said_ms = 0
 
@@ -208,8 +209,7 @@ class SessionClient:
             case Welcome(visitor, signer, name):
                 return self._welcome(visitor, signer, name)
             case NewSecret(secret, lifetime_s):
-                self._secret = Secret(Kind.RESUME, secret)
-                return [KeepSecret(self._secret, lifetime_s)]
+                return self._keep(Secret(Kind.RESUME, secret), lifetime_s)
             case Epoch():
                 if self._reader is None:
                     self._early = [*self._early, message][-EPOCHS_KEPT:]
@@ -233,7 +233,16 @@ class SessionClient:
         for epoch in self._early:
             self._reader.learn(epoch)
         self._early, self._adopted_ms, self._is_joined = [], None, True
-        return [*self._hear(), Admitted(visitor, name)]
+        keep, self._early_secret = self._early_secret, []
+        return [*self._hear(), Admitted(visitor, name), *keep]
+
+    def _keep(self, secret: Secret, lifetime_s: int) -> list[ClientEvent]:
+        self._secret = secret
+        keep: list[ClientEvent] = [KeepSecret(secret, lifetime_s)]
+        if self._is_joined:
+            return keep
+        self._early_secret = keep
+        return []
 
     def _update(self, raw: bytes) -> list[ClientEvent]:
         if self._reader is None:
