@@ -280,8 +280,10 @@ def test_a_removal_also_drops_the_next_epoch_which_the_removed_one_has():
     removed.learn(made.tick(900))
     made.begin(950)
     assert made.tick(1000) is None
-    with pytest.raises(UnknownEpoch):
-        removed.open(made.seal(b"b", 1100))
+    for ms in (1100, 1950, 1960):
+        made.tick(ms)
+        with pytest.raises(UnknownEpoch):
+            removed.open(made.seal(b"b", ms))
 
 
 def test_a_command_is_late_if_its_update_is_older_than_a_second_forgotten_or_not_ours():

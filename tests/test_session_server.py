@@ -27,6 +27,7 @@ from phalanx.link.session.events import (
     Left,
     Replied,
     Requested,
+    Send,
     Stands,
     Updated,
     WasRefused,
@@ -264,12 +265,13 @@ def test_a_client_that_makes_no_new_keys_is_ended():
 
 def test_a_visitor_resumes_with_its_last_secret_and_the_one_before_dies():
     world = World()
+    world.join(name="Bea")
     ada = world.join(name="Ada")
     first = ada.kept
     world.carry(world.server.closed(ada.connection, world.now))
     again = world.resume(first)
-    assert again.last(Admitted) == Admitted(1, "Ada")
-    assert world.happened[-1] != Joined
+    assert again.last(Admitted) == Admitted(2, "Ada")
+    assert [event.is_new for event in world.happened if isinstance(event, Joined)] == [True, True, False]
     assert world.resume(first).closed == "unknown_secret"
     assert world.resume(again.kept).client.is_joined
 
@@ -486,6 +488,33 @@ def test_a_late_command_is_refused_and_a_late_stop_is_not():
     world.drive(ada)
     assert not any(isinstance(event, Commanded) for event in world.happened[before:])
     assert world.drive(ada, stop=True).is_stop
+
+
+def test_a_command_or_request_after_a_later_one_is_late_and_a_stop_is_not():
+    world = with_robots()
+    ada = world.join()
+    world.publish()
+    commands = [ada.client.command("R1", "move_raw", bytes([n]), world.ms, stop=n == 1) for n in range(3)]
+    asked = [ada.client.request("robots", b"", world.ms)[1] for _ in range(2)]
+    for sent in (commands[2], commands[0], commands[1], asked[1], asked[0]):
+        world.do(ada, [sent])
+    done = [event for event in world.happened if isinstance(event, Commanded | Requested)]
+    assert [(event.payload, event.is_stop) for event in done[:2]] == [(b"\2", False), (b"\1", True)]
+    assert done[2:] == [Requested(1, 2, "robots", b"")]
+    assert ada.all(WasRefused) == [WasRefused(0, Reason.LATE), WasRefused(1, Reason.LATE)]
+
+
+def test_what_a_visitor_may_do_is_not_undone_by_an_older_record():
+    world = with_robots()
+    ada = world.join()
+    held = []
+    carry, world.carry = world.carry, lambda events: held.extend(event for event in events if isinstance(event, Send))
+    for role in (Role.WATCH, Role.DRIVE):
+        world.carry(world.operations.set_role(1, role, world.now))
+    for event in reversed(held):
+        carry([event])
+    assert ada.last(Stands).standing.role is Role.DRIVE
+    assert ada.client.rejected == {"unexpected": 1}
 
 
 def test_commands_and_requests_of_a_visitor_are_capped():
