@@ -7,9 +7,10 @@ import { describe, expect, test } from "vitest";
 const WEB = join(import.meta.dirname, "..");
 
 /** Who may import whom: a file may use its own layer and those before it. */
-const LAYERS = ["client/core", "client", "client/io", "client/react", "client/index", "map", "visitor"];
+const LAYERS = ["client/core", "client/session", "client", "client/io", "client/react", "client/index", "map", "visitor"];
 const PACKAGES: Readonly<Record<string, readonly string[]>> = {
   "client/core": ["@noble/ciphers", "@noble/hashes"],
+  "client/session": ["@noble/ciphers", "@noble/curves", "@noble/hashes"],
   client: [],
   "client/io": ["@noble/hashes", "mqtt"],
   "client/react": ["react"],
@@ -17,7 +18,7 @@ const PACKAGES: Readonly<Record<string, readonly string[]>> = {
   map: ["react"],
   visitor: ["react", "react-dom"],
 };
-const PURE = ["client/core", "client"];
+const PURE = ["client/core", "client/session", "client"];
 // Clock, random, network, storage, page.
 const IMPURE =
   /\b(Date\.now|new Date|Math\.random|performance\.|setTimeout|setInterval|getRandomValues|randomBytes|fetch\(|new WebSocket|localStorage|sessionStorage|document\.|window\.|console\.)/;

@@ -25,29 +25,31 @@ _TO_BASE64URL = bytes.maketrans(b"+/", b"-_")
 _PADDING = (b"", b"===", b"==", b"=")
 
 
-def _encode(raw: bytes) -> bytes:
+def encode_base64url(raw: bytes) -> bytes:
+    """Return base64url without padding."""
     return binascii.b2a_base64(raw, newline=False).rstrip(b"=").translate(_TO_BASE64URL)
 
 
-def _decode(segment: bytes) -> bytes:
+def decode_base64url(segment: bytes) -> bytes:
+    """Return the bytes of canonical base64url without padding. Raises: MalformedJwe."""
     try:
         raw = binascii.a2b_base64(segment.translate(_TO_BASE64) + _PADDING[len(segment) % 4], strict_mode=True)
     except binascii.Error as error:
         raise MalformedJwe("a segment is not base64url") from error
     # Spare bits in the last character: one message has one text, in every language that reads it.
     rest = len(raw) % 3
-    if rest and _encode(raw[-rest:]) != segment[-rest - 1 :]:
+    if rest and encode_base64url(raw[-rest:]) != segment[-rest - 1 :]:
         raise MalformedJwe("a segment is not canonical base64url")
     return raw
 
 
-HEADER_SEGMENT = _encode(HEADER)
+HEADER_SEGMENT = encode_base64url(HEADER)
 
 
 def seal_jwe(plaintext: bytes, key: Key, iv: bytes) -> bytes:
     """The compact JWE of `plaintext`. `iv` is 12 bytes, never used twice with one key. Source: RFC 7516 §5.1, §7.1."""
     sealed = key.cipher.encrypt(iv, plaintext, HEADER_SEGMENT)
-    return b".".join((HEADER_SEGMENT, b"", _encode(iv), _encode(sealed[:-TAG_BYTES]), _encode(sealed[-TAG_BYTES:])))
+    return b".".join((HEADER_SEGMENT, b"", *map(encode_base64url, (iv, sealed[:-TAG_BYTES], sealed[-TAG_BYTES:]))))
 
 
 def open_jwe(token: bytes, key: Key, max_bytes: int) -> tuple[bytes, bytes]:
@@ -61,7 +63,7 @@ def open_jwe(token: bytes, key: Key, max_bytes: int) -> tuple[bytes, bytes]:
     parts = token.split(b".", 5)
     if len(parts) != 5 or parts[0] != HEADER_SEGMENT or parts[1] != b"":
         raise MalformedJwe("not five segments, or another header")
-    iv, ciphertext, tag = (_decode(part) for part in parts[2:])
+    iv, ciphertext, tag = (decode_base64url(part) for part in parts[2:])
     if len(iv) != IV_BYTES or len(tag) != TAG_BYTES:
         raise MalformedJwe("IV or tag of another length")
     if len(ciphertext) > max_bytes:

@@ -8,7 +8,7 @@ Source: RoboRebound Alg. 2-4 (what is hashed and MACed) and §5.2 (27 and 19 byt
 
 from __future__ import annotations
 
-from . import driven, guarded, lines, missions
+from . import driven, guarded, lines, missions, sessions
 from .record import fields, record
 
 HASH_BYTES = 20  # SHA-1
@@ -324,4 +324,4 @@ REMEMBERED = (
     CRUMB,
 )
 OF_NODES = (ENTRY, *LOGGED, *PAYLOADS, *MACED, *HANDED_OUT)
-RECORDS = (*OF_NODES, *SHOWN, *REMEMBERED, ROBOT_PLACE, *missions.RECORDS, *lines.RECORDS)
+RECORDS = (*OF_NODES, *SHOWN, *REMEMBERED, ROBOT_PLACE, *missions.RECORDS, *lines.RECORDS, *sessions.RECORDS)

@@ -1,0 +1,56 @@
+"""Parameters of the link in mode session: times, sizes and limits. Source: docs/spec/session.md."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Literal
+
+from phalanx.errors import UsageError
+
+Assign = Literal["free", "one-each", "tickets"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionConfig:
+    """What both ends keep to, and what a server admits.
+
+    Raises: UsageError: a value is not positive.
+    """
+
+    root: str = ""  # first part of every topic; empty on direct
+    broker: str = ""  # URL as in the QR code; empty on direct
+    # times
+    handshake_ms: int = 5_000  # from a first message to the first record
+    rekey_ms: int = 600_000  # after which a client makes new keys
+    key_max_ms: int = 1_200_000  # after which a server ends a session that has made none
+    overlap_ms: int = 10_000  # for which the keys before are accepted
+    silent_ms: int = 60_000  # without a record a session on a broker ends
+    code_ms: int = 900_000  # between two open codes
+    code_overlap_ms: int = 120_000  # for which the open code before is accepted
+    epoch_ms: int = 900_000  # between two keys of updates
+    epoch_notice_ms: int = 10_000  # for which visitors have the next one before it is used
+    late_ms: int = 1_000  # age of the update that a command is based on
+    lease_ms: int = 10_000  # of a robot that is driven
+    turn_ms: int = 120_000  # with a robot, while others queue
+    resume_s: int = 8 * 3600  # for which a resume secret is valid; on plain http an hour
+    # sizes
+    max_to_server_bytes: int = 16 * 1024  # plaintext of a record, with its padding
+    max_to_client_bytes: int = 1024 * 1024
+    # limits
+    assign: Assign = "free"
+    commands_per_s: int = 20  # of a visitor
+    requests_per_s: int = 10  # of a visitor
+    connections_max: int = 4096
+    visitors_max: int = 4096  # that may resume
+    waiting_max: int = 256  # for approval
+    tickets_max: int = 4096
+    bad_records_max: int = 64  # of a direct connection, which then ends
+    hellos_per_s: int = 500  # on a broker, of one kind of secret
+    room_tries: int = 120  # an hour
+    room_tries_per_address: int = 10
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, int) and value <= 0:
+                raise UsageError(f"{field.name} is {value}", "a positive number")

@@ -1,0 +1,136 @@
+"""Records of one session at one end: sealed with the newest keys, opened with those of two generations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from phalanx.errors import NotAuthentic, UsageError
+from phalanx.wire.sessions import RECORD, RECORD_HEAD, TAG_BYTES
+
+from .noise import Cipher, Keys
+from .padding import check_size, pad, unpad
+from .window import COUNTER_LIMIT, Window
+
+GENERATIONS = 256
+
+
+@dataclass(slots=True)
+class _Generation:
+    number: int
+    send: Cipher
+    receive: Cipher
+    made_ms: int
+    sent: int = 0
+    window: Window = field(default_factory=Window)
+    until_ms: int | None = None  # it is received until then
+
+
+class Opened(NamedTuple):
+    """A message of a peer."""
+
+    content: bytes
+    is_first: bool  # with keys that were offered, which are in use now
+    in_order: bool  # no later record was opened before
+
+
+class Channel:
+    """The keys of one end, and the counters.
+
+    A server `offers` keys when it answers a handshake; they take effect with the first record that they open. A client
+    `adopts` keys when it reads that answer, and sends with them at once.
+    """
+
+    __slots__ = ("_before", "_max_receive", "_max_send", "_now", "_offered", "_overlap_ms", "is_server")
+
+    def __init__(self, *, is_server: bool, max_receive_bytes: int, max_send_bytes: int, overlap_ms: int) -> None:
+        self.is_server = is_server
+        self._max_receive, self._max_send, self._overlap_ms = max_receive_bytes, max_send_bytes, overlap_ms
+        self._now: _Generation | None = None  # in use
+        self._before: _Generation | None = None
+        self._offered: _Generation | None = None
+
+    @property
+    def is_open(self) -> bool:
+        """Return whether there are keys in use."""
+        return self._now is not None
+
+    @property
+    def made_ms(self) -> int:
+        """Return when the keys in use were made; 0 without keys."""
+        return self._now.made_ms if self._now else 0
+
+    @property
+    def next_generation(self) -> int:
+        """Return the number of the keys that a handshake now would make."""
+        return (self._now.number + 1) % GENERATIONS if self._now else 0
+
+    def receive_ciphers(self) -> list[Cipher]:
+        """Return the ciphers with which records are received: topics on a broker are derived from them."""
+        return [each.receive for each in (self._now, self._before, self._offered) if each]
+
+    def send_cipher(self) -> Cipher:
+        """Return the cipher with which the next record is sent. Raises: UsageError: there are no keys yet."""
+        return self._used().send
+
+    def offer(self, keys: Keys, now_ms: int) -> None:
+        """Accept records with these keys as well; earlier ones that were only offered are dropped."""
+        self._offered = self._generation(self.next_generation, keys, now_ms)
+
+    def withdraw(self) -> None:
+        """Drop keys that were only offered."""
+        self._offered = None
+
+    def adopt(self, number: int, keys: Keys, now_ms: int) -> None:
+        """Use these keys from now on. Those before are received until the other end uses the new ones, and a while."""
+        self._before, self._now = self._now, self._generation(number, keys, now_ms)
+
+    def expire(self, now_ms: int) -> None:
+        """Drop the keys before, if their time is over."""
+        if self._before and self._before.until_ms is not None and now_ms >= self._before.until_ms:
+            self._before = None
+
+    def seal(self, content: bytes) -> bytes:
+        """Return the record of a message. Raises: UsageError: too long, or there are no keys yet."""
+        used = self._used()
+        plaintext = pad(content, self._max_send)
+        if used.sent >= COUNTER_LIMIT:
+            raise UsageError("a session's counter is used up", "make new keys")
+        head = {"generation": used.number, "counter": used.sent}
+        used.sent += 1
+        sealed = used.send.seal(head["counter"], plaintext, RECORD_HEAD.encode(**head))
+        return RECORD.encode(**head, sealed=sealed)
+
+    def open(self, raw: bytes, now_ms: int) -> Opened:
+        """Open a record of a peer.
+
+        Raises: TooLarge, MalformedRecord, NotAuthentic, Replayed.
+        """
+        check_size(raw, RECORD.size + self._max_receive + TAG_BYTES)
+        fields = RECORD.decode(raw)
+        self.expire(now_ms)
+        number, counter, sealed = fields["generation"], fields["counter"], fields["sealed"]
+        known = (self._now, self._before, self._offered)
+        used = next((each for each in known if each and each.number == number), None)
+        if used is None:
+            raise NotAuthentic("keys of no generation in use")
+        used.window.check(counter)
+        plaintext = used.receive.open(counter, sealed, RECORD_HEAD.encode(generation=number, counter=counter))
+        content = unpad(plaintext)
+        in_order = used is not self._before and used.window.is_newest(counter)
+        used.window.enter(counter)
+        is_first = used is self._offered
+        if is_first:
+            self._before, self._now, self._offered = self._now, used, None
+        if used is self._now and self._before and self._before.until_ms is None:
+            self._before.until_ms = now_ms + self._overlap_ms
+        return Opened(content, is_first, in_order)
+
+    def _generation(self, number: int, keys: Keys, now_ms: int) -> _Generation:
+        send, receive = (keys.to_client, keys.to_server) if self.is_server else (keys.to_server, keys.to_client)
+        return _Generation(number, send, receive, now_ms)
+
+    def _used(self) -> _Generation:
+        if self._now is None:
+            raise UsageError("a session without keys")
+        return self._now

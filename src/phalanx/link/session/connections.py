@@ -1,0 +1,192 @@
+"""Handshakes and records of a server's connections: from bytes to messages of a visitor, and back.
+
+A connection is a websocket, or what one client has on a broker. Nothing of a client is parsed before it is authentic
+but the header of its first message.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
+
+from phalanx.config.session import SessionConfig
+from phalanx.errors import Replayed
+from phalanx.wire import MalformedRecord
+from phalanx.wire.sessions import ACCEPT, HELLO, RECORD, SIGNED_HELLO
+
+from .channel import Channel
+from .errors import TooMany, Unexpected
+from .events import Listen, Now, Send, ServerEvent
+from .limits import Bucket, Caps
+from .messages import FromServer, encode
+from .noise import KEY_BYTES, respond
+from .secret import Kind, Secret, prologue, record_topic
+
+HELLOS_REMEMBERED = 1024  # first messages on a broker, which cost no second Diffie-Hellman
+FindSecret = Callable[[Kind, bytes, str, Now], Secret]
+
+
+@dataclass(slots=True)
+class Connection:
+    """One client's way to this server."""
+
+    number: int
+    address: str
+    on_broker: bool
+    channel: Channel
+    caps: Caps
+    heard_ms: int
+    secret: Secret | None = field(default=None, repr=False)  # of the handshake that waits for its first record
+    offered_ms: int = 0  # when that was answered
+    visitor: int = 0  # 0: not admitted yet
+    bad: int = 0  # records that were refused
+
+    @property
+    def is_pending(self) -> bool:
+        """Return whether an answered handshake waits for its first record."""
+        return self.secret is not None
+
+
+class Connections:
+    """All connections, by number: those of websockets are positive and the caller's, those on a broker negative.
+
+    Args:
+        find_secret: returns the secret that a first message names, or raises a PeerError.
+    """
+
+    def __init__(
+        self,
+        config: SessionConfig,
+        static: X25519PrivateKey,
+        random_bytes: Callable[[int], bytes],
+        find_secret: FindSecret,
+        now: Now,
+    ) -> None:
+        self._config, self._static, self._random_bytes, self._find_secret = config, static, random_bytes, find_secret
+        self._all: dict[int, Connection] = {}
+        self._of_visitor: dict[int, int] = {}
+        self._on_broker = 0
+        self._hellos: OrderedDict[bytes, None] = OrderedDict()
+        self._budgets = {kind: Bucket(config.hellos_per_s, now.ms) for kind in Kind}
+
+    def __iter__(self) -> Iterator[Connection]:
+        return iter(list(self._all.values()))
+
+    def find(self, number: int) -> Connection | None:
+        """Return a connection, or None if it is over."""
+        return self._all.get(number)
+
+    def of_visitor(self, visitor: int) -> Connection | None:
+        """Return a visitor's connection, or None if it is away."""
+        return self._all.get(self._of_visitor.get(visitor, 0))
+
+    def visitors(self) -> dict[int, int]:
+        """Return the connections of visitors, by the visitors' ids."""
+        return self._of_visitor
+
+    def open(self, number: int, address: str, now: Now, *, on_broker: bool = False) -> Connection:
+        """Take note of a new connection. Raises: TooMany."""
+        if len(self._all) >= self._config.connections_max:
+            raise TooMany("connections")
+        channel = Channel(
+            is_server=True,
+            max_receive_bytes=self._config.max_to_server_bytes,
+            max_send_bytes=self._config.max_to_client_bytes,
+            overlap_ms=self._config.overlap_ms,
+        )
+        self._all[number] = Connection(number, address, on_broker, channel, Caps(self._config, now.ms), now.ms)
+        return self._all[number]
+
+    def drop(self, number: int) -> Connection | None:
+        """Forget a connection, and return it; what it still sends is ignored."""
+        connection = self._all.pop(number, None)
+        if connection and self._of_visitor.get(connection.visitor) == number:
+            del self._of_visitor[connection.visitor]
+        return connection
+
+    def attach(self, connection: Connection, visitor: int) -> None:
+        """Let a connection be a visitor's."""
+        connection.visitor = visitor
+        self._of_visitor[visitor] = connection.number
+
+    def answer(self, connection: Connection, raw: bytes, now: Now) -> list[ServerEvent]:
+        """Answer a first message on a websocket. Raises: PeerError: it is refused."""
+        fields = HELLO.decode(raw)
+        kind = _kind(fields["kind"])
+        secret = self._find_secret(kind, fields["id"], connection.address, now)
+        return self._accept(connection, secret, fields["noise"], now)
+
+    def answer_on_broker(self, raw: bytes, known: Callable[[bytes], int], now: Now) -> list[ServerEvent]:
+        """Answer a first message on a broker: nobody but its sender sees whether that was done.
+
+        Args:
+            known: returns the visitor that a resume secret's id is of.
+        Raises: PeerError: it is refused.
+        """
+        fields = SIGNED_HELLO.decode(raw)
+        kind = _kind(fields["kind"])
+        if kind is Kind.ROOM:
+            raise Unexpected("a room code on a broker")
+        secret = self._find_secret(kind, fields["id"], "", now)
+        hello = raw[: HELLO.size]
+        secret.check_mac1(hello, fields["mac1"])
+        if hello in self._hellos:
+            raise Replayed("a first message, again")
+        if not self._budgets[kind].take(now.ms):
+            raise TooMany("first messages of this kind")
+        self._hellos[hello] = None
+        if len(self._hellos) > HELLOS_REMEMBERED:
+            self._hellos.popitem(last=False)
+        connection = self.of_visitor(known(fields["id"])) if kind is Kind.RESUME else None
+        if connection is None or not connection.on_broker:
+            self._make_room()
+            self._on_broker -= 1
+            connection = self.open(self._on_broker, "", now, on_broker=True)
+        topic = secret.accept_topic(hello)
+        return self._accept(connection, secret, fields["noise"], now, topic)
+
+    def seal(self, connection: Connection, *messages: FromServer) -> list[ServerEvent]:
+        """Return the records of messages to a connection with keys."""
+        topic = record_topic(connection.channel.send_cipher()) if connection.on_broker else ""
+        return [Send(connection.number, connection.channel.seal(encode(each)), topic) for each in messages]
+
+    def listen(self, connection: Connection) -> list[ServerEvent]:
+        """Return what is to be subscribed to for a connection on a broker."""
+        if not connection.on_broker:
+            return []
+        return [Listen(connection.number, tuple(map(record_topic, connection.channel.receive_ciphers())))]
+
+    def _accept(
+        self, connection: Connection, secret: Secret, noise: bytes, now: Now, topic: str = ""
+    ) -> list[ServerEvent]:
+        config = self._config
+        opening = prologue(secret.kind, secret.id, config.root, config.broker)
+        _, answer, keys = respond(opening, self._static, secret.psk, self._random_bytes(KEY_BYTES), noise)
+        generation = connection.channel.next_generation
+        connection.channel.offer(keys, now.ms)
+        connection.secret, connection.offered_ms = secret, now.ms
+        accept = ACCEPT.encode(generation=generation, noise=answer)
+        # First the subscription: the client's first record follows at once.
+        return [*self.listen(connection), Send(connection.number, accept, topic)]
+
+    def _make_room(self) -> None:
+        """Drop the oldest handshake on the broker that was not confirmed, rather than refuse a newcomer."""
+        if len(self._all) >= self._config.connections_max:
+            waiting = [each for each in self._all.values() if each.on_broker and not each.visitor]
+            if waiting:
+                self.drop(min(waiting, key=lambda each: each.offered_ms).number)
+
+
+def is_record(raw: bytes) -> bool:
+    """Return whether bytes say that they are a record."""
+    return raw[:1] == RECORD.encode(generation=0, counter=0, sealed=b"")[:1]
+
+
+def _kind(number: int) -> Kind:
+    try:
+        return Kind(number)
+    except ValueError as error:
+        raise MalformedRecord("no kind of secret") from error

@@ -1,0 +1,204 @@
+"""The door: which invitations are valid now, and what each admits to. Its codes are known to this file alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+from phalanx.config.session import SessionConfig
+from phalanx.errors import UsageError
+from phalanx.wire.sessions import TICKET_KEY, TICKET_ROW
+
+from .errors import UnknownSecret
+from .invitation import new_room_code
+from .limits import RoomTries
+from .messages import Role
+from .secret import INVITATION_BYTES, NO_ID, Kind, Secret
+from .store import Store
+from .visitors import LINE
+
+
+@dataclass(frozen=True, slots=True)
+class Ticket:
+    """An invitation for so many uses. Raises: UsageError."""
+
+    secret: Secret = field(repr=False)
+    role: Role
+    uses: int  # left
+    expires_s: int  # Unix time
+    name: str = ""  # of the visitor; empty: it chooses
+    robots: frozenset[str] = frozenset()  # that it may drive; empty: any
+
+    def __post_init__(self) -> None:
+        if self.uses < 1:
+            raise UsageError(f"a ticket for {self.uses} uses", "1 or more")
+        if self.role is Role.OPERATE and self.uses != 1:
+            raise UsageError("an operator's ticket for more than one use", "make one for each operator")
+
+
+@dataclass(frozen=True, slots=True)
+class Grant:
+    """What an invitation admits to, and what is written when it is used."""
+
+    role: Role
+    name: str = ""
+    robots: frozenset[str] = frozenset()
+    ticket: bytes = NO_ID
+    rows: Mapping[bytes, bytes | None] = field(default_factory=dict)
+
+
+class Door:
+    """Open code, room code and tickets.
+
+    Attributes:
+        open_role: that the open code and the room code admit to; never operate.
+    """
+
+    def __init__(
+        self, config: SessionConfig, store: Store, random_bytes: Callable[[int], bytes], now_ms: int, open_role: Role
+    ) -> None:
+        if open_role is Role.OPERATE:
+            raise UsageError("an open code never admits operators", "make a ticket")
+        self._config, self._store, self._random_bytes = config, store, random_bytes
+        self.open_role = open_role
+        self._tries = RoomTries(config)
+        self._tickets: dict[bytes, Ticket] = {}
+        for key, row in store.load().items():
+            if key[:1] == TICKET_KEY.encode(id=NO_ID)[:1]:
+                self._tickets[TICKET_KEY.decode(key)["id"]] = _ticket(row)
+        self._before: Secret | None = None
+        self._room: str | None = None
+        self._code = self._new_code(now_ms)
+
+    @property
+    def code(self) -> Secret:
+        """Return the secret of the open code that is shown now."""
+        return self._code
+
+    @property
+    def room(self) -> str | None:
+        """Return the room code that is shown now, eight digits; None: there is none."""
+        return self._room
+
+    def tickets(self) -> list[Ticket]:
+        """Return the tickets that still admit somebody, unless their time is over."""
+        return list(self._tickets.values())
+
+    def tick(self, now_ms: int) -> bool:
+        """Change the open code when it is time, keep the one before for a while; return whether it changed."""
+        age = now_ms - self._code_ms
+        if age >= self._config.code_overlap_ms:
+            self._before = None
+        if age < self._config.code_ms:
+            return False
+        before = self._code
+        self._code = self._new_code(now_ms)
+        self._before = before
+        return True
+
+    def new_code(self, now_ms: int) -> None:
+        """Change the open code, and the room code if there is one; those before are refused from now on."""
+        self._code = self._new_code(now_ms)
+        self._before = None
+        if self._room is not None:
+            self.show_room()
+
+    def show_room(self) -> str:
+        """Make a room code, which replaces the one before; return its digits."""
+        self._room = new_room_code(self._random_bytes)
+        return self._room
+
+    def hide_room(self) -> None:
+        """Admit nobody by room code."""
+        self._room = None
+
+    def add_ticket(self, ticket: Ticket) -> None:
+        """Write a ticket, before it is shown. Raises: UsageError: there are too many."""
+        if len(self._tickets) >= self._config.tickets_max:
+            raise UsageError(f"more than {self._config.tickets_max} tickets", "revoke some")
+        self._store.write({_key(ticket): _row(ticket)})
+        self._tickets[ticket.secret.id] = ticket
+
+    def revoke_ticket(self, ticket_id: bytes) -> dict[bytes, bytes | None]:
+        """Refuse a ticket from now on; return the rows that the caller writes."""
+        ticket = self._tickets.pop(ticket_id, None)
+        return {_key(ticket): None} if ticket else {}
+
+    def secret(self, kind: Kind, secret_id: bytes, address: str, now_ms: int, unix_s: int) -> Secret:
+        """Return the secret that a first message names. Raises: UnknownSecret; TriesUsedUp."""
+        if kind is Kind.ROOM:
+            if self._room is None or secret_id != NO_ID:
+                raise UnknownSecret("no room code is shown")
+            self._tries.count(address, now_ms)
+            return Secret(Kind.ROOM, self._room.encode())
+        ticket = self._tickets.get(secret_id) if kind is Kind.TICKET else None
+        if ticket and ticket.expires_s > unix_s:
+            return ticket.secret
+        for secret in self._codes(now_ms) if kind is Kind.OPEN else ():
+            if secret.id == secret_id:
+                return secret
+        raise UnknownSecret("no such invitation")
+
+    def use(self, secret: Secret, now_ms: int, unix_s: int) -> Grant:
+        """Return what a secret admits to, once its handshake is confirmed; it may have been revoked since.
+
+        The caller writes the grant's rows together with the visitor, and then calls `used`. Raises: UnknownSecret.
+        """
+        if secret.kind is Kind.ROOM:
+            if self._room is None or secret.raw != self._room.encode():
+                raise UnknownSecret("the room code has changed")
+            return Grant(self.open_role)
+        if secret.kind is Kind.TICKET:
+            ticket = self._tickets.get(secret.id)
+            if ticket is None or ticket.expires_s <= unix_s:
+                raise UnknownSecret("the ticket is used up or revoked")
+            left = None if ticket.uses == 1 else _row(replace(ticket, uses=ticket.uses - 1))
+            return Grant(ticket.role, ticket.name, ticket.robots, secret.id, {_key(ticket): left})
+        if all(secret.raw != code.raw for code in self._codes(now_ms)):
+            raise UnknownSecret("the code has changed")
+        return Grant(self.open_role)
+
+    def used(self, secret: Secret, address: str) -> None:
+        """Count the use of a secret that has admitted somebody."""
+        if secret.kind is Kind.ROOM:
+            self._tries.forgive(address)
+            self.show_room()
+        elif secret.kind is Kind.TICKET:
+            ticket = self._tickets.pop(secret.id)
+            if ticket.uses > 1:
+                self._tickets[secret.id] = replace(ticket, uses=ticket.uses - 1)
+
+    def _codes(self, now_ms: int) -> list[Secret]:
+        overlaps = self._before is not None and now_ms - self._code_ms < self._config.code_overlap_ms
+        return [self._code, *([self._before] if self._before and overlaps else [])]
+
+    def _new_code(self, now_ms: int) -> Secret:
+        self._code_ms = now_ms
+        return Secret(Kind.OPEN, self._random_bytes(INVITATION_BYTES))
+
+
+def _key(ticket: Ticket) -> bytes:
+    return TICKET_KEY.encode(id=ticket.secret.id)
+
+
+def _row(ticket: Ticket) -> bytes:
+    return TICKET_ROW.encode(
+        secret=ticket.secret.raw,
+        role=ticket.role,
+        uses=ticket.uses,
+        expires_s=ticket.expires_s,
+        name=ticket.name.encode(),
+        robots=LINE.join(sorted(ticket.robots)).encode(),
+    )
+
+
+def _ticket(row: bytes) -> Ticket:
+    values = TICKET_ROW.decode(row)
+    return Ticket(
+        Secret(Kind.TICKET, values["secret"]),
+        Role(values["role"]),
+        values["uses"],
+        values["expires_s"],
+        values["name"].decode(),
+        frozenset(filter(None, values["robots"].decode().split(LINE))),
+    )

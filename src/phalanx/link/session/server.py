@@ -1,0 +1,376 @@
+"""The server of sessions: bytes and a time in, events and bytes out. Refused bytes are counted, and change nothing.
+
+A visitor is admitted with its first valid record, so that a replayed first message has no effect.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
+
+from phalanx.config.session import SessionConfig
+from phalanx.errors import Late, PeerError
+
+from .assignment import Assignment
+from .connections import Connection, Connections, is_record
+from .door import Door, Grant
+from .errors import Busy, EndReason, NotAllowed, Reason, TooMany, Unexpected, UnknownSecret
+from .events import (
+    Close,
+    Commanded,
+    CommandRefused,
+    Joined,
+    Left,
+    Now,
+    Publish,
+    Requested,
+    ServerEvent,
+)
+from .messages import (
+    Command,
+    End,
+    FromClient,
+    FromServer,
+    Join,
+    Leave,
+    NewSecret,
+    Notice,
+    Ready,
+    Refused,
+    Reply,
+    Request,
+    Role,
+    Standing,
+    Stored,
+    Welcome,
+    clean_nickname,
+    decode_from_client,
+)
+from .secret import RESUME_BYTES, Kind, Secret, topic_name
+from .store import Store
+from .updates import UpdateWriter
+from .visitors import Visitor, Visitors
+
+
+class SessionServer:
+    """All sessions of a swarm.
+
+    Attributes:
+        rejected: refused messages, by reason.
+        door, visitors, assignment: what an operator changes through `Operations`.
+
+    Args:
+        static: the swarm's key, whose public half stands in its codes.
+        signer: the key of its updates.
+        random_bytes: makes n bytes from a cryptographic source.
+        open_role: that the open code and the room code admit to.
+    """
+
+    def __init__(
+        self,
+        config: SessionConfig,
+        static: X25519PrivateKey,
+        signer: Ed25519PrivateKey,
+        store: Store,
+        random_bytes: Callable[[int], bytes],
+        now: Now,
+        open_role: Role = Role.DRIVE,
+    ) -> None:
+        self.config = config
+        self.rejected: Counter[str] = Counter()
+        self.visitors = Visitors(config, store)
+        self.door = Door(config, store, random_bytes, now.ms, open_role)
+        self.assignment = Assignment(config)
+        self.updates = UpdateWriter(config, signer, random_bytes, now.ms)
+        self.connections = Connections(config, static, random_bytes, self._find_secret, now)
+        self._random_bytes = random_bytes
+        self._away: dict[int, int] = {}  # visitors that have just left, and when
+        self._standings: dict[int, Standing] = {}  # as visitors were told
+
+    # --- connections -------------------------------------------------------------------------------------------------
+
+    def opened(self, number: int, address: str, now: Now) -> list[ServerEvent]:
+        """Take note of a websocket; `number` is positive and new, `address` counts tries of room codes."""
+        try:
+            self.connections.open(number, address, now)
+        except TooMany as error:
+            self._reject(error)
+            return [Close(number, error.reason)]
+        return []
+
+    def closed(self, number: int, now: Now) -> list[ServerEvent]:
+        """Take note that a connection is over."""
+        connection = self.connections.drop(number)
+        if connection is None or not connection.visitor:
+            return []
+        self._away[connection.visitor] = now.ms
+        self._standings.pop(connection.visitor, None)
+        return [Left(connection.visitor)]
+
+    def receive(self, number: int, raw: bytes, now: Now) -> list[ServerEvent]:
+        """Read what a connection sent. Never raises for what it says."""
+        connection = self.connections.find(number)
+        if connection is None:
+            return []  # over, and its client does not know yet
+        try:
+            if not is_record(raw):
+                return self._hello(connection, raw, now)
+            return self._record(connection, raw, now)
+        except PeerError as error:
+            self._reject(error)
+            return self._refuse_bytes(connection, error, now)
+
+    def receive_hello(self, raw: bytes, now: Now) -> list[ServerEvent]:
+        """Read what came by the topic of first messages, on a broker."""
+        try:
+            return self.connections.answer_on_broker(raw, lambda each: self._resumes(each, now).id, now)
+        except PeerError as error:
+            self._reject(error)
+            return []
+
+    def tick(self, now: Now) -> list[ServerEvent]:
+        """Do what is due; call it ten times a second."""
+        self.door.tick(now.ms)
+        events: list[ServerEvent] = []
+        for connection in self.connections:
+            events += self._overdue(connection, now)
+        epoch = self.updates.tick(now.ms)
+        if epoch:
+            events += self.tell_all(epoch)
+        for visitor, since_ms in list(self._away.items()):
+            if now.ms - since_ms >= self.config.lease_ms:  # a page that is loaded again keeps its robot
+                del self._away[visitor]
+                self.assignment.leave(visitor, now.ms)
+        self.assignment.tick(now.ms)
+        return events + self.standings(now)
+
+    # --- to visitors -------------------------------------------------------------------------------------------------
+
+    def publish(self, state: bytes, now: Now) -> Publish:
+        """Seal the state of the swarm for all visitors. Raises: UsageError: it is too long."""
+        topic = topic_name(self.updates.topic)
+        update = self.updates.seal(state, now.ms)
+        return Publish(tuple(each.number for each in self.connections if self._reads(each)), update, topic)
+
+    def reply(self, visitor: int, number: int, payload: bytes) -> list[ServerEvent]:
+        """Answer a request. Raises: UsageError: it is too long."""
+        return self.tell(visitor, Reply(number, payload))
+
+    def refuse(self, visitor: int, number: int, reason: Reason) -> list[ServerEvent]:
+        """Refuse a request, or with number 0 a command."""
+        return self.tell(visitor, Refused(number, reason))
+
+    def notify(self, visitor: int, payload: bytes) -> list[ServerEvent]:
+        """Send a message to one visitor. Raises: UsageError: it is too long."""
+        return self.tell(visitor, Notice(payload))
+
+    def tell(self, visitor: int, *messages: FromServer) -> list[ServerEvent]:
+        """Send messages to a visitor, if it is connected."""
+        connection = self.connections.of_visitor(visitor)
+        return self.connections.seal(connection, *messages) if connection and connection.channel.is_open else []
+
+    def tell_all(self, *messages: FromServer) -> list[ServerEvent]:
+        """Send messages to all visitors that do not wait for approval."""
+        return [
+            event for each in self.connections if self._reads(each) for event in self.connections.seal(each, *messages)
+        ]
+
+    def end(self, connection: Connection, reason: EndReason, now: Now) -> list[ServerEvent]:
+        """End a connection, and say why if there are keys."""
+        said = self.connections.seal(connection, End(reason)) if connection.channel.is_open else []
+        return [*said, *self.closed(connection.number, now), Close(connection.number, reason.name.lower())]
+
+    def forget(self, visitor: int, now: Now) -> None:
+        """Free what a removed visitor has, at once."""
+        self._away.pop(visitor, None)
+        self.assignment.leave(visitor, now.ms)
+
+    def standings(self, now: Now) -> list[ServerEvent]:
+        """Tell visitors what has changed in what they may do."""
+        events: list[ServerEvent] = []
+        for connection in self.connections:
+            visitor = self.visitors.find(connection.visitor)
+            if visitor:
+                standing = self._standing(visitor, now)
+                told = self._standings.get(visitor.id)
+                if told is None or _without_time(told) != _without_time(standing):
+                    self._standings[visitor.id] = standing
+                    events += self.connections.seal(connection, standing)
+        return events
+
+    # --- handshakes --------------------------------------------------------------------------------------------------
+
+    def _hello(self, connection: Connection, raw: bytes, now: Now) -> list[ServerEvent]:
+        if connection.on_broker or connection.is_pending:
+            raise Unexpected("a first message")
+        events = self.connections.answer(connection, raw, now)
+        secret = connection.secret
+        if connection.visitor and (
+            secret is None or secret.kind is not Kind.RESUME or self._resumes(secret.id, now).id != connection.visitor
+        ):
+            connection.channel.withdraw()
+            connection.secret = None
+            raise Unexpected("a first message of another visitor")
+        return events
+
+    def _find_secret(self, kind: Kind, secret_id: bytes, address: str, now: Now) -> Secret:
+        if kind is Kind.RESUME:
+            return self.visitors.by_secret(secret_id, now.unix_s)[1]
+        return self.door.secret(kind, secret_id, address, now.ms, now.unix_s)
+
+    def _resumes(self, secret_id: bytes, now: Now) -> Visitor:
+        return self.visitors.by_secret(secret_id, now.unix_s)[0]
+
+    def _confirm(self, connection: Connection, message: FromClient, now: Now) -> list[ServerEvent]:
+        """Admit the visitor whose first record this is."""
+        secret, connection.secret = connection.secret, None
+        if secret is None:
+            raise Unexpected("a first record")
+        try:
+            if secret.kind is Kind.RESUME:
+                visitor, is_new = self._resume(secret, now), False
+            else:
+                visitor, is_new = self._admit(secret, connection, message, now), True
+        except (UnknownSecret, TooMany) as error:
+            self._reject(error)
+            full = isinstance(error, TooMany)
+            return self.end(connection, EndReason.FULL if full else EndReason.NOT_ADMITTED, now)
+        events: list[ServerEvent] = []
+        before = self.connections.of_visitor(visitor.id)
+        if before and before is not connection:
+            events += self.end(before, EndReason.REPLACED, now)
+        if before is not connection:
+            events.append(Joined(visitor.id, visitor.name, visitor.role, is_new, visitor.waiting))
+        self.connections.attach(connection, visitor.id)
+        self._away.pop(visitor.id, None)
+        self._standings.pop(visitor.id, None)
+        self.assignment.arrive(visitor, now.ms)
+        welcome = Welcome(visitor.id, self.updates.public, visitor.name)
+        secrets = NewSecret(visitor.pending, self.config.resume_s)
+        epochs = [] if visitor.waiting else self.updates.epochs()
+        events += self.connections.listen(connection)
+        events += self.connections.seal(connection, welcome, secrets, *epochs)
+        return events + self.standings(now)
+
+    def _admit(self, secret: Secret, connection: Connection, message: FromClient, now: Now) -> Visitor:
+        if not isinstance(message, Join):
+            raise Unexpected("a newcomer's first message is `join`")
+        grant: Grant = self.door.use(secret, now.ms, now.unix_s)
+        waiting = self.visitors.approval and grant.role is not Role.OPERATE
+        name = grant.name or clean_nickname(message.name)
+        # The secret in use is one that nobody has: a new visitor has nothing to fall back to.
+        unused, pending = self._random_bytes(RESUME_BYTES), self._random_bytes(RESUME_BYTES)
+        expires_s = now.unix_s + self.config.resume_s
+        made = Visitor(0, name, grant.role, waiting, grant.robots, grant.ticket, expires_s, unused, pending)
+        visitor = self.visitors.admit(made, self.connections.visitors(), now.unix_s, grant.rows)
+        self.door.used(secret, connection.address)
+        return visitor
+
+    def _resume(self, secret: Secret, now: Now) -> Visitor:
+        visitor = self._resumes(secret.id, now)
+        return self.visitors.renew(visitor.id, secret.raw, self._random_bytes(RESUME_BYTES), now.unix_s)
+
+    # --- records -----------------------------------------------------------------------------------------------------
+
+    def _record(self, connection: Connection, raw: bytes, now: Now) -> list[ServerEvent]:
+        content, is_first, in_order = connection.channel.open(raw, now.ms)
+        connection.heard_ms = now.ms
+        message = decode_from_client(content)
+        if is_first:
+            events = self._confirm(connection, message, now)
+            # On a broker `ready` may get lost, or come after what follows it.
+            if isinstance(message, Join | Ready):
+                return events
+            return [*events, *self._message(connection, message, now, in_order=in_order)]
+        return self._message(connection, message, now, in_order=in_order)
+
+    def _message(self, connection: Connection, message: FromClient, now: Now, *, in_order: bool) -> list[ServerEvent]:
+        visitor = self.visitors.find(connection.visitor)
+        if visitor is None:
+            raise Unexpected("a record of nobody")
+        match message:
+            case Command():
+                return self._command(visitor, connection, message, now, in_order=in_order)
+            case Request(number) if not in_order:
+                return self._refused(connection, Late("a request after later ones"), number, Reason.LATE)
+            case Request(number, name, payload):
+                try:
+                    connection.caps.request(now.ms)
+                except TooMany as error:
+                    return self._refused(connection, error, number, Reason.TOO_MANY)
+                return [Requested(visitor.id, number, name, payload)]
+            case Stored(secret_id):
+                self.visitors.stored(visitor.id, secret_id)
+            case Leave():
+                return [*self.closed(connection.number, now), Close(connection.number, "leave")]
+            case Join() | Ready():
+                raise Unexpected("a second first message")
+        return []
+
+    def _command(
+        self, visitor: Visitor, connection: Connection, command: Command, now: Now, *, in_order: bool
+    ) -> list[ServerEvent]:
+        try:
+            connection.caps.command(now.ms)
+            # One that was held back must not undo a later one, within the second in which its update is recent.
+            if not command.stop and not (in_order and self.updates.is_recent(command.seen, command.digest, now.ms)):
+                raise Late("a command based on an old update, or after later ones")
+            self.assignment.claim(visitor, command.robot, now.ms, is_stop=command.stop)
+            told = self.standings(now)
+            return [Commanded(visitor.id, command.robot, command.name, command.payload, command.stop), *told]
+        except (TooMany, Late, NotAllowed, Busy) as error:
+            self._reject(error)
+            reasons = {TooMany: Reason.TOO_MANY, Late: Reason.LATE, Busy: Reason.BUSY}
+            refused = reasons.get(type(error), Reason.NOT_ALLOWED)
+        told = self.connections.seal(connection, Refused(0, refused))
+        return [*told, CommandRefused(visitor.id, command.robot, refused)]
+
+    def _refused(self, connection: Connection, error: PeerError, number: int, reason: Reason) -> list[ServerEvent]:
+        self._reject(error)
+        return self.connections.seal(connection, Refused(number, reason))
+
+    # --- what is due -------------------------------------------------------------------------------------------------
+
+    def _overdue(self, connection: Connection, now: Now) -> list[ServerEvent]:
+        config = self.config
+        connection.channel.expire(now.ms)
+        if connection.is_pending and now.ms - connection.offered_ms >= config.handshake_ms:
+            connection.channel.withdraw()
+            connection.secret = None
+        if not connection.visitor and not connection.is_pending and now.ms - connection.heard_ms >= config.handshake_ms:
+            return [*self.closed(connection.number, now), Close(connection.number, "handshake")]
+        if connection.on_broker and now.ms - connection.heard_ms >= config.silent_ms:
+            return [*self.closed(connection.number, now), Close(connection.number, "silent")]
+        if connection.visitor and now.ms - connection.channel.made_ms >= config.key_max_ms:
+            return self.end(connection, EndReason.OLD_KEYS, now)
+        return []
+
+    def _reads(self, connection: Connection) -> bool:
+        visitor = self.visitors.find(connection.visitor)
+        return visitor is not None and not visitor.waiting
+
+    def _standing(self, visitor: Visitor, now: Now) -> Standing:
+        robot = self.assignment.robot_of(visitor.id) or ""
+        place, left_ms = self.assignment.place_of(visitor.id), self.assignment.left_ms(visitor.id, now.ms)
+        return Standing(visitor.role, visitor.waiting, place, left_ms, robot)
+
+    def _reject(self, error: PeerError) -> None:
+        self.rejected[error.reason] += 1
+
+    def _refuse_bytes(self, connection: Connection, error: PeerError, now: Now) -> list[ServerEvent]:
+        # On a broker others may send by these topics: they must not end a session.
+        if connection.on_broker:
+            return []
+        connection.bad += 1
+        if connection.visitor and connection.bad < self.config.bad_records_max:
+            return []
+        return [*self.closed(connection.number, now), Close(connection.number, error.reason)]
+
+
+def _without_time(standing: Standing) -> Standing:
+    """Return what a change of is told: whether a turn is limited, not how much of it is left."""
+    return replace(standing, left_ms=min(1, standing.left_ms))

@@ -1,0 +1,193 @@
+"""Visitors: who was admitted, what each may do, and the secret with which each resumes.
+
+Every change is written before its caller goes on, so that no removed visitor comes back after a crash.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+
+from phalanx.config.session import SessionConfig
+from phalanx.wire.sessions import DOOR_KEY, DOOR_ROW, VISITOR_KEY, VISITOR_ROW
+
+from .errors import TooMany, UnknownSecret
+from .messages import Role
+from .secret import NO_ID, RESUME_BYTES, Kind, Secret
+from .store import Store
+
+NO_SECRET = bytes(RESUME_BYTES)
+LINE = "\n"
+
+
+@dataclass(frozen=True, slots=True)
+class Visitor:
+    """Somebody who was admitted."""
+
+    id: int
+    name: str
+    role: Role
+    waiting: bool  # for approval
+    robots: frozenset[str]  # that it may drive; empty: any
+    ticket: bytes  # id of the ticket that it joined with; zeros: none
+    expires_s: int  # Unix time until which it may resume
+    secret: bytes = field(repr=False)  # with which it resumes
+    pending: bytes = field(default=NO_SECRET, repr=False)  # its successor, not yet confirmed; zeros: none
+
+    def secrets(self) -> list[Secret]:
+        """Return the secrets that are valid now."""
+        return [Secret(Kind.RESUME, raw) for raw in (self.secret, self.pending) if raw != NO_SECRET]
+
+
+class Visitors:
+    """All who may resume."""
+
+    def __init__(self, config: SessionConfig, store: Store) -> None:
+        """Load them. Raises: MalformedRecord: the store has rows of another form."""
+        self._config, self._store = config, store
+        self._all: dict[int, Visitor] = {}
+        self._by_secret: dict[bytes, tuple[int, Secret]] = {}
+        self.approval, self._next = False, 1
+        for key, row in store.load().items():
+            if key == DOOR_KEY.encode():
+                door = DOOR_ROW.decode(row)
+                self.approval, self._next = bool(door["approval"]), door["next_visitor"]
+            elif key[:1] == VISITOR_KEY.encode(visitor=0)[:1]:
+                self._keep(_visitor(VISITOR_KEY.decode(key)["visitor"], row))
+
+    def __len__(self) -> int:
+        return len(self._all)
+
+    def __iter__(self) -> Iterator[Visitor]:
+        return iter(list(self._all.values()))
+
+    def find(self, visitor_id: int) -> Visitor | None:
+        """Return a visitor, or None if it was removed."""
+        return self._all.get(visitor_id)
+
+    def by_secret(self, secret_id: bytes, unix_s: int) -> tuple[Visitor, Secret]:
+        """Return who resumes with a secret of this id. Raises: UnknownSecret."""
+        known = self._by_secret.get(secret_id)
+        visitor = self._all[known[0]] if known else None
+        if known is None or visitor is None or visitor.expires_s <= unix_s:
+            raise UnknownSecret("no such resume secret")
+        return visitor, known[1]
+
+    def admit(
+        self,
+        made: Visitor,
+        connected: Mapping[int, object],
+        unix_s: int,
+        beside: Mapping[bytes, bytes | None] | None = None,
+    ) -> Visitor:
+        """Write a new visitor, under an id that nobody had, with the rows `beside`; return it.
+
+        Raises: TooMany: all who may be remembered are connected, or too many wait for approval.
+        """
+        if made.waiting and sum(each.waiting for each in self._all.values()) >= self._config.waiting_max:
+            raise TooMany("visitors that wait for approval")
+        rows: dict[bytes, bytes | None] = dict(beside or {})
+        gone = self._room(connected, unix_s)
+        rows |= {_key(each): None for each in gone}
+        visitor = replace(made, id=self._next)
+        self._next += 1
+        self._store.write(rows | {_key(visitor.id): _row(visitor), DOOR_KEY.encode(): self._door()})
+        for each in gone:
+            self._forget(each)
+        self._keep(visitor)
+        return visitor
+
+    def change(self, visitor: Visitor) -> Visitor:
+        """Write what has changed of a visitor, and return it. Raises: UnknownSecret: it was removed."""
+        if visitor.id not in self._all:
+            raise UnknownSecret("a visitor that was removed")
+        self._store.write({_key(visitor.id): _row(visitor)})
+        self._forget(visitor.id)
+        self._keep(visitor)
+        return visitor
+
+    def renew(self, visitor_id: int, used: bytes, fresh: bytes, unix_s: int) -> Visitor:
+        """Give a visitor the next secret to resume with; the one that it used stays valid until it has stored that.
+
+        Raises: UnknownSecret: it was removed.
+        """
+        visitor = self._all.get(visitor_id)
+        if visitor is None:
+            raise UnknownSecret("a visitor that was removed")
+        expires_s = unix_s + self._config.resume_s
+        return self.change(replace(visitor, secret=used, pending=fresh, expires_s=expires_s))
+
+    def stored(self, visitor_id: int, secret_id: bytes) -> None:
+        """Drop the secret before, as the visitor has stored its successor."""
+        visitor = self._all.get(visitor_id)
+        if visitor and visitor.pending != NO_SECRET and Secret(Kind.RESUME, visitor.pending).id == secret_id:
+            self.change(replace(visitor, secret=visitor.pending, pending=NO_SECRET))
+
+    def remove(self, ids: set[int], beside: Mapping[bytes, bytes | None] | None = None, *, approval: bool) -> None:
+        """Remove visitors, with the rows `beside`; newcomers wait for approval from now on, or not."""
+        self.approval = approval
+        gone: dict[bytes, bytes | None] = {_key(each): None for each in sorted(ids)}
+        self._store.write({**(beside or {}), **gone, DOOR_KEY.encode(): self._door()})
+        for each in ids & self._all.keys():
+            self._forget(each)
+
+    def set_approval(self, approval: bool) -> None:
+        """Write whether newcomers wait for approval."""
+        self.remove(set(), approval=approval)
+
+    def _room(self, connected: Mapping[int, object], unix_s: int) -> list[int]:
+        """Return whom to forget for a newcomer: those whose time is over, or who would be first."""
+        if len(self._all) < self._config.visitors_max:
+            return []
+        away = [each for each in self._all.values() if each.id not in connected]
+        over = [each.id for each in away if each.expires_s <= unix_s]
+        if over:
+            return over
+        if not away:
+            raise TooMany("visitors")
+        return [min(away, key=lambda each: (each.role, each.expires_s, each.id)).id]
+
+    def _door(self) -> bytes:
+        return DOOR_ROW.encode(approval=self.approval, next_visitor=self._next)
+
+    def _keep(self, visitor: Visitor) -> None:
+        self._all[visitor.id] = visitor
+        for secret in visitor.secrets():
+            self._by_secret[secret.id] = visitor.id, secret
+
+    def _forget(self, visitor_id: int) -> None:
+        for secret in self._all.pop(visitor_id).secrets():
+            self._by_secret.pop(secret.id, None)
+
+
+def _key(visitor_id: int) -> bytes:
+    return VISITOR_KEY.encode(visitor=visitor_id)
+
+
+def _row(visitor: Visitor) -> bytes:
+    return VISITOR_ROW.encode(
+        role=visitor.role,
+        waiting=visitor.waiting,
+        ticket=visitor.ticket or NO_ID,
+        secret=visitor.secret,
+        pending=visitor.pending,
+        expires_s=visitor.expires_s,
+        name=visitor.name.encode(),
+        robots=LINE.join(sorted(visitor.robots)).encode(),
+    )
+
+
+def _visitor(visitor_id: int, row: bytes) -> Visitor:
+    values = VISITOR_ROW.decode(row)
+    robots = frozenset(filter(None, values["robots"].decode().split(LINE)))
+    return Visitor(
+        visitor_id,
+        values["name"].decode(),
+        Role(values["role"]),
+        bool(values["waiting"]),
+        robots,
+        values["ticket"],
+        values["expires_s"],
+        values["secret"],
+        values["pending"],
+    )

@@ -1,0 +1,179 @@
+"""The byte table's page of the link's sessions: handshake, records, messages, and rows of visitors on disk.
+
+`docs/generate.py` makes the tables of docs/spec/session.md from it, and web/client/session/records.ts.
+"""
+
+from __future__ import annotations
+
+from .record import record
+
+VERSION = 1
+NOISE_BYTES = 48  # of a handshake message with an empty payload: an ephemeral public key, and a tag
+TAG_BYTES = 16  # of ChaCha20-Poly1305
+
+# --- invitations ---------------------------------------------------------------------------------------------------
+
+INVITATION = record(
+    "invitation: in the fragment of a QR code's URL, as base64url without padding; the tag is its version",
+    "kind u8: 1 open, 2 ticket",
+    "static b32: the swarm's X25519 public key",
+    "secret b16: random",
+    "mqtt u8: 5 or 4; 0: direct, and then root and broker are empty",
+    "root v8: first part of every topic",
+    "broker v8: ws or wss URL",
+    tag=VERSION,
+)
+
+# --- handshake -----------------------------------------------------------------------------------------------------
+
+HELLO = record(
+    "hello: the client's first message; the tag is the version",
+    "kind u8: 1 open, 2 ticket, 3 room, 4 resume",
+    "id b8: of the secret; zeros for a room code",
+    f"noise b{NOISE_BYTES}: first message of Noise NKpsk0",
+    tag=VERSION,
+)
+SIGNED_HELLO = record(
+    "signed_hello: the same on a broker", *HELLO.fields, "mac1 b16: HMAC-SHA256 over hello, cut off", tag=VERSION
+)
+ACCEPT = record(
+    "accept: the server's answer",
+    "generation u8: of the keys that this handshake makes",
+    f"noise b{NOISE_BYTES}: second message of Noise NKpsk0",
+    tag=0x02,
+)
+PROLOGUE = record(
+    "prologue: of the handshake",
+    "version v8: as in hello",
+    "kind v8: as in hello",
+    "id v8: as in hello",
+    "root v8: as in the invitation; empty on direct",
+    "broker v8: as in the invitation; empty on direct",
+)
+
+# --- records -------------------------------------------------------------------------------------------------------
+
+_RECORD_HEAD = ("generation u8: of the keys", "counter u64: from 0, of this direction and generation")
+RECORD_HEAD = record("record_head: associated data of a record; its nonce is the counter", *_RECORD_HEAD, tag=0x10)
+RECORD = record("record: one message of a session", *_RECORD_HEAD, "sealed rest: of padded", tag=0x10)
+_UPDATE_HEAD = ("epoch u32: of the key", "counter u64: rises by 1, over all epochs, from 1")
+UPDATE_HEAD = record("update_head: associated data of an update; its nonce is the counter", *_UPDATE_HEAD, tag=0x11)
+UPDATE = record(
+    "update: the state of the swarm, for all visitors",
+    *_UPDATE_HEAD,
+    "signature b64: Ed25519, of signed_update",
+    "sealed rest: of padded",
+    tag=0x11,
+)
+SIGNED_UPDATE = record("signed_update: what is signed", *_UPDATE_HEAD, "sealed rest: as in update", tag=0x12)
+PADDED = record(
+    "padded: plaintext of a record or an update; as long as the next size allows",
+    "length u32: of the content, bytes",
+    "content rest: and zeros behind it",
+)
+
+# --- messages of a client --------------------------------------------------------------------------------------------
+
+JOIN = record("join: first message of a new visitor", "name v8: nickname, UTF-8; may be empty", tag=0x21)
+READY = record("ready: first message of a known visitor, and after each new key", tag=0x22)
+STORED = record("stored: the resume secret is stored", "id b8: of that secret", tag=0x23)
+COMMAND = record(
+    "command: for one robot",
+    "stop u8: 1: it stops the robot, is never late, and takes no lease",
+    "seen u64: counter of the newest update that was read; 0: none yet",
+    "digest b8: first bytes of that update's SHA-256",
+    "robot v8: address, ASCII",
+    "name v8: of the command, ASCII",
+    "payload rest: JSON",
+    tag=0x24,
+)
+LINK_REQUEST = record(
+    "link_request: answered with `reply` or `refused`",
+    "number u32: the client's own, from 1",
+    "name v8: of the request, ASCII",
+    "payload rest: JSON, or empty",
+    tag=0x25,
+)
+LEAVE = record("leave: ends the session; the resume secret stays valid", tag=0x26)
+ALIVE = record("alive: nothing to say", tag=0x27)
+
+# --- messages of the server ------------------------------------------------------------------------------------------
+
+WELCOME = record(
+    "welcome: first message to an admitted visitor",
+    "visitor u32: its id",
+    "signer b32: Ed25519 public key of updates",
+    "name v8: nickname in use, UTF-8",
+    tag=0x41,
+)
+SECRET = record(
+    "secret: resume with it from now on; answered with `stored`",
+    "secret b32: random",
+    "lifetime_s u32: for which it is valid",
+    tag=0x42,
+)
+EPOCH = record(
+    "epoch: key of the updates that follow",
+    "epoch u32: number, rises",
+    "counter u64: of the update that the chain key is for",
+    "chain b32: chain key",
+    "topic b16: of these updates on a broker",
+    tag=0x43,
+)
+STANDING = record(
+    "standing: what the visitor may do now",
+    "role u8: 1 watch, 2 drive, 3 operate",
+    "waiting u8: 1: for the operator's approval; no updates until then",
+    "place u16: in the queue for a robot, from 1; 0: not in it",
+    "left_ms u32: of its turn; 0: no limit",
+    "robot v8: that it is assigned to, ASCII; empty: none",
+    tag=0x44,
+)
+REPLY = record("reply: to a request", "number u32: of the request", "payload rest: JSON", tag=0x45)
+NOTICE = record("notice: to this visitor only", "payload rest: JSON", tag=0x46)
+REFUSED = record(
+    "refused: a command or request was not carried out",
+    "number u32: of the request; 0: a command",
+    "reason u8: see reasons",
+    tag=0x47,
+)
+END = record("end: the session is over", "reason u8: see ends", tag=0x48)
+
+# --- rows of the store -----------------------------------------------------------------------------------------------
+
+VISITOR_KEY = record("visitor_key: of a row", "visitor u32", tag=0x61)
+TICKET_KEY = record("ticket_key: of a row", "id b8: of the ticket's secret", tag=0x62)
+DOOR_KEY = record("door_key: of the only such row", tag=0x63)
+VISITOR_ROW = record(
+    "visitor_row: of a visitor that may resume",
+    "role u8",
+    "waiting u8: 1: for approval",
+    "ticket b8: that it joined with; zeros: none",
+    "secret b32: resume secret in use",
+    "pending b32: its successor, not yet confirmed; zeros: none",
+    "expires_s u64: Unix time",
+    "name v8: UTF-8",
+    "robots v16: that it may drive, ASCII, a line each; empty: any",
+)
+TICKET_ROW = record(
+    "ticket_row: of a ticket that admits somebody",
+    "secret b16",
+    "role u8",
+    "uses u32: left",
+    "expires_s u64: Unix time",
+    "name v8: UTF-8; empty: the visitor chooses",
+    "robots v16: as in visitor_row",
+)
+DOOR_ROW = record(
+    "door_row: of the door", "approval u8: 1: newcomers wait for it", "next_visitor u32: id, never used twice"
+)
+
+# --- in the order of docs/spec/session.md ----------------------------------------------------------------------------
+
+HANDSHAKE = (HELLO, SIGNED_HELLO, ACCEPT, PROLOGUE)
+SEALED = (RECORD_HEAD, RECORD, UPDATE_HEAD, UPDATE, SIGNED_UPDATE, PADDED)
+FROM_CLIENT = (JOIN, READY, STORED, COMMAND, LINK_REQUEST, LEAVE, ALIVE)
+FROM_SERVER = (WELCOME, SECRET, EPOCH, STANDING, REPLY, NOTICE, REFUSED, END)
+STORE = (VISITOR_KEY, TICKET_KEY, DOOR_KEY, VISITOR_ROW, TICKET_ROW, DOOR_ROW)
+ON_THE_WIRE = (INVITATION, *HANDSHAKE, *SEALED, *FROM_CLIENT, *FROM_SERVER)
+RECORDS = (*ON_THE_WIRE, *STORE)

@@ -1,0 +1,302 @@
+"""Sessions on a broker, that anybody can read and publish on: topics, first messages, and what strangers can do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+from phalanx.link.session import EndReason, Invitation, Kind, Secret, SessionClient
+from phalanx.link.session.connections import HELLOS_REMEMBERED
+from phalanx.link.session.events import (
+    Close,
+    Commanded,
+    Ended,
+    Hear,
+    Joined,
+    KeepSecret,
+    Listen,
+    Publish,
+    Send,
+    Transmit,
+    Updated,
+)
+from phalanx.link.session.secret import hello_topic
+from phalanx.wire.sessions import SIGNED_HELLO
+from session_world import PUBLIC, STATIC, World, random_source
+
+WHERE = {"broker": "wss://broker.example/mqtt", "root": "/lab"}
+HELLO_TOPIC = hello_topic(STATIC.public_key())
+
+
+@dataclass
+class Visitor:
+    client: SessionClient
+    topics: tuple[str, ...] = ()
+    events: list[Any] = field(default_factory=list)
+    kept: Secret | None = None
+
+    def last(self, kind: type) -> Any:
+        return next((each for each in reversed(self.events) if isinstance(each, kind)), None)
+
+
+class Broker:
+    """A broker of somebody else's, a server, and visitors."""
+
+    def __init__(self, **config: Any) -> None:
+        self.world = World(**WHERE, **config)
+        self.server = self.world.server
+        self.server.assignment.set_robots(["R1", "R2"], 0)
+        self.visitors: list[Visitor] = []
+        self.listens: dict[int, tuple[str, ...]] = {}
+        self.happened: list[Any] = []
+        self.seen: list[tuple[str, bytes]] = []
+        self.loses = lambda topic, data: False
+
+    def publish(self, topic: str, data: bytes) -> None:
+        self.seen.append((topic, data))
+        if self.loses(topic, data):
+            return
+        if topic == HELLO_TOPIC:
+            self.carry(self.server.receive_hello(data, self.world.now))
+        for connection, topics in list(self.listens.items()):
+            if topic in topics:
+                self.carry(self.server.receive(connection, data, self.world.now))
+        for visitor in self.visitors:
+            if topic in visitor.topics:
+                self.do(visitor, visitor.client.receive(data, self.world.ms))
+
+    def carry(self, events: list[Any]) -> None:
+        for event in events:
+            self.happened.append(event)
+            match event:
+                case Send(_, data, topic):
+                    self.publish(topic, data)
+                case Publish(_, data, topic):
+                    self.publish(topic, data)
+                case Listen(connection, topics):
+                    self.listens[connection] = topics
+                case Close(connection):
+                    self.listens.pop(connection, None)
+
+    def do(self, visitor: Visitor, events: list[Any]) -> None:
+        for event in events:
+            visitor.events.append(event)
+            match event:
+                case Transmit(data, topic):
+                    self.publish(topic, data)
+                case Hear(topics):
+                    visitor.topics = topics
+                case KeepSecret(secret):
+                    visitor.kept = secret
+                    if visitor.client.is_joined:
+                        self.do(visitor, [visitor.client.stored(secret, self.world.ms)])
+
+    def join(self, secret: Secret | None = None) -> Visitor:
+        invitation = Invitation(PUBLIC, secret or self.server.door.code, WHERE["broker"], WHERE["root"], 5)
+        client = SessionClient(self.world.config, invitation, random_source(f"v{len(self.visitors)}"))
+        self.visitors.append(Visitor(client))
+        self.do(self.visitors[-1], client.start(self.world.ms))
+        return self.visitors[-1]
+
+    def state(self, state: bytes = b"state") -> None:
+        self.carry([self.server.publish(state, self.world.now)])
+
+    def drive(self, visitor: Visitor, payload: bytes = b"{}") -> list[Any]:
+        before = len(self.happened)
+        self.do(visitor, [visitor.client.command("R1", "move_raw", payload, self.world.ms)])
+        return [event for event in self.happened[before:] if isinstance(event, Commanded)]
+
+    def wait(self, ms: int, step_ms: int = 1000) -> None:
+        for _ in range(0, ms, step_ms):
+            self.world.ms += step_ms
+            self.world.unix_s += step_ms // 1000
+            self.carry(self.server.tick(self.world.now))
+            for visitor in self.visitors:
+                self.do(visitor, visitor.client.tick(self.world.ms))
+
+
+def test_a_visitor_joins_reads_drives_and_changes_keys_and_topics():
+    broker = Broker()
+    ada = broker.join()
+    broker.state(b"one")
+    assert ada.last(Updated) == Updated(b"one")
+    assert broker.drive(ada) == [Commanded(1, "R1", "move_raw", b"{}", is_stop=False)]
+    before = {topic for topic, _ in broker.seen}
+    broker.wait(3_600_000)
+    broker.seen.clear()
+    broker.state(b"two")
+    assert ada.last(Updated) == Updated(b"two")
+    assert broker.drive(ada)
+    assert not {topic for topic, _ in broker.seen} & before
+    assert len([event for event in broker.happened if isinstance(event, Joined)]) == 1
+    assert not broker.server.rejected
+    assert not ada.client.rejected
+    (topics,) = broker.listens.values()
+    assert len(topics) <= 2
+
+
+def test_topics_tell_nothing_and_nothing_readable_is_outside():
+    broker = Broker()
+    ada = broker.join()
+    broker.state()
+    broker.drive(ada, b'{"left_y":100}')
+    for topic, data in broker.seen:
+        assert len(topic) == 22
+        for word in (b"R1", b"move_raw", b"left_y", b"state", ada.kept.raw, broker.server.door.code.raw):
+            assert word not in data
+    sizes = {len(data) for topic, data in broker.seen if topic != HELLO_TOPIC}
+    assert sizes <= {50, 10 + 128 + 16, 77 + 128 + 16}
+
+
+def test_on_a_broker_a_first_message_needs_its_mac_before_anything_is_computed(monkeypatch):
+    broker = Broker()
+    ada = broker.join()
+    hello = next(data for topic, data in broker.seen if topic == HELLO_TOPIC)
+    computed = []
+    monkeypatch.setattr("phalanx.link.session.connections.respond", lambda *a: computed.append(a))
+    for at in range(len(hello)):
+        broker.publish(HELLO_TOPIC, hello[:at] + bytes([hello[at] ^ 1]) + hello[at + 1 :])
+        broker.publish(HELLO_TOPIC, hello[:at])
+    broker.publish(HELLO_TOPIC, hello)
+    assert broker.server.rejected["replayed"] == 1
+    assert not computed
+    assert ada.client.is_joined
+    assert len(list(broker.server.connections)) == 1
+
+
+def test_a_room_code_is_not_taken_on_a_broker():
+    broker = Broker()
+    broker.server.door.show_room()
+    hello = SIGNED_HELLO.encode(kind=Kind.ROOM, id=bytes(8), noise=bytes(48), mac1=bytes(16))
+    broker.publish(HELLO_TOPIC, hello)
+    assert broker.server.rejected == {"unexpected": 1}
+
+
+def test_strangers_on_the_topics_of_a_session_cannot_end_it():
+    broker = Broker()
+    ada = broker.join()
+    for topic, data in list(broker.seen):
+        for forged in (data, data[:-1], b"", bytes(200), data[:10] + bytes(len(data) - 10)):
+            broker.publish(topic, forged)
+    for _ in range(200):
+        for topics in list(broker.listens.values()):
+            broker.publish(topics[0], b"\x10" + bytes(153))
+    broker.state()
+    assert ada.last(Updated) == Updated(b"state")
+    assert broker.drive(ada)
+    assert len([event for event in broker.happened if isinstance(event, Joined)]) == 1
+
+
+def test_a_forged_answer_does_not_spoil_a_handshake():
+    broker = Broker()
+    forged: list[str] = []
+
+    def answers_first(topic: str, data: bytes) -> bool:
+        if data[:1] == b"\x02" and not forged:
+            forged.append(topic)
+            broker.publish(topic, data[:2] + bytes(48))
+        return False
+
+    broker.loses = answers_first
+    ada = broker.join()
+    assert forged
+    assert ada.client.rejected == {"not_authentic": 1}
+    assert ada.client.is_joined
+
+
+@pytest.mark.parametrize("lost", range(9))
+def test_whatever_single_message_of_a_key_change_is_lost_the_session_goes_on(lost):
+    broker = Broker()
+    ada = broker.join()
+    broker.wait(599_000)
+    count = 0
+
+    def loses(topic: str, data: bytes) -> bool:
+        nonlocal count
+        count += 1
+        return count == lost + 1
+
+    broker.loses = loses
+    broker.wait(40_000)
+    broker.loses = lambda topic, data: False
+    broker.state(b"after")
+    broker.wait(1000)
+    broker.state(b"after")
+    assert ada.last(Updated) == Updated(b"after")
+    assert broker.drive(ada)
+    broker.wait(700_000)
+    broker.state(b"and after the next")
+    assert ada.last(Updated) == Updated(b"and after the next")
+    assert broker.drive(ada)
+    assert broker.join(ada.kept).client.is_joined
+
+
+@pytest.mark.parametrize("lost", range(4))
+def test_whatever_message_of_a_first_handshake_is_lost_it_ends_or_goes_on_and_can_be_tried_again(lost):
+    broker = Broker()
+    count = 0
+
+    def loses(topic: str, data: bytes) -> bool:
+        nonlocal count
+        count += 1
+        return count == lost + 1
+
+    broker.loses = loses
+    ada = broker.join()
+    broker.loses = lambda topic, data: False
+    broker.wait(6000)
+    assert ada.client.is_joined or ada.last(Ended) == Ended(None)
+    assert broker.join().client.is_joined
+
+
+def test_a_client_that_is_silent_for_a_minute_is_gone_and_resumes():
+    broker = Broker()
+    ada = broker.join()
+    broker.wait(300_000)
+    assert ada.client.is_joined
+    broker.visitors.clear()
+    broker.wait(61_000)
+    assert not broker.listens
+    assert not list(broker.server.connections)
+    assert broker.join(ada.kept).client.is_joined
+
+
+def test_a_page_that_is_loaded_again_takes_its_session_over():
+    broker = Broker()
+    ada = broker.join()
+    again = broker.join(ada.kept)
+    broker.state()
+    assert broker.drive(again)
+    assert len(list(broker.server.connections)) == 1
+
+
+def test_first_messages_have_a_budget_for_each_kind_and_bounded_memory():
+    broker = Broker(hellos_per_s=5, connections_max=8)
+    ada = broker.join()
+    broker.loses = lambda topic, data: data[:1] == b"\x02"
+    for _ in range(20):
+        broker.join()
+    assert broker.server.rejected["too_many"] == 16
+    assert len(list(broker.server.connections)) == 5
+    assert ada.client.is_joined
+    broker.loses = lambda topic, data: False
+    assert broker.join(ada.kept).client.is_joined
+    for _ in range(30):
+        broker.world.ms += 200
+        broker.loses = lambda topic, data: data[:1] == b"\x02"
+        broker.join()
+    assert len(list(broker.server.connections)) <= 8
+    assert len(broker.server.connections._hellos) <= HELLOS_REMEMBERED
+
+
+def test_who_is_removed_learns_so_and_hears_nothing_more():
+    broker = Broker()
+    ada, eve = broker.join(), broker.join()
+    broker.carry(broker.world.operations.remove(2, broker.world.now))
+    broker.state(b"after")
+    assert eve.last(Ended) == Ended(EndReason.REMOVED)
+    assert eve.last(Updated) is None
+    assert ada.last(Updated) == Updated(b"after")
+    assert not broker.join(eve.kept).client.is_joined

@@ -1,0 +1,80 @@
+// Invitations: what a QR code's fragment holds, and room codes, which people type. No error repeats what was given.
+
+import { decodeBase64url, encodeBase64url } from "../core/base64url";
+import { PeerError, UsageError } from "../core/errors";
+import { BadInvitation } from "./errors";
+import { INVITATION } from "./records";
+import { KINDS, Secret } from "./secret";
+
+const WORD = "j=";
+const FRAGMENT_LONGEST = 1024;
+const BROKER = /^wss?:\/\/([0-9a-z._-]+|\[[0-9a-f:.]+\])(:[0-9]{1,5})?(\/[^?#\s]*)?$/i;
+const ROOT = /^\/[0-9A-Za-z_-]{1,64}(\/[0-9A-Za-z_-]{1,64}){0,7}$/;
+const ASCII = /^[\x21-\x7e]*$/;
+const ROOM = /^[0-9]{8}$/;
+
+const bytes = new TextEncoder();
+const text = new TextDecoder("utf-8", { fatal: true, ignoreBOM: true });
+
+/** All that a visitor needs to join; with an empty broker it is direct, and root and mqtt are empty and 0. */
+export interface Invitation {
+  /** The swarm's X25519 public key. */
+  readonly fixed: Uint8Array;
+  readonly secret: Secret;
+  readonly broker: string;
+  readonly root: string;
+  readonly mqtt: number;
+}
+
+/** The invitation of a swarm on the page's own origin. */
+export function direct(fixed: Uint8Array, secret: Secret): Invitation {
+  return { fixed, secret, broker: "", root: "", mqtt: 0 };
+}
+
+/** The invitation in a URL, or in its fragment. @throws BadInvitation */
+export function parseInvitation(given: string): Invitation {
+  const word = given.trim().split("#").at(-1) ?? "";
+  if (!word.startsWith(WORD) || word.length > FRAGMENT_LONGEST || !ASCII.test(word)) throw new BadInvitation("no such fragment");
+  const { kind, fixed, secret, mqtt, root, broker } = read(word.slice(WORD.length));
+  if (kind !== "open" && kind !== "ticket") throw new BadInvitation("of another kind");
+  const invitation = { fixed, secret: new Secret(kind, secret), broker, root, mqtt };
+  check(invitation);
+  return invitation;
+}
+
+/** Its fragment, without `#`. @throws UsageError: room codes and resume secrets stand in no URL. */
+export function fragmentOf({ secret, fixed, mqtt, root, broker }: Invitation): string {
+  if (secret.kind !== "open" && secret.kind !== "ticket") throw new UsageError("only open codes and tickets have a URL");
+  const values = { static: fixed, secret: secret.reveal(), mqtt, root: bytes.encode(root), broker: bytes.encode(broker) };
+  return WORD + encodeBase64url(INVITATION.encode({ kind: secret.number, ...values }));
+}
+
+/** The secret of a room code that somebody typed. @throws BadInvitation */
+export function parseRoomCode(typed: string): Secret {
+  const digits = typed.replace(/[\s-]+/g, "");
+  if (!ROOM.test(digits)) throw new BadInvitation("a room code has 8 digits");
+  return new Secret("room", bytes.encode(digits));
+}
+
+function read(word: string): { kind: string; fixed: Uint8Array; secret: Uint8Array; mqtt: number; root: string; broker: string } {
+  try {
+    const raw = decodeBase64url(bytes.encode(word));
+    if (raw === undefined) throw new BadInvitation("cut off");
+    const { kind, static: fixed, secret, mqtt, root, broker } = INVITATION.decode(raw);
+    return { kind: KINDS[kind] ?? "", fixed, secret, mqtt, root: text.decode(root), broker: text.decode(broker) };
+  } catch (error) {
+    if (error instanceof PeerError || error instanceof TypeError) throw new BadInvitation("cut off, or of another version");
+    throw error;
+  }
+}
+
+/** @throws BadInvitation */
+function check({ broker, root, mqtt }: Invitation): void {
+  if (broker === "") {
+    if (root !== "" || mqtt !== 0) throw new BadInvitation("a root or MQTT version without a broker");
+    return;
+  }
+  if (!BROKER.test(broker)) throw new BadInvitation("the broker is not a ws:// or wss:// URL");
+  if (mqtt !== 4 && mqtt !== 5) throw new BadInvitation("MQTT version is 4 or 5");
+  if (!ROOT.test(root)) throw new BadInvitation("the root is not a topic");
+}
