@@ -314,9 +314,11 @@ class TestQuorum:
     def test_what_cannot_have_one_is_warned_of_once_before_it_runs(self, phalanx, command):
         code, _, err = phalanx(*command, "--robots", "3", "--duration", "1")
         assert code == 0
-        assert err.startswith("phalanx: warning: none of the robots has the 5 others (f_max + 2) within 116 m at the")
+        assert err.startswith(
+            "phalanx: warning: none of the robots has a quorum at the start, 5 others (f_max + 2) within"
+        )
         assert err.count("warning") == 1
-        code, _, err = phalanx(*command, "--robots", "3", "--duration", "1", "--f-max", "1")
+        code, _, err = phalanx(*command, "--robots", "4", "--duration", "1", "--f-max", "1")
         assert code == 0
         assert "warning" not in err
 

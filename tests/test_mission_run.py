@@ -16,7 +16,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from phalanx.cli.commands.mission import mission as group
 from phalanx.cli.mission.files import read_plain
-from phalanx.cli.mission.run import _show
+from phalanx.cli.mission.run import _show, _warn_of_few
 from phalanx.config.mission import CodingConfig
 from phalanx.errors import PeerError, Unavailable, UsageError
 from phalanx.mission import BuildOptions, Draft, Landmark, Mission, Phase, Position, Profile, build
@@ -235,6 +235,16 @@ def test_too_few_robots_to_audit_each_other_are_refused_before_anything_is_encod
         _, _, error = _command("office", *words, "--defence", "bound")
         assert str(error) == f"{who} cannot audit each other with f_max 1"
         assert error.hint == "at least 3; or --defence none"
+
+
+def test_of_a_team_in_which_p2_does_not_hold_that_is_said(capsys) -> None:
+    few = "if 1 of 4 robots lie, they may have others stopped: P2 takes 5 robots with f_max 1"
+    for robots, told in ((4, few), (5, "")):
+        _warn_of_few(run_of(two_doors(), robots=robots, defence="bound"))
+        assert told in (err := capsys.readouterr().err)
+        assert bool(err) == bool(told)
+    _warn_of_few(run_of(two_doors(), robots=4))
+    assert not capsys.readouterr().err
 
 
 def test_what_audits_did_is_shown(capsys) -> None:

@@ -272,9 +272,14 @@ class TestChoice:
         [
             (12, None, None, "bound", 3, False),
             (12, "paper", 2, "paper", 2, False),
-            (8, None, 3, "bound", 3, False),
+            (9, None, 3, "bound", 3, False),
+            (9, None, None, "bound", 3, False),
+            (8, None, 3, "bound", 3, True),
+            (8, None, None, "bound", 2, True),
             (100, None, None, "bound", 3, False),
-            (6, None, None, "bound", 2, True),
+            (7, "bound", None, "bound", 2, True),
+            (6, None, None, "bound", 1, True),
+            (5, None, 1, "bound", 1, False),
             (4, "bound", None, "bound", 1, True),
             (3, None, None, "none", 3, True),
             (101, None, None, "none", 3, True),
@@ -293,6 +298,11 @@ class TestChoice:
         with pytest.raises(UsageError) as refused:
             choose_protection(robots, defence, f_max)
         assert "--defence none" in refused.value.hint
+
+    def test_of_a_swarm_of_one_too_few_for_p2_that_is_said(self):
+        told = "if 3 of 8 robots lie, they may have others stopped: P2 takes 9 robots"
+        assert choose_protection(8, None, 3).note == told
+        assert choose_protection(4, None, None).note.startswith("with 4 robots f_max is 1; if 1 of 4 robots lie")
 
     def test_the_command_says_so(self, capsys):
         assert run_command(["up", "--events", "--port", "0", "--robots", "101", "--defence", "bound"]) == 2

@@ -140,7 +140,7 @@ def test_a_hijacked_robot_is_stopped_in_time_and_nobody_else(tmp_path, capsys):
     assert "not running" in capsys.readouterr().out
 
 
-def test_of_a_field_that_is_cut_in_two_the_part_with_a_quorum_goes_on_whatever_clocks_do(tmp_path):
+def test_of_a_field_that_is_cut_in_two_the_part_with_enough_tokens_goes_on_whatever_clocks_do(tmp_path):
     summary = arena(tmp_path, "--robots", "5", "--duration", "6.5", "--cut", "3", "--cut-at", "2", "--clock-ppm", "200")
     assert summary["without_quorum"] == [4, 5]
     assert summary["correct_in_safe_mode"] == []

@@ -143,6 +143,12 @@ class TestQuorum:
         assert len(run.summary()["correct_in_safe_mode"]) > 0
         assert run.summary()["without_quorum"] == []
 
+    @pytest.mark.parametrize("f_max", [1, 3])
+    def test_a_quorum_is_one_correct_robot_more_than_tokens_are_needed(self, f_max):
+        for others in (f_max + 1, f_max + 2):
+            run = ran(1.0, robots=others + 1, bti=BtiConfig(f_max=f_max))
+            assert set(run._quorum._has().tolist()) == {others == f_max + 2}
+
     def test_who_loses_its_auditors_because_they_lost_theirs_is_without_quorum_too(self):
         """At 72 m a corner has three in range, an edge five, the middle eight: they go one after the other.
 

@@ -256,13 +256,20 @@ def test_the_example_runs_and_tells_what_became_of_the_liar():
 class TestCautions:
     def test_three_robots_have_no_quorum(self):
         (words,) = cautions(Scenario(robots=3))
-        assert words.startswith("none of the robots has the 5 others (f_max + 2) within 116 m")
+        assert words.startswith("none of the robots has a quorum at the start, 5 others (f_max + 2) within 116 m")
+        assert "with fewer than 4 a robot is stopped after 10 s" in words
         assert cautions(Scenario(robots=3, defence="none")) == []
-        assert cautions(Scenario(robots=3, bti=BtiConfig(f_max=1))) == []
+
+    def test_nor_have_robots_with_just_as_many_others_as_tokens_are_needed(self):
+        (words,) = cautions(Scenario(robots=3, bti=BtiConfig(f_max=1)))
+        assert words.startswith("none of the robots has a quorum at the start, 3 others (f_max + 2) within 116 m")
+        assert "compromised robots may have them stopped" in words
+        assert cautions(Scenario(robots=4, bti=BtiConfig(f_max=1))) == []
 
     def test_nor_has_a_wide_grid(self):
         assert cautions(Scenario(robots=25, grid_step_m=117.0))[0].startswith("none of the robots has")
-        assert cautions(Scenario(robots=25, grid_step_m=100.0))[0].startswith("16 of 25 robots do not have")
+        wide = Scenario(robots=25, grid_step_m=100.0, bti=BtiConfig(f_max=2))
+        assert cautions(wide)[0].startswith("16 of 25 robots do not have")
         assert cautions(Scenario(robots=25)) == []
 
     @pytest.mark.parametrize(
@@ -283,8 +290,9 @@ class TestCautions:
         assert cautions(crowd) == []
 
     @pytest.mark.parametrize("name", built_in("scenarios"))
-    def test_none_of_ours_is_warned_of(self, name):
-        assert cautions(find_scenario(name)) == []
+    def test_none_of_ours_is_warned_of_but_for_the_four_corners_of_a_wide_grid(self, name):
+        told = cautions(find_scenario(name))
+        assert [words[:27] for words in told] == ["4 of 324 robots do not have"] * (name == "grid-324")
 
     @pytest.mark.parametrize("robots", [1, 2, 7, 25, 60, 324])
     @pytest.mark.parametrize("grid_step_m", [1.0, 30.0, 64.0, 110.0, 200.0])

@@ -94,7 +94,7 @@ export function CompromiseCard({ token, robots, shields }: Props) {
       )}
       {lying.length > tolerated && (
         <p className="trouble">
-          {lying.length} robots were compromised, and {tolerated} at a time are tolerated: nothing is promised.
+          {lying.length} robots were compromised, and {tolerated} are tolerated: nothing is promised.
         </p>
       )}
       {trouble !== undefined && (

@@ -120,7 +120,7 @@ swarm_options = together(
     option("--robots", type=int, metavar="N", help="How many, on a square grid."),
     option("--spacing", "spacing_m", type=float, metavar="M", help="Grid step and spacing of the flock, metres."),
     option("--duration", "duration_s", type=float, metavar="S", help="Simulated seconds."),
-    option("--f-max", type=int, metavar="F", help="Liars that are tolerated."),
+    option("--f-max", type=int, metavar="F", help="The most compromised robots that are tolerated."),
     option("--t-audit", "t_audit_s", type=float, metavar="S", help="Seconds from one round of audits to the next."),
     option("--t-val", "t_val_s", type=float, metavar="S", help="Seconds for which a token counts."),
     option("--seed", type=int, metavar="S", help="Of everything that is drawn."),

@@ -30,7 +30,9 @@ class BtiConfig:
     Raises: UsageError: a value is out of range. Source: RoboRebound §4, §5.2; docs/spec/rebound.md.
     """
 
-    f_max: int = within(3, 1, 15, "most compromised robots tolerated; f_max + 1 fresh tokens keep a robot alive")
+    f_max: int = within(
+        3, 1, 15, "the most compromised robots that a mission tolerates; f_max + 1 fresh tokens keep a robot alive"
+    )
     t_audit_ms: int = within(4000, 500, 600_000, "a round of audits is asked for so often")
     t_val_ms: int = within(10_000, 1000, 3_600_000, "how long a token counts")
     t_control_ms: int = within(250, 20, 10_000, "period of the sensors' grid")
@@ -85,16 +87,21 @@ class BtiConfig:
 
     @property
     def quorum(self) -> int:
-        """Correct robots that hear a robot and are heard by it, with which P2 holds: liars may talk over one of them.
+        """Return how many correct robots must hear a robot, and be heard by it, for P2 to hold for that robot.
 
-        Source: docs/promises.md.
+        One more than the tokens that it needs: compromised robots may talk over one auditor. Source: docs/promises.md.
         """
         return self.f_max + 2
+
+    @property
+    def least_robots(self) -> int:
+        """Return the robots in one radio range of which f_max may be compromised and each correct one has a quorum."""
+        return self.f_max + self.quorum + 1
 
     def stop_bound_ms(self, *, output_missing: bool) -> int:
         """From deviation to Safe Mode, at most; δ + skew more if an output is missing or late.
 
-        Source: docs/spec/rebound.md (P1).
+        Source: docs/promises.md (P1).
         """
         return self.t_val_ms + self.p_check_ms + 1 + (self.delta_ms + self.skew_ms) * output_missing
 

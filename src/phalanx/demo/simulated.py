@@ -7,12 +7,13 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
+from phalanx.config import BtiConfig
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.sim.missions.orders import Orders
 from phalanx.sim.swarms.dotbots import MAX_ROBOTS, Dotbots
 from phalanx.sim.swarms.mission import MissionSwarm, ShieldedMissionSwarm
-from phalanx.sim.swarms.protected import MOST_ROBOTS, ProtectedSwarm, SwarmKeys, least_robots
+from phalanx.sim.swarms.protected import MOST_ROBOTS, ProtectedSwarm, SwarmKeys, fewest_robots
 from phalanx.sim.swarms.work import check_work
 
 DEFAULT_F_MAX = 3
@@ -30,27 +31,32 @@ class Plan:
 
 
 def choose_protection(robots: int, defence: str | None, f_max: int | None) -> Plan:
-    """The protection that so many robots can have; of no defence the best, of no f_max 3, or what so few robots allow.
+    """Return the protection that so many robots can have.
 
-    Raises: UsageError: not what was asked for. Source: docs/spec/rebound.md (P2).
+    Without `defence` it is the best. Without `f_max` it is 3, or the largest for which P2 holds in so small a swarm.
+    A swarm of one robot too few for P2 is protected all the same, with a note.
+    Raises: UsageError: not what was asked for. Source: docs/promises.md (P2).
     """
-    f = DEFAULT_F_MAX if f_max is None else f_max
-    if defence == "none" or (least_robots(f) <= robots <= MOST_ROBOTS):
-        return Plan(robots, defence or "bound", f, "")
-    insists = defence is not None or f_max is not None
-    fewer = (robots - 2) // 2
+    if defence == "none":
+        return Plan(robots, defence, f_max or DEFAULT_F_MAX, "")
+    largest = max(1, (robots - 3) // 2)  # for which P2 holds: see BtiConfig.least_robots
+    f = f_max or min(DEFAULT_F_MAX, largest)
+    if fewest_robots(f) <= robots <= MOST_ROBOTS:
+        chosen = [f"with {robots} robots f_max is {f}"] if (f_max or DEFAULT_F_MAX) > f else []
+        if robots < BtiConfig(f_max=f).least_robots:
+            chosen.append(f"if {f} of {robots} robots lie, they may have others stopped: P2 takes {robots + 1} robots")
+        return Plan(robots, defence or "bound", f, "; ".join(chosen))
     if robots > MOST_ROBOTS:
         trouble, hint = f"{robots} robots in one radio range cannot audit each other in time", f"at most {MOST_ROBOTS}"
-    elif fewer < 1:
-        trouble, hint = f"{robots} robots are too few to audit each other", f"at least {least_robots(1)}"
-    elif f_max is not None:
-        trouble = f"{robots} robots cannot do without {f} of them and still audit each other"
-        hint = f"at least {least_robots(f)}, or --f-max {fewer}"
+    elif robots < fewest_robots(1):
+        trouble = f"{robots} robots are too few to audit each other"
+        hint = f"at least {BtiConfig(f_max=1).least_robots}"
     else:
-        return Plan(robots, defence or "bound", fewer, f"with {robots} robots f_max is {fewer}")
-    if insists:
+        trouble = f"{robots} robots cannot do without {f} of them and still audit each other"
+        hint = f"at least {BtiConfig(f_max=f).least_robots}, or --f-max {largest}"
+    if defence or f_max:
         raise UsageError(trouble, f"{hint}; or --defence none")
-    return Plan(robots, "none", f, f"{trouble}: they run unprotected")
+    return Plan(robots, "none", DEFAULT_F_MAX, f"{trouble}: they run unprotected")
 
 
 def plan_swarm(robots: int, defence: str | None, f_max: int | None, protocol: str = "") -> Plan:

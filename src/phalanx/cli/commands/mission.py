@@ -188,7 +188,8 @@ def crack() -> None:
 )
 @option(
     "--f-max",
-    help="Liars that audits tolerate; of at least f_max + 2 robots: each finds f_max + 1 others to vouch for it.",
+    help="The most compromised robots that audits tolerate; of at least f_max + 2 robots, to get f_max + 1 tokens each,"
+    " and of 2 f_max + 3, or f_max of them may have others stopped.",
     type=click.IntRange(1, 15),
     default=1,
 )

@@ -67,7 +67,7 @@ def provision() -> None:
 @click.argument("scenario", default="flock-12", shell_complete=a_scenario)
 @option("--robots", type=int, metavar="N", help="How many, each a process with a trusted process of its own.")
 @option("--duration", "duration_s", type=float, metavar="S", help="Seconds, by the clock on the wall.")
-@option("--f-max", type=int, metavar="F", help="Liars that are tolerated.")
+@option("--f-max", type=int, metavar="F", help="The most compromised robots that are tolerated.")
 @option("--seed", type=int, metavar="S", help="Of phases, of who is compromised, and of the weather.")
 @option(
     "--attack",

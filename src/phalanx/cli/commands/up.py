@@ -58,8 +58,8 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 )
 @option(
     "--f-max",
-    help="Liars that are tolerated; of at least 2 f_max + 2 robots: once f_max are stopped, the others go on auditing."
-    "  [default: 3, or what so few robots allow]",
+    help="The most compromised robots that are tolerated; of at least 2 f_max + 3 robots, or f_max of them may have"
+    " others stopped.  [default: 3, or what so few robots allow]",
     type=click.IntRange(1, 15),
 )
 @option(

@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from phalanx.cli.terminal import Progress, counted, end_status_line, print_json, stopped, talk
+from phalanx.config import BtiConfig
 from phalanx.config.lidar import LidarConfig
 from phalanx.config.mission import MissionConfig
 from phalanx.errors import Unavailable, UsageError
@@ -75,6 +76,7 @@ def run(
     for i, (encoded, _) in enumerate(files):
         _admit(encoded, ids[i :: len(files)], len(range(i, count, len(files))), begin_s)
     setting = orders.run(robots=count, **able, begin_s=begin_s, keep_trace=record is not None, **how)
+    _warn_of_few(setting)
     _warn_of_wheels(setting)
     progress = Progress()
     try:
@@ -92,6 +94,16 @@ def run(
     if unwritten:  # what robots did is told all the same
         raise unwritten
     return 0 if told["completed"] == told["robots"] else 1
+
+
+def _warn_of_few(setting: MissionRun) -> None:
+    """Warn of a team in which P2 does not hold once f_max robots are compromised."""
+    least = BtiConfig(f_max=setting.f_max).least_robots
+    if setting.audited and setting.robots < least:
+        talk(
+            f"if {setting.f_max} of {setting.robots} robots lie, they may have others stopped: P2 takes {least} robots"
+            f" with f_max {setting.f_max}"
+        )
 
 
 def _warn_of_wheels(setting: MissionRun) -> None:

@@ -153,7 +153,7 @@ def compare_unstopped(table: FlockRuns) -> list[Statement]:
 def compare_stopped(table: FlockRuns) -> list[Statement]:
     """Compare ours with Fig. 9 and with the independent reference.
 
-    Source: RoboRebound §5.3; docs/spec/rebound.md (P1, P2); docs/spec/world.md (within 4 m of the baseline).
+    Source: RoboRebound §5.3; docs/promises.md (P1, P2); docs/spec/world.md (within 4 m of the baseline).
     """
     scenario = FIG9.scenario("attacked", 0)
     liars = [run.summary["compromised"][0] for run in table.of("attacked")]

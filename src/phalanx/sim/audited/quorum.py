@@ -1,6 +1,6 @@
 """Find the correct robots that were stopped without a quorum: the promise P2 does not cover them.
 
-Source: docs/spec/rebound.md (P2); docs/spec/world.md defines the count and gives the reasons.
+Source: docs/promises.md (P2); docs/spec/world.md defines the count and gives the reasons.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Quorum:
     def stopped_without(self) -> NDArray[np.bool_]:
         """Return the correct robots in Safe Mode that lacked a quorum at some time of the T_val before, (N,).
 
-        Source: docs/spec/rebound.md (P2).
+        Source: docs/promises.md (P2).
         """
         new = self._correct & self._world.safe.astype(bool) & ~self._counted
         if not new.any():
@@ -85,8 +85,8 @@ def _full(reach: Reach, sent_us: I64x1, passed_us: int, full: BOOLx1) -> None:
 
 
 @kernel
-def _enough(reach: Reach, auditors: BOOLx1, lost: BOOLx1, needed: int, most: int, has: BOOLx1) -> None:
-    """Set `has`, (N,): `needed` auditors in range, at most `most` robots, and at most half of them `lost`."""
+def _enough(reach: Reach, auditors: BOOLx1, lost: BOOLx1, quorum: int, most: int, has: BOOLx1) -> None:
+    """Set `has`, (N,): a `quorum` of auditors in range, at most `most` robots, and at most half of them `lost`."""
     for i in range(len(has)):
         begin, end, can, cannot = reach.near[i], in_range(reach, i), 0, 0
         for at in range(begin, end):
@@ -94,4 +94,4 @@ def _enough(reach: Reach, auditors: BOOLx1, lost: BOOLx1, needed: int, most: int
             if k < len(has):
                 can += auditors[k]
                 cannot += lost[k]
-        has[i] = can >= needed and end - begin <= most and 2 * cannot <= end - begin
+        has[i] = can >= quorum and end - begin <= most and 2 * cannot <= end - begin

@@ -47,7 +47,7 @@ class MissionRun:
     parts: tuple[Part, ...]  # of the mission; robot i gets part i modulo their number
     robots: int = 1
     defence: str = "none"  # "none", "paper" or "bound": whether, and by which protocol, robots audit each other
-    f_max: int = 1  # compromised robots that audits tolerate
+    f_max: int = 1  # the most compromised robots that audits tolerate
     # Of their odometry
     noise: OdometryNoise = OdometryNoise()  # noqa: RUF009  # frozen
     seed: int = 0
@@ -110,7 +110,10 @@ def doing(who: str, action: str) -> str:
 
 
 def check_count(robots: int, f_max: int) -> None:
-    """Nothing, if so many robots can audit each other on missions. Raises: UsageError."""
+    """Do nothing if so many robots can get tokens from each other on missions.
+
+    Raises: UsageError: there are fewer than f_max + 2, of whom nobody gets f_max + 1 tokens, or too many.
+    """
     if robots < f_max + 2:
         who = "1 robot" if robots == 1 else f"{robots} robots"
         hint = f"at least {f_max + 2}; or --defence none"

@@ -46,14 +46,16 @@ def _crowded(scenario: Scenario) -> list[str]:
 
 
 def _lonely(scenario: Scenario) -> list[str]:
-    needed = scenario.bti.quorum
-    lonely = int((neighbours_at_start(scenario) < needed).sum())
+    bti, others = scenario.bti, neighbours_at_start(scenario)
+    lonely = int((others < bti.quorum).sum())
     if lonely == 0:
         return []
     who = "none of the robots has" if lonely == scenario.robots else f"{lonely} of {scenario.robots} robots do not have"
-    others = f"the {needed} others (f_max + 2) within {scenario.radio.range_m:.0f} m at the start that a quorum takes"
-    ends = f"a robot without them may be stopped after {scenario.bti.t_val_ms / 1000:g} s"
-    return [f"{who} {others}: {ends}; more robots, a closer grid or a smaller f_max help"]
+    quorum = f"a quorum at the start, {bti.quorum} others (f_max + 2) within {scenario.radio.range_m:.0f} m"
+    ends = "compromised robots may have them stopped"
+    if (others < bti.tokens_needed).any():
+        ends = f"with fewer than {bti.tokens_needed} a robot is stopped after {bti.t_val_ms / 1000:g} s"
+    return [f"{who} {quorum}: {ends}; more robots, a closer grid or a smaller f_max help"]
 
 
 def neighbours_at_start(scenario: Scenario) -> NDArray[np.int64]:

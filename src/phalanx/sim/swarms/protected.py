@@ -59,8 +59,11 @@ MISSION = 1  # the number of the key that robots are powered up with
 HEARD_AT = wheels.SIGNERS + orders.EACH_BYTES * GATEWAY + orders.HIGHEST
 
 
-def least_robots(f_max: int) -> int:
-    """So many can lose f_max and still audit each other. Source: docs/spec/rebound.md (P2)."""
+def fewest_robots(f_max: int) -> int:
+    """Return how many robots can lose f_max and still get f_max + 1 tokens from each other.
+
+    P2 takes one more: `BtiConfig.least_robots`. With fewer than that, compromised robots may have others stopped.
+    """
     return 2 * f_max + 2
 
 
@@ -117,7 +120,7 @@ class StationAir:
 class ProtectedSwarm(Ordered):
     """A `phalanx.robot.swarm.Shielded` swarm of 2 f_max + 2 to 100 that goes on when told that time has passed.
 
-    When f_max are stopped, the others still find f_max + 1 to vouch for them. The clock says seconds since 1970.
+    When f_max are stopped, each of the others still gets f_max + 1 tokens. The clock says seconds since 1970.
     Without `keys` they have keys of their own. With a `protocol`, one of ON_WHEELS, they do its work while nobody
     drives them.
     Raises: UsageError: the count is out of range.
@@ -134,10 +137,10 @@ class ProtectedSwarm(Ordered):
         keys: SwarmKeys | None = None,
         protocol: str = "",
     ) -> None:
-        if not least_robots(f_max) <= count <= MOST_ROBOTS:
+        if not fewest_robots(f_max) <= count <= MOST_ROBOTS:
             raise UsageError(
                 f"{count} robots in one radio range cannot audit each other with f_max {f_max}",
-                f"{least_robots(f_max)} to {MOST_ROBOTS} robots; or --defence none",
+                f"{fewest_robots(f_max)} to {MOST_ROBOTS} robots; or --defence none",
             )
         keys = keys or drawn_keys(seed)
         station = Station(Signer(keys.gateway, keys.mission, GATEWAY), Signer(keys.operator, keys.mission, OPERATOR))
