@@ -14,8 +14,7 @@ from __future__ import annotations
 
 from phalanx.kernel import kernel
 from phalanx.wire import table
-from phalanx.wire.fields import Row, get_u32, put_u32, whole
-from phalanx.wire.table import MAC_BYTES
+from phalanx.wire.fields import Row, get_u32, get_u64, put_u32, whole
 
 from . import trusted
 from .fleet import PAPER, PENDING, Fleet
@@ -135,8 +134,8 @@ def _draw(f: Fleet, i: int, number: int, auth_s: Row) -> bool:
         return False
     mark(f, i, FLUSH_S)
     r.drawn_in = number + 1
-    r.secret = get_u32(auth_s, AUTH_MAC)
-    r.nonce = get_u32(auth_s, AUTH_MAC + MAC_BYTES // 2)
+    drawn_now = get_u64(auth_s, AUTH_MAC)
+    r.secret, r.nonce = drawn_now & 0xFFFFFFFF, (drawn_now >> 32) & 0xFFFFFFFF
     return True
 
 
