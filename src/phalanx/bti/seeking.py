@@ -7,7 +7,7 @@ robot that seeks asks only robots that have just answered: each request uses up 
 
 The random times come from an authenticator that is never sent: nobody can talk over packets at times that it cannot
 foresee. A HELLO or HERE that somebody relays from elsewhere does not answer the nonce.
-Source: docs/adr/0028, 0030, 0036; docs/spec/rebound.md (rounds).
+Source: docs/adr/0039; docs/spec/rebound.md (rounds).
 """
 
 from __future__ import annotations
