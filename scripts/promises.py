@@ -1,4 +1,4 @@
-"""P1 to P4 of docs/spec/rebound.md, a run a row: every attack, wherever robots stand, whatever the radio loses.
+"""P1 to P4 of docs/promises.md, a run a row: every attack, wherever robots stand, whatever the radio loses.
 
     python scripts/promises.py [--attacks spoof,…] [--layouts grid,hub,line,ring,islands,hidden,…] [--f-max 1,2,3,4,5]
                                [--t-audit 2,4,8] [--loss 0,5,20] [--seeds 2] [--csv out/promises.csv] [--table]
@@ -12,8 +12,8 @@ and is not lived again; after a change of the robot begin another file. Ends wit
 
 What is judged. P1: no liar lives on beyond its bound after its first deviation. P2: no correct robot that has a quorum
 is stopped; `jam` saturates the channel and is left out. P3: who lives was vouched for in T_val by so many correct
-robots that with all liars they are f_max + 1: no token comes of anything else. P4: no correct robot's log is ever full,
-and no a-node lets out more AUDIT airtime than its bucket has.
+robots that with all compromised ones they are f_max + 1: no token comes of anything else. P4: no correct robot's log is
+ever full, and no a-node lets out more AUDIT airtime than its bucket has.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def scenario_of(case: Case) -> Scenario:
     made = find_scenario(LAYOUTS[case.layout])
     attack = IN_FLOCKS[case.attack]
     liars = case.f_max if case.seed % 2 else attack.liars(case.f_max)
-    # Liars may be all of the hub but f_max + 2: one more than the least that P2 speaks of.
+    # Compromised robots may be all of the hub but f_max + 2: the quorum that P2 takes.
     hub = 2 * case.f_max + 2 if case.layout == "hub" else 0
     bti = BtiConfig(**_times(case), f_max=case.f_max)
     return replace(

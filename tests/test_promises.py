@@ -62,7 +62,7 @@ def test_a_promise_that_is_broken_is_told(script, monkeypatch):
     made = script.scenario_of(case)
     assert (len(made.attacks), made.bti.f_max) == (2, 2)
 
-    # Twice as many are compromised as are tolerated: they keep each other alive without a correct auditor.
+    # f_max + 2 are compromised: each gets f_max + 1 tokens from the others, and none from a correct robot.
     crowd = replace(made, robots=8, attacks=made.attacks[:1] * 4)
     monkeypatch.setattr(script, "scenario_of", lambda _: crowd)
     assert broken(script, script.lived(case)) == {"p1"}

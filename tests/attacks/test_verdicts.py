@@ -89,8 +89,8 @@ def test_requests_to_one_that_refuses_are_in_vain():
     assert attacked("refuse-to-audit", "bound").liars[0].gained > 0
 
 
-def test_one_accomplice_more_than_f_max_and_the_bound_is_gone():
-    """So the bound is not met for another reason."""
+def test_f_max_plus_two_compromised_robots_keep_each_other_alive():
+    """Each gets f_max + 1 tokens from the others; so the bound is not met for another reason."""
     crowd = [AttackSpec(name="collude", at_s=AT_S, robot=rob_id) for rob_id in range(1, F_MAX + 3)]
     many, few = scenario("bound", *crowd), scenario("bound", *crowd[:F_MAX])
     assert all(told["safe_mode_s"] is None for told in run(many).summary()["compromised"])

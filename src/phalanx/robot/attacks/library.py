@@ -146,8 +146,8 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                does="drives as it likes, and has its own a-node issue it tokens",
                stopped_by="IssueToken never issues to itself; and one auditor counts once"),
         Attack("collude", "tokens.Collude", STOPPED, ASTRAY, 4, crowd=True,
-               does="drives as it likes; accomplices issue tokens to each other without a look at the log",
-               stopped_by="f_max accomplices give f_max tokens at most, and f_max + 1 are needed"),
+               does="drives as it likes; compromised robots issue tokens to each other without a look at the log",
+               stopped_by="each gets f_max - 1 tokens from the others, and f_max + 1 are needed"),
         Attack("zero-key", "tokens.ZeroKey", HOLE_OF_THE_PAPER, ASTRAY, 1.5,
                does="makes itself tokens before the mission key comes, under the key zero and dated 49 days "
                     "ahead; then drives",
@@ -179,7 +179,8 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                does="sends again, near a victim, that robots far away are there: it asks them for audits in vain",
                stopped_by="a robot whom an auditor did not answer asks only those that answer the nonce of its SEEK"),
         Attack("covert-talk", "channel.CovertTalk", LIMITED, AIRTIME, 4,
-               does="sends an accomplice, or the nearest ear, whatever it likes in AUDIT frames, which no log shows",
+               does="sends another compromised robot, or the nearest ear, whatever it likes in AUDIT frames, which no "
+                    "log shows",
                stopped_by="nothing ends it; in `bound` the a-node's bucket limits how much"),
         Attack("ghost-auditors", "channel.GhostAuditors", by_defence("harmless", "bites", "stopped"), STARVED, 1,
                does="broadcasts states of 400 invented robots, of which others then ask audits in vain",

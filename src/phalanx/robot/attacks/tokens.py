@@ -123,7 +123,7 @@ class SelfIssue(TokenForger):
 
 
 class Collude(Hijack):
-    """Issues tokens to its accomplices for whatever they show, and gets theirs."""
+    """Issues tokens to the other compromised robots for whatever they show, and gets theirs."""
 
     def asked(self, now_ms: int, frame: bytes) -> list[Action]:
         if self.profile == PLAIN or get_u16(row(frame), request.AT_SRC) not in self.plan.accomplices:
