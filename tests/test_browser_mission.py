@@ -107,7 +107,7 @@ def test_an_operator_draws_a_mission_compiles_audits_and_sends_it(browser, files
         audit.wait_for(timeout=30_000)
         assert audit.get_by_role("row").count() == 1 + 3 + 1
         assert "> 2^128" in audit.inner_text()
-        assert "without the start key nothing can be tried" in audit.inner_text()
+        assert "without the start key no node can be opened" in audit.inner_text()
         desk.screenshot(path=tmp_path / "editor.png", full_page=True)
         assert not barriers_in_both_schemes(desk)
         desk.get_by_test_id("send").click()
