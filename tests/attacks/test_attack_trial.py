@@ -59,7 +59,7 @@ def test_a_robot_is_on_the_air_for_as_long_as_its_frames_take():
 
 
 def test_every_option_of_every_attack_is_taken_with_each_of_its_values_and_no_other():
-    assert {name for name, kind in IN_FLOCKS.items() if kind.options} == {"spoof"}
+    assert {name for name, kind in IN_FLOCKS.items() if kind.options} == {"spoof", "relay-hello"}
     for kind in IN_FLOCKS.values():
         for name, option in kind.options.items():
             for value in option.values:

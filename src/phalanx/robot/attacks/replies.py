@@ -70,8 +70,8 @@ class RelayHello(Liar):
         self._waiting: list[tuple[int, bytes]] = []
 
     def ghosts(self) -> list[int]:
-        """Return robots that it does not hear."""
-        return [name for name in self.victims() if name not in self.seen][: self.GHOSTS]
+        """Return robots that it does not hear, or if it hears all, all of them."""
+        return [name for name in self.victims() if name not in self.seen][: self.GHOSTS] or self.victims()
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
         """Relay a SEEK, and later what the distant robots answer."""
