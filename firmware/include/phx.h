@@ -31,7 +31,7 @@ enum {
 };
 
 #define PHX_F_MAX 15u                      /* largest f_max */
-#define PHX_TOKENS (2u * PHX_F_MAX + 1u)   /* auditors remembered at most */
+#define PHX_TOKENS (PHX_F_MAX + 1u)        /* auditors remembered at most */
 #define PHX_ROUNDS 31u                     /* of PRESENT */
 #define PHX_SHA1_BLOCK 64u
 #define PHX_MAC_MESSAGE_MAX 1791u          /* 255 blocks of 7 bytes and 6 more */

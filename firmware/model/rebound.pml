@@ -32,7 +32,7 @@
 #define NEEDED (F_MAX + 1)          /* good tokens */
 #endif
 #define AUDITORS 3
-#define SLOTS 3                     /* 2 f_max + 1 */
+#define SLOTS 2                     /* f_max + 1 */
 #define NONE (T_VAL + 1)            /* older than any that counts */
 
 /* Of robot 0's a-node: */

@@ -4,7 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "fleet.h"
 #include "phx_seal.h"
 #include "profile.h"
 
@@ -118,7 +117,7 @@ static void check_lightmac(void)
     free(wanted);
 }
 
-static void make(void)
+static phx_limits read_limits(void)
 {
     uint32_t numbers[sizeof(phx_limits) / sizeof(uint32_t)];
     phx_limits limits;
@@ -126,11 +125,31 @@ static void make(void)
     for (unsigned i = 0; i < sizeof numbers / sizeof *numbers; i++)
         numbers[i] = read_number();
     memcpy(&limits, numbers, sizeof limits);
+    return limits;
+}
+
+static void make(void)
+{
+    phx_limits limits = read_limits();
+
     for (unsigned i = 0; i < ROBOTS; i++) {
         if (phx_snode_make(snodes + i, &limits) || phx_anode_make(anodes + i, &limits))
             stop("these limits are refused");
     }
     memset(seals, 0, ROBOTS * sizeof *seals);
+}
+
+/* No node is made with these, and a node that is there keeps what it has. */
+static void refuse(void)
+{
+    phx_limits limits = read_limits();
+    phx_snode s = *snodes;
+    phx_anode a = *anodes;
+
+    if (phx_snode_make(snodes, &limits) != PHX_E_ARG || phx_anode_make(anodes, &limits) != PHX_E_ARG)
+        fail("limits", 0, PHX_E_ARG);
+    compare("s-node", (const uint8_t *)snodes, (const uint8_t *)&s, sizeof s);
+    compare("a-node", (const uint8_t *)anodes, (const uint8_t *)&a, sizeof a);
 }
 
 /* One call: numbers n, byte strings b; entries have room for exactly what is forwarded, none if it is too long. */
@@ -185,12 +204,8 @@ static int call(const char *name, uint32_t robot, const uint32_t n[3], uint8_t *
         return phx_anode_check_token(a, (uint16_t)n[0], (uint16_t)n[1], n[2], b[0], b[1]);
     if (IS("anode_install_token"))
         return phx_anode_install_token(a, n[0], (uint16_t)n[1], n[2], b[0], b[1]);
-    if (IS("anode_check")) {
-        /* The batch call, for one. */
-        uint8_t safe;
-        phx_anodes_check(a, 1, n, &safe);
-        return safe;
-    }
+    if (IS("anode_check"))
+        return phx_anode_check(a, n[0]);
     if (IS("anode_is_safe"))
         return phx_anode_is_safe(a);
     stop(name);
@@ -243,6 +258,8 @@ int main(void)
             check_lightmac();
         else if (IS("make"))
             make();
+        else if (IS("refused"))
+            refuse();
         else
             check_call(name);
     }
