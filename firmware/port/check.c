@@ -80,7 +80,8 @@ static void check_present(void)
     uint32_t len;
     uint8_t *key = read_bytes(&len), *plain = read_bytes(&len), *wanted = read_bytes(&len), cipher[8];
 
-    phx_present80(key, plain, cipher);
+    if (phx_present80(key, plain, cipher))
+        fail("present", 1, 0);
     compare("present", cipher, wanted, 8);
     free(key);
     free(plain);
@@ -95,7 +96,8 @@ static void check_sha1(void)
 
     for (uint32_t i = 0; i < times; i++)
         memcpy(message + i * len, piece, len);
-    phx_sha1(message, times * len, digest);
+    if (phx_sha1(message, times * len, digest))
+        fail("sha1", 1, 0);
     compare("sha1", digest, wanted, wanted_len);
     free(piece);
     free(wanted);
