@@ -93,6 +93,8 @@ RULES: dict[str, list[tuple[str, str]]] = {
         (r"^ +\*?\w+(?:\+\+|--);\n", ""),
     ],
 }
+# The size of an array: C does not look at a parameter's, and more room changes nothing.
+SIZE = re.compile(r"\S|\s+(?:static )?(?:const )?uint\d+_t [^=]*\[[^]]*$")
 # A case apart, at the beginning of a function that returns an error: of these parameters.
 APART = r"\buint(?:16|32)_t (now|t|tee|tor|id|seq|len|src)\b"
 
@@ -126,8 +128,8 @@ def mutants(file: str) -> Iterator[Mutant]:
             continue
         # From the beginning of its line to the end of the last.
         first, last = text.rfind("\n", 0, begin) + 1, text.find("\n", end - 1 if end > begin else end)
-        if rule == "a number is one more" and not text[first].isspace():
-            continue  # the size of a parameter that is an array, at which C does not look
+        if rule == "a number is one more" and SIZE.match(text[first:begin]):
+            continue
         was, becomes = text[first:last], text[first:begin] + instead + text[end:last]
         mutant = Mutant(
             file, rule, begin, end, instead, text.count("\n", 0, begin) + 1, _one_line(was), _one_line(becomes)

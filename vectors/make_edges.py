@@ -6,6 +6,7 @@ what is committed is what it writes.
 
 from __future__ import annotations
 
+import random
 import sys
 from collections.abc import Iterator
 from hashlib import sha1
@@ -67,6 +68,12 @@ def sealed_frame(t: int, src: int, frame: bytes = b"\x01far away") -> bytes:
     return frame + u32(t) + u16(src) + lightmac(MISSION, b"\x15" + u32(t) + u16(src) + sha1(frame).digest())
 
 
+def to(dst: int, size: int) -> bytes:
+    """An AUDIT frame whose other bytes do not look like its `dst`."""
+    around = b"\1" if dst == 0 else b"\0"
+    return b"\x80" + around * 2 + u16(dst) + around * (size - 5)
+
+
 def flipped(numbers: tuple[int, ...], bits: tuple[int, ...], texts: tuple[bytes, ...]) -> Iterator[Any]:
     """The same arguments with one bit changed: each of the numbers' (so many `bits` of each), one of each byte."""
     for i, count in enumerate(bits):
@@ -122,9 +129,17 @@ def zeros(profile: str) -> Case:
         for mac in (token_mac(tor, tee, t), bytes(8)):
             tale.call("anode_check_token", 0, (tor, tee, t), (HCKPT, mac))
             tale.call("anode_install_token", 0, (6, tor, t), (HCKPT, mac))
+    for name in ("snode_load_mission", "anode_load_mission"):
+        for mac in (sealed_key(0)[2], bytes(8)):
+            tale.call(name, 2, (0, 0), (*sealed_key(0)[:2], mac))
+    for name in ("snode_poll", "anode_recv", "anode_send", "anode_actuate"):
+        tale.call(name, 2, (0,), (b"\0\0",))
+    tale.call("anode_check", 2, (0,))
     auth = b"\x11" + TOP + u16(0) + (bytes(8) if tale.bound else b"")
     for mac in (lightmac(MISSION, auth), bytes(8)):
         tale.call("snode_check_auth", 0, (0,), (TOP, bytes(8), mac))
+    for mac in (lightmac(MISSION, b"\x12" + TOP + u16(0)), bytes(8)) if not tale.bound else ():
+        tale.call("snode_check_auth_a", 0, (0,), (TOP, mac))
     for robot in (0, 1):
         tale.token(robot, IDS[2], 0, now=0)
     tale.token(0, IDS[3], 0, now=0)
@@ -137,6 +152,8 @@ def zeros(profile: str) -> Case:
 def errors(profile: str) -> Case:
     """Every call's every error, where two apply the first; and what was refused has changed nothing."""
     tale = Tale("errors", profile, loaded=False)
+    if tale.bound:
+        tale.call("make_sealed", 3)
     early = {
         "snode_poll": ((1,), (b"x",)),
         "anode_recv": ((1,), (b"\x01",)),
@@ -155,6 +172,9 @@ def errors(profile: str) -> Case:
     }
 
     def all_calls(robot: int, now: int) -> None:
+        for name in ("snode_poll", "anode_recv", "anode_send", "anode_actuate"):
+            tale.call(name, robot, (now,), (b"",))
+        tale.call("anode_token_request", robot, (now, 0))
         for name, (numbers, texts) in early.items():
             has_time = numbers and name not in {"snode_check_auth", "anode_issue_token", "anode_check_token"}
             tale.call(name, robot, (now, *numbers[1:]) if has_time else numbers, texts)
@@ -168,7 +188,7 @@ def errors(profile: str) -> Case:
     for kind in ("snode", "anode"):
         tale.call(f"{kind}_power_up", 0)
     tale.load_key(0, 3)
-    for seq in (2, 3, 4):  # too low, used, and the second in one power-up
+    for seq in (0, 2, 3, 4):  # too low, used, and the second in one power-up
         tale.load_key(0, seq)
     long = b"\x01" * 2049
     for name in ("snode_poll", "anode_recv", "anode_send", "anode_actuate"):
@@ -195,6 +215,7 @@ def errors(profile: str) -> Case:
     tale.call("anode_send", 0, (1,), (b"\x01alive",))
     tale.call("anode_check", 0, (LIMITS["t_val_ms"],))  # without a token: Safe Mode
     all_calls(0, LIMITS["t_val_ms"])
+    tale.call("anode_check", 0, (0,))
     return tale.case()
 
 
@@ -232,6 +253,40 @@ def tokens(profile: str, f_max: int) -> Case:
     return tale.case()
 
 
+def any_tokens(profile: str, seed: int) -> Case:
+    """Tokens of a few auditors in any order, and a check when the last ones may be too old."""
+    chance = random.Random(seed)  # noqa: S311
+    f_max = 1 + seed % 3
+    tale = Tale(f"any tokens, {seed}", profile, f_max=f_max, t_val_ms=100)
+    for robot in range(4):
+        for _ in range(3 * f_max + 3):
+            tale.token(robot, 0x200 + chance.randrange(2 * f_max + 3), chance.randrange(100, 200), now=200)
+        tale.call("anode_check", robot, (chance.randrange(240, 290),))
+    return tale.case()
+
+
+def places(f_max: int) -> Case:
+    """In `paper` 2 f_max + 1 auditors are remembered, and an old token takes the place of its auditor's newer one."""
+    tale, count = Tale(f"places, f_max {f_max}", "paper", f_max=f_max, t_val_ms=100), 2 * f_max + 1
+    for robot, auditors in ((0, count), (1, count + 1)):  # of whom f_max + 1 are left with a token that is good
+        for k in range(auditors):
+            tale.token(robot, 0x300 + k, 100 + k, now=150)
+        for k in range(f_max + 1, auditors):
+            tale.token(robot, 0x300 + k, k, now=150)
+        tale.call("anode_check", robot, (200,))
+    return tale.case()
+
+
+def keys() -> Case:
+    """In `paper` a key of zeros is none, and every byte counts."""
+    tale = Tale("keys that are nearly zero", "paper", loaded=False)
+    for robot, key in enumerate((bytes(20), b"\1" + bytes(19), bytes(19) + b"\1", bytes(10) + b"\2" + bytes(9))):
+        for kind in ("snode", "anode"):
+            tale.call(f"{kind}_load_master", robot, (IDS[robot],), (key,))
+            tale.call(f"{kind}_load_master", robot, (IDS[robot],), (MASTER,))
+    return tale.case()
+
+
 def clock() -> Case:
     """Tokens at the clock's end, and a T_val that reaches over it: sums of times have more than 32 bits."""
     tale = Tale("tokens near the end of the clock", "bound", f_max=0, t_val_ms=100)
@@ -259,7 +314,8 @@ def buckets() -> Iterator[Case]:
     tale = Tale("capacities above 2^32 ns", "bound", bucket_capacity=2**16, bucket_period_ms=2**16, **wide)
     for at in (0, 2**16, 2**31):
         for frame in (b"\x01", b"\x80" * 6):
-            tale.call("anode_send", 0, (at,), (frame,))
+            for _ in range(5):  # of which four are let through
+                tale.call("anode_send", 0, (at,), (frame,))
         tale.call("anode_token_request", 0, (at, IDS[1]))
         tale.call("anode_token_request", 0, (at, IDS[1]))
     yield tale.case()
@@ -276,27 +332,14 @@ def buckets() -> Iterator[Case]:
         yield tale.case()
     # One ns too little, and enough: 100 us and 10 ns a byte, 7 ns a byte to one robot.
     costs = {"airtime_fixed_us": 100, "airtime_ns_per_byte_broadcast": 10, "airtime_ns_per_byte_unicast": 7}
-    tale = Tale(
-        "to the last ns",
-        "bound",
-        **costs,
-        send_us_per_s=1,
-        send_capacity_us=101,
-        audit_us_per_s=1,
-        audit_capacity_us=101,
-    )
-    frames = {
-        b"\x01" + bytes(100): 0,  # 101 010 ns of 101 000
-        b"\x01" + bytes(99): 0,  # 101 000
-        b"\x80\1\1\0\0" + bytes(96): 1,  # to all, 101 bytes
-        b"\x80\1\1\0\1" + bytes(138): 1,  # to robot 0x0100, 143 bytes: 101 001
-        b"\x80\1\1\1\0" + bytes(137): 1,  # to robot 1, 142 bytes: 100 994
-        b"\x80\1\1\0\0\0": 1,
-    }
-    for frame, robot in frames.items():
-        tale.call("anode_send", robot, (0,), (frame,))
-    for at in (99, 100_999, 101_000, 101_001):
-        tale.call("anode_send", 0, (at,), (b"\x01" + bytes(99),))
+    caps = {"send_us_per_s": 1, "send_capacity_us": 101, "audit_us_per_s": 3, "audit_capacity_us": 102}
+    too_long = {0: b"\x01" + bytes(100), 1: to(0, 201), 2: to(0x0100, 286), 3: to(1, 286)}
+    enough = {0: b"\x01" + bytes(99), 1: to(0, 200), 2: to(0x0100, 285), 3: to(1, 285)}
+    tale = Tale("to the last ns", "bound", **costs | caps)
+    for at in (0, 33_665, 33_666, 34_000, 67_999, 68_000, 100_999, 101_000, 10**9):
+        for robot in range(4):
+            tale.call("anode_send", robot, (at,), (too_long[robot],))
+            tale.call("anode_send", robot, (at,), (enough[robot],))
     yield tale.case()
     tale = Tale("token requests come singly", "bound", now=500, bucket_capacity=2)
     for at in (500, 539, 540, 540, 579, 580, 700, 700, 700, 739, 740):
@@ -310,19 +353,35 @@ def sealed() -> Iterator[Case]:
     # By t and now; the least `now - t` so far may grow by 1 ms at 2048 ms, by 2 at 4096.
     late = ((1000, 1000), (1040, 3040), (1041, 3042), (1046, 3047), (1047, 3048))
     # A quicker frame makes all that follow later.
-    late += ((3100, 3050), (5099, 7050), (5100, 7052), (5193, 7145), (5194, 7146), (2**31, 2**31), (END, END - 1))
-    for robot, earlier in ((0, 0), (1, 1000)):
+    late += ((3100, 3050), (5099, 7050), (5100, 7052), (5193, 7145), (5194, 7146))
+    for robot, begins, earlier in ((0, 0, 0), (1, 0x02030000, 1000)):
         for t, now in late:
-            tale.call("sealed_recv", robot, (max(0, now - earlier),), (sealed_frame(t, 0x2001),))
+            tale.call("sealed_recv", robot, (now - earlier,), (sealed_frame(begins + t, 0x2001),))
+    # As late as the quickest, which stays the quickest; and behind the quickest in time.
+    for t, now in ((1000, 1000), (5047, 5048), (5093, 7095)):
+        tale.call("sealed_recv", 2, (now,), (sealed_frame(t, 0x2001),))
+    for t, now in ((3100, 7100), (3090, 7150), (5200, 11_205), (5203, 11_205)):
+        tale.call("sealed_recv", 2, (now,), (sealed_frame(t, 0x2002),))
+    for t, now in ((0, 5), (0, 5), (1, 5)):
+        tale.call("sealed_recv", 3, (now,), (sealed_frame(t, 0x2001),))
+    # Half of the clock later: 2000 ms late when drift is taken off, and 2001.
+    since = 2**31 + 2**21
+    t = 5 + since - since // 2048 - 2000
+    for late_t, now in ((5, 5), (t - 1, 5 + since), (t, 5 + since), (END, END - 1)):
+        tale.call("sealed_recv", 3, (now,), (sealed_frame(late_t, 0x2003),))
     yield tale.case()
-    tale = Tale("a frame that is behind", "bound", t_val_ms=10**9, **AIR)
-    first = (100, 100, 99, 99, 132, 131, 100, 69, 68, 67, 132, 164, 163, 133, 132, 101, 100, 228, 227, 165, 164, 163)
-    then = (292, 291, 229, 228, 1000, 937, 936, 999, 968, 969, 967, 1001, 1032, 1000, 1001, 969, 1064, 1032, 1033)
-    for t in (*first, *then):
+    tale, chance = Tale("a frame that is behind", "bound", t_val_ms=10**9, **AIR), random.Random(3)  # noqa: S311
+    newest = 100
+    for t in (100, 100, 99, 99, 68, 68, 163, 100, 99, 227, 164, 163, 291, 292, 229, 228):
         tale.call("sealed_recv", 0, (300,), (sealed_frame(t, 0x2001),))
+    for _ in range(150):
+        ahead = chance.choice((1, 2, 5, 17, 31, 32, 33, 40, 63, 64, 65))
+        t = newest + chance.choice((ahead, *[-chance.randrange(66)] * 4))
+        newest = max(newest, t)
+        tale.call("sealed_recv", 0, (900,), (sealed_frame(t, 0x2002),))
     yield tale.case()
-    tale = Tale("a burst", "bound", now=1000, **AIR)
-    for at, count in ((1000, 259), (1001, 2), (1002, 1), (2000, 2), (END - 1, 2)):
+    tale = Tale("a burst", "bound", **AIR)
+    for at, count in ((0, 1), (1000, 259), (1001, 2), (1002, 1), (2000, 2), (END - 1, 2)):
         for _ in range(count):
             tale.call("sealed_send", 0, (at,), (b"\x01",))
     yield tale.case()
@@ -333,7 +392,17 @@ def sealed() -> Iterator[Case]:
     tale.call("sealed_recv", 0, (1100,), (sealed_frame(70_100, 0x100),))  # whose place is judged by it from now on
     for now in (1501, 1502, 1502, 1503, 1504):
         tale.call("sealed_recv", 0, (now,), (sealed_frame(now, 0x900 + now),))
-    tale.call("sealed_recv", 0, (1504,), (sealed_frame(70_001, 0x101),))  # which lost its place, and begins anew
+    for src in (0x101, 0x102, 0x103):  # of whom two have lost their places
+        tale.call("sealed_recv", 0, (1504,), (sealed_frame(70_000 + (src & 255), src),))
+    # Who takes a place takes nothing over from who had it.
+    for t in (70_123, 70_143, 70_168):
+        tale.call("sealed_recv", 0, (1600,), (sealed_frame(t, 0x103),))
+    for k in range(64):
+        tale.call("sealed_recv", 0, (2200,), (sealed_frame(500, 0x901 + k),))
+        if k == 0:  # which took the place of the oldest, not of the last that is old
+            tale.call("sealed_recv", 0, (2200,), (sealed_frame(70_063, 0x13F),))
+    for k in range(64):
+        tale.call("sealed_recv", 0, (2200,), (sealed_frame(455, 0x901 + k),))
     yield tale.case()
     tale = Tale("errors of a sealed radio", "bound", now=1000, **AIR)
     good = sealed_frame(1000, 0x2001)
@@ -352,7 +421,10 @@ def sealed() -> Iterator[Case]:
         tale.call(name, 0, (END,), (good,))
     tale.call("anode_power_up", 1)
     for name in ("sealed_send", "sealed_recv"):
-        tale.call(name, 1, (1003,), (good,))
+        for raw in (good, b"", b"\x01" * 2040, b"\x01" * 2049):
+            tale.call(name, 1, (1003,), (raw,))
+            tale.call(name, 0, (END,), (raw,))
+    tale.call("make_sealed", 1)
     yield tale.case()
 
 
@@ -368,7 +440,17 @@ def refused(profile: str) -> Case:
 def edges() -> list[Case]:
     both = [make(profile) for make in (macs, zeros, errors, refused) for profile in ("bound", "paper")]
     kept = [tokens(profile, f_max) for f_max in (0, 1, 2, 15) for profile in ("bound", "paper") if f_max < 8]
-    return [*both, *kept, tokens("bound", 15), clock(), *buckets(), *sealed()]
+    return [
+        *both,
+        *kept,
+        tokens("bound", 15),
+        *(any_tokens(profile, seed) for profile in ("bound", "paper") for seed in range(9)),
+        *map(places, (1, 2, 3)),
+        keys(),
+        clock(),
+        *buckets(),
+        *sealed(),
+    ]
 
 
 VECTORS = {"edges": edges}

@@ -184,6 +184,12 @@ static int call(const char *name, uint32_t robot, const uint32_t n[3], uint8_t *
         return phx_anode_recv(a, n[0], b[0], len, out);
     if (IS("anode_send"))
         return phx_anode_send(a, n[0], b[0], len, out);
+    if (IS("make_sealed")) {
+        int error = SEALED_MAKE(a);
+        if (error > 0)
+            fail(name, error, 0);
+        return error ? error : a->node.flash.sealed;
+    }
     if (IS("sealed_send"))
         return SEALED_SEND(seals + robot, a, n[0], b[0], len, out);
     if (IS("sealed_recv"))
@@ -227,14 +233,13 @@ static void check_call(const char *name)
     wanted = read_bytes(&out_len);
     size = out_len ? out_len : (len[0] <= PHX_FRAME_MAX ? PHX_ENTRY_HEADER_BYTES + len[0] : 0);
     out = room(size);
+    memset(out, 0xEE, size);
     got = call(name, robot, n, b, len[0], out);
-    if (got >= 0 && (IS("snode_poll") || IS("anode_recv") || IS("anode_send") || IS("anode_actuate") ||
-                     strncmp(name, "sealed_", 7) == 0)) {
-        if ((uint32_t)got != out_len)
-            fail(name, got, (long)out_len);
-    } else if (got != code) {
+    if (code >= 0 && (IS("snode_poll") || IS("anode_recv") || IS("anode_send") || IS("anode_actuate") ||
+                      strncmp(name, "sealed_", 7) == 0))
+        code = (int)out_len;
+    if (got != code)
         fail(name, got, code);
-    }
     compare(name, out, wanted, out_len);
     for (unsigned i = 0; i < 3u; i++)
         free(b[i]);

@@ -102,22 +102,21 @@ uint32_t phx_treq_bytes(uint8_t out[PHX_TREQ_BYTES], uint32_t t, uint16_t tee, u
    Places fill in order. */
 int phx_keep_token(phx_anode *a, uint32_t now, uint16_t tor, uint32_t t)
 {
-    phx_token *place = a->tokens;
+    unsigned place = 0;
 
     if (t > now)
         return PHX_E_FUTURE;
     for (unsigned i = 0; i <= a->node.flash.limits.f_max; i++) {
-        phx_token *each = &a->tokens[i];
-        if (each->tor == tor || each->tor == 0) {
-            place = each;
+        if (a->tokens[i].tor == tor || a->tokens[i].tor == 0) {
+            place = i;
             break;
         }
-        if (each->t < place->t)
-            place = each;
+        if (a->tokens[i].t < a->tokens[place].t)
+            place = i;
     }
-    if (t >= place->t) {
-        place->tor = tor;
-        place->t = t;
+    if (t >= a->tokens[place].t) {
+        a->tokens[place].tor = tor;
+        a->tokens[place].t = t;
     }
     return 0;
 }
