@@ -278,7 +278,7 @@ def test_a_robot_that_seeks_asks_first_whom_it_never_asked_in_vain(seeks, first)
     assert rounds.next_candidate(robot.fleet, VICTIM, robot.now_ms) == first
 
 
-@pytest.mark.parametrize("n_max", [4, 24, 100])
+@pytest.mark.parametrize("n_max", [5, 24, 100])
 @pytest.mark.parametrize("f_max", [1, 3])
 def test_an_a_node_lets_out_a_hello_to_each_neighbour_twice_in_a_round_beside_the_rest(n_max, f_max):
     bti = BtiConfig(n_max=n_max, f_max=f_max)
