@@ -201,6 +201,18 @@ def a_sealed(nodes, now_ms, packet):
     return entry[ENTRY_HEADER_BYTES:]
 
 
+def test_a_hello_in_anothers_name_is_heard_unless_the_radio_is_sealed():
+    """Why P2 needs sealed radios wherever a radio hangs on the main computer."""
+    limits = limits_of(BtiConfig(f_max=1), Scenario().radio)
+    near, liar = SealedNodes(2, limits, 0), SealedNodes(3, limits, 0)
+    forged = AUDIT_HELLO.encode(src=1, dst=0)
+    out = FFI.new("uint8_t[]", 64)
+    assert LIB.phx_anode_recv(near.anode, 5, forged, len(forged), out) == ENTRY_HEADER_BYTES + len(forged)
+    sealed = a_sealed(liar, 5, forged)
+    assert sealed[: -SEAL.size] == AUDIT_HELLO.encode(src=3, dst=0), "an a-node names its own robot"
+    assert trusted.REASONS[near.ask(lines.RECV, 5, frame=forged + sealed[-SEAL.size :])[0]] == "bad_mac"
+
+
 @pytest.mark.parametrize("late_ms, reason", [(0, ""), (2002, ""), (2003, "late")])
 def test_a_seal_accepts_a_hello_that_was_relayed_within_two_seconds(late_ms, reason):
     """The two milliseconds are what clocks may have drifted since the first HELLO."""
