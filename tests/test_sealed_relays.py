@@ -1,4 +1,4 @@
-"""Relayed HELLOs on sealed radios: real a-nodes accept them within 2 s, and no robot asks the distant robots for long."""
+"""Relayed HELLOs on sealed radios: real a-nodes accept them within 2 s, and robots ask the distant robots not for long."""
 
 from __future__ import annotations
 
