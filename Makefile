@@ -19,10 +19,10 @@ TESTS := $(wildcard tests/*.py tests/*/*.py)
 marked = $(shell grep -ls 'mark\.$(1)\b' tests/test_*.py tests/*/test_*.py)
 # What only computes has what is left of the processor by those that wait for somebody, and have limits for it.
 LEFT_OVER := chrt --idle 0
-# One process more than processors: some wait for a child of theirs.
-COMPUTES := -m "not waits and not alone and not long" --numprocesses $(shell expr $$(nproc) + 1) --dist worksteal
+# A process per processor: each collects all tests, and sets up for itself what the tests of a file share.
+COMPUTES := -m "not waits and not alone and not long" --numprocesses $(shell nproc) --dist worksteal
 WAITS := -m "waits and not alone and not long" $(call marked,waits) --numprocesses 3 --dist loadfile
-# Two of them beside each other have a core each.
+# Two of them beside each other have a core each: what has idle time gives it back at once.
 ALONE := -m "alone and not long" $(call marked,alone) --numprocesses 2 --dist worksteal
 DEMO ?=
 RELEASE ?=
@@ -46,7 +46,8 @@ NEEDS += arm-none-eabi-gcc=gcc-arm-none-eabi mipsel-linux-gnu-gcc=gcc-mipsel-lin
 endif
 
 .PHONY: help setup setup-dev ready ready-dev tools-dev demo test lint lint-python lint-web test-firmware test-web test-python \
-	test-computes test-waits test-alone check-long coverage bench docs release clean
+	test-computes test-waits test-real test-alone \
+	test-in-time test-waits-alone check-long coverage bench docs release clean
 
 help:
 	@echo "make demo    run a swarm, and drive it from a phone"
@@ -143,12 +144,12 @@ demo: setup
 	@$(BIN)/phalanx up --host 0.0.0.0 $(DEMO)
 
 test:
-	@$(TOGETHER)=10 test-waits test-computes lint docs test-firmware test-web
-	@$(MAKE) --no-print-directory test-alone
+	@$(TOGETHER)=10 test-in-time test-computes lint docs test-firmware test-web
 
 lint: lint-python lint-web
 
-lint-python: tools-dev
+# While kernels are compiled and npm installs: neither reads what is built.
+lint-python: .venv/dev
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(LEFT_OVER) $(BIN)/mypy
@@ -159,30 +160,45 @@ lint-web: web/node_modules/.installed
 	cd web && $(LEFT_OVER) npm run --silent types
 
 # Pages in the real browser wait for news of a swarm: they are never without a turn for a second.
-test-web: tools-dev
+test-real: tools-dev
 	cd web && npm run --silent test:real
+
+test-web: tools-dev
 	cd web && $(LEFT_OVER) npm run --silent test
 
-test-firmware: tools-dev .venv/needs-boards
+# As early: boards in QEMU are tested elsewhere.
+test-firmware: .venv/dev
 	$(LEFT_OVER) $(MAKE) --no-print-directory -C firmware check
 
 test-python: setup-dev
-	@$(TOGETHER)=2 test-computes test-waits
-	@$(MAKE) --no-print-directory test-alone
+	@$(TOGETHER)=2 test-computes test-waits-alone
 
-# pytest compiles each file of tests, for its messages; five processes would do that at the same time.
-.venv/tests: .venv/dev .venv/kernels $(TESTS)
-	@$(BIN)/python -m pytest --collect-only -q >.venv/collected || { tail -40 .venv/collected; false; }
+# pytest compiles each file of tests, for its messages; five processes would do that at the same time. Tests that wait
+# take longest, so that their files come first.
+collected = $(BIN)/python -m pytest --collect-only -q $(1) >$@-said || { tail -40 $@-said; false; }
+.venv/tests-that-wait: .venv/dev .venv/kernels $(TESTS)
+	@$(call collected,$(call marked,waits))
+	@touch $@
+
+.venv/tests: .venv/tests-that-wait
+	@$(call collected)
 	@touch $@
 
 test-computes: ready-dev .venv/tests
 	$(LEFT_OVER) $(BIN)/python -m pytest --durations=10 $(COMPUTES)
 
-test-waits: ready-dev .venv/tests
+test-waits: ready-dev .venv/tests-that-wait
 	$(BIN)/python -m pytest --durations=10 $(WAITS)
 
 test-alone: setup-dev
 	$(BIN)/python -m pytest --durations=10 $(ALONE)
+
+# Both have limits in real time. What only computes has idle time beside them, and none that they want.
+test-in-time: test-waits test-real
+	@$(MAKE) --no-print-directory test-alone
+
+test-waits-alone: test-waits
+	@$(MAKE) --no-print-directory test-alone
 
 check-long: setup-dev .venv/ros2 .venv/zig
 	$(BIN)/python -m pytest --durations=10 -m long

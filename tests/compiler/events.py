@@ -1,4 +1,4 @@
-"""Write all events of small runs to a file: `python events.py OUT`, compiled or, with PHALANX_PURE=1, as Python."""
+"""Write all events of two small runs to a file, compiled: `python events.py OUT`. recording.py does it as Python."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from behaviour.observe import RUNNERS, observed
-from phalanx.kernel import PURE
 
 RUNS = [
-    ("attack", {"attack": "equivocate", "at_s": 0.5, "defence": "bound", "duration_s": 5}),
+    ("attack", {"attack": "equivocate", "at_s": 0.5, "defence": "bound", "duration_s": 5, "scenario": "flock-12"}),
     ("mission", {"mission": "delivery", "profile": "sealed", "defence": "bound", "robots": 4, "duration_s": 2}),
 ]
 
@@ -32,10 +31,13 @@ class Lines:
         self.lines += [f"{world} {t_us} {kind} {robot} {data.hex()}" for robot, data in enumerate(rows)]
 
 
-if __name__ == "__main__":
+def events_of(runner: str, inputs: dict[str, object]) -> list[str]:
+    """Return all events of one run."""
     kept = Lines()
-    for runner, inputs in RUNS:
-        with observed(kept):
-            RUNNERS[runner](kept, **inputs)
-    Path(sys.argv[1]).write_text("\n".join(kept.lines))
-    print("uncompiled" if PURE else "compiled", len(kept.lines))
+    with observed(kept):
+        RUNNERS[runner](kept, **inputs)
+    return kept.lines
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1]).write_text("\n".join(line for run in RUNS for line in events_of(*run)))

@@ -1,8 +1,9 @@
 """Every kernel of the package does the same compiled and as Python, on recorded inputs and on others made of them.
 
-Inputs come from small runs: a flock with a liar, the guard with a hostile planner, wheels that are driven, missions with
-scans, orders and people, and a mission that is guessed. All run as Python and are recorded (recording.py). A kernel
-that none of them reaches gets values of the same types that others were given, and random numbers.
+Inputs come from small runs: a flock with a liar, the guard with a hostile planner, wheels that are driven, and missions
+with scans, orders and people. All run as Python and are recorded (recording.py). A kernel that none of them reaches
+gets values of the same types that others were given, and random numbers. Two of the runs give the same events
+compiled, byte for byte.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ NAMES = sorted(_kernels.names)
 
 
 @pytest.fixture(scope="module")
-def records(tmp_path_factory):
+def recorded(tmp_path_factory):
+    """Return the file of recorded calls; the events are beside it."""
     # Workers of pytest-xdist share what the first of them has recorded.
     base = tmp_path_factory.getbasetemp()
     path = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "calls.pickle"
@@ -44,7 +46,12 @@ def records(tmp_path_factory):
         if not path.exists():
             env = os.environ | {"PHALANX_PURE": "1"}
             subprocess.run([sys.executable, HERE / "recording.py", path], env=env, check=True, capture_output=True)
-    return pickle.loads(path.read_bytes())
+    return path
+
+
+@pytest.fixture(scope="module")
+def records(recorded):
+    return pickle.loads(recorded.read_bytes())
 
 
 @pytest.fixture(scope="module")
@@ -150,3 +157,16 @@ def test_all_kernels_are_tried_and_most_of_them_on_recorded_inputs(kernels, reco
     assert set(kernels) == set(NAMES)
     assert set(records) <= set(NAMES)
     assert len(records) >= REACHED_AT_LEAST
+
+
+def test_a_liar_and_a_mission_give_the_same_events_both_ways(recorded, tmp_path):
+    env = os.environ | {"PHALANX_PURE": "0"}
+    subprocess.run([sys.executable, HERE / "events.py", tmp_path / "events"], env=env, check=True, capture_output=True)
+    texts = (tmp_path / "events").read_text(), Path(f"{recorded}.events").read_text()
+    compiled, uncompiled = (text.split("\n") for text in texts)
+    assert {"body", "packet", "verdict", "chain", "token", "mission", "outcome"} <= {
+        line.split()[2] for line in compiled
+    }
+    differing = next((pair for pair in zip(compiled, uncompiled, strict=False) if pair[0] != pair[1]), None)
+    assert differing is None
+    assert len(compiled) == len(uncompiled)
