@@ -18,6 +18,7 @@ class FrontConfig:
 
     # connections
     connections_max: int = 4096
+    accepts_per_s: float = 4000.0  # taken from the system, and refused if too many wait
     arrivals_per_s: float = 300.0  # connections that are served, of all addresses
     arrivals_waiting_max: int = 1024  # accepted by the system, and not served yet
     arrivals_at_once_per_address: float = 256.0

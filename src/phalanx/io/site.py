@@ -176,6 +176,7 @@ class Connection(RequestHandler):
         self._longest = longest
         self._unanswered = 0  # bytes since its last request was taken up
         self.is_websocket = False
+        self.on_lost: Callable[[], None] | None = None
 
     def asks(self, answering: asyncio.Task[Any] | None) -> None:
         """Note a request, on which this task works."""
@@ -218,6 +219,8 @@ class Connection(RequestHandler):
     def connection_lost(self, error: BaseException | None) -> None:
         """Free the seat."""
         self._seats.gone(self)
+        if self.on_lost:
+            self.on_lost()
         super().connection_lost(error)
 
 

@@ -17,7 +17,7 @@ FRONT_HEAD = record(
     "front_head: before each message between a front end and its gateway",
     "length u32: of what follows, bytes",
     "kind u8: see FromFront and ToFront",
-    "number u32: of a connection; for `publish` how many numbers follow",
+    "number u32: of a connection; for `publish` how many numbers follow; for `taken` of messages",
 )
 
 
@@ -37,7 +37,7 @@ class ToFront(IntEnum):
     PUBLISH = 66  # numbers of connections, and a message for all of them
     CLOSE = 67  # a reason, ASCII
     ADMITTED = 68
-    TAKEN = 69  # numbers of connections, each of a message that was processed
+    TAKEN = 69  # so many messages, as the number says, were processed
     PROBE = 70
 
 

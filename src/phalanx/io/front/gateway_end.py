@@ -98,7 +98,7 @@ class Front:
         self._in_flight = 0
         self._events: deque[Event] = deque()
         self._wakes = asyncio.Event()
-        self._taken: list[int] = []
+        self._taken = 0
         self._alive: asyncio.Future[bool] | None = None
         self._over = False
         self._stack = contextlib.AsyncExitStack()
@@ -203,7 +203,7 @@ class Front:
         self._open.clear()
         self._ending.clear()
         self._before, self._in_flight = self._highest, 0
-        self._taken.clear()
+        self._taken = 0
 
     # --- messages ----------------------------------------------------------------------------------------------------
 
@@ -253,10 +253,10 @@ class Front:
             return  # of a child that has ended
         if not self._taken:
             asyncio.get_running_loop().call_soon(self._flush_taken)
-        self._taken.append(connection)
+        self._taken += 1
 
     def _flush_taken(self) -> None:
         if self._taken:
-            self._in_flight -= len(self._taken)
-            self._put(ToFront.TAKEN, len(self._taken), pack_numbers(self._taken))
-            self._taken.clear()
+            self._in_flight -= self._taken
+            self._put(ToFront.TAKEN, self._taken)
+            self._taken = 0
