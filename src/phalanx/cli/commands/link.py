@@ -68,12 +68,12 @@ def invite() -> None:
     """Make a ticket for a gateway that runs, and print its link; or a sheet of tickets, a card for each robot."""
 
 
-@link.group()
+@link.group(epilog="Example: phalanx link trail verify")
 def trail() -> None:
     """Who joined, drove, was refused and was removed."""
 
 
-@trail.command()
+@trail.command(epilog="Example: phalanx link trail export > trail.jsonl")
 @click.argument("file", required=False, type=options.FILE)
 @options.state_option
 @runs("invite", "export")
@@ -81,7 +81,7 @@ def export() -> None:
     """Print the trail, a JSON object a line; end with 2 at the first line that was changed."""
 
 
-@trail.command()
+@trail.command(epilog="Example: phalanx link trail verify --top HASH")
 @click.argument("file", required=False, type=options.FILE)
 @options.state_option
 @option("--top", help="A hash that was printed before: it has to be in it, or the end was cut off.", metavar="HASH")
