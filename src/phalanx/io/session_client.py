@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import re
 import time
 from collections import Counter, deque
 from collections.abc import AsyncIterator, Callable, Sequence
@@ -13,7 +12,7 @@ from typing import Any, Self
 
 from phalanx.config.session import SessionConfig
 from phalanx.errors import BadPayload, PeerError, Unavailable, UsageError
-from phalanx.link.envelope import decode_json, encode_json
+from phalanx.link.envelope import decode_json
 from phalanx.link.session import Reason, parse_invitation
 from phalanx.link.session.events import (
     Admitted,
@@ -31,6 +30,7 @@ from phalanx.link.session.slots import Say, Slots
 from phalanx.link.topics import ADDRESS, NAME
 
 from .session_connection import SessionConnection, SessionOver, websocket_url
+from .session_payloads import check_word, is_address, payload_bytes, wheels
 
 __all__ = ["Refused", "SessionClient", "SessionOver"]
 
@@ -38,7 +38,8 @@ SLOT_S = 0.1  # between two records while a robot is assigned or leased
 FIRST_UPDATE_S = 1.0
 REFUSED_WITHIN_S = 0.4  # a refusal of a command that comes later counts for a later command
 UNREAD, UNREAD_BYTES = 256, 4 * 1024 * 1024  # updates that wait for a reader
-LONGEST = 16_000  # bytes of a payload: a record to the server has at most 16 KiB, with names and padding
+NO_ANSWER = "no answer from the swarm", "is it up, and does this machine reach it?"
+LOST = "the connection to the swarm is lost", "it is tried again"
 STILL_DRIVES = (Reason.LATE, Reason.TOO_MANY)  # one command was lost; the next may do
 
 
@@ -66,6 +67,7 @@ class SessionClient:
     Attributes:
         visitor: its number; 0 before it is admitted.
         standing: what it may do now.
+        commands: how many were sent.
         refusals: refused commands and requests, by reason.
         dropped: updates and notices that nobody read in time.
 
@@ -88,6 +90,7 @@ class SessionClient:
             raise BadInvitation("it names a broker, and this client has a websocket only")
         self.name, self.visitor = name, 0
         self.standing: Standing | None = None
+        self.commands = 0
         self.refusals: Counter[str] = Counter()
         self.dropped = 0
         self._timeout_s = timeout_s
@@ -148,8 +151,8 @@ class SessionClient:
         Raises: Refused; BadPayload: the reply is not JSON; SessionOver; Unavailable: no reply, or the connection was
             lost; UsageError: not JSON, too long, or no such name.
         """
-        _check(NAME, name, "a request's name")
-        body = b"" if payload is None else _json(payload)
+        check_word(NAME, name, "a request's name")
+        body = b"" if payload is None else payload_bytes(payload)
         answer = self._promise()
 
         def say(now_ms: int) -> Transmit:
@@ -176,7 +179,7 @@ class SessionClient:
         said = await self.request("robots")
         if not isinstance(said, list):
             raise BadPayload("the answer is not a list of robots")
-        return [each for each in said if isinstance(each, dict) and _is_address(each.get("address"))]
+        return [each for each in said if isinstance(each, dict) and is_address(each.get("address"))]
 
     async def updates(self) -> AsyncIterator[Any]:
         """Yield the swarm's updates as they come; if nobody reads, the oldest are `dropped`.
@@ -202,7 +205,7 @@ class SessionClient:
 
     async def drive(self, robot: str, left_pct: float, right_pct: float, for_s: float = 1.0) -> None:
         """Drive a robot for a time, and stop it. Raises: Refused; else as `command`."""
-        say = self._command(robot, "move_raw", _wheels(left_pct, right_pct))
+        say = self._command(robot, "move_raw", wheels(left_pct, right_pct))
         refused = self._next_refusal()
         end_s = time.monotonic() + for_s
         try:
@@ -235,15 +238,16 @@ class SessionClient:
     async def stop(self, robot: str) -> None:
         """Stop a robot: never late, and before all else that waits to be sent. Raises: as `command`."""
         self._slots.steady = None
-        await self.command(robot, "move_raw", _wheels(0, 0), stop=True)
+        await self.command(robot, "move_raw", wheels(0, 0), stop=True)
 
     def _command(self, robot: str, name: str, payload: Any, *, stop: bool = False) -> Say:
-        _check(ADDRESS, robot, "a robot's address")
-        _check(NAME, name, "a command's name")
-        body = _json(payload)
+        check_word(ADDRESS, robot, "a robot's address")
+        check_word(NAME, name, "a command's name")
+        body = payload_bytes(payload)
 
         def say(now_ms: int) -> Transmit:
             assert self._connection.protocol is not None
+            self.commands += 1
             return self._connection.protocol.command(robot, name, body, now_ms, stop=stop)
 
         return say
@@ -371,30 +375,3 @@ class SessionClient:
                     await self._changed.wait()
         except TimeoutError as error:
             raise Unavailable(*NO_ANSWER) from error
-
-
-NO_ANSWER = "no answer from the swarm", "is it up, and does this machine reach it?"
-LOST = "the connection to the swarm is lost", "it is tried again"
-
-
-def _is_address(said: object) -> bool:
-    return isinstance(said, str) and ADDRESS.fullmatch(said) is not None
-
-
-def _wheels(left_pct: float, right_pct: float) -> dict[str, float]:
-    return {"left_x": 0, "left_y": left_pct, "right_x": 0, "right_y": right_pct}
-
-
-def _json(payload: Any) -> bytes:
-    try:
-        body = encode_json(payload)
-    except (TypeError, ValueError, RecursionError) as error:
-        raise UsageError(f"payload is not JSON: {error}") from error
-    if len(body) > LONGEST:
-        raise UsageError(f"payload of {len(body)} bytes, limit {LONGEST}", "send less at once")
-    return body
-
-
-def _check(grammar: re.Pattern[str], text: str, what: str) -> None:
-    if not grammar.fullmatch(text):
-        raise UsageError(f"not {what}: {text[:80]!r}", "letters and digits, - and _, 64 at most")
