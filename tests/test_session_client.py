@@ -94,6 +94,31 @@ class TestVisiting:
                 await client.drive("B2", 10, 10, for_s=0.2)
                 assert client.refusals["not_allowed"] >= 2
 
+    async def test_a_stop_ends_a_drive_and_nothing_moves_the_robot_after_it(self):
+        async with Endpoint() as swarm, SessionClient(swarm.url()) as client:
+            for _ in range(3):
+                drive = asyncio.create_task(client.drive("A1", 50, 50, for_s=30))
+                await asyncio.sleep(0.35)
+                route = asyncio.create_task(client.command("A1", "waypoints", {}))
+                await asyncio.sleep(0)
+                await client.stop("A1")
+                await asyncio.wait_for(drive, 1)
+                with pytest.raises(UsageError, match="a stop came"):
+                    await route
+                await asyncio.sleep(0.3)
+                assert swarm.commands[-1].is_stop
+            assert {each.name for each in swarm.commands} == {"move_raw"}
+
+    async def test_a_second_drive_takes_over_from_the_first(self):
+        async with Endpoint() as swarm, SessionClient(swarm.url()) as client:
+            first = asyncio.create_task(client.drive("A1", 10, 10, for_s=30))
+            await asyncio.sleep(0.3)
+            await client.drive("A1", 20, 20, for_s=0.5)
+            await asyncio.wait_for(first, 1)
+            await asyncio.sleep(0.2)
+            speeds = [json.loads(each.payload)["left_y"] for each in swarm.commands]
+            assert speeds == [*sorted(speeds[:-1]), 0]
+
     async def test_a_late_command_does_not_end_a_drive(self):
         async with Endpoint(config=SessionConfig(commands_per_s=3)) as swarm, SessionClient(swarm.url()) as client:
             await client.drive("A1", 10, 10, for_s=1.0)

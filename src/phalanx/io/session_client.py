@@ -105,6 +105,7 @@ class SessionClient:
             on_lost=self._on_lost,
         )
         self._slots = Slots()
+        self._driving: Say | None = None  # the wheels of the newest `drive`
         self._tasks: list[asyncio.Task[None]] = []
         self._waiting: dict[int, asyncio.Future[bytes | Reason]] = {}  # by the numbers of requests
         self._pending: set[asyncio.Future[Any]] = set()  # replies, and records that wait for their slots
@@ -201,18 +202,23 @@ class SessionClient:
 
         Raises: SessionOver; Unavailable: the connection is lost now; UsageError: not JSON, too long, or no address.
         """
-        await self._say(self._command(robot, name, payload, stop=stop), stop=stop)
+        await self._say(self._command(robot, name, payload, stop=stop), robot, stop=stop)
 
     async def drive(self, robot: str, left_pct: float, right_pct: float, for_s: float = 1.0) -> None:
-        """Drive a robot for a time, and stop it. Raises: Refused; else as `command`."""
-        say = self._command(robot, "move_raw", wheels(left_pct, right_pct))
+        """Drive a robot for a time, and stop it; end early if `stop` or another `drive` is called meanwhile.
+
+        Raises: Refused; else as `command`.
+        """
+        self._driving = say = self._command(robot, "move_raw", wheels(left_pct, right_pct))
         refused = self._next_refusal()
+        await self._wait_for_update()
         end_s = time.monotonic() + for_s
         try:
-            while (left_s := end_s - time.monotonic()) > 0:
-                if not (self._is_paced and self._slots.steady is say):
-                    await self._say(say)
-                    self._slots.steady = say
+            while self._driving is say and (left_s := end_s - time.monotonic()) > 0:
+                if self._is_paced and self.is_joined:
+                    self._slots.steady = say  # not queued: a stop drops it at once
+                else:
+                    await self._say(say, robot)
                 await asyncio.wait((refused,), timeout=min(SLOT_S, left_s))
                 if refused.done():
                     if refused.result() not in STILL_DRIVES:
@@ -220,8 +226,9 @@ class SessionClient:
                     refused = self._next_refusal()
         finally:
             self._forget(refused)
-            with contextlib.suppress(PeerError, Unavailable):
-                await self.stop(robot)
+            if self._driving is say:
+                with contextlib.suppress(PeerError, Unavailable):
+                    await self.stop(robot)
 
     async def route(self, robot: str, points_mm: Sequence[tuple[float, float]], threshold_mm: float = 100.0) -> None:
         """Send a robot along points, each reached within the threshold. Raises: Refused; else as `command`."""
@@ -237,7 +244,7 @@ class SessionClient:
 
     async def stop(self, robot: str) -> None:
         """Stop a robot: never late, and before all else that waits to be sent. Raises: as `command`."""
-        self._slots.steady = None
+        self._driving = self._slots.steady = None
         await self.command(robot, "move_raw", wheels(0, 0), stop=True)
 
     def _command(self, robot: str, name: str, payload: Any, *, stop: bool = False) -> Say:
@@ -258,15 +265,14 @@ class SessionClient:
     def _is_paced(self) -> bool:
         return self.standing is not None and bool(self.standing.robot)
 
-    async def _say(self, say: Say, *, stop: bool = False) -> None:
+    async def _say(self, say: Say, robot: str = "", *, stop: bool = False) -> None:
         """Send at once, or in a slot while there are slots; return when it is sent."""
         if not self._tasks:
             raise UsageError("the client is not entered", "async with client: …")
         if self._connection.failure:
             raise self._connection.failure
-        if not (stop or self._has_seen):  # a command is based on an update
-            with contextlib.suppress(Unavailable):
-                await self._until(lambda: self._has_seen, FIRST_UPDATE_S)
+        if robot and not stop:
+            await self._wait_for_update()
         if not (self._is_paced and self.is_joined):
             await self._connection.transmit(say)
             return
@@ -278,8 +284,21 @@ class SessionClient:
                 sent.set_result(None)
             return record
 
-        self._slots.put(say_now, urgent=stop)
+        def drop() -> None:
+            if not sent.done():
+                sent.set_exception(UsageError("a stop came before this command was sent"))
+
+        if stop:
+            self._slots.stop(say_now, robot)
+        else:
+            self._slots.put(say_now, robot, drop)
         await sent
+
+    async def _wait_for_update(self) -> None:
+        """Wait a moment for the first update in this connection, as a command is based on one."""
+        if not self._has_seen:
+            with contextlib.suppress(Unavailable):
+                await self._until(lambda: self._has_seen, FIRST_UPDATE_S)
 
     async def _pace(self) -> None:
         """Send a record in each slot, while a robot is assigned or leased."""
