@@ -8,13 +8,13 @@ from phalanx.cli import options
 from phalanx.cli.options import option, runs
 
 
-@click.group(epilog="Example: phalanx link connect 'http://192.168.1.7:8080/#v=1&pin=…'")
+@click.group(epilog="Example: phalanx link connect 'http://192.168.1.7:8080/#j=…'")
 def link() -> None:
     """Who may command: visit a swarm from a terminal, or serve the link alone."""
 
 
 @link.command(
-    epilog="Example: phalanx link connect 'http://192.168.1.7:8080/#v=1&pin=…' --drive Ada --left 60 --right 60 --for 2"
+    epilog="Example: phalanx link connect 'http://192.168.1.7:8080/#j=…' --drive Ada --left 60 --right 60 --for 2"
 )
 @click.argument("qr_url", required=False)
 @option("--pin", help="The pin, if you have no link; every user of this machine can read it while this runs.")
@@ -27,6 +27,8 @@ def link() -> None:
 @option("--right", help="Right wheel, percent.  [default: 0]", type=click.IntRange(-100, 100))
 @option("--for", "for_s", help="Seconds to drive.  [default: 1.0]", type=click.FloatRange(0, 3600))
 @option("--watch", help="Print notifications as they come, until Ctrl-C.", is_flag=True)
+@option("--name", help="Nickname, if the code or ticket leaves it to you.", default="")
+@option("--keep", help="File to keep the session in: the next visit is the same visitor's.", type=options.OUT_FILE)
 @option("--timeout", help="Seconds to wait.", type=click.FloatRange(0.1, 3600), default=10.0)
 @options.json_option
 @runs("link", "connect")
