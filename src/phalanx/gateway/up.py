@@ -132,6 +132,7 @@ async def up(
             kept.trail,
             options.session_config(),
         )
+        stack.push_async_callback(link.close)
         running = Running(options, page_url, link, robots, say, shared)
         if running.was_held:
             log.warning("all robots stay stopped, as before this start; hint: go and Enter, or the operator's page")
