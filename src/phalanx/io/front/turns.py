@@ -137,6 +137,11 @@ class Turns(Generic[Item]):
         if wait_s:
             self._timer = asyncio.get_running_loop().call_later(max(wait_s, SOONEST_S), self._look_again)
 
+    def charge(self, address: str, count: float) -> None:
+        """Let an address have so many turns less; a negative number gives them back."""
+        if self._paces is not None:
+            self._paces.of(address, time.monotonic()).use(count)
+
     def forget(self, now_s: float) -> None:
         """Forget the paces of addresses that used nothing lately; call it about once a second."""
         if self._paces is not None:
