@@ -82,7 +82,6 @@ class TestTurns:
             turns.add("many", f"m{n}")
         assert served == ["m0", "m1"]
         turns.add("few", "f0")
-        turns._look_again()  # its timer
         assert served[2:] == ["f0"]
 
     async def test_an_address_is_charged_for_what_came_to_nothing_and_given_back_what_did_not(self):
@@ -92,7 +91,6 @@ class TestTurns:
         turns.charge("refused", -99)
         for address in ("silent", "refused", "new"):
             turns.add(address, address)
-        turns._look_again()  # its timer
         assert served == ["refused", "new"]
 
     async def test_a_pace_that_is_used_up_is_waited_for(self):
