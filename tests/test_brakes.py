@@ -77,6 +77,7 @@ async def served(swarm, broker):
         job = asyncio.create_task(gateway.run())
         await server.wait_connected(10)
         async with Client(server.qr()) as visitor:
+            gateway.rejected = lambda: server.rejected  # for tests
             yield gateway, visitor
         job.cancel()
 
@@ -116,7 +117,7 @@ class TestWithTheEventLoopHeldUp:
                     assert swarm.how_they_stand() == stood
                     # Visitors do not get round it, by no kind of order.
                     async with asyncio.timeout(10):
-                        while gateway.server.rejected["held"] < 6:
+                        while gateway.rejected()["held"] < 6:
                             await visitor.command(address, "move_raw", SPIN)
                             await visitor.command(address, "waypoints", {"threshold": 50, "waypoints": route[:1]})
                             await asyncio.sleep(0.1)

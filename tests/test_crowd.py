@@ -18,7 +18,7 @@ from phalanx.errors import Overrun
 from phalanx.gateway import Gateway, visitors_page
 from phalanx.gateway.serve_pages import PAGES
 from phalanx.io import Client, Server, children
-from phalanx.io.server import WAITING, WAITING_BYTES, Answers
+from phalanx.io.answers import WAITING, WAITING_BYTES, Answers
 from phalanx.link import Request
 from phalanx.link.envelope import encode_envelope, seal
 from phalanx.sim import Dotbots
@@ -167,14 +167,18 @@ async def test_of_one_who_asks_again_the_last_is_answered_and_who_is_too_many_is
         told.append(request)
 
     answers = Answers(answer)
+
+    def ask(request):
+        answers.ask(request.client_id, request.size, request)
+
     for request in asked:
-        answers.ask(request)
+        ask(request)
     with pytest.raises(Overrun):
-        answers.ask(Request(0, "one more", {}))
-    answers.ask(again := Request(0, "c0", {"again": True}))
+        ask(Request(0, "one more", {}))
+    ask(again := Request(0, "c0", {"again": True}))
     running = asyncio.create_task(answers.run())
     await eventually(lambda: len(told) == WAITING)
-    answers.ask(once_more := Request(0, "one more", {}))
+    ask(once_more := Request(0, "one more", {}))
     await eventually(lambda: len(told) > WAITING)
     running.cancel()
     assert told == [again, *asked[1:], once_more]
@@ -187,14 +191,18 @@ async def test_requests_wait_by_their_bytes_too_and_give_them_back():
         told.append(request)
 
     answers = Answers(answer)
+
+    def ask(request):
+        answers.ask(request.client_id, request.size, request)
+
     half = WAITING_BYTES // 2
-    answers.ask(Request(0, "a", {}, half))
-    answers.ask(Request(0, "a", {}, half))  # asked again: instead of the first
-    answers.ask(Request(0, "b", {}, half))
+    ask(Request(0, "a", {}, half))
+    ask(Request(0, "a", {}, half))  # asked again: instead of the first
+    ask(Request(0, "b", {}, half))
     with pytest.raises(Overrun):
-        answers.ask(Request(0, "c", {}, 1))
+        ask(Request(0, "c", {}, 1))
     running = asyncio.create_task(answers.run())
     await eventually(lambda: len(told) == 2)
-    answers.ask(Request(0, "c", {}, WAITING_BYTES))
+    ask(Request(0, "c", {}, WAITING_BYTES))
     await eventually(lambda: len(told) == 3)
     running.cancel()

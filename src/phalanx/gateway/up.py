@@ -86,7 +86,7 @@ class Running:
         self, options: UpOptions, broker: RunningBroker, page_url: str, server: Server, swarm: Swarm, say: Say
     ) -> None:
         self.page_url = page_url
-        self.gateway = Gateway(swarm, server, say)
+        self.gateway = Gateway(swarm, server, say=say)
         self._options = options
         self._broker = broker
         self.server = server

@@ -1,0 +1,114 @@
+"""Whose message is passed to the gateway next: as many are under way as it processes within a few milliseconds.
+
+A connection has at most one message that waits, so that serving them in their order is taking turns. Newcomers have a
+small window of their own, take turns by address, and each waits for the gateway's answer before its next message:
+whatever they send, the gateway computes few handshakes a second, and those who are in do not wait for it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import OrderedDict, deque
+from collections.abc import Callable
+from typing import Generic, Protocol, TypeVar
+
+from phalanx.config.front import FrontConfig
+
+from .pace import Pace
+from .turns import Turns
+
+
+class Sender(Protocol):
+    """A connection."""
+
+    address: str
+    is_admitted: bool
+    awaits_answer: bool
+    pending: asyncio.Future[bool] | None  # whether its message was passed on
+
+
+Who = TypeVar("Who", bound=Sender)
+
+
+class Window(Generic[Who]):
+    """Messages that the gateway has not processed yet, and those that wait for that.
+
+    Args:
+        pass_on: passes on the message of a connection.
+    """
+
+    def __init__(self, limits: FrontConfig, pass_on: Callable[[Who], None], now_s: float) -> None:
+        self._limits = limits
+        self._pass_on = pass_on
+        self._admitted: OrderedDict[Who, None] = OrderedDict()
+        self._newcomers: Turns[Who] = Turns(
+            self._go,
+            self._refuse,
+            Pace(limits.newcomer_messages_per_s, limits.newcomers_in_flight, now_s),
+            waiting_max=limits.connections_max,
+            has_room=lambda: self._newcomers_in_flight < self._limits.newcomers_in_flight,
+        )
+        self._of_newcomers: deque[bool] = deque()  # messages under way, in their order
+        self._newcomers_in_flight = 0
+
+    async def turn(self, sender: Who) -> bool:
+        """Pass on a message in its turn, and return whether it was."""
+        if sender.is_admitted and not self._admitted and self._has_room():
+            self._go(sender)
+            return True
+        pending: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
+        sender.pending = pending
+        self._wait(sender)
+        return await pending
+
+    def taken(self, count: int) -> None:
+        """Note that the gateway has processed so many messages."""
+        for _ in range(count):
+            self._newcomers_in_flight -= self._of_newcomers.popleft()
+        self._run()
+
+    def answered(self, sender: Who) -> None:
+        """Note that the gateway has answered a connection, or has admitted it."""
+        sender.awaits_answer = False
+        if sender.pending:
+            self._newcomers.remove(sender.address, sender)
+            self._wait(sender)
+
+    def drop(self, sender: Who) -> None:
+        """Let a connection wait no longer."""
+        if sender.pending:
+            self._admitted.pop(sender, None)
+            self._newcomers.remove(sender.address, sender)
+            self._refuse(sender)
+
+    def _wait(self, sender: Who) -> None:
+        if sender.is_admitted:
+            self._admitted[sender] = None
+            self._run()
+        elif not sender.awaits_answer:
+            self._newcomers.add(sender.address, sender)
+
+    def _run(self) -> None:
+        while self._admitted and self._has_room():
+            sender, _ = self._admitted.popitem(last=False)
+            self._go(sender)
+        self._newcomers.run()
+
+    def _has_room(self) -> bool:
+        admitted = len(self._of_newcomers) - self._newcomers_in_flight
+        return admitted < self._limits.in_flight - self._limits.newcomers_in_flight
+
+    def _go(self, sender: Who) -> None:
+        self._of_newcomers.append(not sender.is_admitted)
+        self._newcomers_in_flight += not sender.is_admitted
+        sender.awaits_answer = not sender.is_admitted
+        self._pass_on(sender)
+        self._settle(sender, passed=True)
+
+    def _refuse(self, sender: Who) -> None:
+        self._settle(sender, passed=False)
+
+    def _settle(self, sender: Who, *, passed: bool) -> None:
+        pending, sender.pending = sender.pending, None
+        if pending and not pending.done():
+            pending.set_result(passed)
