@@ -12,12 +12,12 @@ interface NicknameProps {
 /** Prefilled, so that it takes one tap. */
 export function useNickname(storage: Storage | undefined): readonly [string, (name: string) => void, () => string] {
   const [name, setName] = useState(() => lastNickname(storage) || madeUp(Math.random()));
-  function use(): string {
+  function take(): string {
     const trimmed = name.trim();
     keepNickname(storage, trimmed);
     return trimmed;
   }
-  return [name, setName, use];
+  return [name, setName, take];
 }
 
 function Nickname({ name, onName }: NicknameProps) {
@@ -40,7 +40,7 @@ function Nickname({ name, onName }: NicknameProps) {
 
 /** After a code was scanned. */
 export function Join({ storage, onJoin }: { readonly storage: Storage | undefined; readonly onJoin: (name: string) => void }) {
-  const [name, setName, use] = useNickname(storage);
+  const [name, setName, takeName] = useNickname(storage);
   return (
     <main className="no-code">
       <h1>Join the swarm</h1>
@@ -48,7 +48,7 @@ export function Join({ storage, onJoin }: { readonly storage: Storage | undefine
         className="panel fields"
         onSubmit={(event: SubmitEvent) => {
           event.preventDefault();
-          onJoin(use());
+          onJoin(takeName());
         }}
       >
         <Nickname name={name} onName={setName} />
@@ -69,7 +69,7 @@ interface RoomProps {
 /** Eight digits from the screen. */
 export function RoomCode({ storage, onRoom }: RoomProps) {
   const id = useId();
-  const [name, setName, use] = useNickname(storage);
+  const [name, setName, takeName] = useNickname(storage);
   const [typed, setTyped] = useState("");
   const [problem, setProblem] = useState<string>();
   const [isBusy, setBusy] = useState(false);
@@ -85,7 +85,7 @@ export function RoomCode({ storage, onRoom }: RoomProps) {
       return;
     }
     setBusy(true);
-    setProblem(await onRoom(secret, use()));
+    setProblem(await onRoom(secret, takeName()));
     setBusy(false);
   }
 

@@ -90,7 +90,8 @@ function About({ link, selected }: { readonly link: SwarmLink | undefined; reado
         </strong>
       )}
       {others !== "" ? " · " : ""}
-      {words}
+      {/* Two lines, or the joystick below would move. */}
+      {(selected !== undefined || standing === "") && words}
     </p>
   );
 }

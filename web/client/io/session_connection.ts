@@ -110,7 +110,7 @@ export class SessionConnection implements Transport {
     return true;
   }
 
-  request(request: number, _more: JsonObject = {}, timeout_ms = 3000): Promise<Json> {
+  request(request: number, _more?: JsonObject, timeout_ms = 3000): Promise<Json> {
     const name = REQUESTS[request];
     if (name === undefined) throw new UsageError(`no request ${request}`);
     return new Promise((resolve, reject) => {
