@@ -76,6 +76,7 @@ class Front:
         policy: its Content-Security-Policy.
         tls: certificate and key, PEM; else plain http.
         behind_proxy: the last entry of X-Forwarded-For is a client's address.
+        key: the swarm's public key, as the page asks for it at `/link-key`.
     """
 
     def __init__(
@@ -87,12 +88,13 @@ class Front:
         limits: FrontConfig,
         tls: tuple[Path, Path] | None = None,
         behind_proxy: bool = False,
+        key: str = "",
     ) -> None:
         self.port = port
         self.restarts = -1
         self._host = host
         self._limits = limits
-        self._words = (str(pages), policy, json.dumps(asdict(limits)), json.dumps(bool(behind_proxy)))
+        self._words = (str(pages), policy, json.dumps(asdict(limits)), json.dumps(bool(behind_proxy)), key)
         self._tls = tuple(map(str, tls or ()))
         self._pipe: Pipe | None = None
         self._listening: socket.socket | None = None

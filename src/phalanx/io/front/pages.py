@@ -25,6 +25,7 @@ from .pace import Pace, Paces
 from .turns import Turns
 
 LINK = "/link"
+LINK_KEY = f"{LINK}-key"
 FORWARDED = "X-Forwarded-For"
 SWEEP_S, FORGET_S = 0.25, 1.0
 REQUESTS_AT_ONCE = 32.0
@@ -99,8 +100,9 @@ class FrontSite(Site):
         *,
         tls: ssl.SSLContext | None = None,
         behind_proxy: bool = False,
+        key: str = "",
     ) -> None:
-        self._limits, self._behind_proxy = limits, behind_proxy
+        self._limits, self._behind_proxy, self._key = limits, behind_proxy, key
         self._newcomers = Newcomers(limits, lambda address: self._charge(address, limits.cost_of_silence))
         self.links = Links(limits, self._newcomers, first, self._admitted, self._refused)
         now_s = time.monotonic()
@@ -120,6 +122,7 @@ class FrontSite(Site):
 
     def _add_routes(self) -> None:
         self.app.router.add_get(LINK, self._link)
+        self.app.router.add_get(LINK_KEY, self._tell_key)
 
     def _add_files(self, folder: Path) -> None:
         for path in folder.rglob("*"):
@@ -173,6 +176,10 @@ class FrontSite(Site):
         if self._behind_proxy and isinstance(connection, FrontConnection):
             connection.move(address)
         return await self.links.serve(request, address)
+
+    async def _tell_key(self, _: web.Request) -> web.Response:
+        # A room code is too short to hold it.
+        return web.Response(text=self._key) if self._key else web.Response(status=404)
 
     def _address(self, request: web.Request) -> str:
         """Return what a client is counted by."""

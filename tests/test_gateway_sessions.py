@@ -1,0 +1,186 @@
+"""Visitors over sessions: a gateway, its swarm and real websockets."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from contextlib import asynccontextmanager, suppress
+
+import pytest
+
+from conftest import eventually
+from phalanx.config.session import SessionConfig
+from phalanx.errors import BadPayload
+from phalanx.gateway import Gateway
+from phalanx.gateway.session_link import JSON_DEPTH, SessionLink, now, parse_payload
+from phalanx.gateway.trail import Trail
+from phalanx.io.session_store import new_link_keys
+from phalanx.link.session import Invitation, MemoryStore, Reason
+from phalanx.link.session.errors import EndReason
+from phalanx.robot import Led
+from phalanx.sim import Dotbots
+from session_front import FakeFront, visiting
+
+pytestmark = pytest.mark.waits
+
+
+@asynccontextmanager
+async def serving(swarm, store=None, keys=None, trail=None, **config):
+    """A gateway with sessions."""
+
+    async def turn():
+        while True:
+            swarm.step(0.02)
+            await asyncio.sleep(0.02)
+
+    async with FakeFront() as front:
+        link = SessionLink(
+            front,
+            store or MemoryStore(),
+            keys or new_link_keys(),
+            lambda: [robot.address for robot in swarm.robots()],
+            Trail(trail),
+            SessionConfig(**config),
+        )
+        link.port = front.port
+        link.front = front
+        link.gateway = gateway = Gateway(swarm, link)
+        jobs = [asyncio.create_task(job) for job in (link.run(), gateway.run(), turn())]
+        try:
+            yield link
+            assert not [job for job in jobs if job.done()]
+        finally:
+            for job in jobs:
+                job.cancel()
+            for job in jobs:
+                with suppress(asyncio.CancelledError):
+                    await job
+            link.trail.close()
+
+
+def at(swarm, i=0):
+    return swarm.robots()[i].at
+
+
+async def drive_until(visit, robot, there):
+    for _ in range(100):
+        await visit.command(robot, "move_raw", {"left_y": 60, "right_y": 60})
+        await asyncio.sleep(0.05)
+        if there():
+            return
+    raise AssertionError("it does not move")
+
+
+async def test_a_visitor_joins_drives_sees_it_move_is_removed_and_stays_removed():
+    swarm, store, keys = Dotbots(3, 1, time.time), MemoryStore(), new_link_keys()
+    async with serving(swarm, store, keys) as link:
+        shown = link.invitation
+        async with visiting(link.port, shown, "Ada") as ada:
+            await eventually(lambda: ada.frames)
+            robots, area = await ada.request("robots"), await ada.request("area")
+            assert area == {"width": 2000, "height": 2000}
+            robot, began = robots[0]["address"], at(swarm)
+            await drive_until(ada, robot, lambda: at(swarm) != began)
+            before = len(ada.frames)
+            await eventually(lambda: any("places" in frame for frame in ada.frames[before:]))
+            await eventually(lambda: [0, ["Ada"]] in [d for f in ada.frames for d in f.get("drivers", [])])
+            assert ada.standing.robot == robot
+            link.carry(link.operations.remove(ada.visitor, now()))
+            await eventually(lambda: ada.ended is EndReason.REMOVED)
+            secret, seen = ada.secret, len(ada.frames)
+            await asyncio.sleep(0.4)
+            assert len(ada.frames) == seen
+        for again in (shown, Invitation(shown.static, secret)):
+            async with visiting(link.port, again) as ada:
+                await eventually(lambda: ada.ws.closed)
+                assert ada.visitor is None
+    async with serving(swarm, store, keys) as link:
+        for again in (shown, Invitation(shown.static, secret)):
+            async with visiting(link.port, again) as ada:
+                await eventually(lambda: ada.ws.closed)
+                assert ada.visitor is None
+
+
+async def test_a_restart_keeps_a_session_resumable_and_its_robot_free():
+    swarm, store, keys = Dotbots(1, 1, time.time), MemoryStore(), new_link_keys()
+    async with serving(swarm, store, keys) as link, visiting(link.port, link.invitation, "Ada") as ada:
+        await eventually(lambda: ada.frames and ada.secret)
+        await ada.request("area")  # `stored` was read before
+        secret, visitor = ada.secret, ada.visitor
+    async with serving(swarm, store, keys) as link:
+        async with visiting(link.port, Invitation(link.invitation.static, secret)) as again:
+            await eventually(lambda: again.frames)
+            assert (again.visitor, again.name) == (visitor, "Ada")
+
+
+async def test_what_the_gateway_refuses_the_visitor_hears_and_a_stop_stops_whatever_its_payload_says():
+    swarm = Dotbots(2, 1, time.time)
+    robot = swarm.robots()[0].address
+    async with serving(swarm) as link, visiting(link.port, link.invitation, "Ada") as ada:
+        await eventually(lambda: ada.frames)
+        for name, payload, reason in (
+            ("move_raw", {"left_y": "fast"}, Reason.BAD),
+            ("dance", {}, Reason.UNKNOWN),
+        ):
+            await ada.command(robot, name, payload)
+            await eventually(lambda reason=reason: ada.refused and ada.refused[-1] == (0, reason))
+        await ada.do([ada.client.command(robot, "move_raw", b'{"left_y":1,"left_y":2}', now().ms)])
+        await eventually(lambda: len(ada.refused) == 3 and ada.refused[-1] == (0, Reason.BAD))
+        await ada.command("FFFF", "move_raw", {"left_y": 1, "right_y": 1})
+        await eventually(lambda: ada.refused[-1] == (0, Reason.NOT_ALLOWED))
+        await ada.command(robot, "rgb_led", {"red": 1, "green": 2, "blue": 3})
+        await eventually(lambda: swarm.robots()[0].led == Led(1, 2, 3))
+        route = {"threshold": 60, "waypoints": [{"x": 1000, "y": 1000}] * 3}
+        await ada.command(robot, "waypoints", route)
+        await eventually(lambda: swarm.robots()[0].route)
+        for _ in range(3):
+            await ada.command(robot, "waypoints", route)
+        await eventually(lambda: ada.refused[-1] == (0, Reason.TOO_MANY))
+        await ada.command(robot, "move_raw", {"left_y": 100, "right_y": 100}, stop=True)
+        await eventually(lambda: not swarm.robots()[0].route)
+        link.gateway.brakes.hold()
+        await ada.command(robot, "move_raw", {"left_y": 60, "right_y": 60})
+        await eventually(lambda: ada.refused[-1] == (0, Reason.HELD))
+        with pytest.raises(PermissionError, match="UNKNOWN"):
+            await ada.request("visitors")
+        assert ada.ended is None
+
+
+async def test_only_one_drives_a_robot_and_a_page_that_invents_a_name_is_shown_by_its_own():
+    swarm = Dotbots(2, 1, time.time)
+    robot = swarm.robots()[0].address
+    async with (
+        serving(swarm) as link,
+        visiting(link.port, link.invitation, "Ada") as ada,
+        visiting(link.port, link.invitation, "Bob") as bob,
+    ):
+        await eventually(lambda: ada.frames and bob.frames)
+        await ada.command(robot, "move_raw", {"left_y": 60, "right_y": 60, "by": "bob"})
+        await eventually(lambda: any(frame.get("drivers") == [[0, ["Ada"]]] for frame in bob.frames))
+        await bob.command(robot, "move_raw", {"left_y": 60, "right_y": 60})
+        await eventually(lambda: bob.refused == [(0, Reason.BUSY)])
+        assert len({raw for raw in ada.raw_updates[-5:]} & {raw for raw in bob.raw_updates}) >= 3, "sealed once for all"
+
+
+@pytest.mark.parametrize(
+    ("payload", "refused"),
+    [
+        (b"[" * (JSON_DEPTH + 1) + b"]" * (JSON_DEPTH + 1), True),
+        (b"[" * JSON_DEPTH + b"]" * JSON_DEPTH, False),
+        (b"[" * 8000, True),
+        (b'{"a":' * 2000 + b"1" + b"}" * 2000, True),
+        (b'{"a":1,"a":1}', True),
+        (b"NaN", True),
+        (b"1e999", True),
+        (b"9" * 9000, True),
+        (b"\xff", True),
+        (b"", True),
+        (b'{"a":[1,2.5,null,true,"x"]}', False),
+    ],
+)
+def test_payloads_are_strict_json_of_few_levels(payload, refused):
+    if refused:
+        with pytest.raises(BadPayload):
+            parse_payload(payload)
+    else:
+        parse_payload(payload)
