@@ -192,7 +192,7 @@ class TestWithTheBrokerNotThereYet:
         # The operator's port is the one that visitors' pages like best: theirs goes elsewhere.
         monkeypatch.setattr(sys.modules[up.__module__], "DEFAULT_PORT", port)
         where = f"mqtt://127.0.0.1:{free_port()}"
-        options = UpOptions(broker=where, operator_port=port, operator_token=TOKEN, wait_s=30)
+        options = UpOptions(qrkey=True, broker=where, operator_port=port, operator_token=TOKEN, wait_s=30)
         job = asyncio.create_task(up(options, lambda _: None, swarm=lambda: swarm))
         await eventually(lambda: not is_free(port))
         await asyncio.to_thread(say, f"http://127.0.0.1:{port}", "stop")

@@ -15,10 +15,11 @@ import pytest
 
 from conftest import Turns, a_server, as_the_gateway, eventually
 from phalanx.errors import Overrun
-from phalanx.gateway import Gateway, visitors_page
-from phalanx.gateway.serve_pages import PAGES
+from phalanx.gateway import Gateway
+from phalanx.gateway.serve_pages import PAGES, VISITOR_POLICY
 from phalanx.io import Client, Server, children
 from phalanx.io.answers import WAITING, WAITING_BYTES, Answers
+from phalanx.io.site import page_apart
 from phalanx.link import Request
 from phalanx.link.envelope import encode_envelope, seal
 from phalanx.sim import Dotbots
@@ -46,6 +47,10 @@ time.sleep(60)
 """
 
 
+def a_page_apart():
+    return page_apart(PAGES / "visitor", VISITOR_POLICY, "127.0.0.1", 0, connections=1000, if_taken="")
+
+
 @pytest.mark.alone
 @pytest.mark.parametrize("by_the_clock", [False, pytest.param(True, marks=pytest.mark.long)])
 async def test_a_thousand_at_the_page_of_whom_half_do_not_read_hold_up_no_joystick(broker, by_the_clock, capsys):
@@ -54,7 +59,7 @@ async def test_a_thousand_at_the_page_of_whom_half_do_not_read_hold_up_no_joysti
     script = max((PAGES / "visitor" / "assets").glob("*.js"), key=lambda path: path.stat().st_size)
     async with (
         Server(broker.gateway, broker_for_visitors=broker.websocket) as server,
-        visitors_page("127.0.0.1", 0) as page,
+        a_page_apart() as page,
     ):
         gateway = asyncio.create_task(Gateway(swarm, server).run())
         await server.wait_connected(10)
@@ -101,7 +106,7 @@ async def test_who_asks_for_pages_without_end_takes_nothing_of_the_gateways_time
 ):
     monkeypatch.setattr(children, "BEGINS_WITHIN_S", 4.0)  # it may hang before anybody has seen it serve
     others = set(children_of(os.getpid()))  # what other tests fork from
-    async with visitors_page("127.0.0.1", 0) as port:
+    async with a_page_apart() as port:
 
         def crowd() -> None:
             asked = b"GET /none HTTP/1.1\r\nHost: x\r\n\r\n" * 100

@@ -49,3 +49,44 @@ def connect() -> None:
 @runs("link", "serve")
 def serve() -> None:
     """Serve the link alone: answer every request with itself, tell every command to everybody."""
+
+
+@link.command(epilog="Example: phalanx link invite --robot Ada --role driver --uses 1")
+@option("--robot", "robots", help="That its visitors may drive; repeatable. Without: any.", multiple=True)
+@option(
+    "--role",
+    help="What its visitors may do.",
+    type=click.Choice(["watcher", "driver", "operator", "watch", "drive", "operate"]),
+    default="driver",
+)
+@option("--uses", help="For so many visitors.", type=click.IntRange(1, 1000), default=1)
+@option("--name", help="Its visitors are called that; without, they choose.", default="")
+@option("--hours", help="For how long it is valid.", type=click.FloatRange(0.01, 8784), default=168.0)
+@option("--sheet", help="Write a page with a card for each --robot, or for every robot.", type=options.OUT_FILE)
+@options.state_option
+@options.json_option
+@runs("invite", "invite")
+def invite() -> None:
+    """Make a ticket for a gateway that runs, and print its link; or a sheet of tickets, a card for each robot."""
+
+
+@link.group(epilog="Example: phalanx link trail verify")
+def trail() -> None:
+    """Who joined, drove, was refused and was removed."""
+
+
+@trail.command(epilog="Example: phalanx link trail export > trail.jsonl")
+@click.argument("file", required=False, type=options.FILE)
+@options.state_option
+@runs("invite", "export")
+def export() -> None:
+    """Print the trail, a JSON object a line; end with 2 at the first line that was changed."""
+
+
+@trail.command(epilog="Example: phalanx link trail verify --top HASH")
+@click.argument("file", required=False, type=options.FILE)
+@options.state_option
+@option("--top", help="A hash that was printed before: it has to be in it, or the end was cut off.", metavar="HASH")
+@runs("invite", "verify")
+def verify() -> None:
+    """Check that no line of the trail was changed or taken out, and print the hash of the last."""

@@ -30,12 +30,13 @@ class Arrival:
     def __init__(self, sock: socket.socket, address: str, until_s: float) -> None:
         self.socket, self.address, self.until_s = sock, address, until_s
         self.task: asyncio.Task[None] | None = None
+        self.has_begun = False  # a task that is cancelled before it begins closes nothing
 
     def leave(self) -> None:
         """Close it."""
         if self.task:
             self.task.cancel()
-        else:
+        if not self.has_begun:
             self.socket.close()
 
 
@@ -126,6 +127,7 @@ class Arrivals:
             self._newcomers.add(arrival.address, arrival)
 
     async def _connect(self, arrival: Arrival) -> None:
+        arrival.has_begun = True
         timeout = {"ssl_handshake_timeout": self._limits.head_s} if self._tls else {}
         loop = asyncio.get_running_loop()
         try:

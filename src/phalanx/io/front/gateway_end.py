@@ -17,12 +17,14 @@ from pathlib import Path
 from typing import Self
 
 from phalanx.config.front import FrontConfig
-from phalanx.io.children import PROBE_TIMEOUT_S, a_python_child, kept
+from phalanx.errors import Unavailable
+from phalanx.io.children import BEGINS_WITHIN_S, PROBE_TIMEOUT_S, a_python_child, kept
 from phalanx.io.ports import listen
 from phalanx.wire.front import NUMBERS_MAX, FromFront, ToFront, pack_numbers
 from phalanx.wire.record import MalformedRecord
 
 from .pipe import Pipe
+from .tls import tls_context
 
 log = logging.getLogger(__name__)
 
@@ -99,17 +101,22 @@ class Front:
         self._events: deque[Event] = deque()
         self._wakes = asyncio.Event()
         self._taken = 0
-        self._alive: asyncio.Future[bool] | None = None
+        self._alive: asyncio.Future[None] | None = None
         self._over = False
         self._stack = contextlib.AsyncExitStack()
 
     async def __aenter__(self) -> Self:
-        """Listen and start the child. Raises: PortTaken, Unavailable: it cannot listen there."""
+        """Listen and start the child.
+
+        Raises: PortTaken, Unavailable: it cannot listen there, or does not start. UsageError: certificate or key.
+        """
+        if self._tls:
+            tls_context(*self._tls)
         async with contextlib.AsyncExitStack() as stack:
             # We listen, not the child: whoever comes while it starts waits, and nobody takes the port.
             self._listening = stack.enter_context(listen(self._host, self.port, IF_TAKEN))
             self.port = int(self._listening.getsockname()[1])
-            await stack.enter_async_context(kept("the front end", self._child, self._serves))
+            await stack.enter_async_context(kept("the front end", self._child, self._serves, self._begins))
             self._stack = stack.pop_all()
         return self
 
@@ -185,17 +192,26 @@ class Front:
                     pipe.close()
                     self._lose_all()
 
+    async def _begins(self, process: asyncio.subprocess.Process) -> None:
+        """Wait until the child serves. Raises: Unavailable: it does not."""
+        alive, ended = self._probe(), asyncio.create_task(process.wait())
+        try:
+            await asyncio.wait((alive, ended), timeout=BEGINS_WITHIN_S, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            ended.cancel()
+        if not alive.done():
+            raise Unavailable("the front end does not start", "phalanx doctor")
+
     async def _serves(self) -> bool | None:
         """Return whether the child answers in time."""
-        if self._pipe is None:
-            return None
+        alive = self._probe()
+        await asyncio.wait((alive,), timeout=PROBE_TIMEOUT_S)
+        return alive.done()
+
+    def _probe(self) -> asyncio.Future[None]:
         self._alive = asyncio.get_running_loop().create_future()
-        self._pipe.send(ToFront.PROBE)
-        try:
-            async with asyncio.timeout(PROBE_TIMEOUT_S):
-                return await self._alive
-        except TimeoutError:
-            return False
+        self._put(ToFront.PROBE, 0)
+        return self._alive
 
     def _lose_all(self) -> None:
         for connection in sorted(self._open):
@@ -227,7 +243,7 @@ class Front:
                 self._tell(Closed(number))
             case FromFront.ALIVE:
                 if self._alive and not self._alive.done():
-                    self._alive.set_result(True)
+                    self._alive.set_result(None)
             case _:
                 raise MalformedRecord(f"message {kind} of connection {number}")
 

@@ -70,10 +70,11 @@ class Link:
         return int.from_bytes(raw, "little")
 
     def wait_s(self, size: int, now_s: float) -> float:
-        """Return how long the message just read must wait for the rates of this connection."""
+        """Count the message just read, and return how long it must wait for the rates of this connection."""
+        wait_s = max(self._messages.wait_s(now_s), self._bytes.wait_s(now_s))
         self._messages.use()
         self._bytes.use(size)
-        return max(self._messages.wait_s(now_s), self._bytes.wait_s(now_s))
+        return wait_s
 
     def send(self, data: bytes, now_s: float) -> None:
         """Send a message; the client must take it in time."""

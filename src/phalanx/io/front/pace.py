@@ -13,13 +13,13 @@ class Pace:
         self._left, self._at_s = at_once, now_s
 
     def wait_s(self, now_s: float) -> float:
-        """Return how long to wait before the next one; 0: not at all."""
+        """Return how long to wait before one more may be used; 0: not at all."""
         self._left = min(self._at_once, self._left + (now_s - self._at_s) * self._per_s)
         self._at_s = now_s
-        return max(0.0, -self._left / self._per_s) if self._left < 0 else 0.0
+        return 0.0 if self._left >= 1.0 else (1.0 - self._left) / self._per_s
 
     def use(self, count: float = 1.0) -> None:
-        """Use so many; the debt that this makes is waited for."""
+        """Use so many; a debt that this makes is waited for."""
         self._left -= count
 
     def is_full(self, now_s: float) -> bool:

@@ -12,7 +12,6 @@ import json
 import os
 import signal
 import socket
-import ssl
 import sys
 from pathlib import Path
 
@@ -23,6 +22,7 @@ from phalanx.io.site import FILES_EACH
 
 from .pages import FrontSite
 from .pipe import Pipe
+from .tls import tls_context
 
 FROM_GATEWAY_BYTES = 4 * 1024 * 1024
 # The gateway, which has the robots' tick and the operator's stop, comes first when both want the same processor.
@@ -51,14 +51,6 @@ async def serve(words: list[str]) -> None:
     await loop.create_unix_connection(lambda: pipe, sock=socket.socket(fileno=int(pipe_number)))
     async with site:
         await over.wait()
-
-
-def tls_context(cert: str, key: str) -> ssl.SSLContext:
-    """Return what serves HTTPS. Raises: OSError: a file cannot be read, or is none."""
-    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
-    context.minimum_version = ssl.TLSVersion.TLSv1_2
-    context.load_cert_chain(cert, key)
-    return context
 
 
 if __name__ == "__main__":

@@ -122,12 +122,12 @@ class Turns(Generic[Item]):
                 break
             waits_s = []
             for address in self._rows.addresses():
-                own_s = self._paces.of(address, now_s).wait_s(now_s) if self._paces else 0.0
+                own_s = self._paces.of(address, now_s).wait_s(now_s) if self._paces is not None else 0.0
                 if own_s:
                     waits_s.append(own_s)
                     continue
                 self._pace.use()
-                if self._paces:
+                if self._paces is not None:
                     self._paces.of(address, now_s).use()
                 self._serve(self._rows.pop(address))
                 break
@@ -139,7 +139,7 @@ class Turns(Generic[Item]):
 
     def forget(self, now_s: float) -> None:
         """Forget the paces of addresses that used nothing lately; call it about once a second."""
-        if self._paces:
+        if self._paces is not None:
             self._paces.forget(now_s)
 
     def close(self) -> None:
