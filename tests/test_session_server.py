@@ -72,7 +72,7 @@ def test_a_first_message_alone_has_no_effect_nor_has_its_replay():
     for secret in (ticket, world.invitation()):
         copy = world.dial(secret)
         world.carry(world.server.receive(copy.connection, hello, world.now))
-    assert [event for event in world.happened if isinstance(event, Joined)] == [Joined(1, "", Role.DRIVE, True, False)]
+    assert [event for event in world.happened if isinstance(event, Joined)] == [Joined(1, "Visitor 1", Role.DRIVE, True, False)]
     assert ada.client.is_joined
     assert len(world.server.visitors) == 1
 
@@ -170,7 +170,7 @@ def test_a_ticket_admits_as_often_as_it_says_until_its_time_is_over():
     world = with_robots()
     ticket = world.ticket(uses=2, name="Grace", robots=frozenset({"R2"}))
     first, second, third = world.join(ticket, name="Eve"), world.join(ticket), world.join(ticket)
-    assert (first.last(Admitted).name, second.last(Admitted).name) == ("Grace", "Grace")
+    assert (first.last(Admitted).name, second.last(Admitted).name) == ("Grace", "Grace 2")
     assert third.closed == "unknown_secret"
     world.publish()
     assert isinstance(world.drive(first, "R2"), Commanded)
@@ -179,6 +179,17 @@ def test_a_ticket_admits_as_often_as_it_says_until_its_time_is_over():
     brief = world.ticket(lifetime_s=10)
     world.wait(11_000)
     assert world.join(brief).closed == "unknown_secret"
+
+
+def test_no_two_visitors_have_one_nickname_and_nobody_is_without():
+    world = World()
+    wishes = ("Ada", "ada", "", "Visitor 4", "ADA", "x" * 40, "x" * 32, "Ada 2")
+    names = [world.join(name=wish).last(Admitted).name for wish in wishes]
+    long = "x" * 32
+    assert names == ["Ada", "ada 2", "Visitor 3", "Visitor 4", "ADA 3", long, f"{long[:26]} 2", "Ada 2 2"]
+    assert all(len(name) <= 32 for name in names)
+    world.operations.remove(1, world.now)
+    assert world.join(name="Ada").last(Admitted).name == "Ada", "that one is free again"
 
 
 def test_two_handshakes_with_one_use_admit_one():
