@@ -144,6 +144,11 @@ class Frames:
                 self._last_told = address
         return changes
 
+    def nothing(self, *, held: bool) -> dict[str, Any]:
+        """Return a whole frame without news: on sessions there is one each tick, as gaps would tell who stands."""
+        self._ticks += 1
+        return _notice(self._ticks - 1, {}, held)
+
     def _packed(
         self, lists: Mapping[str, Sequence[Any]], places: Sequence[Places], limit_bytes: int
     ) -> list[dict[str, Any]]:

@@ -9,7 +9,7 @@ import asyncio
 import logging
 import os
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from typing import Any, Protocol
 
@@ -44,6 +44,9 @@ log = logging.getLogger(__name__)
 TICK_S = 0.1
 JSON_DEPTH = 8
 CLOSING_S = 0.1  # for what was said last to leave
+# An update without news must not be shorter than one in which a robot moves: spaces make up for it. Every robot's place
+# is in one of ten updates. Longer ones are not made equal: they have so many robots that one does not show.
+EQUAL_TICKS, EQUAL_BYTES = 100, 2040
 _REASONS: dict[type[PeerError], Reason] = {
     BadPayload: Reason.BAD,
     Held: Reason.HELD,
@@ -119,6 +122,7 @@ class SessionLink:
         self._answers = Answers[Requested](self._answer)
         self._encoded: dict[str, tuple[SharedAnswer, bytes]] = {}  # by the request's name
         self._admitted: set[int] = set()
+        self._lengths: deque[int] = deque(maxlen=EQUAL_TICKS)  # of updates
 
     @property
     def answer_bytes(self) -> int:
@@ -149,6 +153,8 @@ class SessionLink:
             state = encode_json(payload)
         except (TypeError, ValueError, RecursionError) as error:
             raise UsageError(f"an update is not JSON: {error}") from error
+        self._lengths.append(min(len(state), EQUAL_BYTES))
+        state = state.ljust(max(self._lengths))
         self.carry([self.server.publish(state, now())])
         self.counters["notifications"] += 1
         return True
