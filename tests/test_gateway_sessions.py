@@ -191,7 +191,7 @@ def test_payloads_are_strict_json_of_few_levels(payload, refused):
 async def test_an_operator_by_a_ticket_removes_gives_and_lets_in_and_a_driver_does_not(tmp_path):
     swarm = Dotbots(3, 1, time.time)
     first, second, _ = (robot.address for robot in swarm.robots())
-    async with serving(swarm, trail=tmp_path / "trail", assign="one-each") as link:
+    async with serving(swarm, trail=tmp_path / "trail", assign="one-each", requests_per_s=100) as link:
         held = []
         desk = OperatorDesk(link, swarm, link.gateway.brakes, "http://x/", held.append)
         link.operate = desk.operate
