@@ -136,7 +136,7 @@ class TestNewcomers:
         assert silent == ["here"] * 2
 
     def test_one_too_many_in_all_closes_the_oldest_where_most_are(self):
-        newcomers = Newcomers(FrontConfig(newcomers_max=4), list().append)
+        newcomers = Newcomers(FrontConfig(newcomers_max=4), [].append)
         here, there = [One() for _ in range(4)], [One(), One()]
         for each in here:
             newcomers.add("here", each)
