@@ -57,7 +57,14 @@ export function App() {
               outOfOrder={dead ? "Back in a moment" : undefined}
               exhibition={exhibition}
             />
-            {!exhibition.on && <LiveMap token={token} state={newest.state} />}
+            {!exhibition.on && (
+              <div className="middle">
+                <LiveMap token={token} state={newest.state} />
+                {newest.state.session && (
+                  <SessionCard token={token} session={newest.state.session} robots={newest.state.robots} />
+                )}
+              </div>
+            )}
             {!exhibition.on && <Show token={token} state={newest.state} />}
           </div>
           {!exhibition.on && (
@@ -84,7 +91,6 @@ function Show({ token, state }: { readonly token: string; readonly state: Gatewa
   const isShared = session === undefined || mode === "qrkey";
   return (
     <div className="show">
-      {session && <SessionCard token={token} session={session} robots={robots} />}
       {shields && <CompromiseCard token={token} robots={robots} shields={shields} />}
       {shields && <AuditsCard refusals={shields.refusals} />}
       {mission && <MissionCard mission={mission} />}

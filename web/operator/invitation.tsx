@@ -35,11 +35,12 @@ export function Invitation({ token, newest, outOfOrder, exhibition }: Props) {
       <h1>{newest.state.mission ? "Scan to watch the robots" : "Scan to drive the robots"}</h1>
       <QrCode svg={newest.state.qr_svg} outOfOrder={outOfOrder} />
       <p className="page-url">{shortUrl(newest.state.page_url)}</p>
-      {session && <RoomCode token={token} room={session.room} canChange={!on} />}
+      {session?.room !== undefined && <RoomDigits room={session.room} />}
       <div className="invitation-foot">
         <Countdown newest={newest} />
         <div className="buttons">
           {!on && <NewCode token={token} isShared={isShared} overlapping={newest.state.overlapping} />}
+          {!on && session && <RoomToggle token={token} isShown={session.room !== undefined} />}
           {!on && <CopyLink url={newest.state.qr_url} />}
           <button ref={button} type="button" className={on ? "subtle" : "primary"} onClick={on ? leave : enter}>
             {on ? "Back to the overview" : "QR only"}
@@ -81,38 +82,29 @@ function NewCode({ token, isShared, overlapping }: NewCodeProps) {
   );
 }
 
-interface RoomProps {
-  readonly token: string;
-  readonly room: string | undefined;
-  readonly canChange: boolean;
+/** Large, for people who type it. */
+function RoomDigits({ room }: { readonly room: string }) {
+  return (
+    <p className="room">
+      <span className="quiet">room code</span>{" "}
+      <strong className="room-digits" data-testid="room-digits">
+        {room.slice(0, 4)} {room.slice(4)}
+      </strong>
+    </p>
+  );
 }
 
-/** Large, for people who type it. */
-function RoomCode({ token, room, canChange }: RoomProps) {
-  if (room === undefined && !canChange) return null;
+function RoomToggle({ token, isShown }: { readonly token: string; readonly isShown: boolean }) {
   return (
-    <div className="room" data-testid="room">
-      {room !== undefined && (
-        <p>
-          <span className="quiet">room code</span>{" "}
-          <strong className="room-digits" data-testid="room-digits">
-            {room.slice(0, 4)} {room.slice(4)}
-          </strong>
-        </p>
-      )}
-      {canChange && (
-        <button
-          type="button"
-          className="subtle"
-          data-testid="room-toggle"
-          data-tip={TERMS.room}
-          aria-description={TERMS.room}
-          onClick={() => void order(token, "link/room", { show: room === undefined })}
-        >
-          {room === undefined ? "Show a room code" : "Hide the room code"}
-        </button>
-      )}
-    </div>
+    <button
+      type="button"
+      data-testid="room-toggle"
+      data-tip={TERMS.room}
+      aria-description={TERMS.room}
+      onClick={() => void order(token, "link/room", { show: !isShown })}
+    >
+      {isShown ? "Hide room code" : "Room code"}
+    </button>
   );
 }
 
