@@ -67,6 +67,15 @@ inline close_all()
 	k = 0
 }
 
+/* A handshake that has begun goes on. */
+inline close_open()
+{
+	for (k : 1 .. CONNECTIONS) {
+		state[k] = (state[k] == OPEN -> CLOSED : state[k])
+	}
+	k = 0
+}
+
 inline sessions()
 {
 	n = 0;
@@ -87,10 +96,7 @@ inline answer(h)
 #ifdef AT_HELLO
 	if
 	:: state[connections] == PENDING ->
-		for (k : 1 .. CONNECTIONS) {
-			state[k] = (state[k] == OPEN -> CLOSED : state[k])
-		}
-		k = 0
+		close_open()
 	:: else
 	fi;
 #endif
@@ -116,10 +122,7 @@ inline admit(c)
 #endif
 		assert(record[c]);                               /* RECORD */
 #ifndef TWO_SESSIONS
-		for (k : 1 .. CONNECTIONS) {
-			state[k] = (state[k] == OPEN -> CLOSED : state[k])
-		}
-		k = 0;
+		close_open();
 #endif
 		/* What the visitor may have, and has not confirmed, is given again. */
 #ifndef RENEWED
@@ -203,7 +206,7 @@ active proctype World()
 	:: d_step { removing == 0 && row && !acknowledged ->
 		row = false;
 		ticket = false;
-		close_all();
+		close_open();
 		acknowledged = true;
 		was_removed = true;
 		removing = 1
@@ -225,7 +228,7 @@ active proctype World()
 	:: d_step { removing == 1 ->
 		row = false;
 		ticket = disk_ticket;
-		close_all();
+		close_open();
 		acknowledged = true;
 		removing = 2
 	   }
