@@ -71,7 +71,7 @@ class SessionClient:
         refusals: refused commands and requests, by reason.
         dropped: updates and notices that nobody read in time.
 
-    Raises: BadInvitation, UsageError: the URL, the name. On entering, Unavailable: no server; SessionOver: not admitted.
+    Raises: BadInvitation, UsageError: URL, name. On entering, Unavailable: no server; SessionOver: not admitted.
     Source: docs/spec/session.md.
     """
 
