@@ -34,9 +34,7 @@ TOGETHER := $(MAKE) --no-print-directory --keep-going --output-sync=target --job
 # What the system must have, asked for once and all at once; the tests need more than the demo.
 NEEDED := .venv/needs
 NEEDS := venv=python3-venv gcc=gcc libc=libc6-dev headers=python3-dev node=nodejs npm=npm
-ifeq ($(filter test% check-long coverage lint% bench docs %-dev,$(MAKECMDGOALS)),)
-NEEDS += broker=mosquitto
-else
+ifneq ($(filter test% check-long coverage lint% bench docs %-dev,$(MAKECMDGOALS)),)
 NEEDED := .venv/needs-dev
 NEEDS += mosquitto=mosquitto browser=chromium-headless-shell valgrind=valgrind spin=spin
 # The only compiler with a fuzzer: 50 MB to fetch.

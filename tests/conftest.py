@@ -19,6 +19,7 @@ import time
 from contextlib import asynccontextmanager, contextmanager, redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
 from types import SimpleNamespace
+from uuid import uuid4
 
 import aiomqtt
 import pytest
@@ -53,6 +54,20 @@ def kernel_defects():
     yield records
     logger.removeHandler(handler)
     assert not [record.getMessage() for record in records]
+
+
+@pytest.fixture(autouse=True, scope="session")
+def states(tmp_path_factory):
+    """A folder below which gateways keep what they keep, and not in somebody's home."""
+    return tmp_path_factory.mktemp("states")
+
+
+@pytest.fixture(autouse=True)
+def state(states, monkeypatch):
+    """One of each test's own: a gateway that another test has left behind has its own."""
+    path = states / uuid4().hex
+    monkeypatch.setenv("XDG_STATE_HOME", str(path))
+    return path / "phalanx"
 
 
 _running: list[pytest.Item] = []
@@ -108,12 +123,12 @@ def a_page(port: int = 0, host: str = "127.0.0.1", connections: int = 1000) -> S
 def operator_pages(token: str, state=dict, desk=None, port: int = 0, **said) -> OperatorPages:
     """The operator's page of a gateway that does nothing but what is `said`."""
 
-    class Server:
+    class Running(SimpleNamespace):
         connected = property(lambda _: said["connected"]())
 
     gateway = SimpleNamespace(watch=said.get("watch", lambda _: lambda: None))
     compromise, hold = (lambda *_: None), said.get("hold", lambda _: None)
-    running = SimpleNamespace(state=state, compromise=compromise, hold=hold, gateway=gateway, server=Server())
+    running = Running(state=state, compromise=compromise, hold=hold, gateway=gateway, desk=said.get("visitors"))
     return OperatorPages(token, running, desk, port)
 
 
@@ -333,13 +348,15 @@ def child(*arguments: str, **more):
 
 
 @contextmanager
-def a_gateway(*arguments: str, **more):
-    """`phalanx up --events` on free ports; yields the child and its 'ready' event.
+def a_gateway(*arguments: str, qrkey: bool = True, **more):
+    """`phalanx up --events` on free ports, in mode qrkey or on direct alone; yields the child and its 'ready' event.
 
     Robots do not audit each other unless asked to: most tests are about the link, and any number of them will do.
     """
     defence = () if "--defence" in arguments else ("--defence", "none")
-    with child("up", "--events", "--port", "0", *defence, *arguments, **more) as running:
+    broker = () if "--broker" in arguments or not qrkey else ("--broker", "mosquitto")
+    mode = (*broker, *(("--qrkey",) if qrkey else ()))
+    with child("up", "--events", "--port", "0", *defence, *mode, *arguments, **more) as running:
         yield running, running.wait_for("ready")
 
 

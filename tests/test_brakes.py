@@ -77,6 +77,7 @@ async def served(swarm, broker):
         job = asyncio.create_task(gateway.run())
         await server.wait_connected(10)
         async with Client(server.qr()) as visitor:
+            gateway.rejected = lambda: server.rejected  # for tests
             yield gateway, visitor
         job.cancel()
 
@@ -116,7 +117,7 @@ class TestWithTheEventLoopHeldUp:
                     assert swarm.how_they_stand() == stood
                     # Visitors do not get round it, by no kind of order.
                     async with asyncio.timeout(10):
-                        while gateway.server.rejected["held"] < 6:
+                        while gateway.rejected()["held"] < 6:
                             await visitor.command(address, "move_raw", SPIN)
                             await visitor.command(address, "waypoints", {"threshold": 50, "waypoints": route[:1]})
                             await asyncio.sleep(0.1)
@@ -191,7 +192,7 @@ class TestWithTheBrokerNotThereYet:
         # The operator's port is the one that visitors' pages like best: theirs goes elsewhere.
         monkeypatch.setattr(sys.modules[up.__module__], "DEFAULT_PORT", port)
         where = f"mqtt://127.0.0.1:{free_port()}"
-        options = UpOptions(broker=where, operator_port=port, operator_token=TOKEN, wait_s=30)
+        options = UpOptions(qrkey=True, broker=where, operator_port=port, operator_token=TOKEN, wait_s=30)
         job = asyncio.create_task(up(options, lambda _: None, swarm=lambda: swarm))
         await eventually(lambda: not is_free(port))
         await asyncio.to_thread(say, f"http://127.0.0.1:{port}", "stop")

@@ -40,19 +40,27 @@ class TestMistakes:
             (["up", "--rotate-s", "5", "--overlap-s", "6"], 2, "overlap of 6 s"),
             (["up", "--rotate-s", "nan"], 2, "'--rotate-s': nan is no finite number"),
             (["up", "--root", "noslash"], 2, "root 'noslash'"),
-            (["up", "--broker", "http://x"], 2, "http:// is not known"),
-            (["up", "--broker", "mqt://x"], 2, "did you mean mqtt://? "),
+            (["up", "--qrkey", "--broker", "http://x"], 2, "http:// is not known"),
+            (["up", "--qrkey", "--broker", "mqt://x"], 2, "did you mean mqtt://? "),
             (["up", "--swarm", "dotbt://x"], 2, "did you mean dotbot://? "),
-            (["up", "--broker", "mqtt://u:hunter2@x"], 2, "has a login in it"),
-            (["up", "--broker", "mqtt://x", "--broker-login", "/nowhere"], 2, "cannot read /nowhere"),
+            (["up", "--qrkey", "--broker", "mqtt://u:hunter2@x"], 2, "has a login in it"),
+            (["up", "--qrkey", "--broker", "mqtt://x", "--broker-login", "/nowhere"], 2, "cannot read /nowhere"),
             (["up", "--port", "99999"], 2, "--port"),
             (["up", "--host", "203.0.113.9"], 1, "cannot listen on 203.0.113.9"),
             (["up", "--host", "not a host"], 1, "cannot listen on not a host"),
             (["up", "--seed", "-1"], 2, "seed -1"),
-            (["up", "--frontend", "javascript:alert(1)"], 2, "is not a page"),
+            (["up", "--qrkey", "--broker", "mosquitto", "--frontend", "javascript:alert(1)"], 2, "is not a page"),
             (["up", "--duration", "0"], 2, "--duration"),
-            (["up", "--broker-ws", "ws://x"], 2, "a websocket address for a broker of our own"),
-            (["up", "--broker", "mqtt://x", "--broker-ws", "mqtt://x"], 2, "browsers cannot use mqtt://x:1883"),
+            (
+                ["up", "--qrkey", "--broker", "mosquitto", "--broker-ws", "ws://x"],
+                2,
+                "a websocket address for a broker of our own",
+            ),
+            (
+                ["up", "--qrkey", "--broker", "mqtt://x", "--broker-ws", "mqtt://x"],
+                2,
+                "browsers cannot use mqtt://x:1883",
+            ),
             (["up", "--page-url", "ftp://x"], 2, "'ftp://x' is not a page"),
             (["up", "--unheard-of"], 2, "--unheard-of"),
             (["nonsense"], 2, "nonsense"),
@@ -81,12 +89,23 @@ class TestMistakes:
             (["link", "serve", "--broker", "mqtt://h/path"], 2, "has no path"),
             (["link", "serve", "--broker", "mqtt://127.0.0.1:1", "--wait", "0.5"], 1, "no broker at"),
             (
-                ["up", "--broker", "mqtt://localhost:1", "--wait", "0.5", "--defence", "none"],
+                ["up", "--qrkey", "--broker", "mqtt://localhost:1", "--wait", "0.5", "--defence", "none"],
                 1,
                 "0.5 s (connection refused)",
             ),
             (
-                ["up", "--broker", "mqtt://h.invalid", "--wait", "2", "--duration", "1", "--defence", "none"],
+                [
+                    "up",
+                    "--qrkey",
+                    "--broker",
+                    "mqtt://h.invalid",
+                    "--wait",
+                    "2",
+                    "--duration",
+                    "1",
+                    "--defence",
+                    "none",
+                ],
                 1,
                 "no broker at",
             ),
@@ -122,7 +141,7 @@ class TestMistakes:
             time.sleep(0.3)
             login = {"PHALANX_BROKER_USERNAME": "me", "PHALANX_BROKER_PASSWORD": "hunter2"}
             for arguments in (
-                ["up", "--port", "0", "--defence", "none"],
+                ["up", "--port", "0", "--defence", "none", "--qrkey"],
                 ["link", "serve"],
                 ["link", "connect", "--pin", "123456"],
             ):
@@ -132,7 +151,7 @@ class TestMistakes:
 
     def test_a_login_file(self, tmp_path, capsys):
         (tmp_path / "login").write_text("no colon\n")
-        assert run_command(["up", "--broker", "mqtt://x", "--broker-login", str(tmp_path / "login")]) == 2
+        assert run_command(["up", "--qrkey", "--broker", "mqtt://x", "--broker-login", str(tmp_path / "login")]) == 2
         assert "no colon" not in capsys.readouterr().err
         (tmp_path / "login").write_bytes(b"\xef\xbb\xbfguest:open house\r\n")  # as an editor of Windows does
         assert login_in(tmp_path / "login") == Login("guest", "open house")
@@ -153,7 +172,7 @@ class TestMistakes:
         (tmp_path / "lab.crt").write_text("no certificate\n")
         for name, why in (("lab.crt", "no certificate in it"), ("lab.ctr", "No such file or directory")):
             monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / name))
-            for command in ("doctor", "up", "link serve", "link connect --pin 123456"):
+            for command in ("doctor", "up --qrkey", "link serve", "link connect --pin 123456"):
                 assert run_command([*command.split(), "--broker", "mqtts://127.0.0.1:1"]) == 2
                 told = capsys.readouterr().err
                 assert f"SSL_CERT_FILE is {tmp_path / name}: {why}" in told
@@ -162,7 +181,7 @@ class TestMistakes:
     @pytest.mark.waits
     def test_whoever_reads_our_output_may_leave(self):
         words = ["up", "--events", "--port", "0", "--defence", "none", "--rotate-s", "1", "--overlap-s", "0.5"]
-        words += ["--duration", "60"]
+        words += ["--broker", "mosquitto", "--qrkey", "--duration", "60"]
         with subprocess.Popen(
             [*PHALANX, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
         ) as up:

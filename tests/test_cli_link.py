@@ -13,6 +13,7 @@ from conftest import child, run
 from phalanx.cli.link import _find
 from phalanx.errors import Unavailable, UsageError
 from phalanx.io import Client, Server
+from session_endpoint import Endpoint
 
 pytestmark = pytest.mark.waits
 
@@ -83,3 +84,44 @@ class TestHostileSwarms:
             assert "\x1b" not in done.stdout
             done = await asyncio.to_thread(run, "link", "connect", url, "--json")
             assert all(isinstance(robot["address"], str) for robot in json.loads(done.stdout)["robots"])
+
+
+class TestSessions:
+    async def test_a_session_s_link_lists_drives_and_keeps_the_visitor(self, tmp_path):
+        async with Endpoint() as swarm:
+            url, keep = swarm.ticket(uses=1, name="Ada"), str(tmp_path / "ada")
+
+            async def connect(*words):
+                return await asyncio.to_thread(run, "link", "connect", url, "--keep", keep, *words)
+
+            listed = await connect("--json")
+            assert [each["address"] for each in json.loads(listed.stdout)["robots"]] == ["A1", "B2"], listed.stderr
+            drove = await connect("--drive", "robot a1", "--left", "40", "--for", "0.5", "--json")
+            assert json.loads(drove.stdout)["address"] == "A1", drove.stderr
+            assert {each.visitor for each in swarm.commands} == {1}, "the ticket admits once: it was the same visitor"
+            assert json.loads(swarm.commands[0].payload)["left_y"] == 40
+            assert swarm.commands[-1].is_stop
+            swarm.operations.remove(1, swarm.now)
+            out = await connect()
+            assert out.returncode == 1
+            assert "does not admit" in out.stderr
+
+    async def test_what_a_ticket_does_not_allow_is_said_in_one_line(self):
+        async with Endpoint() as swarm:
+            url = swarm.ticket(robots=frozenset({"B2"}))
+            done = await asyncio.to_thread(run, "link", "connect", url, "--drive", "A1")
+            assert done.returncode == 1
+            assert "phalanx: error: driving A1 was refused: not allowed" in done.stderr
+
+    @pytest.mark.parametrize(
+        ("words", "said"),
+        [
+            (("http://x/#j=abc",), "not an invitation"),
+            (("http://x/#j=abc", "--pin", "1234"), "a session's link, and a pin"),
+            (("http://x/#v=1&pin=123456&broker=ws://x", "--name", "Ada"), "without a session"),
+        ],
+    )
+    def test_what_does_not_fit_together_is_refused(self, words, said):
+        done = run("link", "connect", *words)
+        assert done.returncode == 2
+        assert said in done.stderr

@@ -135,7 +135,10 @@ class TestWhere:
     @pytest.mark.parametrize(
         ("words", "said"),
         [
-            (["up", "--broker-login", "nowhere"], "a login for a broker of our own"),
+            (
+                ["up", "--qrkey", "--broker", "mosquitto", "--broker-login", "nowhere"],
+                "a login for a broker of our own",
+            ),
             (["link", "serve", "--broker-login", "nowhere"], "a login for a broker of our own"),
             (["doctor", "--visitors-login", "{login}"], "no broker to try"),
             (["doctor", "--broker", "localhost", "--broker-ws", "localhost:9001"], "browsers cannot use mqtt://"),

@@ -58,6 +58,7 @@ class TestUp:
                 "qr_url",
                 "pin",
                 "topic",
+                "session_url",
                 "broker_host",
                 "broker_port",
                 "broker_ws_port",
@@ -152,7 +153,17 @@ class TestUp:
         with (
             bare_mosquitto(tcp, ws, tmp_path) as (start, _),
             child(
-                *("up", "--events", "--port", "0", "--defence", "none", "--broker", f"mqtt://127.0.0.1:{tcp}"),
+                *(
+                    "up",
+                    "--events",
+                    "--port",
+                    "0",
+                    "--defence",
+                    "none",
+                    "--qrkey",
+                    "--broker",
+                    f"mqtt://127.0.0.1:{tcp}",
+                ),
                 stdin=subprocess.PIPE,
             ) as up,
         ):
@@ -169,7 +180,9 @@ class TestUp:
             assert up.stop() == 0
 
     def test_a_broker_that_never_comes_is_one_line_and_a_hint(self):
-        ended = run("up", "--wait", "2", "--port", "0", "--defence", "none", "--broker", "mqtt://127.0.0.1:1")
+        ended = run(
+            "up", "--wait", "2", "--port", "0", "--defence", "none", "--qrkey", "--broker", "mqtt://127.0.0.1:1"
+        )
         assert ended.returncode == 1
         error, hint = ended.stderr.splitlines()
         assert error == "phalanx: error: no broker at mqtt://127.0.0.1:1 within 2 s (connection refused)"
@@ -203,7 +216,7 @@ class TestUp:
         tcp, ws = free_port(), free_port()
         with bare_mosquitto(tcp, ws, tmp_path) as (start, _):
             start()
-            for words in (["up", "--port", "0", "--defence", "none"], ["link", "serve"]):
+            for words in (["up", "--port", "0", "--defence", "none", "--qrkey"], ["link", "serve"]):
                 with child(*words, "--events", "--broker", f"mqtt://127.0.0.1:{tcp}") as guessing:
                     guessing.wait_for("ready")
                     assert guessing.stop() == 0
@@ -251,19 +264,20 @@ class TestUp:
             listed = called("link", "connect", ready["qr_url"], "--root", "/pydotbot", "--json")
             assert len(json.loads(listed.stdout)["robots"]) == 12
 
-    @pytest.mark.parametrize("broker", ["mosquitto", "amqtt"])
-    def test_on_every_address_only_pages_and_websockets_are_open(self, broker):
-        with a_gateway("--host", "0.0.0.0", "--broker", broker) as (up, ready):
+    @pytest.mark.parametrize("qrkey", [True, False])
+    def test_on_every_address_only_pages_and_websockets_are_open(self, qrkey):
+        with a_gateway("--host", "0.0.0.0", qrkey=qrkey) as (up, ready):
             page = int(ready["page_url"].rstrip("/").rsplit(":", 1)[1])
-            assert open_to_all(up.process.pid) == {page, ready["broker_ws_port"]}
+            assert open_to_all(up.process.pid) == {page, ready.get("broker_ws_port", page)}
 
-    @pytest.mark.parametrize("broker", ["mosquitto", "amqtt"])
-    def test_unless_asked_nothing_is_open_to_other_machines(self, broker):
-        with a_gateway("--broker", broker) as (up, ready):
-            assert len(children_of(up.process.pid)) == 3, "the broker, the guard, the page"
+    @pytest.mark.parametrize("qrkey", [True, False])
+    def test_unless_asked_nothing_is_open_to_other_machines(self, qrkey):
+        with a_gateway(qrkey=qrkey) as (up, ready):
+            assert len(children_of(up.process.pid)) == (3 if qrkey else 1), "the front end; the broker and the guard"
             assert not open_to_all(up.process.pid)
-            listed = called("link", "connect", ready["qr_url"], "--json")
-            assert len(json.loads(listed.stdout)["robots"]) == 12
+            if qrkey:
+                listed = called("link", "connect", ready["qr_url"], "--json")
+                assert len(json.loads(listed.stdout)["robots"]) == 12
             assert up.stop() == 0
 
     def test_the_operators_api_asks_for_the_token_and_never_shows_it(self):
@@ -288,7 +302,8 @@ class TestUp:
 
     def test_nothing_secret_is_logged_at_debug(self):
         with child(
-            "--log-level", "debug", "up", "--events", "--port", "0", "--rotate-s", "8", "--overlap-s", "1"
+            *("--log-level", "debug", "up", "--events", "--port", "0", "--rotate-s", "8", "--overlap-s", "1"),
+            *("--broker", "mosquitto", "--qrkey"),
         ) as up:
             ready = up.wait_for("ready")
             drive = ("--drive", "DECAFBAD00000001", "--left", "33", "--for", "0.3")
@@ -297,19 +312,27 @@ class TestUp:
             up.stop()
             log = "\n".join(up.err)
             assert "connected to mqtt://" in log, "the log was really at DEBUG"
-            for secret in [*secrets_of(ready), *(event["pin"] for event in up.events("rotation"))]:
+            fragment = ready["session_url"].partition("#j=")[2]
+            for secret in [*secrets_of(ready), fragment, *(event["pin"] for event in up.events("rotation"))]:
                 assert secret not in log
 
-    @pytest.mark.parametrize("host, defence", [("127.0.0.1", "bound"), ("0.0.0.0", "none")])
-    def test_for_people_it_shows_a_code_and_the_addresses(self, host, defence):
-        with child("up", "--port", "0", "--host", host, "--defence", defence, "--duration", "4") as up:
+    @pytest.mark.parametrize(
+        ("host", "defence", "more", "code"),
+        [
+            ("127.0.0.1", "bound", (), "j="),
+            ("0.0.0.0", "none", (), "j="),
+            ("127.0.0.1", "none", ("--broker", "mosquitto", "--qrkey"), "v=1&pin="),
+        ],
+    )
+    def test_for_people_it_shows_a_code_and_the_addresses(self, host, defence, more, code):
+        with child("up", "--port", "0", "--host", host, "--defence", defence, "--duration", "4", *more) as up:
             assert up.wait() == 0
             height = sum(max(1, -(-len(line) // 80)) for line in up.out) + 1  # and the status line
             assert height <= 24, up.out
             text = "\n".join(up.out)
             assert "█" in text
             assert "\x1b" not in text, "no colours in a file"
-            assert re.search(r"visitors.*  http://[0-9.]+:\d+/#v=1&pin=", text)
+            assert re.search(rf"visitors.*  http://[0-9.]+:\d+/#{code}", text)
             assert ("--host 0.0.0.0" in text) == (host == "127.0.0.1")
             assert re.search(r"operator  http://127.0.0.1:\d+/#token=", text)
 

@@ -15,10 +15,11 @@ import pytest
 
 from conftest import Turns, a_server, as_the_gateway, eventually
 from phalanx.errors import Overrun
-from phalanx.gateway import Gateway, visitors_page
-from phalanx.gateway.serve_pages import PAGES
+from phalanx.gateway import Gateway
+from phalanx.gateway.serve_pages import PAGES, VISITOR_POLICY
 from phalanx.io import Client, Server, children
-from phalanx.io.server import WAITING, WAITING_BYTES, Answers
+from phalanx.io.answers import WAITING, WAITING_BYTES, Answers
+from phalanx.io.site import page_apart
 from phalanx.link import Request
 from phalanx.link.envelope import encode_envelope, seal
 from phalanx.sim import Dotbots
@@ -46,6 +47,10 @@ time.sleep(60)
 """
 
 
+def a_page_apart():
+    return page_apart(PAGES / "visitor", VISITOR_POLICY, "127.0.0.1", 0, connections=1000, if_taken="")
+
+
 @pytest.mark.alone
 @pytest.mark.parametrize("by_the_clock", [False, pytest.param(True, marks=pytest.mark.long)])
 async def test_a_thousand_at_the_page_of_whom_half_do_not_read_hold_up_no_joystick(broker, by_the_clock, capsys):
@@ -54,7 +59,7 @@ async def test_a_thousand_at_the_page_of_whom_half_do_not_read_hold_up_no_joysti
     script = max((PAGES / "visitor" / "assets").glob("*.js"), key=lambda path: path.stat().st_size)
     async with (
         Server(broker.gateway, broker_for_visitors=broker.websocket) as server,
-        visitors_page("127.0.0.1", 0) as page,
+        a_page_apart() as page,
     ):
         gateway = asyncio.create_task(Gateway(swarm, server).run())
         await server.wait_connected(10)
@@ -101,7 +106,7 @@ async def test_who_asks_for_pages_without_end_takes_nothing_of_the_gateways_time
 ):
     monkeypatch.setattr(children, "BEGINS_WITHIN_S", 4.0)  # it may hang before anybody has seen it serve
     others = set(children_of(os.getpid()))  # what other tests fork from
-    async with visitors_page("127.0.0.1", 0) as port:
+    async with a_page_apart() as port:
 
         def crowd() -> None:
             asked = b"GET /none HTTP/1.1\r\nHost: x\r\n\r\n" * 100
@@ -167,14 +172,18 @@ async def test_of_one_who_asks_again_the_last_is_answered_and_who_is_too_many_is
         told.append(request)
 
     answers = Answers(answer)
+
+    def ask(request):
+        answers.ask(request.client_id, request.size, request)
+
     for request in asked:
-        answers.ask(request)
+        ask(request)
     with pytest.raises(Overrun):
-        answers.ask(Request(0, "one more", {}))
-    answers.ask(again := Request(0, "c0", {"again": True}))
+        ask(Request(0, "one more", {}))
+    ask(again := Request(0, "c0", {"again": True}))
     running = asyncio.create_task(answers.run())
     await eventually(lambda: len(told) == WAITING)
-    answers.ask(once_more := Request(0, "one more", {}))
+    ask(once_more := Request(0, "one more", {}))
     await eventually(lambda: len(told) > WAITING)
     running.cancel()
     assert told == [again, *asked[1:], once_more]
@@ -187,14 +196,18 @@ async def test_requests_wait_by_their_bytes_too_and_give_them_back():
         told.append(request)
 
     answers = Answers(answer)
+
+    def ask(request):
+        answers.ask(request.client_id, request.size, request)
+
     half = WAITING_BYTES // 2
-    answers.ask(Request(0, "a", {}, half))
-    answers.ask(Request(0, "a", {}, half))  # asked again: instead of the first
-    answers.ask(Request(0, "b", {}, half))
+    ask(Request(0, "a", {}, half))
+    ask(Request(0, "a", {}, half))  # asked again: instead of the first
+    ask(Request(0, "b", {}, half))
     with pytest.raises(Overrun):
-        answers.ask(Request(0, "c", {}, 1))
+        ask(Request(0, "c", {}, 1))
     running = asyncio.create_task(answers.run())
     await eventually(lambda: len(told) == 2)
-    answers.ask(Request(0, "c", {}, WAITING_BYTES))
+    ask(Request(0, "c", {}, WAITING_BYTES))
     await eventually(lambda: len(told) == 3)
     running.cancel()

@@ -325,6 +325,7 @@ class TestPages:
     async def test_that_links_to_a_foreign_page_hold_no_login_is_said(self, caplog):
         options = UpOptions(
             broker=f"mqtt://127.0.0.1:{free_port()}",
+            qrkey=True,
             port=0,
             wait_s=0.1,
             frontend="https://dotbots.example/page",
@@ -347,7 +348,7 @@ class TestPages:
     )
     async def test_a_page_by_https_whose_broker_no_browser_will_reach_is_said(self, page, websocket, is_told, caplog):
         where = f"mqtt://127.0.0.1:{free_port()}"
-        options = UpOptions(broker=where, broker_ws=websocket, port=0, wait_s=0.1, page_url=page)
+        options = UpOptions(qrkey=True, broker=where, broker_ws=websocket, port=0, wait_s=0.1, page_url=page)
         with pytest.raises(Unavailable):
             await up(options, lambda _: None, swarm=lambda: Dotbots(1, 1, time.time))
         told = f"browsers let no page by https, such as {page}, reach {websocket}; hint: a wss:// one"

@@ -430,7 +430,12 @@ async def test_a_phone_drives_processes_and_the_operator_stops_them_all(tmp_path
         gateways, events = [], asyncio.Queue()
         with RobotSwarm(settings, *keys) as swarm:
             going = asyncio.ensure_future(
-                up(UpOptions(port=0), events.put_nowait, gateways.append, swarm=lambda: swarm)
+                up(
+                    UpOptions(port=0, broker="mosquitto", qrkey=True),
+                    events.put_nowait,
+                    gateways.append,
+                    swarm=lambda: swarm,
+                )
             )
             while (ready := await asyncio.wait_for(events.get(), 30))["event"] != "ready":
                 pass

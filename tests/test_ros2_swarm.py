@@ -59,7 +59,14 @@ async def test_a_phone_drives_robots_of_ros_2_and_the_operator_stops_them(bases)
     with swarm_of() as swarm:
         await eventually(lambda: [each.name for each in swarm.robots()] == ["r1", "r2"], 30)
         gateways, events = [], asyncio.Queue()
-        going = asyncio.ensure_future(up(UpOptions(port=0), events.put_nowait, gateways.append, swarm=lambda: swarm))
+        going = asyncio.ensure_future(
+            up(
+                UpOptions(port=0, broker="mosquitto", qrkey=True),
+                events.put_nowait,
+                gateways.append,
+                swarm=lambda: swarm,
+            )
+        )
         while (ready := await asyncio.wait_for(events.get(), 30))["event"] != "ready":
             pass
         first, second = swarm.robots()

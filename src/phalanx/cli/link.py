@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,20 +10,21 @@ from typing import Any
 import click
 
 from phalanx.errors import Unavailable, UsageError, did_you_mean
-from phalanx.io import ANY, Client, Login, Server, parse_broker_url
+from phalanx.io import ANY, Login, Server, parse_broker_url
 from phalanx.io.broker import open_broker
 from phalanx.io.broker_url import BrokerUrl
 from phalanx.io.phones import PhonesDoor, warn_if_phones_are_locked_out
 from phalanx.io.server import Happening
 from phalanx.link import Command, Pin, QrUrl, Request, parse_qr_url
+from phalanx.link.session import is_session_url
 from phalanx.link.topics import ADDRESS
 
 from .credentials import login_for, read_login, visitors_login_in
 from .options import link_config
 from .run import run
 from .terminal import counted, plain, print_json, talk, timed
+from .visiting import Visitor, qrkey_visitor, refusals_for_people, session_visitor
 
-DRIVE_EVERY_S = 0.1
 STATUS = ("active", "quiet", "lost")
 OURS = {"name", "lh2_position", "battery", "status"}
 MILLION = 1_000_000
@@ -43,13 +43,11 @@ def connect(
     for_s: float | None,
     watch: bool,
     timeout: float,
+    name: str,
+    keep: Path | None,
     as_json: bool,
 ) -> None:
-    """Visits a swarm: prints its robots, drives one, or prints what it says."""
-    if qr_url == "-":
-        qr_url = sys.stdin.readline().strip()
-    login = read_login(broker_login)
-    qr, address = _whither(qr_url, pin, broker, root, login)
+    """Visit a swarm: print its robots, drive one, or print what it says."""
     if drive is None and (left, right, for_s) != (None, None, None):
         raise UsageError("--left, --right and --for without a robot to drive", "say which: --drive ROBOT")
     if drive is not None and watch:
@@ -58,21 +56,45 @@ def connect(
         raise UsageError("--unlisted without a robot to drive", "say which: --drive ADDRESS")
     if unlisted and not _is_address(drive):
         raise UsageError(f"no robot has the address {drive!r}", "letters and digits, - and _, 64 at most")
-    client = Client(qr, broker=address, login=login, timeout_s=timeout)
+    visitor = _visitor(qr_url, pin, broker, root, broker_login, name, keep, timeout)
 
     async def visit() -> None:
-        async with client:
-            if watch:
-                await _watch(client)
-            elif drive is not None:
-                robots = _Robots(client, timeout, unlisted)
-                wheels_pct = (left or 0, right or 0)
-                await _drive(robots, drive, wheels_pct, 1.0 if for_s is None else for_s, as_json)
-            else:
-                _show_robots(await _Robots(client, timeout).listed(), as_json)
+        with refusals_for_people():
+            async with visitor:
+                if watch:
+                    async for payload in visitor.notifications():
+                        print_json(payload)
+                elif drive is not None:
+                    robots = _Robots(visitor, unlisted)
+                    wheels_pct = (left or 0, right or 0)
+                    await _drive(robots, drive, wheels_pct, 1.0 if for_s is None else for_s, as_json)
+                else:
+                    _show_robots(await _Robots(visitor).listed(), as_json)
 
     if not run(visit()) and not watch:
         raise KeyboardInterrupt
+
+
+def _visitor(
+    qr_url: str | None,
+    pin: str | None,
+    broker: str | None,
+    root: str,
+    broker_login: Path | None,
+    name: str,
+    keep: Path | None,
+    timeout_s: float,
+) -> Visitor:
+    if qr_url == "-":
+        qr_url = sys.stdin.readline().strip()
+    if qr_url and is_session_url(qr_url):
+        if pin or broker or broker_login:
+            raise UsageError("a session's link, and a pin, broker or login", "the link has all")
+        return session_visitor(qr_url, name, keep, timeout_s)
+    if name or keep:
+        raise UsageError("--name and --keep without a session", "they need a link with #j=")
+    login = read_login(broker_login)
+    return qrkey_visitor(*_whither(qr_url, pin, broker, root, login), login, timeout_s)
 
 
 def _whither(
@@ -92,13 +114,12 @@ def _whither(
 class _Robots:
     """A swarm's robots, as it lists them; `unlisted` takes an address at its word."""
 
-    client: Client
-    timeout_s: float
+    visitor: Visitor
     unlisted: bool = False
 
     async def listed(self) -> list[dict[str, Any]]:
         """Those of which it says an address, alone or among other things; what else is in the list is told."""
-        answer = await self.client.request(0, timeout_s=self.timeout_s, frames=True)
+        answer = await self.visitor.robots()
         if not isinstance(answer, list):
             raise Unavailable("the swarm's answer is not a list of robots", "--unlisted drives an address all the same")
         robots = [{"address": robot} if isinstance(robot, str) else robot for robot in answer]
@@ -171,29 +192,15 @@ def _state(value: object) -> str:
 async def _drive(robots: _Robots, called: str, wheels_pct: tuple[int, int], for_s: float, as_json: bool) -> None:
     before = await robots.find(called)
     address, application = before["address"], str(before.get("application", 0))
-    wheels = {"left_x": 0, "left_y": wheels_pct[0], "right_x": 0, "right_y": wheels_pct[1]}
-    still = {"left_x": 0, "left_y": 0, "right_x": 0, "right_y": 0}
-    sent = 0
-    try:
-        for _ in range(max(1, round(for_s / DRIVE_EVERY_S))):
-            sent += await robots.client.command(address, "move_raw", wheels, application)
-            await asyncio.sleep(DRIVE_EVERY_S)
-    finally:
-        await robots.client.command(address, "move_raw", still, application)
+    sent = await robots.visitor.drive(address, application, wheels_pct, for_s)
     after = await robots.find(address)
     if as_json:
-        print_json(
-            {"address": address, "commands": sent, "from": before.get("lh2_position"), "to": after.get("lh2_position")}
-        )
+        places = {"from": before.get("lh2_position"), "to": after.get("lh2_position")}
+        print_json({"address": address, "commands": sent} | places)
     elif robots.unlisted:
         click.echo(f"{counted(sent, 'command')} to {plain(address)}; nobody says whether there is such a robot")
     else:
         click.echo(f"before  {_row(before)}\nafter   {_row(after)}")
-
-
-async def _watch(client: Client) -> None:
-    async for payload in client.notifications():
-        print_json(payload)
 
 
 def serve(

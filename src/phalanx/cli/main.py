@@ -35,7 +35,7 @@ ABOUT = {
     "robot": "One robot outside of the simulator, as a process of its own, and a world for such robots.",
     "sim": "What is really done: a simulated swarm whose robots audit each other.",
     "sweep": "Run a grid of scenarios under many seeds, on this machine or a cluster, into Parquet.",
-    "up": "Run a gateway: an embedded broker, a simulated swarm, the visitors' page and its QR code.",
+    "up": "Run a gateway: a swarm, the visitors' page and its QR code.",
 }
 NAMES: dict[str, click.Command] = {name: click.Command(name, short_help=about) for name, about in ABOUT.items()}
 

@@ -81,6 +81,7 @@ def link_config(said: dict[str, Any]) -> LinkConfig:
 
 FILE = click.Path(path_type=Path)
 OUT_FILE = click.Path(path_type=Path, dir_okay=False)
+FOLDER = click.Path(path_type=Path, file_okay=False)
 OUT_FOLDER = click.Path(path_type=Path, file_okay=False)
 SECONDS = click.FloatRange(min=0, min_open=True)
 PROCESSES = click.IntRange(min=1)
@@ -103,17 +104,23 @@ login_option = option(
     type=FILE,
     help="File with user:password for the broker; or set PHALANX_BROKER_USERNAME and PHALANX_BROKER_PASSWORD.",
 )
+visitors_login_option = option(
+    "--visitors-login",
+    type=FILE,
+    help="File with user:password that phones say to that broker; in every QR code, so let it do little. Visitors"
+    " of a --frontend type it there.",
+)
 # For commands that send visitors to the broker.
 broker_options = together(
     option("--broker", default="auto", help="auto, mosquitto, amqtt, or a mqtt(s):// or ws(s):// URL."),
     broker_ws_option,
     login_option,
-    option(
-        "--visitors-login",
-        type=FILE,
-        help="File with user:password that phones say to that broker; in every QR code, so let it do little. Visitors"
-        " of a --frontend type it there.",
-    ),
+    visitors_login_option,
+)
+state_option = option(
+    "--state",
+    help="The folder of a gateway, as it was given to phalanx up.  [default: ~/.local/state/phalanx]",
+    type=FOLDER,
 )
 # What people change of a scenario.
 swarm_options = together(

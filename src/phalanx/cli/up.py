@@ -17,10 +17,12 @@ from typing import Any
 import click
 import segno
 
+from phalanx.config import LinkConfig
 from phalanx.demo.simulated import Plan, mission_swarm, plan_swarm, simulated_swarm
 from phalanx.errors import PhalanxError, UsageError
 from phalanx.gateway import pages_are_built
-from phalanx.gateway.up import Running, UpOptions
+from phalanx.gateway.running import Running
+from phalanx.gateway.up import UpOptions
 from phalanx.gateway.up import up as run_gateway
 from phalanx.io.dotbots import DotbotSwarm, DotbotUrl, parse_dotbot_url
 from phalanx.io.keyring import opened
@@ -33,6 +35,7 @@ from phalanx.sim.swarms.protected import SwarmKeys
 
 from .commands.up import ROBOTS, ROBOTS_ON_MISSION
 from .credentials import kept_token, login_for, passphrase_of, read_signing_key, visitors_login_in
+from .gateway_of import default_state
 from .mission.files import Wanted
 from .options import link_config
 from .run import needs_ros2, run
@@ -61,6 +64,7 @@ def up(
     broker_login: Path | None,
     visitors_login: Path | None,
     operator_token_file: Path | None,
+    state: Path | None,
     events: bool,
     **served: Any,
 ) -> None:
@@ -73,10 +77,14 @@ def up(
         _refuse_beside_real_robots(**simulated, defence=defence, f_max=f_max, keys=keys)
     count = robots if robots is not None else ROBOTS_ON_MISSION if on_mission else ROBOTS
     token = kept_token(operator_token_file) if operator_token_file else ""
+    link = link_config(served)
+    _refuse_without_qrkey(link, served, broker_login=broker_login, visitors_login=visitors_login)
     login = login_for(served["broker"], broker_login)
     options = UpOptions(
-        link=link_config(served),
+        link=link,
         login=login,
+        state=state or default_state(),
+        state_is_optional=state is None,
         visitors_login=visitors_login_in(visitors_login, login),
         operator_token=token,
         stop_file=operator_token_file and operator_token_file.with_name(f"{operator_token_file.name}.stopped"),
@@ -112,6 +120,23 @@ def up(
                 lines.close()
         else:
             _run_for_people(options, swarm)
+
+
+def _refuse_without_qrkey(link: LinkConfig, served: dict[str, Any], **files: Path | None) -> None:
+    """Refuse options of mode qrkey without it, and brokers that went. Raises: UsageError."""
+    direct = "leave it out: visitors reach this machine itself"
+    if served["broker"] in ("auto", "amqtt"):
+        raise UsageError(f"no --broker {served['broker']} any more", f"{direct}; or --broker mosquitto --qrkey")
+    if served["qrkey"]:
+        return
+    given = {"broker": served["broker"], "broker-ws": served["broker_ws"], "frontend": served["frontend"], **files}
+    default = LinkConfig()
+    for name in ("pin_digits", "rotate_s", "overlap_s", "root"):
+        given[name] = getattr(link, name) != getattr(default, name)
+    for name, said in given.items():
+        if said:
+            option = f"--{name.replace('_', '-')}"
+            raise UsageError(f"{option} without --qrkey", f"{direct}; or --broker mosquitto|URL --qrkey")
 
 
 def _as_is(swarm: Swarm) -> Swarm:

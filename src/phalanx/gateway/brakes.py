@@ -111,6 +111,11 @@ class Brakes:
             if is_late and not self._attempt(address, partial(self._swarm.stop, address)):
                 self._arm(address, True)
 
+    def stop(self, address: str) -> None:
+        """Stop a robot, whatever it is doing. Raises: Unknown, and what a driver raises."""
+        self._swarm.stop(address)
+        self._arm(address, False)  # last: a driver that fails may have left the wheels turning
+
     def follows_a_route(self, address: str) -> None:
         """No joystick drives it any longer."""
         self._arm(address, False)

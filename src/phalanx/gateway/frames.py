@@ -22,26 +22,33 @@ FULL_EVERY_S = 1.0
 QUIET_S = 0.25  # with the tick that follows: a page that hears nothing for 0.8 s tells its visitor
 BATTERY_STEP_MV = 20  # a fifth of what a page shows
 FRAME_BYTES = 60  # of a frame without its lists
+# Of what changed of robots, in a tick: with places two kilobytes for a hundred robots, sixteen for a thousand.
+CHANGES_BYTES, CHANGES_BYTES_EACH = 1000, 7
 KEY_BYTES = 6  # of a list besides its name and elements
 NOWHERE = 1e7  # mm: pages show no robot beyond
 
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """The frames of a tick, and what happened in it for those who read the older words."""
+    """What happened in a tick: in small frames, whole, and for those who read the older words."""
 
     frames: tuple[dict[str, Any], ...]
     joined: tuple[Robot, ...]
     left: tuple[str, ...]
     changed: bool
+    whole: dict[str, Any]  # one frame, however long
 
 
 class Frames:
-    """Compares the swarm with what visitors were told last, in frames of at most so much JSON; numbers its robots."""
+    """Compares the swarm with what visitors were told last, and numbers its robots.
 
-    def __init__(self, limit_bytes: int) -> None:
-        self._limit_bytes = limit_bytes - FRAME_BYTES
-        self._seq = 0
+    Args:
+        limit_bytes: of a small frame's JSON; None: there are no small frames.
+    """
+
+    def __init__(self, limit_bytes: int | None) -> None:
+        self._limit_bytes = limit_bytes and limit_bytes - FRAME_BYTES
+        self._seq = self._ticks = 0
         self._numbers: dict[str, int] = {}
         self._next_number = 0
         self._told: dict[str, _Slow] = {}
@@ -49,6 +56,8 @@ class Frames:
         self._full_at_s: float | None = None
         self._said_at_s = 0.0
         self._held = False
+        self._in_turn = False  # not all that changed was told in the last tick
+        self._last_told = ""
 
     def number(self, address: str) -> int:
         """What frames call this robot: shorter than its address, and told with it in every list of robots."""
@@ -80,7 +89,7 @@ class Frames:
         if self._full_at_s is not None:
             joined = [robot for robot in robots if robot.address not in self._told]
             left = [address for address in self._told if address not in told]
-            changed = [c for address, slow in told.items() if (c := _change(address, self._told.get(address), slow))]
+            changed = self._changes(told, len(encode_json(more)) if more else 0)
         news_at_all = full or len(moved) or joined or left or changed or (more and any(more.values()))
         news_at_all = news_at_all or held != self._held
         if not news_at_all and uptime_s - self._said_at_s < QUIET_S:
@@ -92,7 +101,13 @@ class Frames:
             "changed": changed,
             **(more or {}),
         }
-        frames = [self._frame(words, held) for words in self._packed(lists, in_places(moved))]
+        places = in_places(moved)
+        frames = []
+        if self._limit_bytes:
+            frames = [self._frame(words, held) for words in self._packed(lists, places, self._limit_bytes)]
+        whole: dict[str, Any] = {key: items for key, items in lists.items() if items}
+        if places:
+            whole["places"] = [some.piece(0, len(some)) for some in places]
         # Last: what cannot be told now, because a driver says nonsense, is still to be told at the next tick.
         self._rows, self._told, self._held = rows, told, held
         self._said_at_s = uptime_s
@@ -100,9 +115,43 @@ class Frames:
             del self._numbers[address]
         if full:
             self._full_at_s = uptime_s
-        return Tick(tuple(frames), tuple(joined), tuple(left), bool(changed))
+        self._ticks += 1
+        said = _notice(self._ticks - 1, whole, held)
+        return Tick(tuple(frames), tuple(joined), tuple(left), bool(changed), said)
 
-    def _packed(self, lists: Mapping[str, Sequence[Any]], places: Sequence[Places]) -> list[dict[str, Any]]:
+    def _changes(self, told: dict[str, _Slow], others_bytes: int) -> list[dict[str, Any]]:
+        """Return what changed of robots, as much as fits a tick; `told` keeps what was told before of the rest.
+
+        A storm of routes once was 300 Mbit/s. Robots take turns: the next tick begins behind the last one told.
+        """
+        addresses = list(told)
+        in_turn = self._in_turn and self._last_told in told
+        first = addresses.index(self._last_told) + 1 if in_turn else 0
+        left_bytes = max(CHANGES_BYTES, CHANGES_BYTES_EACH * len(told)) - others_bytes
+        changes: list[dict[str, Any]] = []
+        self._in_turn = False
+        for address in addresses[first:] + addresses[:first]:
+            before = self._told.get(address)
+            if before is None or before is told[address]:
+                continue
+            change = None if self._in_turn else _change(address, before, told[address])
+            left_bytes -= len(encode_json(change)) + 1 if change else 0
+            if self._in_turn or (changes and left_bytes < 0):
+                self._in_turn = True
+                told[address] = before
+            elif change:
+                changes.append(change)
+                self._last_told = address
+        return changes
+
+    def nothing(self, *, held: bool) -> dict[str, Any]:
+        """Return a whole frame without news: on sessions there is one each tick, as gaps would tell who stands."""
+        self._ticks += 1
+        return _notice(self._ticks - 1, {}, held)
+
+    def _packed(
+        self, lists: Mapping[str, Sequence[Any]], places: Sequence[Places], limit_bytes: int
+    ) -> list[dict[str, Any]]:
         """The lists in order, then the places, in as few frames as hold them; a long element has one of its own."""
         frames: list[dict[str, Any]] = [{}]
         used = 0
@@ -110,7 +159,7 @@ class Frames:
             for item in items:
                 size = len(encode_json(item)) + 1
                 named = 0 if key in frames[-1] else len(key) + KEY_BYTES
-                if used and used + named + size > self._limit_bytes:
+                if used and used + named + size > limit_bytes:
                     frames.append({})
                     used, named = 0, len(key) + KEY_BYTES
                 frames[-1].setdefault(key, []).append(item)
@@ -118,7 +167,7 @@ class Frames:
         for some in places:
             told = 0
             while told < len(some):
-                records = min(len(some) - told, (self._limit_bytes - AROUND_CHARS - used) // RECORD_CHARS)
+                records = min(len(some) - told, (limit_bytes - AROUND_CHARS - used) // RECORD_CHARS)
                 if records > 0:
                     frames[-1].setdefault("places", []).append(some.piece(told, told + records))
                     told += records
@@ -129,9 +178,8 @@ class Frames:
         return frames
 
     def _frame(self, words: dict[str, Any], held: bool) -> dict[str, Any]:
-        data = {"seq": self._seq, **words} | ({"held": True} if held else {})
         self._seq += 1
-        return {"cmd": int(Notice.FRAME), "data": data}
+        return _notice(self._seq - 1, words, held)
 
     def _rows_of(self, robots: Sequence[Robot]) -> NDArray[np.int64]:
         """Number, x, y (mm) and direction (degrees) of each robot, by number: (robots, 4)."""
@@ -140,6 +188,10 @@ class Frames:
         # A driver that knows no place says NaN: that robot stays where it was last, and the others are told.
         rows = np.rint(exact[(np.abs(exact) < NOWHERE).all(axis=1)]).astype(np.int64)
         return rows[np.argsort(rows[:, 0])]
+
+
+def _notice(seq: int, words: dict[str, Any], held: bool) -> dict[str, Any]:
+    return {"cmd": int(Notice.FRAME), "data": {"seq": seq, **words} | ({"held": True} if held else {})}
 
 
 def _differ(rows: NDArray[np.int64], before: NDArray[np.int64]) -> NDArray[np.bool_]:

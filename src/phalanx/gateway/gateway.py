@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from phalanx.errors import Late, Unknown, UsageError
-from phalanx.io import Server
 from phalanx.link import Command, Request, SharedAnswer
 from phalanx.robot import Robot, Swarm
 from phalanx.robot.on_mission import OnMission
@@ -19,6 +18,7 @@ from phalanx.robot.swarm import AtWork, Routed, Shielded
 from . import vocabulary
 from .brakes import EXPIRES_S, Brakes
 from .frames import Frames, Tick
+from .links import Link
 from .missions.watch import MissionWatch, WorkWatch
 from .shields import ShieldWatch
 from .visitors import Drivers, Visitors
@@ -64,20 +64,23 @@ class Told:
 
 
 class Gateway:
-    """Serves one swarm over one link, whose handlers are registered here. `say` is told of shields and missions."""
+    """Serves one swarm over links, on which handlers are registered here. `say` gets events of shields and missions."""
 
     def __init__(
         self,
         swarm: Swarm,
-        server: Server,
+        *links: Link,
         say: Callable[[dict[str, Any]], None] = lambda _: None,
     ) -> None:
-        self.server = server
+        # Those that carry small frames are in mode qrkey: pages of the older words may listen there.
+        self._small = [link for link in links if link.frame_bytes is not None]
+        self._whole = [link for link in links if link.frame_bytes is None]
+        self._answer_bytes = min((link.answer_bytes for link in links), default=0)
         self.visitors = Visitors()
         self.drivers = Drivers()
         self._watchers: list[Callable[[dict[str, Any]], None]] = []
         self._told = Told()
-        self._frames = Frames(server.config.part_plaintext_bytes)
+        self._frames = Frames(min((link.frame_bytes or 0 for link in self._small), default=None))
         self.swarm = swarm
         self.brakes = Brakes(swarm)
         self.shields = ShieldWatch(swarm, say) if isinstance(swarm, Shielded) else None
@@ -87,18 +90,22 @@ class Gateway:
         self._lately: dict[str, tuple[float, SharedAnswer]] = {}
         self._next_update = 0
         self._reloaded_at_s = 0.0
+        for link in links:
+            self._register(link)
+
+    def _register(self, link: Link) -> None:
         for name, handler in (
             ("move_raw", self._move_raw),
             ("rgb_led", self._rgb_led),
             ("waypoints", self._waypoints),
             ("clear_position_history", self._clear_history),
         ):
-            server.on_command(name)(self._checked(handler))
-        server.on_request(vocabulary.REQUEST_ROBOTS)(self._tell_robots)
-        server.on_request(vocabulary.REQUEST_AREA)(self._tell_area)
+            link.on_command(name)(self._checked(handler))
+        link.on_request(vocabulary.REQUEST_ROBOTS)(self._tell_robots)
+        link.on_request(vocabulary.REQUEST_AREA)(self._tell_area)
         if missions := self.missions:
-            server.on_request(vocabulary.REQUEST_WALLS)(lambda _: self._shared("walls", missions.walls))
-            server.on_request(vocabulary.REQUEST_LIT)(lambda _: self._shared("lit", missions.lit))
+            link.on_request(vocabulary.REQUEST_WALLS)(lambda _: self._shared("walls", missions.walls))
+            link.on_request(vocabulary.REQUEST_LIT)(lambda _: self._shared("lit", missions.lit))
 
     def watch(self, tell: Callable[[dict[str, Any]], None]) -> Callable[[], None]:
         """`tell` is told, past the broker, what draws the swarm, and every frame from then on; the result ends it."""
@@ -120,7 +127,10 @@ class Gateway:
         def handle(command: Command) -> None:
             if command.topic.application != vocabulary.APPLICATION:
                 raise Unknown(f"no application {command.topic.application}")
-            handler(command.address.upper(), command)
+            if command.is_stop:
+                self.brakes.stop(command.address.upper())
+            else:
+                handler(command.address.upper(), command)
 
         return handle
 
@@ -135,7 +145,8 @@ class Gateway:
         if command.waited_s > EXPIRES_S:
             raise Late(f"waited {command.waited_s:.1f} s")
         self.brakes.drive(address, move.left_pct, move.right_pct)
-        self.drivers.drives(address, move.by, time.monotonic())
+        by = move.by if command.by is None else command.by  # what a session proves, its payload does not change
+        self.drivers.drives(address, by, time.monotonic())
 
     def _refuse_late(self, command: Command) -> None:
         """Whatever held it back: a broker that was paused obeys nobody's old words. Raises: Late."""
@@ -177,8 +188,7 @@ class Gateway:
     def _list(self, reads_frames: bool) -> list[dict[str, Any]]:
         robots, now_s = self.swarm.robots(), time.time()
         if not reads_frames:
-            limit = self.server.config.max_to_client_bytes - 1024
-            return vocabulary.tell_robots(robots, now_s, OLDER_ANSWER_BYTES, limit)
+            return vocabulary.tell_robots(robots, now_s, OLDER_ANSWER_BYTES, self._answer_bytes - 1024)
         # What has been driven before somebody came is worth a line on the map, not a megabyte in a large swarm.
         trail = min(TRAIL_POINTS, TRAIL_POINTS_IN_ALL // max(1, len(robots)))
         # Nor are the routes of many: with 64 points each they were nine tenths of the answer, a part for every robot.
@@ -214,6 +224,8 @@ class Gateway:
         return "" if self.shields else str(getattr(self.swarm, "unprotected", ""))
 
     def _asked(self, request: Request) -> bool:
+        if not request.client_id:
+            return True  # of a session
         reads_frames = request.words.get("frames") is True
         if request.words.get("leaving") is True:
             self.visitors.left(request.client_id)
@@ -240,10 +252,14 @@ class Gateway:
         watches = [watch for watch in (self.shields, self.missions, self.work, self.drivers) if watch]
         more = {name: told for w in watches for name, told in w.news(self._frames.number, time.monotonic()).items()}
         tick = self._frames.next(robots, time.time(), time.monotonic(), more, held=self.brakes.held)
-        for frame in tick.frames if tick else ():
+        if tick or self._whole:
+            whole = tick.whole if tick else self._frames.nothing(held=self.brakes.held)
             for tell in self._watchers:
-                tell(frame)
-            if await self._notify(frame):
+                tell(whole)
+            for link in self._whole:
+                await self._notify(link, whole)
+        for frame in tick.frames if tick else ():
+            if any([await self._notify(link, frame) for link in self._small]):
                 self._told.sent(frame["data"]["seq"], time.monotonic())
         if self.visitors.older_pages(time.monotonic()):
             await self._tell_older_pages(robots, tick)
@@ -263,11 +279,12 @@ class Gateway:
 
     async def _tell_one(self, notice: Notice, data: dict[str, Any] | None = None) -> None:
         await asyncio.sleep(APART_S)
-        await self._notify({"cmd": int(notice)} | ({"data": data} if data is not None else {}))
+        for link in self._small:
+            await self._notify(link, {"cmd": int(notice)} | ({"data": data} if data is not None else {}))
 
-    async def _notify(self, payload: dict[str, Any]) -> bool:
+    async def _notify(self, link: Link, payload: dict[str, Any]) -> bool:
         try:
-            return await self.server.notify(payload)
+            return await link.notify(payload)
         except UsageError as error:
             # A swarm that tells something unspeakable must not silence all the others.
             log.error("not told: %s", error)  # noqa: TRY400  # the trace says nothing more

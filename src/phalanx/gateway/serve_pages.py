@@ -11,22 +11,21 @@ import hmac
 import json
 import time
 from collections.abc import Callable, Coroutine
-from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from aiohttp import web
 
 from phalanx.errors import PeerError, Unavailable, UsageError
-from phalanx.io.site import COMMON_HEADERS, Handler, Site, page_apart
+from phalanx.io.site import COMMON_HEADERS, Handler, Site
 
 from .missions.desk import TEXT_MAX_BYTES, MissionDesk, parse_profile
 
 if TYPE_CHECKING:
-    from .up import Running
+    from .running import Running
 
 PAGES = Path(__file__).parent / "pages"
-VISITORS, OPERATORS = 1000, 200  # connections
+OPERATORS = 200  # connections
 FRAMES_WAITING = 100
 HEALTHY_S, HEALTH_FOR_S = 1.0, 0.2  # within which a gateway that is well answers itself; for how long that is true
 
@@ -36,20 +35,14 @@ _BASE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-# Browsers reach the broker by websocket, wherever it is; the operator's page reaches nothing but its own server.
-VISITOR_POLICY = f"{_BASE_POLICY}; img-src 'self' data:; connect-src ws: wss:"
+# Visitors reach the gateway by websocket, and in mode qrkey a broker, wherever it is; 'self' has the swarm's key.
+VISITOR_POLICY = f"{_BASE_POLICY}; img-src 'self' data:; connect-src 'self' ws: wss:"
 OPERATOR_POLICY = f"{_BASE_POLICY}; img-src 'self' data: blob:; connect-src 'self'"
 
 
 def pages_are_built(*pages: str) -> bool:
     """Whether these pages, or those of a gateway, were built from web/ (they are not in git)."""
     return all((PAGES / page / "index.html").is_file() for page in pages or ("visitor", "operator"))
-
-
-def visitors_page(host: str, port: int) -> AbstractAsyncContextManager[int]:
-    """Serve the page that a QR code opens; yield its port, for 0 is any. Raises: PortTaken, Unavailable."""
-    hint = "another program has it; choose another with --port, or --port 0 for any"
-    return page_apart(PAGES / "visitor", VISITOR_POLICY, host, port, connections=VISITORS, if_taken=hint)
 
 
 class OperatorPages(Site):
@@ -81,6 +74,7 @@ class OperatorPages(Site):
         routes.add_post("/api/stop", self._do_hold)
         routes.add_post("/api/go", self._do_hold)
         routes.add_post("/api/rotate", self._do_rotate)
+        routes.add_post("/api/link/{request}", self._do_with_visitors)
         if desk := self._desk:
             routes.add_get("/api/mission/world", self._told(desk.world))
             routes.add_get("/api/mission/job", self._told(lambda: _soon(desk.job)))
@@ -126,7 +120,7 @@ class OperatorPages(Site):
         # However many ask: the loop that drives robots is asked one question at a time, and a few in a second.
         now_s = time.monotonic()
         if self._asking is None or (self._asking.done() and now_s - self._asked_at_s >= HEALTH_FOR_S):
-            self._asking = asyncio.ensure_future(self._at_the_gateway(_soon(lambda: self._running.server.connected)))
+            self._asking = asyncio.ensure_future(self._at_the_gateway(_soon(lambda: self._running.connected)))
             self._asked_at_s = now_s
         turns = connected = False
         with contextlib.suppress(TimeoutError):
@@ -158,10 +152,19 @@ class OperatorPages(Site):
             _soon_at(self._gateways, end)
         return response
 
+    async def _do_with_visitors(self, request: web.Request) -> web.StreamResponse:
+        """Do what operators do with visitors, invitations and robots (docs/spec/vocabulary.md#over-a-session)."""
+        name = request.match_info["request"]
+
+        async def act(words: Any) -> dict[str, Any]:
+            return self._running.desk.do(name, words)
+
+        return await self._asked_with(act)(request)
+
     async def _do_rotate(self, request: web.Request) -> web.Response:
         if stranger := self._stranger(request):
             return stranger
-        if await self._at_the_gateway(self._running.server.rotate()):
+        if await self._at_the_gateway(self._running.rotate()):
             return _answer({})
         return _answer({"error": "the code has just changed; the one before it has to end first"}, 409)
 

@@ -23,6 +23,8 @@ REQUEST_ROBOTS = 0
 REQUEST_AREA = 1
 REQUEST_WALLS = 2
 REQUEST_LIT = 3
+# Over a session.
+REQUEST_NAMES = {REQUEST_ROBOTS: "robots", REQUEST_AREA: "area", REQUEST_WALLS: "walls", REQUEST_LIT: "lit"}
 DRIVER = re.compile(r"[0-9a-z]{1,8}")
 WHEEL_LIMIT = 128  # what a signed byte holds
 MAX_WAYPOINTS = 64

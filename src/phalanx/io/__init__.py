@@ -13,8 +13,9 @@ if TYPE_CHECKING:
     from .broker_url import BrokerUrl, parse_broker_url
     from .client import Client
     from .server import ANY, Server
+    from .session_client import SessionClient
 
-__all__ = ["ANY", "BrokerUrl", "Client", "Login", "Server", "parse_broker_url"]
+__all__ = ["ANY", "BrokerUrl", "Client", "Login", "Server", "SessionClient", "parse_broker_url"]
 
 _FOUND_IN = {
     "ANY": "server",
@@ -22,6 +23,7 @@ _FOUND_IN = {
     "Client": "client",
     "Login": "broker_url",
     "Server": "server",
+    "SessionClient": "session_client",
     "parse_broker_url": "broker_url",
 }
 

@@ -12,18 +12,19 @@ import logging
 import os
 import time
 import traceback
-from collections import Counter, OrderedDict
-from collections.abc import Awaitable, Callable
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Literal, Self, TypeVar
 
 from phalanx.config import LinkConfig
-from phalanx.errors import HandlerFailed, Overrun, PeerError, Unknown, UsageError
+from phalanx.errors import HandlerFailed, PeerError, Unknown, UsageError
 from phalanx.link.messages import Ask, Command, Knock, Rejected, Request
 from phalanx.link.pin import Epoch, Pin
 from phalanx.link.qrurl import Login, QrUrl
 from phalanx.link.server_side import ServerSide
 
+from .answers import Answers
 from .broker_url import BrokerUrl, parse_broker_url, websocket_of
 from .connection import Connection
 from .heard import TELL_S, Heard
@@ -36,10 +37,6 @@ RequestHandler = TypeVar("RequestHandler", bound=Callable[[Request], Any])
 Happening = Command | Request | Knock | Rejected | Epoch
 ANY: Literal["*"] = "*"
 CLOSE_TIMEOUT_S = 1.0
-WAITING = 256  # requests; clients ask again
-# As they came: empty lists in a list are twenty-four times as long when they are read.
-WAITING_BYTES = 256 * 1024
-REST = 2.0  # for so many times as long as it took to answer, others have the loop
 
 
 class Server:
@@ -85,7 +82,7 @@ class Server:
         self._commands: dict[str, Callable[[Command], Any]] = {}
         self._requests: dict[int | str, Callable[[Request], Any]] = {}
         self._link: Connection | None = None
-        self._answers = Answers(self._deal_with)
+        self._answers = Answers[Request](self._deal_with)
         self._mqtt = mqtt
         self._heard = heard
         self._tasks: list[asyncio.Task[None]] = []
@@ -139,6 +136,16 @@ class Server:
         """Refused messages by reason; what the guard dropped, as we were behind, was an overrun."""
         overruns = (self._heard.dropped if self._heard else 0) + (self._link.overruns if self._link else 0)
         return self._side.rejected + Counter(overrun=overruns)
+
+    @property
+    def frame_bytes(self) -> int:
+        """Return the longest frame, as JSON, that makes one small message."""
+        return self.config.part_plaintext_bytes
+
+    @property
+    def answer_bytes(self) -> int:
+        """Return the longest answer, as JSON, that a client reads."""
+        return self.config.max_to_client_bytes
 
     @property
     def connected(self) -> bool:
@@ -262,7 +269,7 @@ class Server:
             await self._deal_with(said)
             return
         try:
-            self._answers.ask(said)
+            self._answers.ask((said.client_id, said.number), said.size, said)
         except PeerError as error:
             self._report(self._side.reject(error))
 
@@ -280,20 +287,20 @@ class Server:
             self.on_event(said)
         except Exception as error:  # noqa: BLE001  # whatever it is:
             # what a peer says must not end the receive loop by way of whoever watches it.
-            log.error("on_event failed: %s", _fault(error))  # noqa: TRY400  # no trace: see _fault
+            log.error("on_event failed: %s", fault(error))  # noqa: TRY400  # no trace: see fault
 
     async def _handle(self, said: Command | Request | Knock | Rejected) -> Command | Request | Knock | Rejected:
         if isinstance(said, Command):
             handler = self._commands.get(said.name) or self._commands.get(ANY)
             if handler is None:
                 raise Unknown(f"no command {said.name!r}")
-            await _call(handler, replace(said, waited_s=self._link.waited_s if self._link else 0.0))
+            await call_handler(handler, replace(said, waited_s=self._link.waited_s if self._link else 0.0))
             self.counters["commands"] += 1
         elif isinstance(said, Request):
             answer = self._requests.get(said.number) or self._requests.get(ANY)
             if answer is None:
                 raise Unknown(f"no request {said.number}")
-            await self._answer(said, await _call(answer, said))
+            await self._answer(said, await call_handler(answer, said))
             self.counters["requests"] += 1
         elif isinstance(said, Knock):
             self.counters["knocks"] += 1
@@ -309,48 +316,8 @@ class Server:
         await self._do(asks)
 
 
-class Answers:
-    """Requests that wait for their answers: of one client, and with one number, the last. `answer` must not raise.
-
-    They get a share of this loop's time and no more. The list of a thousand robots is 20 ms of work: whoever asks for
-    it fifty times a second shall hold up no command.
-    """
-
-    def __init__(self, answer: Callable[[Request], Awaitable[None]]) -> None:
-        self._answer = answer
-        self._waiting: OrderedDict[tuple[str, int], Request] = OrderedDict()
-        self._bytes = 0
-        self._asked = asyncio.Event()
-
-    def __len__(self) -> int:
-        """How many wait."""
-        return len(self._waiting)
-
-    def ask(self, request: Request) -> None:
-        """It is answered in its turn. Raises: Overrun: too many wait."""
-        whose = request.client_id, request.number
-        before = self._waiting.get(whose)
-        grown = self._bytes + request.size - (before.size if before else 0)
-        if grown > WAITING_BYTES or (len(self._waiting) >= WAITING and before is None):
-            raise Overrun("asked faster than it could be answered")
-        self._waiting[whose] = request
-        self._bytes = grown
-        self._asked.set()
-
-    async def run(self) -> None:
-        """Answer, until cancelled."""
-        while True:
-            await self._asked.wait()
-            _, request = self._waiting.popitem(last=False)
-            self._bytes -= request.size
-            if not self._waiting:
-                self._asked.clear()
-            began_s = time.thread_time()
-            await self._answer(request)
-            await asyncio.sleep(REST * (time.thread_time() - began_s))
-
-
-async def _call(handler: Callable[[Any], Any], said: Command | Request) -> Any:
+async def call_handler(handler: Callable[[Any], Any], said: Command | Request) -> Any:
+    """Call a handler, which may be a coroutine. Raises: PeerError; HandlerFailed for whatever else goes wrong there."""
     try:
         result = handler(said)
         return await result if inspect.isawaitable(result) else result
@@ -358,11 +325,11 @@ async def _call(handler: Callable[[Any], Any], said: Command | Request) -> Any:
         raise
     except Exception as error:
         name = getattr(handler, "__qualname__", "?")
-        log.error("handler %s failed: %s", name, _fault(error))  # noqa: TRY400  # no trace: see _fault
+        log.error("handler %s failed: %s", name, fault(error))  # noqa: TRY400  # no trace: see fault
         raise HandlerFailed(type(error).__name__) from error
 
 
-def _fault(error: Exception) -> str:
+def fault(error: Exception) -> str:
     """Type and place of a fault of this program. Not its message: it may quote a visitor (a KeyError says the key)."""
     ours, *theirs = ((frame.f_code.co_filename, line) for frame, line in traceback.walk_tb(error.__traceback__))
     # The handler's own innermost line says more than that of the library it called.

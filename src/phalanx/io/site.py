@@ -78,15 +78,16 @@ class Site:
         self._folder = folder
         self._doors = doors
         self._listening: list[asyncio.Server] = []
-        self._seats = Seats[_Connection](a_share(connections, FILES_EACH))
+        self._seats = Seats[Connection](a_share(connections, FILES_EACH))
         headers = COMMON_HEADERS | {"Content-Security-Policy": policy}
 
         @web.middleware
         async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
-            _connection(request).asks(asyncio.current_task())
+            connection_of(request).asks(asyncio.current_task())
             # A foreign page that rebinds its name to loopback sends its own.
             is_rebound = not doors and request.host.rsplit(":", 1)[0] not in (LOOPBACK, "localhost")
             try:
+                await self._pace(request)
                 response = await (_for_this_machine_only if is_rebound else handler)(request)
             except web.HTTPException as error:  # aiohttp's way of saying 404
                 response = web.Response(status=error.status, text=f"{error.reason}\n")
@@ -97,10 +98,8 @@ class Site:
             return response
 
         self.app = web.Application(middlewares=[guard], client_max_size=longest)
-        self.app.router.add_get("/", self._index)
         self._add_routes()
-        if self._folder.is_dir():
-            self.app.router.add_static("/", self._folder)
+        self._add_files(folder)
         limits: dict[str, Any] = {
             "max_line_size": LINE_BYTES,
             "max_field_size": LINE_BYTES,
@@ -113,9 +112,17 @@ class Site:
     def _add_routes(self) -> None:
         """Routes that come before the page's files."""
 
+    def _add_files(self, folder: Path) -> None:
+        self.app.router.add_get("/", self._index)
+        if folder.is_dir():
+            self.app.router.add_static("/", folder)
+
+    async def _pace(self, request: web.Request) -> None:
+        """Wait until a request may be answered. Raises: HTTPException: it may not."""
+
     def know(self, request: web.Request) -> None:
         """Keep the seat of whoever asks this, however many strangers come."""
-        self._seats.know(_connection(request))
+        self._seats.know(connection_of(request))
 
     async def _index(self, _: web.Request) -> web.StreamResponse:
         index = self._folder / "index.html"
@@ -128,13 +135,22 @@ class Site:
         doors = self._doors or (listen(LOOPBACK, self.port, hint),)
         self.port = int(doors[0].getsockname()[1])
         await self._runner.setup()
-        loop = asyncio.get_running_loop()
-        server = cast("web.Server", self._runner.server)
-        connection = partial(_Connection, server, self._seats, self._longest)
-        for door in doors:
-            self._listening.append(await loop.create_server(connection, sock=door, backlog=AT_ONCE))
+        await self._listen(doors)
         self._hanging_up = asyncio.create_task(self._hang_up_on_idlers())
         return self
+
+    async def _listen(self, doors: Sequence[socket.socket]) -> None:
+        """Accept connections."""
+        for door in doors:
+            listening = await asyncio.get_running_loop().create_server(self._connect, sock=door, backlog=AT_ONCE)
+            self._listening.append(listening)
+
+    def _connect(self) -> Connection:
+        return Connection(self._server, self._seats, self._longest)
+
+    @property
+    def _server(self) -> web.Server:
+        return cast("web.Server", self._runner.server)
 
     async def __aexit__(self, *_: object) -> None:
         self._hanging_up.cancel()
@@ -147,14 +163,14 @@ class Site:
         while True:
             await asyncio.sleep(CHECK_S)
             now_s = time.monotonic()
-            for connection in [each for each in self._seats if now_s - each.heard_at_s >= HANG_UP_AFTER_S]:
+            for connection in [each for each in self._seats if each.is_idle(now_s)]:
                 connection.leave()
 
 
-class _Connection(RequestHandler):
+class Connection(RequestHandler):
     """A connection of aiohttp's that has a seat."""
 
-    def __init__(self, server: web.Server, seats: Seats[_Connection], longest: int) -> None:
+    def __init__(self, server: web.Server, seats: Seats[Connection], longest: int) -> None:
         super().__init__(server, loop=asyncio.get_running_loop(), **server._kwargs)  # noqa: SLF001  # as it makes its own
         self.place = ""
         self.heard_at_s = time.monotonic()
@@ -162,6 +178,8 @@ class _Connection(RequestHandler):
         self._answering: asyncio.Task[Any] | None = None
         self._longest = longest
         self._unanswered = 0  # bytes since its last request was taken up
+        self.is_websocket = False
+        self.on_lost: Callable[[], None] | None = None
 
     def asks(self, answering: asyncio.Task[Any] | None) -> None:
         """Note a request, on which this task works."""
@@ -169,6 +187,14 @@ class _Connection(RequestHandler):
         self._answering = answering
         self._unanswered = 0
         self._seats.heard(self)
+
+    def upgrade(self) -> None:
+        """Stop counting bytes and time: what follows is a websocket's."""
+        self.is_websocket = True
+
+    def is_idle(self, now_s: float) -> bool:
+        """Return whether it asked nothing for too long."""
+        return not self.is_websocket and now_s - self.heard_at_s >= HANG_UP_AFTER_S
 
     def leave(self) -> None:
         """Hang up."""
@@ -188,19 +214,28 @@ class _Connection(RequestHandler):
     def data_received(self, data: bytes) -> None:
         """Hang up on whoever sends more than a request may be before that is answered."""
         self._unanswered += len(data)
-        if self._unanswered > self._longest:
+        if self._unanswered > self._longest and not self.is_websocket:
             self.leave()
         else:
             super().data_received(data)
 
+    def close(self) -> None:
+        """Hang up on a websocket that breaks its protocol: aiohttp would read on, and drop what it reads."""
+        super().close()
+        if self.is_websocket:
+            self.leave()
+
     def connection_lost(self, error: BaseException | None) -> None:
         """Free the seat."""
         self._seats.gone(self)
+        if self.on_lost:
+            self.on_lost()
         super().connection_lost(error)
 
 
-def _connection(request: web.Request) -> _Connection:
-    return cast("_Connection", request.protocol)
+def connection_of(request: web.Request) -> Connection:
+    """Return the connection that a request came by."""
+    return cast("Connection", request.protocol)
 
 
 async def _for_this_machine_only(_: web.Request) -> web.StreamResponse:

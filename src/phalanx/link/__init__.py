@@ -1,4 +1,4 @@
-"""Who may command: the pure protocol. `Server` and `Client`, which live in `phalanx.io`, are reached here as well."""
+"""Who may command: the pure protocol. `Server`, `Client` and `SessionClient`, of `phalanx.io`, are here as well."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .qrurl import BadQrUrl, QrUrl, parse_qr_url
 from .server_side import ServerSide
 
 if TYPE_CHECKING:
-    from phalanx.io import Client, Server
+    from phalanx.io import Client, Server, SessionClient
 
 __all__ = [
     "BadPin",
@@ -27,6 +27,7 @@ __all__ = [
     "Request",
     "Server",
     "ServerSide",
+    "SessionClient",
     "SharedAnswer",
     "derive_epoch",
     "new_pin",
@@ -35,4 +36,4 @@ __all__ = [
 
 
 # The one door upwards (ADR 0003): people look for `link.Server`, and the protocol must not import sockets.
-__getattr__ = loaded_when_used(__name__, {"Client": ".io", "Server": ".io"})
+__getattr__ = loaded_when_used(__name__, {"Client": ".io", "Server": ".io", "SessionClient": ".io"})

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, NoReturn
 
 from phalanx.crypto import open_jwe, seal_jwe
-from phalanx.errors import MalformedEnvelope, OpenError, PeerError, UsageError
+from phalanx.errors import BadPayload, MalformedEnvelope, OpenError, PeerError, UsageError
 
 from .pin import BadPin, Epoch, Pin
 from .replay import ReplayCache
@@ -32,6 +32,14 @@ class Envelope:
 def encode_json(value: Any) -> bytes:
     """`value` as compact JSON. Raises: ValueError, TypeError: it is not JSON (NaN included)."""
     return _ENCODER.encode(value).encode()
+
+
+def decode_json(raw: bytes) -> Any:
+    """Return the value of a peer's JSON. Raises: BadPayload: not JSON, NaN, infinite, a key twice, or too deep."""
+    try:
+        return _DECODER.decode(raw.decode("utf-8"))
+    except (ValueError, RecursionError, MalformedEnvelope) as error:  # ValueError: an integer of absurd length, too
+        raise BadPayload("not JSON") from error
 
 
 def encode_envelope(payload: Any, now_s: float, sub: str | None = None, seen: int | None = None) -> bytes:

@@ -50,6 +50,8 @@ class Command:
     bound: bool = field(
         default=False, compare=False
     )  # sealed for its topic, as clients do that say what they have seen
+    by: str | None = field(default=None, compare=False)  # nickname of its visitor, which a session proves
+    is_stop: bool = False  # it stops the robot, whatever the payload says
 
     @property
     def address(self) -> str:
@@ -64,7 +66,10 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """A visitor's request. `words` is the whole payload, for extensions such as `frames`; it came in `size` bytes."""
+    """A visitor's request. `words` is the whole payload, for extensions such as `frames`; it came in `size` bytes.
+
+    Over a session there is no `client_id`: its visitor is known.
+    """
 
     number: int
     client_id: str

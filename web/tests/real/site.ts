@@ -14,7 +14,7 @@ const TYPES: Readonly<Record<string, string>> = {
   ".svg": "image/svg+xml",
 };
 const POLICY =
-  "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src ws: wss:; " +
+  "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self' ws: wss:; " +
   "base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 export class Site {
@@ -34,7 +34,7 @@ export class Site {
     const vite = join(WEB, "node_modules/.bin/vite");
     execFileSync(vite, ["build", "--outDir", folder, "--logLevel", "warn"], {
       cwd: WEB,
-      env: { ...process.env, PAGE: "visitor" },
+      env: { ...process.env, NODE_ENV: "production", PAGE: "visitor" },
     });
     const server = createServer((request, response) => {
       const path = new URL(request.url ?? "/", "http://x").pathname;

@@ -8,13 +8,13 @@ from phalanx.cli import options
 from phalanx.cli.options import option, runs
 
 
-@click.group(epilog="Example: phalanx link connect 'http://192.168.1.7:8080/#v=1&pin=…'")
+@click.group(epilog="Example: phalanx link connect 'http://192.168.1.7:8080/#j=…'")
 def link() -> None:
     """Who may command: visit a swarm from a terminal, or serve the link alone."""
 
 
 @link.command(
-    epilog="Example: phalanx link connect 'http://192.168.1.7:8080/#v=1&pin=…' --drive Ada --left 60 --right 60 --for 2"
+    epilog="Example: phalanx link connect 'http://192.168.1.7:8080/#j=…' --drive Ada --left 60 --right 60 --for 2"
 )
 @click.argument("qr_url", required=False)
 @option("--pin", help="The pin, if you have no link; every user of this machine can read it while this runs.")
@@ -27,6 +27,8 @@ def link() -> None:
 @option("--right", help="Right wheel, percent.  [default: 0]", type=click.IntRange(-100, 100))
 @option("--for", "for_s", help="Seconds to drive.  [default: 1.0]", type=click.FloatRange(0, 3600))
 @option("--watch", help="Print notifications as they come, until Ctrl-C.", is_flag=True)
+@option("--name", help="Nickname, if the code or ticket leaves it to you.", default="")
+@option("--keep", help="File to keep the session in: the next visit is the same visitor's.", type=options.OUT_FILE)
 @option("--timeout", help="Seconds to wait.", type=click.FloatRange(0.1, 3600), default=10.0)
 @options.json_option
 @runs("link", "connect")
@@ -47,3 +49,44 @@ def connect() -> None:
 @runs("link", "serve")
 def serve() -> None:
     """Serve the link alone: answer every request with itself, tell every command to everybody."""
+
+
+@link.command(epilog="Example: phalanx link invite --robot Ada --role driver --uses 1")
+@option("--robot", "robots", help="That its visitors may drive; repeatable. Without: any.", multiple=True)
+@option(
+    "--role",
+    help="What its visitors may do.",
+    type=click.Choice(["watcher", "driver", "operator", "watch", "drive", "operate"]),
+    default="driver",
+)
+@option("--uses", help="For so many visitors.", type=click.IntRange(1, 1000), default=1)
+@option("--name", help="Its visitors are called that; without, they choose.", default="")
+@option("--hours", help="For how long it is valid.", type=click.FloatRange(0.01, 8784), default=168.0)
+@option("--sheet", help="Write a page with a card for each --robot, or for every robot.", type=options.OUT_FILE)
+@options.state_option
+@options.json_option
+@runs("invite", "invite")
+def invite() -> None:
+    """Make a ticket for a gateway that runs, and print its link; or a sheet of tickets, a card for each robot."""
+
+
+@link.group(epilog="Example: phalanx link trail verify")
+def trail() -> None:
+    """Who joined, drove, was refused and was removed."""
+
+
+@trail.command(epilog="Example: phalanx link trail export > trail.jsonl")
+@click.argument("file", required=False, type=options.FILE)
+@options.state_option
+@runs("invite", "export")
+def export() -> None:
+    """Print the trail, a JSON object a line; end with 2 at the first line that was changed."""
+
+
+@trail.command(epilog="Example: phalanx link trail verify --top HASH")
+@click.argument("file", required=False, type=options.FILE)
+@options.state_option
+@option("--top", help="A hash that was printed before: it has to be in it, or the end was cut off.", metavar="HASH")
+@runs("invite", "verify")
+def verify() -> None:
+    """Check that no line of the trail was changed or taken out, and print the hash of the last."""

@@ -6,7 +6,7 @@ import click
 
 from phalanx.cli import options
 from phalanx.cli.complete import a_map, a_mission_or_encoded
-from phalanx.cli.options import FILE, PORT, option, runs
+from phalanx.cli.options import FILE, FOLDER, PORT, SECONDS, option, runs
 
 ROBOTS, ROBOTS_ON_MISSION = 12, 4
 
@@ -15,7 +15,6 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
     epilog="Examples: phalanx up --host 0.0.0.0 --robots 20; phalanx up --mission office;"
     " phalanx up --swarm dotbot://127.0.0.1:8000"
 )
-@options.link_options
 @option("--robots", help=f"Simulated robots.  [default: {ROBOTS}; on a mission {ROBOTS_ON_MISSION}]", type=int)
 @option(
     "--swarm",
@@ -69,9 +68,28 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
     type=FILE,
 )
 @options.passphrase_option
-@options.broker_options
 @option("--host", help="Address to listen on for visitors; 0.0.0.0 for all.", default="127.0.0.1")
-@option("--port", help="Of the visitors' page.  [default: 8080, or any free one]", type=PORT)
+@option("--port", help="Of the visitors' page and its websocket.  [default: 8080, or any free one]", type=PORT)
+@option("--tls", help="Speak https: files of a certificate and its key, PEM.", type=(FILE, FILE), metavar="CERT KEY")
+@option(
+    "--behind-proxy",
+    help="A proxy of yours is before us, and adds visitors' addresses as X-Forwarded-For (docs/https.md).",
+    is_flag=True,
+)
+@option(
+    "--assign",
+    help="Who drives a robot: whoever takes it first (free), the visitor that it is given to, with turns (one-each), or"
+    " whom a ticket names it for (tickets).",
+    type=click.Choice(["free", "one-each", "tickets"]),
+    default="free",
+)
+@option("--turn", "turn_s", help="Seconds with a robot while others wait, with one-each.", type=SECONDS, default=120.0)
+@option(
+    "--state",
+    help="Folder of visitors, tickets and the trail; a restart keeps them."
+    "  [default: ~/.local/state/phalanx, unless another gateway has it]",
+    type=FOLDER,
+)
 @option("--operator-port", help="Of the operator's page; 0 is any free one.", type=PORT, default=0)
 @option(
     "--operator-token-file",
@@ -80,6 +98,17 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
     type=FILE,
 )
 @option("--page-url", help="Where visitors find our page, if not here: behind an https proxy, say.", default="")
+@option(
+    "--qrkey",
+    help="Serve published pages and programs, too: all who have one code share it. Needs --broker; for this mode are"
+    " all options below.",
+    is_flag=True,
+)
+@option("--broker", help="For --qrkey: mosquitto, or a mqtt(s):// or ws(s):// URL.", default="")
+@options.broker_ws_option
+@options.login_option
+@options.visitors_login_option
+@options.link_options
 @option(
     "--frontend",
     help="Send visitors to this page of the published kind instead of ours; its host reads the pin.",
@@ -95,8 +124,8 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 )
 @runs("up", "up")
 def up() -> None:
-    """Run a gateway: an embedded broker, a simulated swarm, the visitors' page and its QR code.
+    """Run a gateway: a swarm, the visitors' page and its QR code. Nothing else has to be installed.
 
-    Enter stops all robots at once, whatever becomes of the broker, and the word go with Enter lets them move again; so
+    Enter stops all robots at once, whatever becomes of the network, and the word go with Enter lets them move again; so
     do lines with stop and go on stdin of --events, and the operator's page. Ctrl-C ends it.
     """

@@ -4,7 +4,7 @@ from .client import SessionClient
 from .door import Ticket
 from .errors import EndReason, Reason
 from .events import Now
-from .invitation import BadInvitation, Invitation, parse_invitation, parse_room_code, shown_room_code
+from .invitation import BadInvitation, Invitation, is_session_url, parse_invitation, parse_room_code, shown_room_code
 from .messages import Role
 from .operations import Operations
 from .secret import Kind, Secret
@@ -26,6 +26,7 @@ __all__ = [
     "SessionServer",
     "Store",
     "Ticket",
+    "is_session_url",
     "parse_invitation",
     "parse_room_code",
     "shown_room_code",

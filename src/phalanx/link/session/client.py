@@ -173,6 +173,11 @@ class SessionClient:
         self._requests += 1
         return self._requests, self._send(Request(self._requests, name, payload), now_ms)
 
+    def alive(self, now_ms: int) -> Transmit:
+        """Return a record that says nothing. Raises: UsageError: not joined."""
+        self._joined()
+        return self._send(Alive(), now_ms)
+
     def stored(self, secret: Secret, now_ms: int) -> Transmit:
         """Say that a secret is stored, so that the one before may die. Raises: UsageError: not joined."""
         self._joined()

@@ -80,6 +80,14 @@ class Door:
         """Return the room code that is shown now, eight digits; None: there is none."""
         return self._room
 
+    def left_ms(self, now_ms: int) -> int:
+        """Return the time until the open code changes."""
+        return max(0, self._code_ms + self._config.code_ms - now_ms)
+
+    def overlaps(self, now_ms: int) -> bool:
+        """Return whether the open code before is still accepted."""
+        return len(self._codes(now_ms)) == 2
+
     def tickets(self) -> list[Ticket]:
         """Return the tickets that still admit somebody, unless their time is over."""
         return list(self._tickets.values())

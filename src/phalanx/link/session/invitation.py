@@ -77,6 +77,11 @@ class Invitation:
         )
 
 
+def is_session_url(text: str) -> bool:
+    """Return whether a URL's fragment says that it is an invitation to a session."""
+    return text.strip().rpartition("#")[2].startswith(WORD)
+
+
 def parse_invitation(text: str) -> Invitation:
     """Return the invitation in a URL, or in its fragment. Raises: BadInvitation."""
     word = text.strip().rpartition("#")[2]

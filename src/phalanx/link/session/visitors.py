@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import chain, count
 
 from phalanx.config.session import SessionConfig
 from phalanx.wire.sessions import DOOR_KEY, DOOR_ROW, VISITOR_KEY, VISITOR_ROW
 
 from .errors import TooMany, UnknownSecret
-from .messages import Role
+from .messages import NICKNAME_CHARACTERS, Role
 from .secret import NO_ID, RESUME_BYTES, Kind, Secret
 from .store import Store
 
@@ -80,7 +81,7 @@ class Visitors:
         unix_s: int,
         beside: Mapping[bytes, bytes | None] | None = None,
     ) -> Visitor:
-        """Write a new visitor, under an id that nobody had, with the rows `beside`; return it.
+        """Write a new visitor, under an id that nobody had and a nickname that nobody has, with the rows `beside`.
 
         Raises: TooMany: all who may be remembered are connected, or too many wait for approval.
         """
@@ -89,7 +90,7 @@ class Visitors:
         rows: dict[bytes, bytes | None] = dict(beside or {})
         gone = self._room(connected, unix_s)
         rows |= {_key(each): None for each in gone}
-        visitor = replace(made, id=self._next)
+        visitor = replace(made, id=self._next, name=self._free_name(made.name, gone))
         self._next += 1
         self._store.write(rows | {_key(visitor.id): _row(visitor), DOOR_KEY.encode(): self._door()})
         for each in gone:
@@ -109,13 +110,17 @@ class Visitors:
     def renew(self, visitor_id: int, used: bytes, fresh: bytes, unix_s: int) -> Visitor:
         """Give a visitor the next secret to resume with; the one that it used stays valid until it has stored that.
 
+        A next one that was given before and not confirmed is given again: a client that has stored it, and whose word
+        is still on its way when an older connection's first record arrives, would have no valid secret else.
+
         Raises: UnknownSecret: it was removed.
         """
         visitor = self._all.get(visitor_id)
         if visitor is None:
             raise UnknownSecret("a visitor that was removed")
         expires_s = unix_s + self._config.resume_s
-        return self.change(replace(visitor, secret=used, pending=fresh, expires_s=expires_s))
+        given = visitor.pending if used == visitor.secret and visitor.pending != NO_SECRET else fresh
+        return self.change(replace(visitor, secret=used, pending=given, expires_s=expires_s))
 
     def stored(self, visitor_id: int, secret_id: bytes) -> None:
         """Drop the secret before, as the visitor has stored its successor."""
@@ -146,6 +151,14 @@ class Visitors:
         if not away:
             raise TooMany("visitors")
         return [min(away, key=lambda each: (each.role, each.expires_s, each.id)).id]
+
+    def _free_name(self, wish: str, gone: list[int]) -> str:
+        """Return a nickname that no visitor has: it says who drives, and nobody shall drive under another's name."""
+        taken = {each.name.casefold() for each in self._all.values() if each.id not in gone}
+        if not wish:
+            wish = f"Visitor {self._next}"
+        numbered = (f"{wish[: NICKNAME_CHARACTERS - 6].strip()} {number}" for number in count(2))
+        return next(name for name in chain([wish], numbered) if name.casefold() not in taken)
 
     def _door(self) -> bytes:
         return DOOR_ROW.encode(approval=self.approval, next_visitor=self._next)

@@ -1,0 +1,90 @@
+"""`phalanx link invite` and `phalanx link trail`."""
+
+from __future__ import annotations
+
+import html
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from phalanx.errors import UsageError
+from phalanx.io.private_file import write_whole
+
+from .gateway_of import ask_gateway, default_state
+from .terminal import counted, plain, talk
+
+ROLES = {"watcher": "watch", "driver": "drive", "operator": "operate"}
+SHEET = """<!doctype html>
+<meta charset="utf-8">
+<title>Invitations</title>
+<style>
+body { font: 12pt sans-serif; display: grid; grid-template-columns: repeat(auto-fill, 62mm); gap: 6mm; margin: 8mm; }
+section { border: 1px dashed #888; padding: 4mm; text-align: center; break-inside: avoid; }
+h2 { margin: 0; font-size: 15pt; }
+p { margin: 1mm 0; color: #444; font-size: 9pt; }
+svg { width: 50mm; height: 50mm; }
+</style>
+"""
+
+
+def invite(
+    robots: tuple[str, ...],
+    role: str,
+    uses: int,
+    name: str,
+    hours: float,
+    sheet: Path | None,
+    state: Path | None,
+    as_json: bool,
+) -> None:
+    """Makes tickets: one, or with a sheet one for each robot."""
+    words = {"role": ROLES.get(role, role), "uses": uses, "name": name, "valid_s": round(hours * 3600)}
+    if sheet is None:
+        url = ask_gateway(state, "link/invite", words | {"robots": list(robots)})["url"]
+        click.echo(json.dumps({"url": url}) if as_json else url)
+        return
+    if words["role"] != "drive" and not robots:
+        raise UsageError("a sheet has a card for each robot", "--role driver, or without --sheet")
+    listed = {robot["name"] or robot["address"]: robot["address"] for robot in ask_gateway(state, "state")["robots"]}
+    cards = []
+    for robot in robots or sorted(listed):
+        card = words | {"robots": [listed.get(robot, robot)], "name": name or robot}
+        cards.append((robot, ask_gateway(state, "link/invite", card)["url"]))
+    write_whole(sheet, sheet_of(cards, uses).encode(), "a folder that is yours", private=True)
+    talk(f"{counted(len(cards), 'card')} in {plain(sheet)}: whoever has one drives; print it, and delete it")
+
+
+def sheet_of(cards: Sequence[tuple[str, str]], uses: int) -> str:
+    """Return a page with a card for each robot: its name and QR code."""
+    from phalanx.gateway.operator_desk import qr_svg  # noqa: PLC0415 - as much to import as all the rest
+
+    times = "for one visitor" if uses == 1 else f"for {uses} visitors"
+    made = (f"<section><h2>{html.escape(robot)}</h2>{qr_svg(url)}<p>{times}</p></section>\n" for robot, url in cards)
+    return SHEET + "".join(made)
+
+
+def export(file: Path | None, state: Path | None) -> None:
+    """Prints the trail, checked."""
+    for words in _trail(file, state):
+        click.echo(json.dumps(words, ensure_ascii=False))
+
+
+def verify(file: Path | None, state: Path | None, top: str | None) -> None:
+    """Checks the trail, and whether a line that was noted before is still in it."""
+    count, last, found = 0, "", False
+    for words in _trail(file, state):
+        count, last = count + 1, words["chain"]
+        found = found or last == top
+    if top and not found:
+        raise UsageError("the trail does not contain that hash", "its end was cut off, or it is another trail")
+    click.echo(f"{counted(count, 'line')}, whole; the last is {last or 'none'}")
+
+
+def _trail(file: Path | None, state: Path | None) -> Any:
+    from phalanx.gateway.state_folder import TRAIL  # noqa: PLC0415 - as above
+    from phalanx.gateway.trail import read_trail  # noqa: PLC0415
+
+    return read_trail(file or (state or default_state()) / TRAIL)

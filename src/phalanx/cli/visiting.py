@@ -1,0 +1,90 @@
+"""What `phalanx link connect` needs of a visitor: over a session, or in mode qrkey."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from phalanx.errors import PeerError, Unavailable
+from phalanx.io import Client, Login, SessionClient
+from phalanx.io.broker_url import BrokerUrl
+from phalanx.link import QrUrl
+
+DRIVE_EVERY_S = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Visitor:
+    """A client, and what is asked of it. Use as `async with`.
+
+    Attributes:
+        robots: returns the swarm's list of robots, unchecked.
+        drive: drives a robot by address, application and wheels in percent for so many seconds, and stops it; returns
+            how many commands were sent.
+        notifications: yields what the swarm sends to everybody.
+    """
+
+    client: AbstractAsyncContextManager[object]
+    robots: Callable[[], Awaitable[Any]]
+    drive: Callable[[str, str, tuple[int, int], float], Awaitable[int]]
+    notifications: Callable[[], AsyncIterator[Any]]
+
+    async def __aenter__(self) -> None:
+        await self.client.__aenter__()
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.client.__aexit__(kind, error, trace)
+
+
+def qrkey_visitor(qr: QrUrl, broker: BrokerUrl | None, login: Login | None, timeout_s: float) -> Visitor:
+    """Return a visitor in mode qrkey."""
+    client = Client(qr, broker=broker, login=login, timeout_s=timeout_s)
+
+    async def robots() -> Any:
+        return await client.request(0, timeout_s=timeout_s, frames=True)
+
+    async def drive(address: str, application: str, wheels_pct: tuple[int, int], for_s: float) -> int:
+        wheels = {"left_x": 0, "left_y": wheels_pct[0], "right_x": 0, "right_y": wheels_pct[1]}
+        still = {"left_x": 0, "left_y": 0, "right_x": 0, "right_y": 0}
+        sent = 0
+        try:
+            for _ in range(max(1, round(for_s / DRIVE_EVERY_S))):
+                sent += await client.command(address, "move_raw", wheels, application)
+                await asyncio.sleep(DRIVE_EVERY_S)
+        finally:
+            await client.command(address, "move_raw", still, application)
+        return sent
+
+    return Visitor(client, robots, drive, client.notifications)
+
+
+def session_visitor(url: str, name: str, keep: Path | None, timeout_s: float) -> Visitor:
+    """Return a visitor with a session. Raises: BadInvitation; UsageError: the file keeps something else."""
+    client = SessionClient(url, name=name, secret_file=keep, timeout_s=timeout_s)
+
+    async def robots() -> Any:
+        return await client.request("robots")
+
+    async def drive(address: str, _application: str, wheels_pct: tuple[int, int], for_s: float) -> int:
+        before = client.commands
+        await client.drive(address, *wheels_pct, for_s=max(DRIVE_EVERY_S, for_s))
+        return client.commands - before
+
+    return Visitor(client, robots, drive, client.updates)
+
+
+@contextlib.contextmanager
+def refusals_for_people() -> Iterator[None]:
+    """Turn what the swarm refuses into one line for a person. Raises: Unavailable."""
+    try:
+        yield
+    except PeerError as error:
+        raise Unavailable(str(error), "a code or ticket that is over admits nobody: ask for a new one") from error

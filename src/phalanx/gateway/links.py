@@ -1,0 +1,32 @@
+"""Links: the ways by which visitors reach a gateway. A broker in mode qrkey is one, sessions are another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from phalanx.link import Command, Request
+
+
+class Link(Protocol):
+    """Carries commands and requests to the gateway's handlers, and what happens to all its visitors.
+
+    A handler refuses by a `PeerError`, which is counted.
+    """
+
+    @property
+    def frame_bytes(self) -> int | None:
+        """Return the longest frame that it carries in one piece; None: a tick is one frame."""
+
+    @property
+    def answer_bytes(self) -> int:
+        """Return the longest answer that it carries."""
+
+    def on_command(self, name: str, /) -> Callable[[Callable[[Command], Any]], Any]:
+        """Decorate the handler of a command."""
+
+    def on_request(self, number: int, /) -> Callable[[Callable[[Request], Any]], Any]:
+        """Decorate the handler of a request, which returns data or a `SharedAnswer`."""
+
+    async def notify(self, payload: dict[str, Any], /) -> bool:
+        """Send a notification to all visitors; return whether it was sent. Raises: UsageError: it is too long."""

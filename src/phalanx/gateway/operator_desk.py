@@ -1,0 +1,283 @@
+"""What operators do with visitors: on the operator's page, from a terminal, or as visitors with an operator's ticket.
+
+Every function is a request with an object for payload and answer (docs/spec/vocabulary.md#over-a-session), and leaves a
+line in the trail. The caller has checked that an operator asks.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import time
+from collections.abc import Callable
+from typing import Any
+
+import segno
+
+from phalanx.errors import BadPayload, PeerError, Unknown, UsageError
+from phalanx.link.session import Invitation, Kind, Role, Secret, Ticket
+from phalanx.link.session.secret import INVITATION_BYTES
+from phalanx.robot import Swarm
+
+from .brakes import Brakes
+from .session_link import SessionLink, now
+
+PAGE = 0  # who does it: the operator's page, or a terminal, of this machine
+VALID_S = 7 * 24 * 3600  # a ticket, if it does not say for how long
+VALID_MOST_S = 366 * 24 * 3600
+USES_MOST = 1000
+NAME_CHARACTERS = 32
+ROLES = {role.name.lower(): role for role in Role}
+
+Act = Callable[[dict[str, Any], int], dict[str, Any] | None]
+
+
+class OperatorDesk:
+    """Answers operators' requests.
+
+    Args:
+        page_url: where visitors find the page.
+        hold: stops all robots, or lets them move again.
+    """
+
+    def __init__(
+        self, link: SessionLink, swarm: Swarm, brakes: Brakes, page_url: str, hold: Callable[[bool], None]
+    ) -> None:
+        self._link, self._swarm, self._brakes, self._page_url, self._hold = link, swarm, brakes, page_url, hold
+        self._qr = ("", "")
+        self._acts: dict[str, Act] = {
+            "visitors": self._list,
+            "remove": self._remove,
+            "everybody_out": self._everybody_out,
+            "new_code": self._new_code,
+            "code": self._code,
+            "room": self._room,
+            "door": self._door,
+            "approve": self._approve,
+            "role": self._role,
+            "give": self._give,
+            "take": self._take,
+            "swap": self._swap,
+            "invite": self._invite,
+            "stop": lambda _, by: self._stop(held=True, by=by),
+            "go": lambda _, by: self._stop(held=False, by=by),
+        }
+
+    def do(self, request: str, words: Any, by: int = PAGE) -> dict[str, Any]:
+        """Answer a request of visitor `by`.
+
+        Raises: Unknown: no such request or visitor; BadPayload; NotAllowed: no such robot; UsageError.
+        """
+        act = self._acts.get(request)
+        if act is None:
+            raise Unknown(f"no request {request[:64]!r}")
+        if not isinstance(words, dict):
+            raise BadPayload("a request's payload is an object")
+        return act(words, by) or {}
+
+    def operate(self, request: str, words: dict[str, Any], by: int) -> dict[str, Any]:
+        """Answer a visitor's request, as `SessionLink` asks. Raises: PeerError, whatever is wrong with it."""
+        try:
+            return self.do(request, words, by)
+        except UsageError as error:
+            raise BadPayload(str(error)) from error
+
+    @property
+    def code_url(self) -> str:
+        """Return the URL of the open code that is valid now."""
+        return self._page_url + "#" + self._link.invitation.fragment()
+
+    def qr_svg(self, url: str) -> str:
+        """Return the QR code of a URL."""
+        if self._qr[0] != url:
+            self._qr = url, qr_svg(url)
+        return self._qr[1]
+
+    def visitors(self) -> list[dict[str, Any]]:
+        """Return all who may resume: those who are here first."""
+        server, now_ms = self._link.server, now().ms
+        told = []
+        for each in server.visitors:
+            connection = server.connections.of_visitor(each.id)
+            told.append(
+                {
+                    "visitor": each.id,
+                    "name": each.name,
+                    "role": each.role.name.lower(),
+                    "waiting": each.waiting,
+                    "present": connection is not None,
+                    "silent_s": round((now_ms - connection.heard_ms) / 1000, 1) if connection else None,
+                    "robot": server.assignment.robot_of(each.id) or "",
+                    "robots": sorted(each.robots),
+                    "place": server.assignment.place_of(each.id),
+                }
+            )
+        return sorted(told, key=lambda each: (not each["present"], each["visitor"]))
+
+    # --- requests ----------------------------------------------------------------------------------------------------
+
+    def _list(self, _: dict[str, Any], __: int) -> dict[str, Any]:
+        door_open = not self._link.server.visitors.approval
+        return {"visitors": self.visitors(), "open": door_open, "assign": self._link.config.assign}
+
+    def _remove(self, words: dict[str, Any], by: int) -> None:
+        visitor = self._visitor(words)
+        driven = self._driven({visitor})
+        events = self._link.operations.remove(visitor, now())  # on disk now
+        self._link.trail.write("removed", visitor=visitor, by=by, durable=True)
+        self._link.carry(events)
+        self._stop_robots(driven)
+
+    def _everybody_out(self, _: dict[str, Any], by: int) -> None:
+        gone = {each.id for each in self._link.server.visitors} - {by}
+        driven = self._driven(gone)
+        events = self._link.operations.everybody_out(now(), keep=by)
+        self._link.trail.write("everybody_out", visitors=sorted(gone), by=by, durable=True)
+        self._link.carry(events)
+        self._stop_robots(driven)
+
+    def _new_code(self, _: dict[str, Any], by: int) -> dict[str, Any]:
+        self._link.operations.new_code(now())
+        self._link.trail.write("new_code", by=by)
+        self._link.say({"event": "rotation"})
+        return {"url": self.code_url}
+
+    def _code(self, _: dict[str, Any], __: int) -> dict[str, Any]:
+        door, url = self._link.server.door, self.code_url
+        return {
+            "url": url,
+            "svg": self.qr_svg(url),
+            "left_s": round(door.left_ms(now().ms) / 1000, 1),
+            "overlap_s": self._link.config.code_overlap_ms / 1000,
+            "room": door.room,
+        }
+
+    def _room(self, words: dict[str, Any], by: int) -> dict[str, Any]:
+        shown, door = _flag(words, "show"), self._link.server.door
+        if shown:
+            door.show_room()
+        else:
+            door.hide_room()
+        self._link.trail.write("room", shown=shown, by=by)
+        return {"room": door.room}
+
+    def _door(self, words: dict[str, Any], by: int) -> None:
+        is_open = _flag(words, "open")
+        if is_open:
+            self._link.operations.open_door()
+        else:
+            self._link.operations.close_door()
+        self._link.trail.write("door", open=is_open, by=by)
+
+    def _approve(self, words: dict[str, Any], by: int) -> None:
+        visitor = self._visitor(words)
+        self._link.carry(self._link.operations.approve(visitor, now()))
+        self._link.trail.write("approved", visitor=visitor, by=by)
+
+    def _role(self, words: dict[str, Any], by: int) -> None:
+        visitor, role = self._visitor(words), _role(words)
+        driven = self._driven({visitor}) if role is Role.WATCH else []
+        self._link.carry(self._link.operations.set_role(visitor, role, now()))
+        self._link.trail.write("role", visitor=visitor, role=role.name.lower(), by=by)
+        self._stop_robots(driven)
+
+    def _give(self, words: dict[str, Any], by: int) -> None:
+        visitor, robot = self._visitor(words), self._robot(words.get("robot"))
+        self._link.carry(self._link.operations.give(robot, visitor, now()))
+        self._link.trail.write("given", visitor=visitor, robot=robot, by=by)
+
+    def _take(self, words: dict[str, Any], by: int) -> None:
+        robot = self._robot(words.get("robot"))
+        self._link.carry(self._link.operations.take(robot, now()))
+        self._link.trail.write("taken", robot=robot, by=by)
+
+    def _swap(self, words: dict[str, Any], by: int) -> None:
+        robots = words.get("robots")
+        if not isinstance(robots, list) or len(robots) != 2:
+            raise BadPayload("'robots' are two")
+        first, second = map(self._robot, robots)
+        self._link.carry(self._link.operations.swap(first, second, now()))
+        self._link.trail.write("swapped", robots=[first, second], by=by)
+
+    def _invite(self, words: dict[str, Any], by: int) -> dict[str, Any]:
+        role, name = _role(words), words.get("name", "")
+        uses, valid_s = _number(words, "uses", 1, USES_MOST, 1), _number(words, "valid_s", 1, VALID_MOST_S, VALID_S)
+        if not isinstance(name, str) or len(name) > NAME_CHARACTERS or not (name == "" or name.isprintable()):
+            raise BadPayload(f"'name' has at most {NAME_CHARACTERS} characters")
+        robots = words.get("robots", [])
+        if not isinstance(robots, list):
+            raise BadPayload("'robots' is a list")
+        named = frozenset(map(self._robot, robots))
+        secret = Secret(Kind.TICKET, os.urandom(INVITATION_BYTES))
+        self._link.server.door.add_ticket(Ticket(secret, role, uses, int(time.time()) + valid_s, name, named))
+        words = {"role": role.name.lower(), "uses": uses, "valid_s": valid_s, "name": name, "robots": sorted(named)}
+        self._link.trail.write("invited", **words, ticket=secret.id.hex(), by=by)
+        return {"url": self._page_url + "#" + Invitation(self._link.invitation.static, secret).fragment()}
+
+    def _stop(self, *, held: bool, by: int) -> None:
+        self._hold(held)
+        self._link.trail.write("stopped_all" if held else "released_all", by=by)
+
+    # --- words -------------------------------------------------------------------------------------------------------
+
+    def _visitor(self, words: dict[str, Any]) -> int:
+        visitor = _number(words, "visitor", 1, (1 << 32) - 1)
+        if self._link.server.visitors.find(visitor) is None:
+            raise Unknown(f"no visitor {visitor}")
+        return visitor
+
+    def _robot(self, called: Any) -> str:
+        """Return the address of a robot, from its address or its name."""
+        if not isinstance(called, str):
+            raise BadPayload("a robot is a text")
+        robots = self._swarm.robots()
+        for robot in robots:
+            if robot.address == called.upper():
+                return robot.address
+        found = [robot.address for robot in robots if robot.name.casefold() == called.casefold()]
+        if len(found) != 1:
+            raise Unknown(f"{'no robot' if not found else f'{len(found)} robots'} {called[:64]!r}")
+        return found[0]
+
+    def _driven(self, visitors: set[int]) -> list[str]:
+        """Return the robots that these visitors drive now."""
+        assignment, now_ms = self._link.server.assignment, now().ms
+        return [
+            robot.address for robot in self._swarm.robots() if assignment.driver_of(robot.address, now_ms) in visitors
+        ]
+
+    def _stop_robots(self, robots: list[str]) -> None:
+        # A route goes on without its visitor.
+        for robot in robots:
+            try:
+                self._brakes.stop(robot)
+            except PeerError:
+                continue  # it has left
+
+
+def qr_svg(url: str) -> str:
+    """Return the QR code of a URL, as SVG for a page."""
+    out = io.BytesIO()
+    segno.make_qr(url, error="m").save(out, kind="svg", xmldecl=False, svgns=True, omitsize=True)
+    return out.getvalue().decode()
+
+
+def _flag(words: dict[str, Any], key: str) -> bool:
+    value = words.get(key)
+    if not isinstance(value, bool):
+        raise BadPayload(f"{key!r} is true or false")
+    return value
+
+
+def _number(words: dict[str, Any], key: str, low: int, high: int, default: int | None = None) -> int:
+    value = words.get(key, default)
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        raise BadPayload(f"{key!r} is a whole number, {low} to {high}")
+    return value
+
+
+def _role(words: dict[str, Any]) -> Role:
+    value = words.get("role")
+    if not isinstance(value, str) or value not in ROLES:
+        raise BadPayload(f"'role' is one of {', '.join(ROLES)}")
+    return ROLES[value]

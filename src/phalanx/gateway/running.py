@@ -1,0 +1,233 @@
+"""A gateway that is up, as its operator sees it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections import Counter
+from typing import TYPE_CHECKING, Any
+
+from phalanx.errors import Unknown
+from phalanx.io.server import Happening
+from phalanx.link.messages import Rejected
+from phalanx.robot import Swarm
+from phalanx.robot.swarm import Stepped
+
+from . import vocabulary
+from .brakes import KeptStop
+from .gateway import Gateway
+from .links import Link
+from .operator_desk import OperatorDesk
+from .session_link import Say, SessionLink, now
+from .shared_code import SharedCode
+
+if TYPE_CHECKING:
+    from .up import UpOptions
+
+WORLD_HZ = 50
+REPORT_S = 1.0
+DIRECT = {"name": "direct", "url": "", "connected": True, "trouble": "", "phones": ""}
+
+
+class Running:
+    """A gateway with its swarm and links.
+
+    Attributes:
+        desk: what operators do with visitors.
+        was_held: all robots were stopped when the gateway before ended.
+
+    Args:
+        shared: mode qrkey, if it is served as well; then its code is the one that is shown.
+    """
+
+    def __init__(
+        self, options: UpOptions, page_url: str, link: SessionLink, swarm: Swarm, say: Say, shared: SharedCode | None
+    ) -> None:
+        self.page_url = page_url
+        self.link, self.shared = link, shared
+        links: list[Link] = [link, *([shared.server] if shared else [])]
+        self.gateway = Gateway(swarm, *links, say=say)
+        self.desk = OperatorDesk(link, swarm, self.gateway.brakes, page_url, self.hold)
+        self._options = options
+        self._loop = asyncio.get_running_loop()
+        self._say = say
+        self._started_at_s = time.monotonic()
+        self._told: Counter[str] = Counter()
+        self._kept_stop = KeptStop(options.stop_file)
+        self.was_held = self._kept_stop.was_held()
+        if self.was_held:
+            self.gateway.brakes.hold()
+        link.operate = self.desk.operate
+        link.say = self._on_session
+        if shared:
+            shared.server.on_event = self._on_shared
+
+    @property
+    def qr_url(self) -> str:
+        """Return what the QR code says now."""
+        return self.shared.qr_url if self.shared else self.desk.code_url
+
+    @property
+    def connected(self) -> bool:
+        """Return whether visitors are reached: on the direct transport always."""
+        return self.shared is None or self.shared.server.connected
+
+    @property
+    def rejected(self) -> Counter[str]:
+        """Return how many messages were refused, by reason."""
+        return self.link.rejected + (self.shared.server.rejected if self.shared else Counter())
+
+    def ready(self, operator_url: str) -> dict[str, Any]:
+        """Return the first event."""
+        words = {"page_url": self.page_url, "qr_url": self.qr_url, "session_url": self.desk.code_url}
+        return {"event": "ready", **words, **(self.shared.ready() if self.shared else {}), "operator_url": operator_url}
+
+    def summary(self) -> dict[str, Any]:
+        """Return the numbers of a status line."""
+        return {
+            "robots": len(self.gateway.swarm.robots()),
+            "visitors": len(self._visitors(time.monotonic())),
+            "commands": self._count("commands"),
+            "refused": sum(self.rejected.values()),
+            "rotates_in_s": self._rotates_in_s(),
+            "connected": self.connected,
+            "held": self.gateway.brakes.held,
+        }
+
+    def state(self) -> dict[str, Any]:
+        """Return everything that the operator's page shows. Has the code in it."""
+        now_s, uptime_s = time.time(), time.monotonic()
+        shared, config = self.shared, self.link.config
+        robots = self.gateway.swarm.robots()
+        names = {robot.address: robot.name for robot in robots}
+        link = {vocabulary.Status.ACTIVE: "ok", vocabulary.Status.INACTIVE: "quiet", vocabulary.Status.LOST: "lost"}
+        door = self.link.server.door
+        return {
+            "mode": "qrkey" if shared else "session",
+            "held": self.gateway.brakes.held,
+            "page_url": self._options.frontend or self.page_url,
+            "qr_url": self.qr_url,
+            "qr_svg": self.desk.qr_svg(self.qr_url),
+            "rotates_in_s": round(self._rotates_in_s(), 1),
+            "rotate_s": shared.server.config.rotate_s if shared else config.code_ms / 1000,
+            "overlap_s": shared.server.config.overlap_s if shared else config.code_overlap_ms / 1000,
+            "overlapping": shared.server.overlapping if shared else door.overlaps(now().ms),
+            "uptime_s": round(uptime_s - self._started_at_s, 1),
+            "broker": shared.broker_state() if shared else DIRECT,
+            "visitors": self._visitors(uptime_s),
+            "session": {
+                "url": self.desk.code_url,
+                "room": door.room,
+                "open": not self.link.server.visitors.approval,
+                "assign": config.assign,
+                "visitors": self.desk.visitors(),
+            },
+            "robots": [
+                {
+                    "address": robot.address,
+                    "name": robot.name,
+                    "status": int(vocabulary.status(robot, now_s)),
+                    "mode": int(bool(robot.route)),
+                    "battery_v": round(robot.battery_v, 3),
+                    "last_seen_s": round(now_s - robot.heard_at_s, 1),
+                    "rgb_led": vocabulary.tell_led(robot.led),
+                    "link": link[vocabulary.status(robot, now_s)],
+                    "drivers": self.gateway.drivers.of(robot.address, uptime_s),
+                }
+                for robot in robots
+            ],
+            "shields": self.gateway.shields.state(names.__getitem__) if self.gateway.shields else None,
+            "unprotected": self.gateway.unprotected,
+            "mission": self.gateway.missions.state() if self.gateway.missions else None,
+            "counters": {key: self._count(key) for key in ("commands", "requests", "notifications", "knocks")}
+            | {"reconnects": shared.server.reconnects if shared else 0},
+            "rejected": dict(self.rejected),
+        }
+
+    def compromise(self, address: str, attack: str) -> None:
+        """Have a robot lie. Raises: Unknown: see `ShieldWatch.compromise`; or robots have no shields."""
+        if self.gateway.shields is None:
+            raise Unknown("these robots do not audit each other: nothing would stop it")
+        self.gateway.shields.compromise(address, attack)
+
+    def hold(self, held: bool) -> None:
+        """Every robot stands still from now on, whatever it is told and whatever the link does; or may move again.
+
+        For any thread, however busy the event loop is: that hears of it afterwards.
+        """
+        self.gateway.brakes.hold(held)
+        self._kept_stop.keep(lambda: self.gateway.brakes.held)  # last: a disk may take its time
+        with contextlib.suppress(RuntimeError):  # it has ended
+            self._loop.call_soon_threadsafe(self._say, {"event": "held" if held else "released"})
+
+    async def rotate(self) -> bool:
+        """Change the code now; return whether that was done: in mode qrkey not while two are accepted."""
+        self.desk.do("new_code", {})
+        return await self.shared.server.rotate() if self.shared else True
+
+    async def run(self) -> None:
+        """Let the world turn, tell visitors, report refusals, until cancelled."""
+        work = [self._turn(), self.gateway.run(), self.link.run(), self._report()]
+        if self.shared:
+            work.append(self.shared.run(self._say))
+        tasks = [asyncio.ensure_future(job) for job in work]
+        try:
+            await asyncio.gather(*tasks)  # not a TaskGroup: the one error that ends it should arrive as itself
+        finally:
+            for task in tasks:
+                task.cancel()
+
+    def _rotates_in_s(self) -> float:
+        return self.shared.server.rotates_in_s if self.shared else self.link.server.door.left_ms(now().ms) / 1000
+
+    def _count(self, what: str) -> int:
+        return self.link.counters[what] + (self.shared.count(what) if self.shared else 0)
+
+    def _visitors(self, uptime_s: float) -> list[dict[str, Any]]:
+        """Return those who are here, of all links."""
+        here = [
+            {"id": each["name"], "last_seen_s": each["silent_s"], "requests": 0, "visitor": each["visitor"]}
+            for each in self.desk.visitors()
+            if each["present"]
+        ]
+        shared = self.gateway.visitors
+        return here + [
+            {"id": shared.shown(v.client_id), "last_seen_s": round(uptime_s - v.seen_at_s, 1), "requests": v.requests}
+            for v in shared.present(uptime_s)
+        ]
+
+    async def _turn(self) -> None:
+        before_s = time.monotonic()
+        while isinstance(swarm := self.gateway.swarm, Stepped):  # real robots move by themselves
+            await asyncio.sleep(1 / WORLD_HZ)
+            now_s = time.monotonic()
+            # A machine that slept does not hurl its robots through the wall.
+            swarm.step(min(now_s - before_s, 0.2))
+            before_s = now_s
+
+    async def _report(self) -> None:
+        while True:
+            await asyncio.sleep(REPORT_S)
+            for reason, count in self.rejected.items():
+                if count != self._told[reason]:
+                    self._told[reason] = count
+                    self._say({"event": "rejected", "reason": reason, "count": count})
+
+    def _on_session(self, event: dict[str, Any]) -> None:
+        if event["event"] == "rotation":
+            if self.shared:
+                return  # another code is shown
+            event = event | {"qr_url": self.qr_url}
+        self._say(event)
+
+    def _on_shared(self, said: Happening) -> None:
+        # Of refusals the first of its kind at once; the others are added up, for they may come in thousands.
+        if isinstance(said, Rejected) and said.reason in self._told:
+            return
+        event = self.shared.event(said) if self.shared else None
+        if event is None:
+            return
+        if isinstance(said, Rejected):
+            self._told[said.reason] = event["count"]
+        self._say(event)

@@ -1,0 +1,371 @@
+"""Mode session: visitors with keys of their own, on the front end's websockets.
+
+Who commands is known here, so a payload says no name. Nothing of a client is parsed before it is authentic.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import logging
+import os
+import time
+from collections import Counter, deque
+from collections.abc import AsyncIterator, Callable, Iterable, Sequence
+from typing import Any, Protocol
+
+from phalanx.config.session import SessionConfig
+from phalanx.errors import BadPayload, HandlerFailed, Held, Late, Overrun, PeerError, Unknown, UsageError
+from phalanx.io.answers import Answers
+from phalanx.io.front import Closed, Event, Opened, Received
+from phalanx.io.server import call_handler, fault
+from phalanx.io.session_store import LinkKeys
+from phalanx.link import Command, Request, SharedAnswer
+from phalanx.link.envelope import decode_json, encode_json
+from phalanx.link.session import Invitation, Now, Operations, Reason, Role, SessionServer, Store
+from phalanx.link.session.errors import EndReason, NotAllowed, TooMany
+from phalanx.link.session.events import (
+    Close,
+    Commanded,
+    CommandRefused,
+    Joined,
+    Left,
+    Publish,
+    Requested,
+    Send,
+    ServerEvent,
+)
+from phalanx.link.topics import CommandTopic
+
+from . import vocabulary
+from .trail import Trail
+
+log = logging.getLogger(__name__)
+
+TICK_S = 0.1
+LOOK_EVERY = 10  # ticks, for robots that came or left
+JSON_DEPTH = 8
+CLOSING_S = 0.1  # for what was said last to leave
+# An update without news must not be shorter than one in which a robot moves: spaces make up for it. Every robot's place
+# is in one of ten updates. Longer ones are not made equal: they have so many robots that one does not show.
+EQUAL_TICKS, EQUAL_BYTES = 100, 2040
+_REASONS: dict[type[PeerError], Reason] = {
+    BadPayload: Reason.BAD,
+    Held: Reason.HELD,
+    HandlerFailed: Reason.FAILED,
+    Late: Reason.LATE,
+    NotAllowed: Reason.NOT_ALLOWED,
+    Overrun: Reason.TOO_MANY,
+    TooMany: Reason.TOO_MANY,
+    Unknown: Reason.UNKNOWN,
+}
+Say = Callable[[dict[str, Any]], None]
+# What a visitor may ask beside what the gateway answers: its name, its words; the visitor that asks.
+Operate = Callable[[str, dict[str, Any], int], dict[str, Any]]
+
+
+class FrontEnd(Protocol):
+    """What is needed of `phalanx.io.front.Front`."""
+
+    def events(self) -> AsyncIterator[Event]:
+        """Yield what happens to connections."""
+
+    def send(self, connection: int, data: bytes) -> None:
+        """Send a message to one client."""
+
+    def publish(self, connections: Sequence[int], data: bytes) -> None:
+        """Send an update to many; one that has not taken the last one misses this one."""
+
+    def admitted(self, connection: int) -> None:
+        """Count a connection no longer as an unfinished handshake."""
+
+    def close(self, connection: int, reason: str) -> None:
+        """End a connection after what was sent to it."""
+
+
+class SessionLink:
+    """A `Link` over sessions.
+
+    Attributes:
+        server: all sessions.
+        operations: what operators do; `carry` what they return.
+        counters: commands, requests and notifications.
+        say: gets events: joined, left, command, refused.
+        operate: answers operators' requests.
+
+    Args:
+        robots: returns the addresses of the robots that there are.
+    """
+
+    frame_bytes = None
+
+    def __init__(
+        self,
+        front: FrontEnd,
+        store: Store,
+        keys: LinkKeys,
+        robots: Callable[[], Iterable[str]],
+        trail: Trail,
+        config: SessionConfig | None = None,
+        open_role: Role = Role.DRIVE,
+    ) -> None:
+        self.config = config or SessionConfig()
+        self.server = SessionServer(self.config, keys.static, keys.signer, store, os.urandom, now(), open_role)
+        self.operations = Operations(self.server)
+        self.counters: Counter[str] = Counter()
+        self.say: Say = lambda _: None
+        self.operate: Operate | None = None
+        self.trail = trail
+        self._static = keys.static.public_key().public_bytes_raw()
+        self._front = front
+        self._robots = robots
+        self._commands: dict[str, Callable[[Command], Any]] = {}
+        self._requests: dict[str, Callable[[Request], Any]] = {}
+        self._answers = Answers[Requested](self._answer)
+        self._encoded: dict[str, tuple[SharedAnswer, bytes]] = {}  # by the request's name
+        self._admitted: set[int] = set()
+        self._lengths: deque[int] = deque(maxlen=EQUAL_TICKS)  # of updates
+
+    @property
+    def answer_bytes(self) -> int:
+        """Return the longest answer, as JSON, that fits a message to a client."""
+        return self.config.max_to_client_bytes - 64
+
+    @property
+    def rejected(self) -> Counter[str]:
+        """Return how many messages were refused, by reason."""
+        return self.server.rejected
+
+    @property
+    def invitation(self) -> Invitation:
+        """Return the invitation of the open code."""
+        return Invitation(self._static, self.server.door.code)
+
+    def on_command(self, name: str, /) -> Callable[[Callable[[Command], Any]], Any]:
+        """Decorate the handler of a command."""
+        return lambda handler: self._commands.setdefault(name, handler)
+
+    def on_request(self, number: int, /) -> Callable[[Callable[[Request], Any]], Any]:
+        """Decorate the handler of a request, by its number in mode qrkey."""
+        return lambda handler: self._requests.setdefault(vocabulary.REQUEST_NAMES[number], handler)
+
+    async def notify(self, payload: dict[str, Any], /) -> bool:
+        """Seal an update for all visitors, once, whatever their number. Raises: UsageError: it is too long."""
+        try:
+            state = encode_json(payload)
+        except (TypeError, ValueError, RecursionError) as error:
+            raise UsageError(f"an update is not JSON: {error}") from error
+        self._lengths.append(min(len(state), EQUAL_BYTES))
+        state = state.ljust(max(self._lengths))
+        self.carry([self.server.publish(state, now())])
+        self.counters["notifications"] += 1
+        return True
+
+    async def run(self) -> None:
+        """Serve until cancelled."""
+        await asyncio.gather(self._read(), self._tick(), self._answers.run())
+
+    async def close(self) -> None:
+        """End all sessions: visitors may resume when the gateway runs again."""
+        connections = list(self.server.connections)
+        for connection in connections:
+            self.carry(self.server.end(connection, EndReason.CLOSING, now()))
+        if connections:
+            await asyncio.sleep(CLOSING_S)
+
+    def carry(self, events: Iterable[ServerEvent]) -> None:
+        """Carry out what the server or an operation asks for, and report what happened."""
+        for event in events:
+            match event:
+                case Send(connection, data):
+                    self._front.send(connection, data)
+                case Publish(connections, data):
+                    self._front.publish(connections, data)
+                case Close(connection, reason):
+                    self._admitted.discard(connection)
+                    self._front.close(connection, reason)
+                case Joined():
+                    self._joined(event)
+                case Left(visitor):
+                    self.trail.write("left", visitor=visitor)
+                    self.say({"event": "left", "visitor": visitor})
+                case Commanded():
+                    self._command(event)
+                case Requested():
+                    self._ask(event)
+                case CommandRefused(visitor, robot, reason):
+                    self._refused(visitor, robot, reason)
+
+    # --- what comes --------------------------------------------------------------------------------------------------
+
+    async def _read(self) -> None:
+        async for event in self._front.events():
+            try:
+                self._on_event(event)
+            except Exception as error:
+                # Whatever one connection did, the others are served.
+                log.exception("a connection is closed (%s)", type(error).__name__)
+                self._front.close(event.connection, "failed")
+                self.carry(self.server.closed(event.connection, now()))
+
+    def _on_event(self, event: Event) -> None:
+        match event:
+            case Opened(connection, address):
+                self.carry(self.server.opened(connection, address, now()))
+            case Received(connection, data):
+                self.carry(self.server.receive(connection, data, now()))
+                its = self.server.connections.find(connection)
+                if its and its.visitor and connection not in self._admitted:
+                    self._admitted.add(connection)
+                    self._front.admitted(connection)
+            case Closed(connection):
+                self._admitted.discard(connection)
+                self.carry(self.server.closed(connection, now()))
+
+    async def _tick(self) -> None:
+        known: list[str] = []
+        for ticks in itertools.count():
+            try:
+                # Once a second: a thousand robots are five milliseconds of work.
+                if ticks % LOOK_EVERY == 0 and known != (known := sorted(self._robots())):
+                    self.server.assignment.set_robots(known, now().ms)
+                code = self.server.door.code
+                self.carry(self.server.tick(now()))
+                if self.server.door.code is not code:
+                    self.say({"event": "rotation"})
+                self.trail.tick(time.monotonic())
+            except Exception as error:
+                log.exception("sessions: a tick failed (%s)", type(error).__name__)
+            await asyncio.sleep(TICK_S)
+
+    def _joined(self, joined: Joined) -> None:
+        words: dict[str, Any] = {"visitor": joined.visitor, "name": joined.name, "role": joined.role.name.lower()}
+        words |= {"resumed": not joined.is_new, "waiting": joined.waiting}
+        self.trail.write("joined", **words)
+        self.say({"event": "joined", **words})
+
+    def _command(self, said: Commanded) -> None:
+        robot = said.robot.upper()
+        try:
+            payload = None if said.is_stop else parse_payload(said.payload)
+            if said.name == "waypoints" and not said.is_stop:
+                self._count_route(said.visitor, robot, payload)
+            handler = self._commands.get(said.name)
+            if handler is None:
+                raise Unknown(f"no command {said.name!r}")
+            topic = CommandTopic(robot, vocabulary.APPLICATION, said.name)
+            by = self.name_of(said.visitor)
+            call_now(handler, Command(topic, payload, by=by, is_stop=said.is_stop))
+        except PeerError as error:
+            reason = self._reject(error)
+            self.carry(self.server.refuse(said.visitor, 0, reason))
+            self._refused(said.visitor, robot, reason)
+            return
+        self.counters["commands"] += 1
+        self.trail.drives(said.visitor, robot, said.name, time.monotonic())
+        self.say({"event": "command", "address": robot, "name": said.name, "visitor": said.visitor, "by": by})
+
+    def _count_route(self, visitor: int, robot: str, payload: Any) -> None:
+        """Raise TooMany for more routes or points than one visitor may send."""
+        points = payload.get("waypoints") if isinstance(payload, dict) else None
+        connection = self.server.connections.of_visitor(visitor)
+        if connection and isinstance(points, list):
+            connection.caps.route(robot, len(points), now().ms)
+
+    def _ask(self, request: Requested) -> None:
+        known = self.server.visitors.find(request.visitor)
+        if known is None:
+            return
+        try:
+            if request.name not in self._requests and known.role is not Role.OPERATE:
+                raise NotAllowed("a request of operators") if self.operate else Unknown("no such request")
+            before = self._answers.ask((request.visitor, request.name), len(request.payload), request)
+            if before:
+                self.carry(self.server.refuse(before.visitor, before.number, Reason.TOO_MANY))
+        except PeerError as error:
+            self._refuse_request(request, error)
+
+    async def _answer(self, request: Requested) -> None:
+        try:
+            payload = await self._answered(request)
+            self.carry(self.server.reply(request.visitor, request.number, payload))
+            self.counters["requests"] += 1
+        except PeerError as error:
+            self._refuse_request(request, error)
+        except UsageError as error:
+            log.warning("request %s: %s", request.name, error)
+            self._refuse_request(request, BadPayload(str(error)))
+
+    async def _answered(self, request: Requested) -> bytes:
+        handler = self._requests.get(request.name)
+        if handler is None:
+            return self._operated(request)
+        words = parse_payload(request.payload) if request.payload else {}
+        if not isinstance(words, dict):
+            raise BadPayload("a request's payload is an object")
+        data = await call_handler(handler, Request(request.number, "", words, len(request.payload)))
+        if not isinstance(data, SharedAnswer):
+            return encode_json(data)
+        shared, encoded = self._encoded.get(request.name, (None, b""))
+        if shared is not data:
+            encoded = encode_json(data.data)
+            self._encoded[request.name] = data, encoded
+        return encoded
+
+    def _operated(self, request: Requested) -> bytes:
+        known = self.server.visitors.find(request.visitor)
+        # Again: it may have been removed while this waited.
+        if known is None or known.role is not Role.OPERATE or self.operate is None:
+            raise NotAllowed("a request of operators")
+        words = parse_payload(request.payload) if request.payload else {}
+        if not isinstance(words, dict):
+            raise BadPayload("a request's payload is an object")
+        return encode_json(self.operate(request.name, words, request.visitor))
+
+    def _refuse_request(self, request: Requested, error: PeerError) -> None:
+        reason = self._reject(error)
+        self.carry(self.server.refuse(request.visitor, request.number, reason))
+
+    def _refused(self, visitor: int, robot: str, reason: Reason) -> None:
+        self.trail.refused(visitor, robot, reason.name.lower())
+
+    def _reject(self, error: PeerError) -> Reason:
+        self.server.rejected[error.reason] += 1
+        return next((told for kind, told in _REASONS.items() if isinstance(error, kind)), Reason.BAD)
+
+    def name_of(self, visitor: int) -> str:
+        """Return a visitor's nickname, or "" if it was removed."""
+        known = self.server.visitors.find(visitor)
+        return known.name if known else ""
+
+
+def now() -> Now:
+    """Return the time, as sessions are told it."""
+    return Now(time.monotonic_ns() // 1_000_000, int(time.time()))
+
+
+def call_now(handler: Callable[[Command], Any], command: Command) -> None:
+    """Call a handler of commands, which is a plain function here. Raises: PeerError, and HandlerFailed for others."""
+    try:
+        handler(command)
+    except PeerError:
+        raise
+    except Exception as error:
+        log.error("a command failed: %s", fault(error))  # noqa: TRY400  # no trace: see fault
+        raise HandlerFailed(type(error).__name__) from error
+
+
+def parse_payload(payload: bytes) -> Any:
+    """Return a payload's JSON. Raises: BadPayload: not JSON, a key twice, not finite, or more than eight levels."""
+    value = decode_json(payload)
+    level = [value]
+    for _ in range(JSON_DEPTH):
+        level = [
+            below
+            for each in level
+            if isinstance(each, dict | list)
+            for below in (each.values() if isinstance(each, dict) else each)
+        ]
+        if not level:
+            return value
+    raise BadPayload(f"more than {JSON_DEPTH} levels")

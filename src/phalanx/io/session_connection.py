@@ -1,0 +1,243 @@
+"""Keep a session up over a websocket: connect, resume, make new keys, and store the secret to resume with."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import os
+import random
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import aiohttp
+
+from phalanx.config.session import SessionConfig
+from phalanx.errors import PeerError, Unavailable
+from phalanx.link.session import EndReason, Invitation, Secret, SessionClient
+from phalanx.link.session.events import Admitted, ClientEvent, Ended, KeepSecret, Transmit
+from phalanx.link.session.invitation import BadInvitation
+from phalanx.link.session.slots import Say
+from phalanx.wire.sessions import TAG_BYTES, UPDATE
+
+from .resume_file import read_resume, write_resume
+
+log = logging.getLogger(__name__)
+
+PATH = "/link"  # of the websocket, at the origin of the page
+CONNECT_S = 10.0
+RETRY_S = (0.25, 4.0)  # pause before the next connection: the first, and the longest
+HEARTBEAT_S = 20.0
+CLOSE_S = 1.0
+REFUSALS = 3  # first messages without an answer, before a session that was up counts as over
+RESUMED = (EndReason.OLD_KEYS, EndReason.CLOSING)  # ends after which a client resumes
+
+
+class SessionOver(PeerError):
+    """The session has ended; `why` is the swarm's reason, None if it gave none."""
+
+    def __init__(self, why: EndReason | None, message: str = "") -> None:
+        self.why = why
+        given = why.name.lower().replace("_", " ") if why else "the swarm does not admit this client"
+        super().__init__(message or f"the session is over: {given}")
+
+
+class SessionConnection:
+    """One visitor's connection, made again when it is lost.
+
+    Args:
+        secret_file: keeps the secret to resume with; None: memory does.
+        away_s: how long a lost connection is tried again.
+        on_event: is called with the protocol's events, in order.
+        on_lost: is called when the connection is lost, or the session over.
+
+    Attributes:
+        failure: why the session is over.
+    Raises: UsageError, Unavailable: the file cannot be read, or is none of ours.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        invitation: Invitation,
+        *,
+        name: str,
+        config: SessionConfig,
+        secret_file: Path | None,
+        away_s: float,
+        on_event: Callable[[ClientEvent], None],
+        on_lost: Callable[[], None],
+    ) -> None:
+        self.url, self.invitation, self._name = url, invitation, name
+        self._config, self._file, self._away_s = config, secret_file, away_s
+        self._on_event, self._on_lost = on_event, on_lost
+        self._secret: Secret | None = read_resume(secret_file, invitation) if secret_file else None
+        self._was_admitted = False
+        self._rejected: Counter[str] = Counter()
+        self._socket: aiohttp.ClientWebSocketResponse | None = None
+        self.protocol: SessionClient | None = None
+        self.failure: PeerError | Unavailable | None = None
+
+    @property
+    def is_joined(self) -> bool:
+        """Return whether records can be sent now."""
+        return self._socket is not None and self.protocol is not None and self.protocol.is_joined
+
+    @property
+    def rejected(self) -> Counter[str]:
+        """Return how many messages of the server were refused, by reason."""
+        return self._rejected + (self.protocol.rejected if self.protocol else Counter())
+
+    def count(self, error: PeerError) -> None:
+        """Count a message that was opened and is wrong inside."""
+        self._rejected[error.reason] += 1
+
+    def fail(self, failure: PeerError | Unavailable) -> None:
+        """End the session for this reason, if it is not over."""
+        if self.failure is None:
+            self.failure = failure
+            self._on_lost()
+
+    async def transmit(self, say: Say) -> None:
+        """Seal a record, and send it. Raises: SessionOver; Unavailable: the connection is lost."""
+        if self.failure:
+            raise self.failure
+        if self._socket is None or not self.is_joined:
+            raise Unavailable("the connection to the swarm is lost", "it is tried again")
+        try:
+            await self._socket.send_bytes(say(_now_ms()).data)
+        except (OSError, aiohttp.ClientError) as error:
+            raise Unavailable("the connection to the swarm is lost", "it is tried again") from error
+
+    async def leave(self) -> None:
+        """End the session; the secret still resumes it."""
+        self.fail(SessionOver(None, "this client has left"))
+        with contextlib.suppress(OSError, aiohttp.ClientError, TimeoutError):
+            async with asyncio.timeout(CLOSE_S):
+                if self.protocol and not self.protocol.is_over:
+                    await self._carry_out(self.protocol.leave(_now_ms()))
+                if self._socket:
+                    await self._socket.close()
+
+    async def run(self) -> None:
+        """Keep the session up, until it is over."""
+        pause_s, refusals, lost_s = RETRY_S[0], 0, time.monotonic()
+        async with aiohttp.ClientSession() as http:
+            while not self.failure:
+                why = ""
+                try:
+                    admitted = await self._connect(http)
+                except PeerError as error:
+                    self.fail(error)
+                except (OSError, aiohttp.ClientError, TimeoutError) as error:
+                    why = f": {error}" if str(error) else ""
+                else:
+                    if admitted:
+                        pause_s, refusals, lost_s = RETRY_S[0], 0, time.monotonic()
+                    else:
+                        refusals += 1
+                        self._refused(refusals)
+                self._socket = None
+                self._on_lost()
+                if time.monotonic() - lost_s > self._away_s:
+                    self.fail(Unavailable(f"no connection to the swarm for {self._away_s:g} s{why}"))
+                if not self.failure:
+                    log.info("connecting again%s", why)
+                    await asyncio.sleep(pause_s * random.uniform(0.75, 1.25))  # noqa: S311  # spreads, hides nothing
+                    pause_s = min(2 * pause_s, RETRY_S[1])
+
+    async def _connect(self, http: aiohttp.ClientSession) -> bool:
+        """Hold one connection until its end; return whether the server admitted this visitor."""
+        config = self._config
+        invitation = Invitation(self.invitation.static, self._secret) if self._secret else self.invitation
+        self._rejected = self.rejected
+        self.protocol = protocol = SessionClient(config, invitation, os.urandom, self._name)
+        async with asyncio.timeout(CONNECT_S):
+            socket = await http.ws_connect(
+                self.url,
+                max_msg_size=UPDATE.size + config.max_to_client_bytes + TAG_BYTES,
+                heartbeat=HEARTBEAT_S,
+                timeout=aiohttp.ClientWSTimeout(ws_close=CLOSE_S),
+            )
+        admitted = False
+        async with socket:
+            self._socket = socket
+            await self._carry_out(protocol.start(_now_ms()))
+            ticks = asyncio.create_task(self._tick(socket, protocol))
+            try:
+                async for message in socket:
+                    if message.type is aiohttp.WSMsgType.BINARY:
+                        await self._carry_out(protocol.receive(message.data, _now_ms()))
+                    else:
+                        self._rejected["unexpected"] += 1
+                    admitted = admitted or protocol.is_joined
+                    if protocol.is_over:
+                        break
+            finally:
+                ticks.cancel()
+        return admitted
+
+    async def _tick(self, socket: aiohttp.ClientWebSocketResponse, protocol: SessionClient) -> None:
+        with contextlib.suppress(OSError, aiohttp.ClientError):  # the reader sees that as well
+            while not protocol.is_over:
+                await asyncio.sleep(1)
+                await self._carry_out(protocol.tick(_now_ms()))
+            await socket.close()
+
+    async def _carry_out(self, events: list[ClientEvent]) -> None:
+        for event in events:
+            match event:
+                case Transmit(data):
+                    if self._socket:
+                        await self._socket.send_bytes(data)
+                case KeepSecret(secret, lifetime_s):
+                    await self._keep(secret, lifetime_s)
+                case Ended(why):
+                    self._ended(why)
+                case Admitted():
+                    self._was_admitted = True
+            self._on_event(event)
+
+    async def _keep(self, secret: Secret, lifetime_s: int) -> None:
+        if self._file:
+            try:
+                await asyncio.to_thread(write_resume, self._file, self.invitation, secret, lifetime_s)
+            except Unavailable as error:
+                log.warning("the secret to resume with is not kept: %s", error)
+                return  # the server accepts the one before, which the file has
+        self._secret = secret
+        if self.protocol and self.protocol.is_joined:
+            await self._carry_out([self.protocol.stored(secret, _now_ms())])
+
+    def _ended(self, why: EndReason | None) -> None:
+        # What a file keeps may be of a visitor that was removed: `_refused` tries the invitation then.
+        is_old = why is EndReason.NOT_ADMITTED and self._secret and not self._was_admitted
+        if why is not None and why not in RESUMED and not is_old:
+            self.fail(SessionOver(why))
+
+    def _refused(self, times: int) -> None:
+        """Decide what it means that the server closed before it admitted this visitor."""
+        if self._secret and not self._was_admitted:
+            self._secret = None
+        elif times >= REFUSALS or not self._was_admitted:
+            self.fail(SessionOver(None))
+
+
+def websocket_url(url: str) -> str:
+    """Return the websocket's URL at the origin of a page. Raises: BadInvitation."""
+    try:
+        parts = urlsplit(url.strip())
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        raise BadInvitation("it has no address") from None
+    if parts.scheme not in ("http", "https") or not host or parts.username is not None:
+        raise BadInvitation("it begins with http://host or https://host")
+    name = f"[{host}]" if ":" in host else host
+    return f"{'wss' if parts.scheme == 'https' else 'ws'}://{name}{f':{port}' if port else ''}{PATH}"
+
+
+def _now_ms() -> int:
+    return time.monotonic_ns() // 1_000_000

@@ -1,0 +1,46 @@
+"""What a client of sessions puts into commands and requests, checked before it is sent."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from phalanx.errors import UsageError
+from phalanx.link.envelope import encode_json
+from phalanx.link.topics import ADDRESS
+
+LONGEST = 16_000  # bytes of a payload: a record to the server has at most 16 KiB, with names and padding
+NAME_BYTES = 255
+
+
+def payload_bytes(payload: Any) -> bytes:
+    """Return a payload as JSON. Raises: UsageError: it is not JSON (NaN included), or too long."""
+    try:
+        body = encode_json(payload)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise UsageError(f"payload is not JSON: {error}") from error
+    if len(body) > LONGEST:
+        raise UsageError(f"payload of {len(body)} bytes, limit {LONGEST}", "send less at once")
+    return body
+
+
+def wheels(left_pct: float, right_pct: float) -> dict[str, float]:
+    """Return the payload of `move_raw`."""
+    return {"left_x": 0, "left_y": left_pct, "right_x": 0, "right_y": right_pct}
+
+
+def is_address(value: object) -> bool:
+    """Return whether a peer's value is a robot's address."""
+    return isinstance(value, str) and ADDRESS.fullmatch(value) is not None
+
+
+def check_word(grammar: re.Pattern[str], word: str, what: str) -> None:
+    """Raise UsageError if a word that is to be sent does not follow its grammar."""
+    if not grammar.fullmatch(word):
+        raise UsageError(f"not {what}: {word[:80]!r}", "letters and digits, - and _, 64 at most")
+
+
+def check_nickname(name: str) -> None:
+    """Raise UsageError if a nickname does not fit the first message. The server shortens it further."""
+    if not 0 <= len(name.encode(errors="replace")) <= NAME_BYTES or not name.isprintable():
+        raise UsageError("not a nickname", f"{NAME_BYTES} bytes at most, on one line")

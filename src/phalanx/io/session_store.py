@@ -1,0 +1,175 @@
+"""The store of sessions on disk: sqlite3, for one gateway at a time, readable by its owner alone.
+
+Rows are durable when `write` returns: a visitor that was removed before a power cut stays removed after it. The swarm's
+keys are in the same file, so that a restart keeps its codes' public key, and with it all sessions.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+import sqlite3
+import stat
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Self
+
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
+
+from phalanx.errors import Unavailable, UsageError
+
+APPLICATION_ID = 0x50484C58  # "PHLX": what `file` and we know it by
+FORMAT = 1
+KEY_BYTES = 32
+_STATIC, _SIGNER = "static", "signer"
+
+
+@dataclass(frozen=True, slots=True)
+class LinkKeys:
+    """A swarm's keys: X25519 for handshakes, Ed25519 for updates. Printing them shows nothing."""
+
+    static: X25519PrivateKey = field(repr=False)
+    signer: Ed25519PrivateKey = field(repr=False)
+
+
+def new_link_keys() -> LinkKeys:
+    """Return fresh keys."""
+    return LinkKeys(X25519PrivateKey.generate(), Ed25519PrivateKey.generate())
+
+
+class SessionStore:
+    """The file at `path`, made if it is not there. A `Store` of `phalanx.link.session`; close it at the end.
+
+    Attributes:
+        keys: the swarm's, made with the file.
+
+    Raises: UsageError: others may read it, or it is damaged; Unavailable: another gateway has it, or the disk is full.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        _make_private(path)
+        with self._faults():
+            # Statements begin and end their transactions themselves.
+            self._db = sqlite3.connect(path, timeout=0, isolation_level=None)
+        try:
+            with self._faults():
+                self._open()
+                self.keys = self._keys()
+        except BaseException:
+            self._db.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<SessionStore {self._path}>"
+
+    def load(self) -> dict[bytes, bytes]:
+        """Return all rows by their keys."""
+        with self._faults():
+            return dict(self._db.execute("SELECT key, row FROM rows ORDER BY key"))
+
+    def write(self, rows: Mapping[bytes, bytes | None]) -> None:
+        """Write rows, and delete those that are None, in one transaction. Returns when all are on disk."""
+        with self._faults():
+            self._db.execute("BEGIN IMMEDIATE")
+            try:
+                for key, row in rows.items():
+                    if row is None:
+                        self._db.execute("DELETE FROM rows WHERE key = ?", (key,))
+                    else:
+                        self._db.execute("INSERT OR REPLACE INTO rows VALUES (?, ?)", (key, row))
+                self._db.execute("COMMIT")
+            except BaseException:
+                with contextlib.suppress(sqlite3.Error):
+                    self._db.execute("ROLLBACK")
+                raise
+
+    def close(self) -> None:
+        """Close the file: another gateway may have it."""
+        self._db.close()
+
+    def _open(self) -> None:
+        # One process: another would write rows of visitors that this one has removed.
+        self._db.execute("PRAGMA locking_mode = EXCLUSIVE")
+        self._db.execute("PRAGMA journal_mode = WAL")
+        self._db.execute("PRAGMA synchronous = FULL")
+        self._db.execute("PRAGMA secure_delete = ON")  # secrets of removed visitors are overwritten
+        known = self._number("application_id"), self._number("user_version")
+        if known == (0, 0) and not self._db.execute("SELECT name FROM sqlite_master").fetchall():
+            self._make()
+        elif known != (APPLICATION_ID, FORMAT):
+            raise UsageError(f"{self._path} is no store of sessions", "another file; one that is not there is made")
+        else:
+            self._db.execute("BEGIN IMMEDIATE")  # takes the lock, if another has not
+            self._db.execute("COMMIT")
+        if self._db.execute("PRAGMA quick_check").fetchone() != ("ok",):
+            raise sqlite3.DatabaseError("pages do not fit together")
+
+    def _make(self) -> None:
+        self._db.execute("BEGIN IMMEDIATE")
+        self._db.execute("CREATE TABLE rows (key BLOB PRIMARY KEY, row BLOB NOT NULL) WITHOUT ROWID")
+        self._db.execute("CREATE TABLE keys (name TEXT PRIMARY KEY, raw BLOB NOT NULL) WITHOUT ROWID")
+        for name in (_STATIC, _SIGNER):
+            self._db.execute("INSERT INTO keys VALUES (?, ?)", (name, secrets.token_bytes(KEY_BYTES)))
+        self._db.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+        self._db.execute(f"PRAGMA user_version = {FORMAT}")
+        self._db.execute("COMMIT")
+
+    def _number(self, pragma: str) -> int:
+        return int(self._db.execute(f"PRAGMA {pragma}").fetchone()[0])
+
+    def _keys(self) -> LinkKeys:
+        raw = dict(self._db.execute("SELECT name, raw FROM keys"))
+        if sorted(raw) != sorted((_STATIC, _SIGNER)) or any(len(each) != KEY_BYTES for each in raw.values()):
+            raise sqlite3.DatabaseError("the swarm's keys are not in it")
+        return LinkKeys(
+            X25519PrivateKey.from_private_bytes(raw[_STATIC]), Ed25519PrivateKey.from_private_bytes(raw[_SIGNER])
+        )
+
+    @contextlib.contextmanager
+    def _faults(self) -> Iterator[None]:
+        """Raise in one line what sqlite3 finds wrong; it quotes no row."""
+        try:
+            yield
+        except sqlite3.OperationalError as error:
+            if "locked" in str(error):
+                raise Unavailable(f"another gateway has {self._path}", "give this one another folder") from error
+            raise Unavailable(
+                f"cannot write {self._path}: {error}", "a folder that is yours, with room in it"
+            ) from error
+        except (sqlite3.ProgrammingError, sqlite3.InterfaceError):
+            raise  # a fault of this program
+        except sqlite3.DatabaseError as error:
+            hint = "move it away: visitors then scan a new code, and tickets are void"
+            raise UsageError(f"{self._path} is damaged: {error}", hint) from error
+
+
+def _make_private(path: Path) -> None:
+    """Make the file for its owner alone, if it is not there, before sqlite3 opens it; follow nobody's link."""
+    try:
+        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600)
+        try:
+            status = os.fstat(file)
+        finally:
+            os.close(file)
+        # Its name is on disk before anything that is acknowledged is in it.
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+    except OSError as error:
+        raise Unavailable(f"cannot open {path}: {error.strerror}", "a folder that is yours, with room in it") from error
+    if not stat.S_ISREG(status.st_mode):
+        raise UsageError(f"{path} is no file", "one that is not there is made")
+    if status.st_mode & 0o077 or status.st_uid != os.geteuid():
+        raise UsageError(f"others may read {path}", f"chmod 600 {path}, or another file of your own")

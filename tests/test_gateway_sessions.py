@@ -1,0 +1,298 @@
+"""Visitors over sessions: a gateway, its swarm and real websockets."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from contextlib import asynccontextmanager, suppress
+from types import SimpleNamespace
+
+import pytest
+
+from conftest import eventually
+from phalanx.config.session import SessionConfig
+from phalanx.errors import BadPayload, UsageError
+from phalanx.gateway import Gateway
+from phalanx.gateway.operator_desk import OperatorDesk
+from phalanx.gateway.session_link import JSON_DEPTH, SessionLink, now, parse_payload
+from phalanx.gateway.trail import LINES_AT_ONCE, Trail, read_trail
+from phalanx.io.session_store import new_link_keys
+from phalanx.link.session import Invitation, MemoryStore, Reason, Role, parse_invitation
+from phalanx.link.session.errors import EndReason
+from phalanx.robot import Led
+from phalanx.sim import Dotbots
+from session_front import FakeFront, visiting
+
+pytestmark = pytest.mark.waits
+
+
+@asynccontextmanager
+async def serving(swarm, store=None, keys=None, trail=None, **config):
+    """A gateway with sessions."""
+
+    async def turn():
+        while True:
+            swarm.step(0.02)
+            await asyncio.sleep(0.02)
+
+    async with FakeFront() as front:
+        link = SessionLink(
+            front,
+            store or MemoryStore(),
+            keys or new_link_keys(),
+            lambda: [robot.address for robot in swarm.robots()],
+            Trail(trail),
+            SessionConfig(**config),
+        )
+        link.port = front.port
+        link.front = front
+        link.gateway = gateway = Gateway(swarm, link)
+        jobs = [asyncio.create_task(job) for job in (link.run(), gateway.run(), turn())]
+        try:
+            yield link
+            assert not [job for job in jobs if job.done()]
+        finally:
+            for job in jobs:
+                job.cancel()
+            for job in jobs:
+                with suppress(asyncio.CancelledError):
+                    await job
+            link.trail.close()
+
+
+def at(swarm, i=0):
+    return swarm.robots()[i].at
+
+
+async def drive_until(visit, robot, there):
+    for _ in range(100):
+        await visit.command(robot, "move_raw", {"left_y": 60, "right_y": 60})
+        await asyncio.sleep(0.05)
+        if there():
+            return
+    raise AssertionError("it does not move")
+
+
+async def test_a_visitor_joins_drives_sees_it_move_is_removed_and_stays_removed():
+    swarm, store, keys = Dotbots(3, 1, time.time), MemoryStore(), new_link_keys()
+    async with serving(swarm, store, keys) as link:
+        shown = link.invitation
+        async with visiting(link.port, shown, "Ada") as ada:
+            await eventually(lambda: ada.frames)
+            robots, area = await ada.request("robots"), await ada.request("area")
+            assert area == {"width": 2000, "height": 2000}
+            robot, began = robots[0]["address"], at(swarm)
+            await drive_until(ada, robot, lambda: at(swarm) != began)
+            before = len(ada.frames)
+            await eventually(lambda: any("places" in frame for frame in ada.frames[before:]))
+            await eventually(lambda: [0, ["Ada"]] in [d for f in ada.frames for d in f.get("drivers", [])])
+            assert ada.standing.robot == robot
+            link.carry(link.operations.remove(ada.visitor, now()))
+            await eventually(lambda: ada.ended is EndReason.REMOVED)
+            secret, seen = ada.secret, len(ada.frames)
+            await asyncio.sleep(0.4)
+            assert len(ada.frames) == seen
+        for again in (shown, Invitation(shown.static, secret)):
+            async with visiting(link.port, again) as ada:
+                await eventually(lambda: ada.ws.closed)
+                assert ada.visitor is None
+    async with serving(swarm, store, keys) as link:
+        for again in (shown, Invitation(shown.static, secret)):
+            async with visiting(link.port, again) as ada:
+                await eventually(lambda: ada.ws.closed)
+                assert ada.visitor is None
+
+
+async def test_a_restart_keeps_a_session_resumable_and_its_robot_free():
+    swarm, store, keys = Dotbots(1, 1, time.time), MemoryStore(), new_link_keys()
+    async with serving(swarm, store, keys) as link, visiting(link.port, link.invitation, "Ada") as ada:
+        await eventually(lambda: ada.frames and ada.secret)
+        await ada.request("area")  # `stored` was read before
+        secret, visitor = ada.secret, ada.visitor
+    async with serving(swarm, store, keys) as link:
+        async with visiting(link.port, Invitation(link.invitation.static, secret)) as again:
+            await eventually(lambda: again.frames)
+            assert (again.visitor, again.name) == (visitor, "Ada")
+
+
+async def test_what_the_gateway_refuses_the_visitor_hears_and_a_stop_stops_whatever_its_payload_says():
+    swarm = Dotbots(2, 1, time.time)
+    robot = swarm.robots()[0].address
+    async with serving(swarm) as link, visiting(link.port, link.invitation, "Ada") as ada:
+        await eventually(lambda: ada.frames)
+        for name, payload, reason in (
+            ("move_raw", {"left_y": "fast"}, Reason.BAD),
+            ("dance", {}, Reason.UNKNOWN),
+        ):
+            await ada.command(robot, name, payload)
+            await eventually(lambda reason=reason: ada.refused and ada.refused[-1] == (0, reason))
+        await ada.do([ada.client.command(robot, "move_raw", b'{"left_y":1,"left_y":2}', now().ms)])
+        await eventually(lambda: len(ada.refused) == 3 and ada.refused[-1] == (0, Reason.BAD))
+        await ada.command("FFFF", "move_raw", {"left_y": 1, "right_y": 1})
+        await eventually(lambda: ada.refused[-1] == (0, Reason.NOT_ALLOWED))
+        await ada.command(robot, "rgb_led", {"red": 1, "green": 2, "blue": 3})
+        await eventually(lambda: swarm.robots()[0].led == Led(1, 2, 3))
+        route = {"threshold": 60, "waypoints": [{"x": 1000, "y": 1000}] * 3}
+        await ada.command(robot, "waypoints", route)
+        await eventually(lambda: swarm.robots()[0].route)
+        for _ in range(3):
+            await ada.command(robot, "waypoints", route)
+        await eventually(lambda: ada.refused[-1] == (0, Reason.TOO_MANY))
+        await ada.command(robot, "move_raw", {"left_y": 100, "right_y": 100}, stop=True)
+        await eventually(lambda: not swarm.robots()[0].route)
+        link.gateway.brakes.hold()
+        await ada.command(robot, "move_raw", {"left_y": 60, "right_y": 60})
+        await eventually(lambda: ada.refused[-1] == (0, Reason.HELD))
+        with pytest.raises(PermissionError, match="UNKNOWN"):
+            await ada.request("visitors")
+        assert ada.ended is None
+
+
+async def test_only_one_drives_a_robot_and_a_page_that_invents_a_name_is_shown_by_its_own():
+    swarm = Dotbots(2, 1, time.time)
+    robot = swarm.robots()[0].address
+    async with (
+        serving(swarm) as link,
+        visiting(link.port, link.invitation, "Ada") as ada,
+        visiting(link.port, link.invitation, "Bob") as bob,
+    ):
+        await eventually(lambda: ada.frames and bob.frames)
+        await ada.command(robot, "move_raw", {"left_y": 60, "right_y": 60, "by": "bob"})
+        await eventually(lambda: any(frame.get("drivers") == [[0, ["Ada"]]] for frame in bob.frames))
+        await bob.command(robot, "move_raw", {"left_y": 60, "right_y": 60})
+        await eventually(lambda: bob.refused == [(0, Reason.BUSY)])
+        assert len({raw for raw in ada.raw_updates[-5:]} & {raw for raw in bob.raw_updates}) >= 3, "sealed once for all"
+
+
+@pytest.mark.parametrize(
+    ("payload", "refused"),
+    [
+        (b"[" * (JSON_DEPTH + 1) + b"]" * (JSON_DEPTH + 1), True),
+        (b"[" * JSON_DEPTH + b"]" * JSON_DEPTH, False),
+        (b"[" * 8000, True),
+        (b'{"a":' * 2000 + b"1" + b"}" * 2000, True),
+        (b'{"a":1,"a":1}', True),
+        (b"NaN", True),
+        (b"1e999", True),
+        (b"9" * 9000, True),
+        (b"\xff", True),
+        (b"", True),
+        (b'{"a":[1,2.5,null,true,"x"]}', False),
+    ],
+)
+def test_payloads_are_strict_json_of_few_levels(payload, refused):
+    if refused:
+        with pytest.raises(BadPayload):
+            parse_payload(payload)
+    else:
+        parse_payload(payload)
+
+
+async def test_an_operator_by_a_ticket_removes_gives_and_lets_in_and_a_driver_does_not(tmp_path):
+    swarm = Dotbots(3, 1, time.time)
+    first, second, _ = (robot.address for robot in swarm.robots())
+    async with serving(swarm, trail=tmp_path / "trail", assign="one-each", requests_per_s=100) as link:
+        held = []
+        desk = OperatorDesk(link, swarm, link.gateway.brakes, "http://x/", held.append)
+        link.operate = desk.operate
+        ticket = parse_invitation(desk.do("invite", {"role": "operate"})["url"])
+        async with (
+            visiting(link.port, ticket, "Op") as op,
+            visiting(link.port, link.invitation, "Ada") as ada,
+            visiting(link.port, link.invitation, "Eve") as eve,
+        ):
+            await eventually(lambda: op.frames and ada.frames and eve.frames)
+            for request in ("visitors", "remove", "everybody_out", "invite", "stop", "nothing"):
+                with pytest.raises(PermissionError, match="NOT_ALLOWED"):
+                    await ada.request(request, {"visitor": eve.visitor})
+            listed = await op.request("visitors")
+            assert {each["name"]: each["robot"] for each in listed["visitors"]} == {
+                "Op": "",
+                "Ada": first,
+                "Eve": second,
+            }
+            await op.request("swap", {"robots": [first, second]})
+            await eventually(lambda: ada.standing.robot == second and eve.standing.robot == first)
+            await op.request("role", {"visitor": ada.visitor, "role": "watch"})
+            await eventually(lambda: ada.standing.role is Role.WATCH and ada.standing.robot == "")
+            route = {"threshold": 60, "waypoints": [{"x": 1000, "y": 1000}]}
+            await eve.command(first, "waypoints", route)
+            await eventually(lambda: swarm.robots()[0].route)
+            await op.request("remove", {"visitor": eve.visitor})
+            await eventually(lambda: eve.ended is EndReason.REMOVED and not swarm.robots()[0].route)
+            for wrong in ({"visitor": 99}, {"visitor": True}, {}, {"visitor": "1"}, []):
+                with pytest.raises(PermissionError, match=r"BAD|UNKNOWN"):
+                    await op.request("approve", wrong)
+            async with visiting(link.port, link.invitation, "Eve") as back:
+                await eventually(lambda: back.standing and back.standing.waiting)
+                assert not back.frames
+                await op.request("approve", {"visitor": back.visitor})
+                await eventually(lambda: back.frames)
+            await op.request("give", {"robot": swarm.robots()[2].name, "visitor": op.visitor})
+            await op.request("take", {"robot": swarm.robots()[2].address})
+            assert len((await op.request("room", {"show": True}))["room"]) == 8
+            code = await op.request("code")
+            assert code["url"].startswith("http://x/#j=")
+            assert "<svg" in code["svg"]
+            await op.request("stop")
+            assert held == [True]
+            await op.request("door", {"open": True})
+            await op.request("everybody_out")
+            await eventually(lambda: ada.ended is EndReason.NEW_CODE)
+            assert op.ended is None
+            with pytest.raises(PermissionError, match="BAD"):
+                await op.request("role", {"visitor": op.visitor, "role": "operate"})
+    told = [line["event"] for line in read_trail(tmp_path / "trail")]
+    wanted = ["invited", "swapped", "role", "removed", "approved", "given", "taken", "room", "stopped_all", "door"]
+    assert [each for each in told if each in wanted] == wanted
+    assert "payload" not in (tmp_path / "trail").read_text()
+
+
+async def test_a_new_code_locks_out_whoever_has_the_one_before_at_once_and_nobody_who_is_here():
+    async with serving(Dotbots(1, 1, time.time)) as link, visiting(link.port, link.invitation, "Ada") as ada:
+        await eventually(lambda: ada.frames)
+        before = link.invitation
+        desk = OperatorDesk(link, Dotbots(1, 1, time.time), link.gateway.brakes, "http://x/", print)
+        assert desk.do("new_code", {})["url"] == "http://x/#" + link.invitation.fragment()
+        async with visiting(link.port, before) as late:
+            await eventually(lambda: late.ws.closed)
+        seen = len(ada.frames)
+        await eventually(lambda: len(ada.frames) > seen)
+
+
+def test_a_trail_is_not_filled_by_who_comes_and_goes_without_end_and_says_so(tmp_path, monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr("phalanx.gateway.trail.time", SimpleNamespace(monotonic=lambda: clock[0], time=lambda: 1.0))
+    trail = Trail(tmp_path / "trail")
+    for n in range(LINES_AT_ONCE + 500):
+        trail.write("joined", visitor=n)
+    trail.write("removed", visitor=1, durable=True)
+    clock[0] += 1.0
+    trail.write("joined", visitor=1)
+    trail.close()
+    lines = list(read_trail(tmp_path / "trail"))
+    assert len(lines) == LINES_AT_ONCE + 3
+    assert [line["event"] for line in lines[-4:]] == ["joined", "removed", "left_out", "joined"]
+    assert lines[-2]["lines"] == 500
+
+
+def test_a_trail_adds_up_refusals_and_drives_and_goes_on_after_a_line_that_was_cut_off(tmp_path):
+    path = tmp_path / "trail"
+    trail = Trail(path)
+    for n in range(1000):
+        trail.refused(1, "AB", "late")
+        trail.drives(1, "AB", "move_raw", n / 100)
+    trail.drives(2, "AB", "move_raw", 10.0)
+    trail.tick(100.0)
+    trail.close()
+    lines = list(read_trail(path))
+    assert [line["event"] for line in lines] == ["drives", "drove", "drives", "drove", "refused"]
+    assert (lines[1]["commands"], lines[1]["visitor"], lines[4]["count"]) == (1000, 1, 1000)
+    path.write_bytes(path.read_bytes() + b'{"at":1,"ev')
+    with pytest.raises(UsageError, match="line 6 is cut off"):
+        list(read_trail(path))
+    trail = Trail(path)
+    trail.write("left", visitor=1)
+    trail.close()
+    assert len(list(read_trail(path))) == 6
+    assert path.stat().st_mode & 0o777 == 0o600
