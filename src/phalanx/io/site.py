@@ -98,10 +98,8 @@ class Site:
             return response
 
         self.app = web.Application(middlewares=[guard], client_max_size=longest)
-        self.app.router.add_get("/", self._index)
         self._add_routes()
-        if self._folder.is_dir():
-            self.app.router.add_static("/", self._folder)
+        self._add_files(folder)
         limits: dict[str, Any] = {
             "max_line_size": LINE_BYTES,
             "max_field_size": LINE_BYTES,
@@ -113,6 +111,11 @@ class Site:
 
     def _add_routes(self) -> None:
         """Routes that come before the page's files."""
+
+    def _add_files(self, folder: Path) -> None:
+        self.app.router.add_get("/", self._index)
+        if folder.is_dir():
+            self.app.router.add_static("/", folder)
 
     async def _pace(self, request: web.Request) -> None:
         """Wait until a request may be answered. Raises: HTTPException: it may not."""
@@ -215,6 +218,12 @@ class Connection(RequestHandler):
             self.leave()
         else:
             super().data_received(data)
+
+    def close(self) -> None:
+        """Hang up on a websocket that breaks its protocol: aiohttp would read on, and drop what it reads."""
+        super().close()
+        if self.is_websocket:
+            self.leave()
 
     def connection_lost(self, error: BaseException | None) -> None:
         """Free the seat."""

@@ -10,6 +10,7 @@ import contextlib
 import json
 import logging
 import socket
+import time
 from collections import deque
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import asdict, dataclass
@@ -33,6 +34,9 @@ REASON_BYTES = 64
 # A front end that takes nothing: updates are dropped first, then it is started again.
 UNSENT_UPDATES_BYTES = 1024 * 1024
 UNSENT_BYTES = 32 * 1024 * 1024
+AT_ONCE_S = 0.01  # for which messages are processed before anything else has its turn
+UNREAD_BYTES = 64 * 1024  # in the system, of a client that we hold back
+LONGEST_US = 1_000_000  # that a message counts for: who debugs a gateway stops it for minutes
 IF_TAKEN = "another program has it; choose another with --port, or --port 0 for any"
 
 
@@ -102,7 +106,7 @@ class Front:
         self._in_flight = 0
         self._events: deque[Event] = deque()
         self._wakes = asyncio.Event()
-        self._taken = 0
+        self._taken_us: list[int] = []
         self._alive: asyncio.Future[None] | None = None
         self._over = False
         self._stack = contextlib.AsyncExitStack()
@@ -117,6 +121,7 @@ class Front:
         async with contextlib.AsyncExitStack() as stack:
             # We listen, not the child: whoever comes while it starts waits, and nobody takes the port.
             self._listening = stack.enter_context(listen(self._host, self.port, IF_TAKEN))
+            self._listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, UNREAD_BYTES)  # of each connection
             self.port = int(self._listening.getsockname()[1])
             await stack.enter_async_context(kept("the front end", self._child, self._serves, self._begins))
             self._stack = stack.pop_all()
@@ -130,14 +135,20 @@ class Front:
     async def events(self) -> AsyncIterator[Event]:
         """Yield what happens; a message counts as processed when the next event is asked for."""
         while not self._over or self._events:
+            until_s = time.monotonic() + AT_ONCE_S
             while self._events:
                 event = self._events.popleft()
+                began_s = time.monotonic()
+                if began_s >= until_s:
+                    await asyncio.sleep(0)  # the robots' tick is due as well
+                    began_s = time.monotonic()
+                    until_s = began_s + AT_ONCE_S
                 if type(event) is not Received:
                     yield event
                     continue
                 if event.connection not in self._ending:
                     yield event
-                self._take(event.connection)
+                self._take(event.connection, time.monotonic() - began_s)
             self._wakes.clear()
             if not self._over:
                 await self._wakes.wait()
@@ -216,12 +227,12 @@ class Front:
         return self._alive
 
     def _lose_all(self) -> None:
-        for connection in sorted(self._open):
-            self._tell(Closed(connection))
+        self._events += map(Closed, sorted(self._open))
+        self._wakes.set()
         self._open.clear()
         self._ending.clear()
         self._before, self._in_flight = self._highest, 0
-        self._taken = 0
+        self._taken_us.clear()
 
     # --- messages ----------------------------------------------------------------------------------------------------
 
@@ -256,6 +267,9 @@ class Front:
         return connection in self._open and connection not in self._ending
 
     def _tell(self, event: Event) -> None:
+        # An honest one opens a connection only with a message that there is room for.
+        if len(self._events) > 2 * (self._limits.in_flight + self._limits.connections_max):
+            raise MalformedRecord("more events than there is room for")
         self._events.append(event)
         self._wakes.set()
 
@@ -266,15 +280,15 @@ class Front:
                 log.warning("the front end does not take what it is sent; starting it again")
                 self._pipe.close()
 
-    def _take(self, connection: int) -> None:
+    def _take(self, connection: int, took_s: float) -> None:
         if connection <= self._before:
             return  # of a child that has ended
-        if not self._taken:
+        if not self._taken_us:
             asyncio.get_running_loop().call_soon(self._flush_taken)
-        self._taken += 1
+        self._taken_us.append(min(int(took_s * 1e6), LONGEST_US))
 
     def _flush_taken(self) -> None:
-        if self._taken:
-            self._in_flight -= self._taken
-            self._put(ToFront.TAKEN, self._taken)
-            self._taken = 0
+        if self._taken_us:
+            self._in_flight -= len(self._taken_us)
+            self._put(ToFront.TAKEN, len(self._taken_us), pack_numbers(self._taken_us))
+            self._taken_us.clear()

@@ -1,21 +1,25 @@
 """Whose message is passed to the gateway next: as many are under way as it processes within a few milliseconds.
 
 A connection has at most one message that waits, so that serving them in their order is taking turns. Newcomers have a
-small window of their own, take turns by address, and each waits for the gateway's answer before its next message:
-whatever they send, the gateway computes few handshakes a second, and those who are in do not wait for it.
+small window of their own, take turns by address, and each waits for the gateway's answer before its next message.
+The gateway tells how long each took, and all of newcomers together get a share of its time: those who are in do not
+wait for handshakes, however slow the machine is.
 """
 
 from __future__ import annotations
 
 import asyncio
 from collections import OrderedDict, deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Generic, Protocol, TypeVar
 
 from phalanx.config.front import FrontConfig
 
 from .pace import Pace
 from .turns import Turns
+
+US = 1_000_000  # in a second
+NEWCOMERS_AT_ONCE_US = 30_000.0  # of the gateway's time, when it had none lately
 
 
 class Sender(Protocol):
@@ -24,7 +28,7 @@ class Sender(Protocol):
     address: str
     is_admitted: bool
     awaits_answer: bool
-    pending: asyncio.Future[bool] | None  # whether its message was passed on
+    pending: asyncio.Future[None] | None  # done when its message waits no longer
 
 
 Who = TypeVar("Who", bound=Sender)
@@ -41,30 +45,37 @@ class Window(Generic[Who]):
         self._limits = limits
         self._pass_on = pass_on
         self._admitted: OrderedDict[Who, None] = OrderedDict()
+        self._pace = Pace(limits.newcomers_share * US, NEWCOMERS_AT_ONCE_US, now_s)
         self._newcomers: Turns[Who] = Turns(
             self._go,
-            self._refuse,
-            Pace(limits.newcomer_messages_per_s, limits.newcomers_in_flight, now_s),
+            self._settle,
+            self._pace,
             waiting_max=limits.connections_max,
             has_room=lambda: self._newcomers_in_flight < self._limits.newcomers_in_flight,
         )
         self._of_newcomers: deque[bool] = deque()  # messages under way, in their order
         self._newcomers_in_flight = 0
 
-    async def turn(self, sender: Who) -> bool:
-        """Pass on a message in its turn, and return whether it was."""
-        if sender.is_admitted and not self._admitted and self._has_room():
+    def go(self, sender: Who) -> bool:
+        """Pass on a message if nothing keeps it waiting; return whether it was."""
+        may = sender.is_admitted and not self._admitted and self._has_room()
+        if may:
             self._go(sender)
-            return True
-        pending: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
+        return may
+
+    async def turn(self, sender: Who) -> None:
+        """Pass on a message in its turn, unless the connection is dropped meanwhile."""
+        pending: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         sender.pending = pending
         self._wait(sender)
-        return await pending
+        await pending
 
-    def taken(self, count: int) -> None:
-        """Note that the gateway has processed so many messages."""
-        for _ in range(count):
-            self._newcomers_in_flight -= self._of_newcomers.popleft()
+    def taken(self, took_us: Sequence[int]) -> None:
+        """Note that the gateway has processed messages, and how long it took for each."""
+        for each_us in took_us:
+            if self._of_newcomers.popleft():
+                self._newcomers_in_flight -= 1
+                self._pace.use(each_us)
         self._run()
 
     def answered(self, sender: Who) -> None:
@@ -79,7 +90,7 @@ class Window(Generic[Who]):
         if sender.pending:
             self._admitted.pop(sender, None)
             self._newcomers.remove(sender.address, sender)
-            self._refuse(sender)
+            self._settle(sender)
 
     def _wait(self, sender: Who) -> None:
         if sender.is_admitted:
@@ -103,12 +114,9 @@ class Window(Generic[Who]):
         self._newcomers_in_flight += not sender.is_admitted
         sender.awaits_answer = not sender.is_admitted
         self._pass_on(sender)
-        self._settle(sender, passed=True)
+        self._settle(sender)
 
-    def _refuse(self, sender: Who) -> None:
-        self._settle(sender, passed=False)
-
-    def _settle(self, sender: Who, *, passed: bool) -> None:
+    def _settle(self, sender: Who) -> None:
         pending, sender.pending = sender.pending, None
         if pending and not pending.done():
-            pending.set_result(passed)
+            pending.set_result(None)
