@@ -263,7 +263,7 @@ class TestWhoReadsNothing:
                 await echo.eventually(lambda: Closed(1) in echo.told)
 
     async def test_what_waits_for_all_is_limited_and_who_has_most_goes_first(self, pages):
-        async with echoing(pages, unsent_bytes_in_all=1_000_000, unread_s=LONG_S) as echo:
+        async with echoing(pages, unsent_bytes_in_all=500_000, unread_s=LONG_S) as echo:
             slow = [Raw(echo.front.port, receive_bytes=4096) for _ in range(5)]
             with closing(slow):
                 for n, each in enumerate(slow, 1):
