@@ -8,10 +8,9 @@ import fcntl
 import socket
 
 from phalanx.config.front import FrontConfig
+from phalanx.io.pace import Pace
 from phalanx.io.site import Connection
 from phalanx.io.websocket import BINARY, CLOSE, frame_head
-
-from .pace import Pace
 
 READ_BYTES = 16 * 1024  # at once, of a connection: what it may have unread here
 SEND_BUFFER_BYTES = 32 * 1024  # of the system

@@ -13,8 +13,8 @@ from collections.abc import Callable
 from typing import Generic, Protocol, TypeVar
 
 from phalanx.config.front import FrontConfig
+from phalanx.io.pace import Pace
 
-from .pace import Pace
 from .turns import Turns
 
 
