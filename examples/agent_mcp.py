@@ -25,6 +25,7 @@ LONGEST_S = 10.0  # of one drive: an agent that is slow to think must not leave 
 LISTED = 100  # robots in an answer
 NEAR_MM, NEAR = 2000.0, 8  # what is near: so far, and so many
 LIST_S = 0.5  # for which a list of robots is good
+REFUSED_S = 0.4  # a stop is refused within this time, or not at all
 AT_ONCE = 16  # calls; stops do not count
 
 INSTRUCTIONS = """You visit a swarm of robots. Lengths are millimetres: x to the right, y down from the top left corner.
@@ -73,8 +74,9 @@ class Agent:
 
         async def drive() -> str:
             found = _find(await self._robots(), robot)
-            await self._client.drive(found["address"], left_percent, right_percent, for_s=seconds)
-            return f"{found['address']} drove and stands"
+            if await self._client.drive(found["address"], left_percent, right_percent, for_s=seconds):
+                return f"{found['address']} drove and stands"
+            return "a later call took over"
 
         return await self._bounded(drive)
 
@@ -92,12 +94,12 @@ class Agent:
         """Stop one robot at once. Always allowed for a robot that you may drive."""
         with_name = [each for each in self._listed[1] if _is_called(each, robot)]
         address = with_name[0]["address"] if len(with_name) == 1 else robot
-        await _told(lambda: self._client.stop(address))
-        return f"{address} is told to stop"
+        await _told(lambda: self._client.stop(address, refused_within_s=REFUSED_S))
+        return f"{address} stops"
 
     async def _robots(self) -> list[dict[str, Any]]:
         listed_s, robots = self._listed
-        if time.monotonic() - listed_s > LIST_S:
+        if time.monotonic() - listed_s > LIST_S or not self._client.is_joined:
             robots = await self._client.robots()
             self._listed = time.monotonic(), robots
         return robots
@@ -133,7 +135,7 @@ def _is_called(robot: dict[str, Any], called: str) -> bool:
 
 def _clean(text: object) -> str:
     """Return a name as one plain word: what robots and people are called is theirs to choose."""
-    return "".join(each for each in str(text or "") if each.isalnum() or each in "-_.")[:32]
+    return "".join(each for each in text if each.isalnum() or each in "-_.")[:32] if isinstance(text, str) else ""
 
 
 def _number(value: object) -> float | None:

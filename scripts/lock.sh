@@ -4,7 +4,7 @@ set -eu
 cd "$(dirname "$0")/.."
 uv="uv pip compile --generate-hashes --universal --python-version 3.11 --no-header --upgrade"
 $uv pyproject.toml --group build --extra reproduce -o requirements.lock
-$uv pyproject.toml --group build --group dev --extra amqtt --extra reproduce -c requirements.lock -o requirements-dev.lock
+$uv pyproject.toml --group build --group dev --extra agent --extra amqtt --extra reproduce -c requirements.lock -o requirements-dev.lock
 echo coverage | $uv - -c requirements-dev.lock -o requirements-coverage.lock
 echo uv | $uv - -o requirements-uv.lock
 echo ziglang | $uv - -o requirements-zig.lock

@@ -117,13 +117,40 @@ class TestFrames:
             swarm.join()
         swarm.step(0.5)
         tick = frames.next(swarm.robots(), NOW, 0.5)
-        assert len(tick.frames) > 300
+        assert len(tick.frames) > 5
         request = Request(0, "phalanx_" + "f" * 16, {"parts": True})
         answer = [vocabulary.tell_robot(robot, NOW, 3) for robot in swarm.robots()]
         assert max(len(encode_json(frame)) for frame in tick.frames) <= config.part_plaintext_bytes
         sealed = [publish for frame in tick.frames for publish in server.notify(frame, NOW)]
         sealed += server.reply(request, answer, NOW)
         assert max(len(publish.payload) + len(publish.topic) + 16 for publish in sealed) <= 4096
+
+    @pytest.mark.parametrize(("robots", "limit_bytes"), [(10, 2044), (100, 2044), (1000, 16 * 1024 - 4)])
+    def test_a_tick_is_small_whatever_was_told_to_robots_and_all_of_it_is_told_in_the_end(self, robots, limit_bytes):
+        swarm, frames = Dotbots(robots, 1, lambda: NOW), Frames(None)
+        frames.next(swarm.robots(), NOW, 0.0)
+        mirror = Mirror(
+            [vocabulary.tell_robot(robot, NOW, 0) | {"n": frames.number(robot.address)} for robot in swarm.robots()]
+        )
+        for robot in swarm.robots():
+            swarm.set_led(robot.address, Led(1, 2, 3))
+            swarm.follow(robot.address, [Point(1234.56, 1765.43)] * 16, 60)
+        longest = 0
+        for n in range(1, robots + 2):
+            swarm.step(0.001)  # nobody arrives meanwhile
+            tick = frames.next(swarm.robots(), NOW, n / 10)
+            longest = max(longest, len(encode_json(tick.whole)) if tick else 0)
+            if tick:
+                mirror.read(json.loads(encode_json(tick.whole)))
+            if all(len(mirror.robots[each.address]["waypoints"]) == len(each.route) for each in swarm.robots()):
+                break
+        assert limit_bytes / 4 < longest <= limit_bytes
+        assert all(each["rgb_led"] == {"red": 1, "green": 2, "blue": 3} for each in mirror.robots.values())
+        assert n <= 100, "robots take turns"
+        # One route may be longer than a tick's share of changes, and is told all the same.
+        swarm.follow(robot.address, [Point(1234.56, 1765.43)] * 64, 60)
+        mirror.read(json.loads(encode_json(frames.next(swarm.robots(), NOW, n / 10 + 0.1).whole)))
+        assert len(mirror.robots[robot.address]["waypoints"]) == 65
 
     def test_a_full_frame_of_large_numbers_is_no_longer_than_the_limit(self):
         frames = Frames(FRAME_BYTES)

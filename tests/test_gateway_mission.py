@@ -90,7 +90,8 @@ class Silent(MissionSwarm):
 @contextmanager
 def a_mission_gateway(*arguments: str):
     """Like `a_gateway`, with robots that live missions."""
-    with child("up", "--events", "--port", "0", *arguments) as running:
+    qrkey = ("--broker", "mosquitto", "--qrkey")
+    with child("up", "--events", "--port", "0", *qrkey, *arguments) as running:
         yield running, running.wait_for("ready")
 
 
@@ -403,7 +404,7 @@ class TestUp:
             wait_until(lambda: any(line == "Ada completed the mission" for line in running.out), 500)
             assert "mission through: 2 nodes, all dark" in running.out
             children = Path(f"/proc/{running.process.pid}/task/{running.process.pid}/children").read_text().split()
-            assert len(children) >= 2, "the broker and the robots"
+            assert len(children) >= 2, "the front end and the robots"
             # As a terminal does it: everybody hears of it.
             for process in (running.process.pid, *map(int, children)):
                 os.kill(process, signal.SIGINT)

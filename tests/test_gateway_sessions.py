@@ -5,17 +5,19 @@ from __future__ import annotations
 import asyncio
 import time
 from contextlib import asynccontextmanager, suppress
+from types import SimpleNamespace
 
 import pytest
 
 from conftest import eventually
 from phalanx.config.session import SessionConfig
-from phalanx.errors import BadPayload
+from phalanx.errors import BadPayload, UsageError
 from phalanx.gateway import Gateway
+from phalanx.gateway.operator_desk import OperatorDesk
 from phalanx.gateway.session_link import JSON_DEPTH, SessionLink, now, parse_payload
-from phalanx.gateway.trail import Trail
+from phalanx.gateway.trail import LINES_AT_ONCE, Trail, read_trail
 from phalanx.io.session_store import new_link_keys
-from phalanx.link.session import Invitation, MemoryStore, Reason
+from phalanx.link.session import Invitation, MemoryStore, Reason, Role, parse_invitation
 from phalanx.link.session.errors import EndReason
 from phalanx.robot import Led
 from phalanx.sim import Dotbots
@@ -184,3 +186,113 @@ def test_payloads_are_strict_json_of_few_levels(payload, refused):
             parse_payload(payload)
     else:
         parse_payload(payload)
+
+
+async def test_an_operator_by_a_ticket_removes_gives_and_lets_in_and_a_driver_does_not(tmp_path):
+    swarm = Dotbots(3, 1, time.time)
+    first, second, _ = (robot.address for robot in swarm.robots())
+    async with serving(swarm, trail=tmp_path / "trail", assign="one-each", requests_per_s=100) as link:
+        held = []
+        desk = OperatorDesk(link, swarm, link.gateway.brakes, "http://x/", held.append)
+        link.operate = desk.operate
+        ticket = parse_invitation(desk.do("invite", {"role": "operate"})["url"])
+        async with (
+            visiting(link.port, ticket, "Op") as op,
+            visiting(link.port, link.invitation, "Ada") as ada,
+            visiting(link.port, link.invitation, "Eve") as eve,
+        ):
+            await eventually(lambda: op.frames and ada.frames and eve.frames)
+            for request in ("visitors", "remove", "everybody_out", "invite", "stop", "nothing"):
+                with pytest.raises(PermissionError, match="NOT_ALLOWED"):
+                    await ada.request(request, {"visitor": eve.visitor})
+            listed = await op.request("visitors")
+            assert {each["name"]: each["robot"] for each in listed["visitors"]} == {
+                "Op": "",
+                "Ada": first,
+                "Eve": second,
+            }
+            await op.request("swap", {"robots": [first, second]})
+            await eventually(lambda: ada.standing.robot == second and eve.standing.robot == first)
+            await op.request("role", {"visitor": ada.visitor, "role": "watch"})
+            await eventually(lambda: ada.standing.role is Role.WATCH and ada.standing.robot == "")
+            route = {"threshold": 60, "waypoints": [{"x": 1000, "y": 1000}]}
+            await eve.command(first, "waypoints", route)
+            await eventually(lambda: swarm.robots()[0].route)
+            await op.request("remove", {"visitor": eve.visitor})
+            await eventually(lambda: eve.ended is EndReason.REMOVED and not swarm.robots()[0].route)
+            for wrong in ({"visitor": 99}, {"visitor": True}, {}, {"visitor": "1"}, []):
+                with pytest.raises(PermissionError, match=r"BAD|UNKNOWN"):
+                    await op.request("approve", wrong)
+            async with visiting(link.port, link.invitation, "Eve") as back:
+                await eventually(lambda: back.standing and back.standing.waiting)
+                assert not back.frames
+                await op.request("approve", {"visitor": back.visitor})
+                await eventually(lambda: back.frames)
+            await op.request("give", {"robot": swarm.robots()[2].name, "visitor": op.visitor})
+            await op.request("take", {"robot": swarm.robots()[2].address})
+            assert len((await op.request("room", {"show": True}))["room"]) == 8
+            code = await op.request("code")
+            assert code["url"].startswith("http://x/#j=")
+            assert "<svg" in code["svg"]
+            await op.request("stop")
+            assert held == [True]
+            await op.request("door", {"open": True})
+            await op.request("everybody_out")
+            await eventually(lambda: ada.ended is EndReason.NEW_CODE)
+            assert op.ended is None
+            with pytest.raises(PermissionError, match="BAD"):
+                await op.request("role", {"visitor": op.visitor, "role": "operate"})
+    told = [line["event"] for line in read_trail(tmp_path / "trail")]
+    wanted = ["invited", "swapped", "role", "removed", "approved", "given", "taken", "room", "stopped_all", "door"]
+    assert [each for each in told if each in wanted] == wanted
+    assert "payload" not in (tmp_path / "trail").read_text()
+
+
+async def test_a_new_code_locks_out_whoever_has_the_one_before_at_once_and_nobody_who_is_here():
+    async with serving(Dotbots(1, 1, time.time)) as link, visiting(link.port, link.invitation, "Ada") as ada:
+        await eventually(lambda: ada.frames)
+        before = link.invitation
+        desk = OperatorDesk(link, Dotbots(1, 1, time.time), link.gateway.brakes, "http://x/", print)
+        assert desk.do("new_code", {})["url"] == "http://x/#" + link.invitation.fragment()
+        async with visiting(link.port, before) as late:
+            await eventually(lambda: late.ws.closed)
+        seen = len(ada.frames)
+        await eventually(lambda: len(ada.frames) > seen)
+
+
+def test_a_trail_is_not_filled_by_who_comes_and_goes_without_end_and_says_so(tmp_path, monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr("phalanx.gateway.trail.time", SimpleNamespace(monotonic=lambda: clock[0], time=lambda: 1.0))
+    trail = Trail(tmp_path / "trail")
+    for n in range(LINES_AT_ONCE + 500):
+        trail.write("joined", visitor=n)
+    trail.write("removed", visitor=1, durable=True)
+    clock[0] += 1.0
+    trail.write("joined", visitor=1)
+    trail.close()
+    lines = list(read_trail(tmp_path / "trail"))
+    assert len(lines) == LINES_AT_ONCE + 3
+    assert [line["event"] for line in lines[-4:]] == ["joined", "removed", "left_out", "joined"]
+    assert lines[-2]["lines"] == 500
+
+
+def test_a_trail_adds_up_refusals_and_drives_and_goes_on_after_a_line_that_was_cut_off(tmp_path):
+    path = tmp_path / "trail"
+    trail = Trail(path)
+    for n in range(1000):
+        trail.refused(1, "AB", "late")
+        trail.drives(1, "AB", "move_raw", n / 100)
+    trail.drives(2, "AB", "move_raw", 10.0)
+    trail.tick(100.0)
+    trail.close()
+    lines = list(read_trail(path))
+    assert [line["event"] for line in lines] == ["drives", "drove", "drives", "drove", "refused"]
+    assert (lines[1]["commands"], lines[1]["visitor"], lines[4]["count"]) == (1000, 1, 1000)
+    path.write_bytes(path.read_bytes() + b'{"at":1,"ev')
+    with pytest.raises(UsageError, match="line 6 is cut off"):
+        list(read_trail(path))
+    trail = Trail(path)
+    trail.write("left", visitor=1)
+    trail.close()
+    assert len(list(read_trail(path))) == 6
+    assert path.stat().st_mode & 0o777 == 0o600

@@ -102,7 +102,7 @@ class TestVisiting:
                 route = asyncio.create_task(client.command("A1", "waypoints", {}))
                 await asyncio.sleep(0)
                 await client.stop("A1")
-                await asyncio.wait_for(drive, 1)
+                assert await asyncio.wait_for(drive, 1) is False
                 with pytest.raises(UsageError, match="a stop came"):
                     await route
                 await asyncio.sleep(0.3)
@@ -113,7 +113,7 @@ class TestVisiting:
         async with Endpoint() as swarm, SessionClient(swarm.url()) as client:
             first = asyncio.create_task(client.drive("A1", 10, 10, for_s=30))
             await asyncio.sleep(0.3)
-            await client.drive("A1", 20, 20, for_s=0.5)
+            assert await client.drive("A1", 20, 20, for_s=0.5)
             await asyncio.wait_for(first, 1)
             await asyncio.sleep(0.2)
             speeds = [json.loads(each.payload)["left_y"] for each in swarm.commands]
@@ -137,6 +137,12 @@ class TestVisiting:
         async with Endpoint() as swarm:
             with pytest.raises(UsageError, match="not entered"):
                 await SessionClient(swarm.url()).stop("A1")
+
+
+    @pytest.mark.parametrize("name", ["x" * 256, "a\nb", "\x1b"])
+    def test_a_nickname_that_does_not_fit_is_a_usage_error(self, name):
+        with pytest.raises(UsageError, match="nickname"):
+            SessionClient(Endpoint(port=1).url(), name=name)
 
 
 class TestComingBack:

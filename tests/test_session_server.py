@@ -72,7 +72,9 @@ def test_a_first_message_alone_has_no_effect_nor_has_its_replay():
     for secret in (ticket, world.invitation()):
         copy = world.dial(secret)
         world.carry(world.server.receive(copy.connection, hello, world.now))
-    assert [event for event in world.happened if isinstance(event, Joined)] == [Joined(1, "Visitor 1", Role.DRIVE, True, False)]
+    assert [event for event in world.happened if isinstance(event, Joined)] == [
+        Joined(1, "Visitor 1", Role.DRIVE, True, False)
+    ]
     assert ada.client.is_joined
     assert len(world.server.visitors) == 1
 

@@ -35,6 +35,7 @@ async def running(**options):
         await eventually(lambda: job.done() or events, 30)
         if job.done():
             job.result()
+        gateways[0].job = job
         yield gateways[0], events[0], swarm
     finally:
         job.cancel()
@@ -74,6 +75,8 @@ async def test_the_page_and_its_websocket_are_on_one_port_and_a_robot_is_driven(
         async with visit(ready, gateway.link.invitation, "Bob") as bob:
             await eventually(lambda: bob.standing)
             assert bob.standing.waiting, "until an operator lets newcomers in"
+            gateway.job.cancel()
+            await eventually(lambda: bob.ended is EndReason.CLOSING)
 
 
 async def test_who_was_removed_stays_removed_after_a_kill_and_who_was_not_comes_back(state):

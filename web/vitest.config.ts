@@ -3,7 +3,7 @@ import { configDefaults, defineConfig } from "vitest/config";
 // A real chromium and a real broker: a script of their own.
 const REAL = "tests/real/**/*.test.ts";
 // It stands in for a module that others use as it is.
-const ALONE = "tests/swarm_link.test.ts";
+const ALONE = "tests/session_connection.test.ts";
 // Ends what hangs, judges nothing: these run on what others leave of the machine.
 const PATIENT = { environment: "node", testTimeout: 120_000, hookTimeout: 60_000 } as const;
 

@@ -52,8 +52,8 @@ class Echo:
 
 
 @contextlib.asynccontextmanager
-async def echoing(pages: Path, *, host: str = "127.0.0.1", tls=None, behind_proxy=False, **limits):
-    front = Front(pages, "default-src 'self'", host, 0, FrontConfig(**limits), tls, behind_proxy)
+async def echoing(pages: Path, *, host: str = "127.0.0.1", tls=None, behind_proxy=False, key="", **limits):
+    front = Front(pages, "default-src 'self'", host, 0, FrontConfig(**limits), tls, behind_proxy, key)
     async with front:
         echo = Echo(front)
         running = asyncio.create_task(echo.run())

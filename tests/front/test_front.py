@@ -230,3 +230,14 @@ class TestTheGatewayTrustsNothing:
         assert unpack_numbers(pack_numbers([1, 2**32 - 1]) + b"rest", 2) == ((1, 2**32 - 1), b"rest")
         with pytest.raises(MalformedRecord):
             unpack_numbers(bytes(7), 2)
+
+
+class TestKey:
+    async def test_the_page_gets_the_swarms_public_key_for_room_codes_if_there_is_one(self, pages):
+        async with aiohttp.ClientSession() as session:
+            async with echoing(pages, key="c3dhcm0") as echo:
+                async with session.get(url(echo.front, "/link-key")) as answer:
+                    assert await answer.text() == "c3dhcm0"
+            async with echoing(pages) as echo:
+                async with session.get(url(echo.front, "/link-key")) as answer:
+                    assert answer.status == 404

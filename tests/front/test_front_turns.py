@@ -82,8 +82,16 @@ class TestTurns:
             turns.add("many", f"m{n}")
         assert served == ["m0", "m1"]
         turns.add("few", "f0")
-        turns._look_again()  # its timer
         assert served[2:] == ["f0"]
+
+    async def test_an_address_is_charged_for_what_came_to_nothing_and_given_back_what_did_not(self):
+        turns, served, _ = self.turns(paces=Paces(NEVER, 10.0))
+        turns.charge("silent", 10)
+        turns.charge("refused", 100)
+        turns.charge("refused", -99)
+        for address in ("silent", "refused", "new"):
+            turns.add(address, address)
+        assert served == ["refused", "new"]
 
     async def test_a_pace_that_is_used_up_is_waited_for(self):
         turns, served, _ = self.turns(pace=Pace(200.0, 1.0, time.monotonic()))
@@ -117,16 +125,18 @@ class One:
 
 class TestNewcomers:
     def test_one_too_many_closes_the_oldest_of_its_address(self):
-        newcomers = Newcomers(FrontConfig(newcomers_max_per_address=3))
+        silent = []
+        newcomers = Newcomers(FrontConfig(newcomers_max_per_address=3), silent.append)
         here, there = [One() for _ in range(5)], One()
         newcomers.add("there", there)
         for each in here:
             newcomers.add("here", each)
         assert [each.has_left for each in here] == [True, True, False, False, False]
         assert not there.has_left
+        assert silent == ["here"] * 2
 
     def test_one_too_many_in_all_closes_the_oldest_where_most_are(self):
-        newcomers = Newcomers(FrontConfig(newcomers_max=4))
+        newcomers = Newcomers(FrontConfig(newcomers_max=4), list().append)
         here, there = [One() for _ in range(4)], [One(), One()]
         for each in here:
             newcomers.add("here", each)
@@ -137,7 +147,8 @@ class TestNewcomers:
         assert len(newcomers) == 4
 
     def test_who_is_admitted_counts_no_longer_and_who_is_late_is_closed(self):
-        newcomers = Newcomers(FrontConfig())
+        silent = []
+        newcomers = Newcomers(FrontConfig(), silent.append)
         admitted, late, early = One(), One(), One(200.0)
         for each in (admitted, late, early):
             newcomers.add("here", each)
@@ -145,6 +156,7 @@ class TestNewcomers:
         newcomers.sweep(100.0)
         assert [each.has_left for each in (admitted, late, early)] == [False, True, False]
         assert len(newcomers) == 1
+        assert silent == ["here"]
 
 
 @dataclass(eq=False)
@@ -179,9 +191,9 @@ class TestTheWindow:
         gateway = Gateway()
         await gateway.say(*(Sender(f"s{n}") for n in range(9)))
         assert gateway.passed == [f"s{n}" for n in range(6)]
-        gateway.window.taken(2)
+        gateway.window.taken([1] * 2)
         assert gateway.passed[6:] == ["s6", "s7"]
-        gateway.window.taken(1)
+        gateway.window.taken([1] * 1)
         assert gateway.passed[8:] == ["s8"]
 
     async def test_who_sends_much_waits_for_each_of_the_others(self):
@@ -196,7 +208,7 @@ class TestTheWindow:
         await asyncio.sleep(0.01)
         assert gateway.passed == ["loud"] * 6
         await gateway.say(quiet)
-        gateway.window.taken(2)
+        gateway.window.taken([1] * 2)
         assert gateway.passed[6:] == ["loud", "quiet"]
         flooding.cancel()
 
@@ -207,11 +219,22 @@ class TestTheWindow:
         assert gateway.passed == ["n0", "n1"]
         await gateway.say(Sender("in"))
         assert gateway.passed[2:] == ["in"], "who is in does not wait for newcomers"
-        for n in (4, 5):
-            gateway.window.taken(1)
-            while len(gateway.passed) < n:
-                await asyncio.sleep(0.001)
+        gateway.window.taken([1, 1])
         assert gateway.passed[3:] == ["n2", "other"]
+
+    async def test_newcomers_have_a_share_of_the_gateways_time_and_others_have_not_to_wait(self):
+        gateway = Gateway()
+        await gateway.say(*(Sender(f"n{n}", is_admitted=False) for n in range(4)))
+        gateway.window.taken([60_000, 60_000])
+        assert gateway.passed == ["n0", "n1"]
+        await gateway.say(Sender("in"))
+        assert gateway.passed[2:] == ["in"]
+        gateway.window.taken([1_000_000])
+        await gateway.say(Sender("in"))
+        assert gateway.passed[3:] == ["in"]
+        while len(gateway.passed) < 6:
+            await asyncio.sleep(0.01)
+        assert gateway.passed[4:] == ["n2", "n3"]
 
     async def test_those_who_are_in_never_take_the_window_of_newcomers(self):
         gateway = Gateway()
@@ -224,7 +247,7 @@ class TestTheWindow:
         new = Sender("new", is_admitted=False)
         await gateway.say(new)
         await gateway.say(new)
-        gateway.window.taken(1)
+        gateway.window.taken([1] * 1)
         assert gateway.passed == ["new"]
         gateway.window.answered(new)
         assert gateway.passed == ["new", "new"]
@@ -244,7 +267,7 @@ class TestTheWindow:
         await gateway.say(*(Sender(f"s{n}") for n in range(6)), gone)
         gateway.window.drop(gone)
         assert await gateway.tasks[-1] is False
-        gateway.window.taken(6)
+        gateway.window.taken([1] * 6)
         assert "gone" not in gateway.passed
 
 

@@ -2,7 +2,21 @@
 
 export * from "./core";
 export { MOST_ROBOTS } from "./frame";
-export { Connection, type ConnectionEvent, Unanswered } from "./io/connection";
+export {
+  BadInvitation,
+  parseInvitation,
+  parseRoomCode,
+  type Reason,
+  type Role,
+  Secret,
+  fragmentOf as sessionFragment,
+  type Invitation as SessionInvitation,
+  type Standing,
+} from "./session";
+export { ResumeStore, browserStores, type Kept } from "./io/resume_store";
+export { SessionConnection, type SessionTo } from "./io/session_connection";
+export { fetchSwarmKey } from "./io/swarm_key";
+export { type Transport, type TransportEvent, Unanswered } from "./io/transport";
 export { SwarmLink, type SwarmSource, type SwarmView } from "./io/swarm_link";
 export { useCommand, useLink, useRequest, useSwarm } from "./react/hooks";
 export {
@@ -33,4 +47,5 @@ export {
 } from "./swarm";
 export { type Point, TRAIL_POINTS, Trail } from "./trail";
 export { type Work, workWords } from "./work";
+export { NO_VISIT, type OverReason, type Stage, type Visit } from "./visit";
 export type { BrokerState, Health } from "./watch";

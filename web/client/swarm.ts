@@ -38,7 +38,8 @@ const LONGEST_NOTE = 160;
 /** Who drives is told twice a second. */
 const DRIVES_FOR_MS = 1200;
 const MOST_DRIVERS = 8;
-const LONGEST_DRIVER = 8;
+/** A nickname of a session. */
+const LONGEST_DRIVER = 32;
 
 /** The ground under the swarm, in the unit of the positions. */
 export interface Area {
@@ -281,10 +282,10 @@ function driversInFrame(
   return drivers;
 }
 
-/** How many others than `me` drive this robot. */
-export function driversOf(swarm: Swarm, address: string | undefined, me: string): number {
+/** Who drives this robot, but for `me`. */
+export function driversOf(swarm: Swarm, address: string | undefined, me: string): readonly string[] {
   const names = address === undefined ? undefined : swarm.drivers.get(address)?.names;
-  return names?.filter((name) => name !== me).length ?? 0;
+  return names?.filter((name) => name !== me) ?? [];
 }
 
 function numbersOf(robots: ReadonlyMap<string, Robot>): ReadonlyMap<number, string> {

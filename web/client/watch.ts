@@ -3,8 +3,11 @@
 // Pure: told what happened and when, it says what is due. A phone that slept through a rotation recovers by these requests:
 // the server answers them with the pin message under the old epoch.
 
-/** connecting: not yet heard of; offline: lost, and being tried again; refused: it wants a login, or another one. */
-export type BrokerState = "connecting" | "online" | "offline" | "refused";
+/**
+ * connecting: not yet heard of; offline: lost, and being tried again; refused: it wants a login, or another one. Of a
+ * session also: no_answer: the server said nothing; waiting: for the operator's approval; over: tried no longer.
+ */
+export type BrokerState = "connecting" | "online" | "offline" | "refused" | "no_answer" | "waiting" | "over";
 
 /**
  * No frame for so long: what is shown is old, and what is said may be lost. A gateway sends one every 300 ms at least, and
@@ -46,7 +49,11 @@ const PATIENCE_MS = 5000;
 export type Health =
   | { readonly state: "connecting"; readonly broker: "away" | "reached" }
   /** network: the device has none. */
-  | { readonly state: "offline"; readonly why: "network" | "broker" | "login" }
+  | { readonly state: "offline"; readonly why: "network" | "broker" | "login" | "answer" }
+  /** For the operator's approval. */
+  | { readonly state: "waiting" }
+  /** The session has ended for good. */
+  | { readonly state: "over" }
   /** Frames have stopped coming, but not for long. */
   | { readonly state: "late" }
   | { readonly state: "silent" }
@@ -78,7 +85,7 @@ export class Watch {
 
   /** `chance` is in [0, 1). */
   broker(state: BrokerState, now_ms: number, chance: number): void {
-    const again = this.#broker === "offline" || this.#broker === "refused";
+    const again = this.#broker === "offline" || this.#broker === "refused" || this.#broker === "no_answer";
     this.#broker = state;
     this.#brokerSince_ms = now_ms;
     this.#heardAt_ms = undefined;
@@ -154,10 +161,13 @@ export class Watch {
 
   /** `network`: whether the device says that it has any. */
   health(now_ms: number, network = true): Health {
+    if (this.#broker === "over") return { state: "over" };
     const quiet_ms = now_ms - (this.#heardAt_ms ?? this.#brokerSince_ms);
     if (!network && quiet_ms >= LATE_WITHOUT_NETWORK_MS) return { state: "offline", why: "network" };
     if (this.#broker === "refused") return { state: "offline", why: "login" };
     if (this.#broker === "offline") return { state: "offline", why: "broker" };
+    if (this.#broker === "no_answer") return { state: "offline", why: "answer" };
+    if (this.#broker === "waiting") return { state: "waiting" };
     if (this.#broker === "connecting") {
       if (quiet_ms >= PATIENCE_MS) return { state: "offline", why: "broker" };
       return { state: "connecting", broker: "away" };

@@ -1,7 +1,7 @@
 // The swarm as it moves: the gateway's frames by HTTP, so that this map does not need the broker that visitors use.
 
 import { useEffect, useState } from "react";
-import { type Json, NO_SWARM, type SwarmSource, type SwarmView, swarmReducer } from "../client";
+import { type Json, NO_SWARM, NO_VISIT, type SwarmSource, type SwarmView, swarmReducer } from "../client";
 import { isObject } from "../client/core/json";
 
 const AGAIN_MS = 500;
@@ -12,7 +12,7 @@ export class Live implements SwarmSource {
   readonly #token: string;
   readonly #listeners = new Set<() => void>();
   readonly #ended = new AbortController();
-  #view: SwarmView = { swarm: NO_SWARM, health: { state: "connecting", broker: "away" } };
+  #view: SwarmView = { swarm: NO_SWARM, health: { state: "connecting", broker: "away" }, visit: NO_VISIT };
 
   constructor(token: string) {
     this.#token = token;
@@ -79,7 +79,7 @@ export class Live implements SwarmSource {
   }
 
   #show(swarm: SwarmView["swarm"]): void {
-    this.#view = { swarm, health: { state: "live" } };
+    this.#view = { swarm, health: { state: "live" }, visit: NO_VISIT };
     for (const listener of this.#listeners) listener();
   }
 }

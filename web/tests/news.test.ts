@@ -38,17 +38,17 @@ function swarmAt(x: number, more: object = {}): Swarm {
 describe("who else drives", () => {
   test("all but ourselves are counted, also those who give no name, for as long as they are told", () => {
     let swarm = framed(swarmAt(0), { drivers: [[1, ["me", "you", ""]], [2, ["me"]]] }, 1000);
-    expect([driversOf(swarm, A, "me"), driversOf(swarm, B, "me"), driversOf(swarm, undefined, "me")]).toEqual([2, 0, 0]);
+    expect([A, B, undefined].map((robot) => driversOf(swarm, robot, "me").length)).toEqual([2, 0, 0]);
     swarm = framed(swarm, {}, 1900);
-    expect(driversOf(swarm, A, "me")).toBe(2);
+    expect(driversOf(swarm, A, "me")).toHaveLength(2);
     swarm = framed(swarm, {}, 2300);
-    expect(driversOf(swarm, A, "me")).toBe(0);
+    expect(driversOf(swarm, A, "me")).toEqual([]);
   });
 
   test("whatever a peer says, nothing is thrown, and nothing grows without end", () => {
     const words = [null, [], [1], [1, 2], [99, ["x"]], [1, [3, null, "y".repeat(1000)]], [2, Array(1000).fill("z")]];
     const swarm = framed(swarmAt(0), { drivers: words }, 1000);
-    expect(swarm.drivers.get(A)?.names.every((name) => name.length <= 8)).toBe(true);
+    expect(swarm.drivers.get(A)?.names.every((name) => name.length <= 32)).toBe(true);
     expect(swarm.drivers.get(B)?.names).toHaveLength(8);
   });
 });

@@ -10,7 +10,8 @@
 //      {"event":"error","message":…[,"id":…]}. Nothing else is written to stdout, and never a pin.
 
 import { createInterface } from "node:readline";
-import { Connection, type JsonObject, parseQrUrl } from "../client";
+import { type JsonObject, parseQrUrl } from "../client";
+import { Connection } from "../client/io/connection";
 
 interface Order {
   readonly do?: string;

@@ -1,7 +1,7 @@
 // A swarm's state kept over a connection: what is asked when, and that a slow list does not undo what frames said.
 
 import { afterEach, beforeEach, describe, expect, test, vi } from "vitest";
-import { type Json, Pin, SwarmLink } from "../client";
+import { type Json, NO_VISIT, SwarmLink, type Transport } from "../client";
 import { REQUEST_AREA, REQUEST_ROBOTS } from "../client/swarm";
 
 const A = "DECAFBAD00000001";
@@ -11,21 +11,28 @@ interface Fake {
   readonly asked: [at_ms: number, request: number][];
 }
 
-const fake: Fake = vi.hoisted(() => ({ emit: () => {}, asked: [] }));
+const fake: Fake = { emit: () => {}, asked: [] };
 
-vi.mock("../client/io/connection", () => ({
-  Connection: class {
-    listen(listener: (event: unknown) => void): () => void {
-      fake.emit = listener;
-      return () => {};
-    }
-    async request(request: number): Promise<Json> {
-      fake.asked.push([Math.round(performance.now()), request]);
-      return new Promise(() => {});
-    }
-    close(): void {}
+const transport: Transport = {
+  name: "fake",
+  state: "connecting",
+  visit: NO_VISIT,
+  isPaced: false,
+  listen(listener) {
+    fake.emit = listener as Fake["emit"];
+    return () => {};
   },
-}));
+  command: () => true,
+  async request(request: number): Promise<Json> {
+    fake.asked.push([Math.round(performance.now()), request]);
+    return new Promise(() => {});
+  },
+  wake() {},
+  hide() {},
+  leave() {},
+  restart() {},
+  close() {},
+};
 
 let link: SwarmLink;
 
@@ -33,7 +40,7 @@ beforeEach(() => {
   vi.useFakeTimers({ now: 0, toFake: ["performance", "setInterval", "clearInterval", "setTimeout", "clearTimeout"] });
   vi.spyOn(Math, "random").mockReturnValue(0);
   fake.asked.length = 0;
-  link = new SwarmLink({ broker: "ws://127.0.0.1:9", root: "/qrkey", pin: new Pin("1234"), mqtt: 5 });
+  link = new SwarmLink(transport);
   fake.emit({ kind: "broker", state: "online" });
 });
 

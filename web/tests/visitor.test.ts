@@ -3,7 +3,7 @@
 import fc from "fast-check";
 import { afterEach, beforeEach, describe, expect, test, vi } from "vitest";
 import { type Area, Pin } from "../client";
-import { badgeWords, duration, hostOf } from "../visitor/badge";
+import { badgeWords, duration, hostOf, type Where } from "../visitor/badge";
 import { clampStick, Drive, stickOfKeys, type Wheels, wheels } from "../visitor/drive";
 import { keep, readTyped, type Surroundings, takeFromAddress, takeKept } from "../visitor/invitation_store";
 import { hexOf, rgbOf } from "../visitor/led";
@@ -80,14 +80,14 @@ describe("drive", () => {
 
 describe("badge", () => {
   test("says in plain words what is wrong", () => {
-    const words = (health: Parameters<typeof badgeWords>[0], robots = 3) =>
-      badgeWords(health, "swarm:9001", robots).text;
+    const broker: Where = { via: "broker", host: "swarm:9001", named: false };
+    const words = (health: Parameters<typeof badgeWords>[0], robots = 3) => badgeWords(health, broker, robots).text;
     expect(words({ state: "offline", why: "broker" })).toBe("Broker unreachable at swarm:9001. Trying again… If that lasts, scan the code again.");
     expect(words({ state: "offline", why: "network" })).toContain("no network");
     expect(words({ state: "offline", why: "login" })).toContain("Login refused by the broker at swarm:9001");
     expect(words({ state: "late" })).toContain("Controls are off");
-    expect(badgeWords({ state: "live" }, "swarm:9001", 3, true)).toMatchObject({ state: "held" });
-    expect(badgeWords({ state: "silent" }, "swarm:9001", 3, true)).toMatchObject({ state: "silent" });
+    expect(badgeWords({ state: "live" }, broker, 3, true)).toMatchObject({ state: "held" });
+    expect(badgeWords({ state: "silent" }, broker, 3, true)).toMatchObject({ state: "silent" });
     expect(words({ state: "silent" })).toContain("Scan its code again");
     expect(words({ state: "unanswered" })).toContain("does not answer");
     expect(words({ state: "clock", skew_s: 31 })).toBe("Your clock is 31 s behind: set it to automatic.");

@@ -1,6 +1,6 @@
 // Plays a run: it is asked for until it has ended, and shown as it was at the moment that is played.
 
-import type { SwarmSource, SwarmView } from "../client";
+import { NO_VISIT, type SwarmSource, type SwarmView } from "../client";
 import { type Line, Run } from "./run";
 
 const TICK_MS = 50;
@@ -19,7 +19,7 @@ export class Player implements SwarmSource {
   readonly run = new Run();
   readonly #listeners = new Set<() => void>();
   #moment: Moment;
-  #view: SwarmView = { swarm: this.run.swarmAt(0, 1, 0), health: { state: "connecting", broker: "away" } };
+  #view: SwarmView = { swarm: this.run.swarmAt(0, 1, 0), health: { state: "connecting", broker: "away" }, visit: NO_VISIT };
   #before_ms = performance.now();
 
   /** `paused`: who wants no motion begins it. */
@@ -68,7 +68,7 @@ export class Player implements SwarmSource {
 
   #show(): void {
     const { t_s, speed } = this.#moment;
-    this.#view = { swarm: this.run.swarmAt(t_s, speed, performance.now()), health: { state: "live" } };
+    this.#view = { swarm: this.run.swarmAt(t_s, speed, performance.now()), health: { state: "live" }, visit: NO_VISIT };
     for (const listener of this.#listeners) listener();
   }
 

@@ -1,64 +1,187 @@
 // The page: with an invitation it drives the swarm, without one it says how to get one.
 
-import { useCallback, useEffect, useState } from "react";
-import { type Pin, useLink } from "../client";
-import { Badge } from "./badge";
+import { type ReactNode, useCallback, useEffect, useMemo, useState } from "react";
+import {
+  fetchSwarmKey,
+  type Invitation,
+  type Kept,
+  type OverReason,
+  type Pin,
+  type Secret,
+  SessionConnection,
+  type SessionInvitation,
+  type SessionTo,
+  type Transport,
+  useLink,
+  useSwarm,
+} from "../client";
+import { Badge, hostOf } from "./badge";
 import { Cockpit } from "./cockpit";
-import { type Found, forget, keep, type Surroundings, takeFromAddress, takeKept } from "./invitation_store";
+import {
+  type Found,
+  forget,
+  forgetCode,
+  keep,
+  keepCode,
+  type Surroundings,
+  takeFromAddress,
+  takeKept,
+} from "./invitation_store";
+import { Join } from "./join";
 import { NoCode } from "./no_code";
+import { linkUrl, openQrkey, openSession, resumeStore } from "./open_link";
+import { Over, WaitingForApproval } from "./over";
+import { overWords } from "./visit_words";
 
-const browser: Surroundings = { location: window.location, history: window.history, storage: sessionStorageOrNone() };
+const storage = sessionStorageOrNone();
+const browser: Surroundings = { location: window.location, history: window.history, storage };
+
+type Entry =
+  | { readonly kind: "none"; readonly problem?: string | undefined }
+  /** A session's code was found, and a nickname is asked for. */
+  | { readonly kind: "naming"; readonly code: SessionInvitation }
+  | { readonly kind: "session"; readonly to: SessionTo }
+  | { readonly kind: "qrkey"; readonly to: Invitation };
 
 export function App() {
-  const [found, setFound] = useState<Found>(() => join(takeFromAddress(browser) ?? takeKept(browser)));
-  const { to, problem } = found;
-  const onMoved = useCallback(
-    (pin: Pin) => {
-      if (to) keep(browser, to, pin);
-    },
-    [to],
-  );
-  const link = useLink(to, onMoved);
+  const [entry, setEntry] = useState<Entry>(() => enter(takeFromAddress(browser) ?? takeKept(browser)));
+  const open = useMemo(() => opener(entry), [entry]);
+  const link = useLink<Transport>(open);
+  const isSession = entry.kind === "session";
+  const stage = useSwarm(link, ({ visit }) => visit.stage);
+  const over = useSwarm(link, ({ visit }) => visit.over);
+  const isWaiting = useSwarm(link, ({ visit }) => visit.standing?.waiting === true);
+  const name = useSwarm(link, ({ visit }) => visit.name);
+
+  useEffect(() => {
+    // A code that has admitted us, or was refused, admits nobody again: a reload resumes.
+    if (isSession && (stage === "here" || over === "code")) forgetCode(browser);
+  }, [isSession, stage, over]);
 
   useEffect(() => {
     // Scanning again in the same tab changes nothing but the fragment.
     const onHash = () => {
       const taken = takeFromAddress(browser);
-      if (taken?.to) join(taken);
+      if (!taken) return;
+      const next = enter(taken);
       // A bad link does not take away the swarm that the visitor is driving.
-      if (taken) setFound((now) => (taken.to || !now.to ? taken : now));
+      setEntry((now) => (next.kind !== "none" || now.kind === "none" ? next : now));
     };
     window.addEventListener("hashchange", onHash);
     return () => window.removeEventListener("hashchange", onHash);
   }, []);
 
-  function leave() {
+  const leave = useCallback(() => {
     forget(browser);
-    setFound({});
+    forgetCode(browser);
+    setEntry((now) => {
+      if (now.kind === "session") resumeStore.forget(now.to.fixed);
+      return { kind: "none" };
+    });
+  }, []);
+
+  async function joinRoom(secret: Secret, nickname: string): Promise<string | undefined> {
+    const fixed = await fetchSwarmKey(location.href);
+    if (!fixed) return "The swarm does not answer, or takes no room codes.";
+    setEntry({ kind: "session", to: { url: linkUrl(location.href), fixed, invitation: secret, name: nickname } });
+    return undefined;
   }
 
+  function again() {
+    if (link?.transport instanceof SessionConnection) link.transport.again();
+  }
+
+  if (entry.kind === "naming") {
+    const { code } = entry;
+    return (
+      <Frame state="nocode" text="Ready to join">
+        <Join
+          storage={storage}
+          onJoin={(nickname) => setEntry({ kind: "session", to: sessionTo(code.fixed, code.secret, nickname) })}
+        />
+      </Frame>
+    );
+  }
+  if (entry.kind === "none" || over === "code") {
+    const problem = entry.kind === "none" ? entry.problem : codeProblem(over);
+    return (
+      <Frame state="nocode" text="No code yet">
+        <NoCode problem={problem} storage={storage} onFound={(found) => setEntry(enter(found))} onRoom={joinRoom} />
+      </Frame>
+    );
+  }
+  if (over !== undefined)
+    return (
+      <Frame state="over" text={overWords(over).title}>
+        <Over reason={over} onAgain={again} onLeave={leave} />
+      </Frame>
+    );
+  if (isWaiting)
+    return (
+      <Frame state="waiting" text="Waiting for the operator">
+        <WaitingForApproval name={name} />
+      </Frame>
+    );
+  const where =
+    entry.kind === "qrkey"
+      ? { via: "broker" as const, host: hostOf(entry.to.broker), named: entry.to.login !== undefined }
+      : { via: "direct" as const, host: hostOf(entry.to.url), named: false };
   return (
     <div className="page">
-      {to ? (
-        <Cockpit to={to} link={link} onLeave={leave} />
-      ) : (
-        <>
-          <header className="top">
-            <p className="brand">Phalanx</p>
-            <div className="status">
-              <Badge state="nocode" text="No code yet" />
-            </div>
-          </header>
-          <NoCode problem={problem} onFound={(taken) => setFound(join(taken))} />
-        </>
-      )}
+      <Cockpit where={where} link={link} onLeave={leave} />
     </div>
   );
 }
 
-function join(found: Found): Found {
-  if (found.to) keep(browser, found.to);
-  return found;
+interface FrameProps {
+  readonly state: "nocode" | "over" | "waiting";
+  readonly text: string;
+  readonly children: ReactNode;
+}
+
+function Frame({ state, text, children }: FrameProps) {
+  return (
+    <div className="page">
+      <header className="top">
+        <p className="brand">Phalanx</p>
+        <div className="status">
+          <Badge state={state} text={text} />
+        </div>
+      </header>
+      {children}
+    </div>
+  );
+}
+
+function codeProblem(over: OverReason | undefined): string | undefined {
+  return over === "code" ? "this code is no longer valid. Scan the one on the screen now" : undefined;
+}
+
+/** What to do with what was found: who was here before resumes, unless a ticket says more. */
+function enter({ code, to, problem }: Found): Entry {
+  if (code) {
+    const kept = resumeStore.find(code.fixed, Date.now() / 1000);
+    if (kept && code.secret.kind === "open") return { kind: "session", to: sessionTo(code.fixed, code.secret, kept.name) };
+    keepCode(browser, code);
+    return { kind: "naming", code };
+  }
+  if (to) {
+    keep(browser, to);
+    return { kind: "qrkey", to };
+  }
+  const kept: Kept | undefined = problem === undefined ? resumeStore.newest(Date.now() / 1000) : undefined;
+  return kept ? { kind: "session", to: sessionTo(kept.fixed, undefined, kept.name) } : { kind: "none", problem };
+}
+
+function sessionTo(fixed: Uint8Array, invitation: Secret | undefined, name: string): SessionTo {
+  return { url: linkUrl(location.href), fixed, invitation, name };
+}
+
+function opener(entry: Entry): (() => Transport | Promise<Transport>) | undefined {
+  if (entry.kind === "session") return () => openSession(entry.to);
+  if (entry.kind !== "qrkey") return undefined;
+  const onMoved = (pin: Pin) => keep(browser, entry.to, pin);
+  return () => openQrkey(entry.to, onMoved);
 }
 
 function sessionStorageOrNone(): Storage | undefined {

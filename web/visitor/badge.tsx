@@ -9,22 +9,36 @@ interface Words {
   readonly text: string;
 }
 
-/** Plain words for the health of the link. `host` is the broker's; `held`: the operator stopped all; `named`: we said a login. */
-export function badgeWords(health: Health, host: string, robots: number, held = false, named = false): Words {
+/** Where the other end is: a broker, or the swarm itself. `named`: we said a login. */
+export interface Where {
+  readonly via: "broker" | "direct";
+  readonly host: string;
+  readonly named: boolean;
+}
+
+/** Plain words for the health of the link. `held`: the operator stopped all. */
+export function badgeWords(health: Health, where: Where, robots: number, held = false): Words {
+  const isDirect = where.via === "direct";
   switch (health.state) {
     case "connecting":
       return {
         state: "connecting",
-        text: health.broker === "away" ? "Connecting to the broker…" : "Looking for the swarm…",
+        text: health.broker === "reached" ? "Looking for the swarm…" : `Connecting to the ${isDirect ? "swarm" : "broker"}…`,
       };
     case "offline":
-      return { state: "offline", text: OFFLINE[health.why](host, named) };
+      return { state: "offline", text: OFFLINE[isDirect && health.why === "broker" ? "direct" : health.why](where) };
+    case "waiting":
+      return { state: "waiting", text: "Waiting for the operator" };
+    case "over":
+      return { state: "over", text: "Your session has ended" };
     case "late":
       return { state: "late", text: "No news from the swarm for a moment. Controls are off." };
     case "silent":
       return {
         state: "silent",
-        text: "Connected, but the swarm is silent. Scan its code again; if that does not help, tell the operator.",
+        text: isDirect
+          ? "Connected, but the swarm is silent. If that lasts, tell the operator."
+          : "Connected, but the swarm is silent. Scan its code again; if that does not help, tell the operator.",
       };
     case "unanswered":
       return { state: "unanswered", text: "The swarm is heard, but does not answer. If that lasts, tell the operator." };
@@ -38,8 +52,10 @@ export function badgeWords(health: Health, host: string, robots: number, held = 
 
 const OFFLINE = {
   network: () => "You are offline: this device has no network. Waiting for it…",
-  broker: (host: string) => `Broker unreachable at ${host}. Trying again… If that lasts, scan the code again.`,
-  login: (host: string, named: boolean) =>
+  direct: ({ host }: Where) => `No connection to the swarm at ${host}. Trying again…`,
+  answer: () => "No answer from the swarm. Trying again… If that lasts, tell the operator.",
+  broker: ({ host }: Where) => `Broker unreachable at ${host}. Trying again… If that lasts, scan the code again.`,
+  login: ({ host, named }: Where) =>
     named
       ? `Login refused: name or password is wrong for the broker at ${host}. Tell the operator.`
       : `Login refused by the broker at ${host}: it wants a password. Tell the operator.`,

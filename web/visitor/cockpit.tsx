@@ -1,8 +1,8 @@
 // The map and the controls of one robot.
 
 import { useCallback, useEffect, useState } from "react";
-import { type Invitation, type Point, type SwarmLink, useCommand, useSwarm } from "../client";
-import { Badge, badgeWords, hostOf } from "./badge";
+import { type Point, type SwarmLink, useCommand, useSwarm } from "../client";
+import { Badge, badgeWords, type Where } from "./badge";
 import type { Wheels } from "./drive";
 import { Joystick } from "./joystick";
 import { Led } from "./led";
@@ -12,16 +12,17 @@ import { useNews } from "./news";
 import { RobotPicker } from "./robot_picker";
 import { Route, routePayload } from "./route";
 import { ShieldWords } from "./shield_words";
+import { mayDrive, refusedWords } from "./visit_words";
 
 interface Props {
-  readonly to: Invitation;
+  readonly where: Where;
   readonly link: SwarmLink | undefined;
   readonly onLeave: () => void;
 }
 
 const NO_POINTS: readonly Point[] = [];
 
-export function Cockpit({ to, link, onLeave }: Props) {
+export function Cockpit({ where, link, onLeave }: Props) {
   const [chosen, setChosen] = useState<string>();
   const [routing, setRouting] = useState(false);
   const [draft, setDraft] = useState(NO_POINTS);
@@ -37,8 +38,13 @@ export function Cockpit({ to, link, onLeave }: Props) {
   const selected = entry?.address;
   const stopped = useSwarm(link, ({ swarm }) => swarm.robots.get(selected ?? "")?.shield?.safeMode === true);
   const held = useSwarm(link, ({ swarm }) => swarm.held);
+  const isSession = where.via === "direct";
+  const drives = useSwarm(link, ({ visit }) => !isSession || mayDrive(visit));
+  const name = useSwarm(link, ({ visit }) => visit.name);
+  const own = useSwarm(link, ({ visit }) => visit.standing?.robot ?? "");
+  const refused = useSwarm(link, ({ visit, swarm }) => refusedWords(visit, swarm.at_ms));
   // One in Safe Mode would ignore whatever it is told; what is said now would not reach any, or be refused to all.
-  const isLive = health.state === "live" && !held;
+  const isLive = health.state === "live" && !held && drives;
   const steered = stopped ? undefined : selected;
   const obeying = isLive ? steered : undefined;
   const [sentOnRoutes] = useState(() => new Set<string>());
@@ -46,10 +52,16 @@ export function Cockpit({ to, link, onLeave }: Props) {
   const command = useCommand(link, selected);
   const sendWheels = useCallback(
     ({ left, right }: Wheels) => {
-      command("move_raw", { left_x: 0, left_y: left, right_x: 0, right_y: right, by: link?.name });
+      const by = isSession ? {} : { by: link?.name };
+      command("move_raw", { left_x: 0, left_y: left, right_x: 0, right_y: right, ...by });
     },
-    [command, link],
+    [command, link, isSession],
   );
+
+  // The robot that one is given.
+  useEffect(() => {
+    if (own !== "") setChosen(own);
+  }, [own]);
 
   // Driving the only one goes on when a second joins.
   useEffect(() => {
@@ -76,12 +88,14 @@ export function Cockpit({ to, link, onLeave }: Props) {
     command("waypoints", routePayload(threshold, []));
   }
 
-  const words = badgeWords(health, hostOf(to.broker), roster.length, held, to.login !== undefined);
+  const words = badgeWords(health, where, roster.length, held);
   const inTrouble = words.state === "offline" || words.state === "silent";
   return (
     <>
       <header className="top">
-        <p className="brand">Phalanx</p>
+        <p className="brand" data-testid="me">
+          {name === "" ? "Phalanx" : name}
+        </p>
         <div className="status">
           <Badge {...words} />
           {inTrouble && (
@@ -100,7 +114,7 @@ export function Cockpit({ to, link, onLeave }: Props) {
           routing={routing}
           draft={draft}
           threshold={threshold}
-          news={news}
+          news={refused || news}
           onWaypoint={(point) => setDraft((points) => [...points, point].slice(0, mostWaypoints))}
         />
         <div className="controls">
@@ -131,7 +145,7 @@ export function Cockpit({ to, link, onLeave }: Props) {
           ) : (
               <div className="hands">
                 <div className="stick">
-                  <Joystick send={sendWheels} disabled={obeying === undefined} robotName={entry?.name} />
+                  <Joystick send={sendWheels} isPaced={link?.transport.isPaced === true} disabled={obeying === undefined} robotName={entry?.name} />
                   <p id="joystick-help" className="stick-help">
                     Hold to drive, let go to stop.
                     <span className="keys-help">

@@ -64,18 +64,21 @@ export function stickOfKeys(held: ReadonlySet<string>): Stick | undefined {
 /** Drives one robot. */
 export class Drive {
   readonly #send: (wheels: Wheels) => void;
+  readonly #sendsChanges: boolean;
   #stick: Stick | undefined;
   #repeating: ReturnType<typeof setInterval> | undefined;
 
-  constructor(send: (wheels: Wheels) => void) {
+  /** `sendsChanges`: send each change of the stick at once, beside the command every 100 ms. */
+  constructor(send: (wheels: Wheels) => void, sendsChanges = false) {
     this.#send = send;
+    this.#sendsChanges = sendsChanges;
   }
 
   /** The stick is held here, from now until the next hold() or release(). */
   hold(stick: Stick): void {
     this.#stick = stick;
+    if (this.#repeating === undefined || this.#sendsChanges) this.#send(wheels(stick));
     if (this.#repeating !== undefined) return;
-    this.#send(wheels(stick));
     this.#repeating = setInterval(() => {
       if (this.#stick) this.#send(wheels(this.#stick));
     }, DRIVE_EVERY_MS);

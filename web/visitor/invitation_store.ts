@@ -1,14 +1,29 @@
-// Where the page finds its invitation, and how it keeps the pin out of sight.
+// Where the page finds its invitation, and how it keeps its secret out of sight.
 //
 // From the address (and removed from it at once, so that it stays in no history, screenshot or shared link), else from
-// this tab's session storage, where the newest pin and the visitors' login are kept so that a reload goes on after
-// rotations.
+// this tab's session storage. There the code of a session is kept until it has admitted us; of mode qrkey the newest pin
+// and the visitors' login, so that a reload goes on after rotations.
 
-import { type BrokerLogin, checkedLogin, DEFAULT_ROOT, type Invitation, invitation, type Pin, PUBLISHED_KEYS, parseQrUrl, UsageError } from "../client";
+import {
+  BadInvitation,
+  type BrokerLogin,
+  checkedLogin,
+  DEFAULT_ROOT,
+  type Invitation,
+  invitation,
+  type Pin,
+  PUBLISHED_KEYS,
+  parseInvitation,
+  parseQrUrl,
+  sessionFragment,
+  type SessionInvitation,
+  UsageError,
+} from "../client";
 
 const KEY = "phalanx.invitation";
+const CODE_KEY = "phalanx.code";
 // A link that was cut off has no pin, and may have a login all the same.
-const SECRET_IN_FRAGMENT = ["v", "pin", "user", "password"];
+const SECRET_IN_FRAGMENT = ["j", "v", "pin", "user", "password"];
 const SECRET_IN_QUERY = ["pin", "mqtt_username", "mqtt_password"];
 
 /** What is kept of the browser: passed in, so that it can be tested without one. */
@@ -26,7 +41,12 @@ interface Kept {
   readonly login?: BrokerLogin;
 }
 
-export type Found = { readonly to?: Invitation; readonly problem?: string };
+/** `code`: of a session; `to`: of mode qrkey. */
+export interface Found {
+  readonly code?: SessionInvitation;
+  readonly to?: Invitation;
+  readonly problem?: string;
+}
 
 /**
  * The invitation in the address, which is then removed from it; undefined if there is none.
@@ -44,7 +64,7 @@ export function takeFromAddress(at: Surroundings): Found | undefined {
 /** The invitation in a link that somebody pasted. `root` is for the published form, which does not name one. */
 export function readLink(text: string, root: string = DEFAULT_ROOT): Found {
   try {
-    return { to: parseQrUrl(text.trim(), root) };
+    return text.includes("#j=") ? { code: parseCode(text) } : { to: parseQrUrl(text.trim(), root) };
   } catch (error) {
     // Only our own messages are shown: they never repeat the link.
     return { problem: error instanceof UsageError ? error.message : "this is not a swarm's link" };
@@ -58,6 +78,30 @@ export function readTyped(pin: string, broker: string, root: string, mqtt: strin
     return { to: invitation(pin.replace(/\s/g, ""), broker.trim(), root.trim(), mqtt, login) };
   } catch (error) {
     return { problem: error instanceof UsageError ? error.message : "these words do not make an invitation" };
+  }
+}
+
+/** The invitation to a session at this page's own origin. @throws BadInvitation */
+function parseCode(text: string): SessionInvitation {
+  const code = parseInvitation(text);
+  if (code.broker !== "") throw new BadInvitation("this page joins no session over a broker");
+  return code;
+}
+
+/** Keep a session's code until it has admitted us. */
+export function keepCode(at: Surroundings, code: SessionInvitation): void {
+  try {
+    at.storage?.setItem(CODE_KEY, sessionFragment(code));
+  } catch {
+    // As below.
+  }
+}
+
+export function forgetCode(at: Surroundings): void {
+  try {
+    at.storage?.removeItem(CODE_KEY);
+  } catch {
+    // As below.
   }
 }
 
@@ -81,6 +125,8 @@ export function forget(at: Surroundings): void {
 /** The invitation that this tab used last. */
 export function takeKept(at: Surroundings): Found {
   try {
+    const code = at.storage?.getItem(CODE_KEY);
+    if (typeof code === "string") return { code: parseCode(code) };
     const words = JSON.parse(at.storage?.getItem(KEY) ?? "null") as Kept | null;
     return words ? { to: invitation(words.pin, words.broker, words.root, String(words.mqtt), words.login) } : {};
   } catch {

@@ -11,18 +11,20 @@ const TRAVEL = 0.62;
 interface Props {
   /** Identity stands for the robot: another function is another robot, and the first one is stopped. */
   readonly send: (wheels: Wheels) => void;
+  /** What is sent waits for a slot, so that each change may be sent at once. */
+  readonly isPaced?: boolean;
   readonly disabled: boolean;
   readonly robotName: string | undefined;
 }
 
-export function Joystick({ send, disabled, robotName }: Props) {
+export function Joystick({ send, isPaced = false, disabled, robotName }: Props) {
   const [stick, setStick] = useState<Stick>(CENTRE);
   const drive = useRef<Drive>(undefined);
   const pointer = useRef<number>(undefined);
   const keys = useRef(new Set<string>());
 
   useEffect(() => {
-    const driving = new Drive(send);
+    const driving = new Drive(send, isPaced);
     drive.current = driving;
     const stop = () => {
       keys.current.clear();
@@ -42,7 +44,7 @@ export function Joystick({ send, disabled, robotName }: Props) {
       window.removeEventListener("blur", stop);
       stop();
     };
-  }, [send]);
+  }, [send, isPaced]);
 
   useEffect(() => {
     if (!disabled) return;

@@ -1,15 +1,18 @@
 // Without an invitation: what to do, and two ways to bring one along by hand.
 
 import { type InputHTMLAttributes, type SubmitEvent, useId, useState } from "react";
-import { DEFAULT_ROOT } from "../client";
+import { DEFAULT_ROOT, type Secret } from "../client";
 import { type Found, readLink, readTyped } from "./invitation_store";
+import { RoomCode } from "./join";
 
 interface Props {
   readonly problem: string | undefined;
+  readonly storage: Storage | undefined;
+  readonly onRoom: (secret: Secret, name: string) => Promise<string | undefined>;
   readonly onFound: (found: Found) => void;
 }
 
-export function NoCode({ problem, onFound }: Props) {
+export function NoCode({ problem, storage, onRoom, onFound }: Props) {
   const id = useId();
   const [link, setLink] = useState("");
   const [pin, setPin] = useState("");
@@ -47,17 +50,18 @@ export function NoCode({ problem, onFound }: Props) {
           That did not work: {problem}.
         </p>
       )}
+      <RoomCode storage={storage} onRoom={onRoom} />
       <form className="panel" onSubmit={submitLink}>
         <label htmlFor={id}>Or paste the link from under the code</label>
         <div className="row">
-          <Typed id={id} testid="link" inputMode="url" placeholder="http://…#v=1&pin=…" value={link} onTyped={setLink} />
+          <Typed id={id} testid="link" inputMode="url" placeholder="http://…#j=…" value={link} onTyped={setLink} />
           <button type="submit" className="primary" data-testid="link-join" disabled={link.trim() === ""}>
             Join
           </button>
         </div>
       </form>
       <details className="panel">
-        <summary>Type the pin instead</summary>
+        <summary>Type a broker’s pin instead</summary>
         <form className="fields" onSubmit={submitTyped}>
           <Field label="Pin" testid="pin" inputMode="numeric" value={pin} onTyped={setPin} />
           <Field label="Broker" testid="broker" inputMode="url" placeholder="ws://192.168.1.7:9001/mqtt" value={broker} onTyped={setBroker} />

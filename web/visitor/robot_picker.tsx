@@ -1,6 +1,8 @@
 // Choosing a robot from the list, one line about it, and what can be done to it besides driving.
 
-import { ACTIVE, driversOf, INACTIVE, label, type SwarmLink, useSwarm } from "../client";
+import { useEffect, useState } from "react";
+import { ACTIVE, driversOf, INACTIVE, label, type SwarmLink, type SwarmView, useSwarm } from "../client";
+import { standingWords } from "./visit_words";
 
 interface Props {
   readonly link: SwarmLink | undefined;
@@ -15,6 +17,7 @@ interface Props {
 
 export function RobotPicker({ link, selected, onSelect, obeys, onClearTrail, route }: Props) {
   const roster = useSwarm(link, ({ swarm }) => swarm.roster);
+  const own = useSwarm(link, ({ visit }) => visit.standing?.robot ?? "");
   const isUnderWay = useSwarm(link, ({ swarm }) => (swarm.robots.get(selected ?? "")?.waypoints.length ?? 0) > 0);
   return (
     <div className="picker">
@@ -28,6 +31,7 @@ export function RobotPicker({ link, selected, onSelect, obeys, onClearTrail, rou
         {roster.map((robot) => (
           <option key={robot.address} value={robot.address}>
             {label(robot)}
+            {robot.address === own && " · yours"}
           </option>
         ))}
       </select>
@@ -71,16 +75,45 @@ function About({ link, selected }: { readonly link: SwarmLink | undefined; reado
     if (robot.walk) return [status, robot.walk.phase].filter(Boolean).join(" · ");
     return [status, place, mode, battery].filter(Boolean).join(" · ") || "ready";
   });
-  const others = useSwarm(link, ({ swarm }) => driversOf(swarm, selected, link?.name ?? ""));
+  const others = useSwarm(link, (view) => othersWords(view, selected, link?.name ?? ""));
+  const standing = useStanding(link);
   return (
     <p className="about" data-testid="about">
-      {others > 0 && (
-        <strong className="others" data-testid="others">
-          {others === 1 ? "Another visitor drives it" : `${others} other visitors drive it`}
+      {standing !== "" && (
+        <strong className="standing" data-testid="standing">
+          {standing}{" "}
         </strong>
       )}
-      {others > 0 ? " · " : ""}
-      {words}
+      {others !== "" && (
+        <strong className="others" data-testid="others">
+          {others}
+        </strong>
+      )}
+      {others !== "" ? " · " : ""}
+      {/* Two lines, or the joystick below would move. */}
+      {(selected !== undefined || standing === "") && words}
     </p>
   );
+}
+
+/** Who else drives a robot; "" if nobody does. Nicknames of a session are worth reading, those of mode qrkey are made up. */
+export function othersWords({ swarm, visit }: SwarmView, address: string | undefined, me: string): string {
+  const others = driversOf(swarm, address, me);
+  const [name = ""] = others;
+  if (others.length > 1) return `${others.length} other visitors drive it`;
+  if (others.length === 0) return "";
+  return visit.name !== "" && name !== "" ? `${name} drives it` : "Another visitor drives it";
+}
+
+/** What this visitor may do, and how long: the clock goes on between two updates. */
+function useStanding(link: SwarmLink | undefined): string {
+  const visit = useSwarm(link, (view) => view.visit);
+  const isLimited = (visit.standing?.left_ms ?? 0) > 0;
+  const [, setNow] = useState(0);
+  useEffect(() => {
+    if (!isLimited) return;
+    const timer = setInterval(() => setNow(performance.now()), 1000);
+    return () => clearInterval(timer);
+  }, [isLimited]);
+  return useSwarm(link, (view) => standingWords(view.visit, view.swarm, performance.now()));
 }

@@ -252,14 +252,15 @@ class Gateway:
         watches = [watch for watch in (self.shields, self.missions, self.work, self.drivers) if watch]
         more = {name: told for w in watches for name, told in w.news(self._frames.number, time.monotonic()).items()}
         tick = self._frames.next(robots, time.time(), time.monotonic(), more, held=self.brakes.held)
-        if tick:
+        if tick or self._whole:
+            whole = tick.whole if tick else self._frames.nothing(held=self.brakes.held)
             for tell in self._watchers:
-                tell(tick.whole)
+                tell(whole)
             for link in self._whole:
-                await self._notify(link, tick.whole)
-            for frame in tick.frames:
-                if any([await self._notify(link, frame) for link in self._small]):
-                    self._told.sent(frame["data"]["seq"], time.monotonic())
+                await self._notify(link, whole)
+        for frame in tick.frames if tick else ():
+            if any([await self._notify(link, frame) for link in self._small]):
+                self._told.sent(frame["data"]["seq"], time.monotonic())
         if self.visitors.older_pages(time.monotonic()):
             await self._tell_older_pages(robots, tick)
 

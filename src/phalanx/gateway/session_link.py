@@ -9,7 +9,7 @@ import asyncio
 import logging
 import os
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from typing import Any, Protocol
 
@@ -22,7 +22,7 @@ from phalanx.io.session_store import LinkKeys
 from phalanx.link import Command, Request, SharedAnswer
 from phalanx.link.envelope import decode_json, encode_json
 from phalanx.link.session import Invitation, Now, Operations, Reason, Role, SessionServer, Store
-from phalanx.link.session.errors import NotAllowed, TooMany
+from phalanx.link.session.errors import EndReason, NotAllowed, TooMany
 from phalanx.link.session.events import (
     Close,
     Commanded,
@@ -43,6 +43,10 @@ log = logging.getLogger(__name__)
 
 TICK_S = 0.1
 JSON_DEPTH = 8
+CLOSING_S = 0.1  # for what was said last to leave
+# An update without news must not be shorter than one in which a robot moves: spaces make up for it. Every robot's place
+# is in one of ten updates. Longer ones are not made equal: they have so many robots that one does not show.
+EQUAL_TICKS, EQUAL_BYTES = 100, 2040
 _REASONS: dict[type[PeerError], Reason] = {
     BadPayload: Reason.BAD,
     Held: Reason.HELD,
@@ -118,6 +122,7 @@ class SessionLink:
         self._answers = Answers[Requested](self._answer)
         self._encoded: dict[str, tuple[SharedAnswer, bytes]] = {}  # by the request's name
         self._admitted: set[int] = set()
+        self._lengths: deque[int] = deque(maxlen=EQUAL_TICKS)  # of updates
 
     @property
     def answer_bytes(self) -> int:
@@ -148,6 +153,8 @@ class SessionLink:
             state = encode_json(payload)
         except (TypeError, ValueError, RecursionError) as error:
             raise UsageError(f"an update is not JSON: {error}") from error
+        self._lengths.append(min(len(state), EQUAL_BYTES))
+        state = state.ljust(max(self._lengths))
         self.carry([self.server.publish(state, now())])
         self.counters["notifications"] += 1
         return True
@@ -155,6 +162,14 @@ class SessionLink:
     async def run(self) -> None:
         """Serve until cancelled."""
         await asyncio.gather(self._read(), self._tick(), self._answers.run())
+
+    async def close(self) -> None:
+        """End all sessions: visitors may resume when the gateway runs again."""
+        connections = list(self.server.connections)
+        for connection in connections:
+            self.carry(self.server.end(connection, EndReason.CLOSING, now()))
+        if connections:
+            await asyncio.sleep(CLOSING_S)
 
     def carry(self, events: Iterable[ServerEvent]) -> None:
         """Carry out what the server or an operation asks for, and report what happened."""

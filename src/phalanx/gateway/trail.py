@@ -25,6 +25,7 @@ CHAIN = "chain"
 LINE_BYTES = 4096  # the longest; a nickname has 32 characters
 REFUSALS_EVERY_S = 10.0  # they are added up: they may come in thousands
 REFUSALS_KINDS = 256  # of visitor, robot and reason, in that time
+LINES_AT_ONCE, LINES_PER_S = 2000, 10.0
 DRIVE_ENDS_S = 10.0  # after the last command
 
 
@@ -50,6 +51,7 @@ class Trail:
         self._refusals_at_s = 0.0
         self._drives: dict[str, _Drive] = {}
         self._troubled = False
+        self._room, self._room_at_s, self._left_out = float(LINES_AT_ONCE), time.monotonic(), 0
         if path is None:
             return
         try:
@@ -71,7 +73,7 @@ class Trail:
     def write(self, event: str, /, **words: Any) -> None:
         """Add a line; one with `durable` is on disk when this returns."""
         durable = words.pop("durable", False)
-        if self._file < 0:
+        if self._file < 0 or not self._has_room(event, durable=durable):
             return
         self.top, line = _line({"at": round(time.time(), 3), "event": event, **words}, self.top)
         try:
@@ -83,6 +85,22 @@ class Trail:
             if not self._troubled:
                 log.error("%s: %s; the trail is not complete", self._path, error.strerror)  # noqa: TRY400
             self._troubled = True
+
+    def _has_room(self, event: str, *, durable: bool) -> bool:
+        """Return whether a line may be written: a visitor that comes and goes without end shall not fill the disk."""
+        now_s = time.monotonic()
+        self._room = min(float(LINES_AT_ONCE), self._room + (now_s - self._room_at_s) * LINES_PER_S)
+        self._room_at_s = now_s
+        if durable:
+            return True
+        if self._room < 1:
+            self._left_out += 1
+            return False
+        self._room -= 1
+        if self._left_out and event != "left_out":
+            count, self._left_out = self._left_out, 0
+            self.write("left_out", lines=count)
+        return True
 
     def drives(self, visitor: int, robot: str, command: str, now_s: float) -> None:
         """Take note of a command that was carried out: a line when a visitor begins, and one when it has ended."""

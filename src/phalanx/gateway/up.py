@@ -13,11 +13,13 @@ from urllib.parse import urlsplit
 from phalanx.config import LinkConfig
 from phalanx.config.front import FrontConfig
 from phalanx.config.session import Assign, SessionConfig
+from phalanx.crypto.jwe import encode_base64url
 from phalanx.errors import UsageError
 from phalanx.io import Login
 from phalanx.io.front import Front
 from phalanx.io.ports import EVERYWHERE, LOOPBACK, at_a_free_port, free_port, lan_address
 from phalanx.io.seats import allow_files
+from phalanx.io.session_store import LinkKeys
 from phalanx.io.site import beside
 from phalanx.robot import Swarm
 from phalanx.robot.on_mission import OnMission
@@ -115,13 +117,13 @@ async def up(
     token = options.operator_token or secrets.token_hex(16)
     allow_files(MANY_FILES)
     async with contextlib.AsyncExitStack() as stack:
-        front = await _front(options, stack)
+        kept: Kept = stack.enter_context(kept_in(options.state, may_be_taken=options.state_may_be_taken))
+        front = await _front(options, stack, kept.keys)
         page_url = options.page_at(front.port)
         shared: SharedCode | None = None
         if options.qrkey:
             ws_host = LOOPBACK if options.host in (LOOPBACK, "localhost") else options.host
             shared = await stack.enter_async_context(shared_code(options, page_url, options.advertised, ws_host))
-        kept: Kept = stack.enter_context(kept_in(options.state, may_be_taken=options.state_may_be_taken))
         robots = swarm()
         link = SessionLink(
             front,
@@ -131,6 +133,7 @@ async def up(
             kept.trail,
             options.session_config(),
         )
+        stack.push_async_callback(link.close)
         running = Running(options, page_url, link, robots, say, shared)
         if running.was_held:
             log.warning("all robots stay stopped, as before this start; hint: go and Enter, or the operator's page")
@@ -154,14 +157,23 @@ async def up(
             await running.run()
 
 
-async def _front(options: UpOptions, stack: contextlib.AsyncExitStack) -> Front:
+async def _front(options: UpOptions, stack: contextlib.AsyncExitStack, keys: LinkKeys) -> Front:
     """Start the front end. Raises: PortTaken, Unavailable."""
     preferred = DEFAULT_PORT if options.operator_port != DEFAULT_PORT else 0
 
     async def start() -> Front:
         port = free_port(preferred, options.host) if options.port is None else options.port
         pages = PAGES / "visitor"
-        front = Front(pages, VISITOR_POLICY, options.host, port, FrontConfig(), options.tls, options.behind_proxy)
+        front = Front(
+            pages,
+            VISITOR_POLICY,
+            options.host,
+            port,
+            FrontConfig(),
+            options.tls,
+            options.behind_proxy,
+            encode_base64url(keys.static.public_key().public_bytes_raw()).decode(),
+        )
         return await stack.enter_async_context(front)
 
     return await (at_a_free_port(start) if options.port is None else start())

@@ -30,7 +30,7 @@ from phalanx.link.session.slots import Say, Slots
 from phalanx.link.topics import ADDRESS, NAME
 
 from .session_connection import SessionConnection, SessionOver, websocket_url
-from .session_payloads import check_word, is_address, payload_bytes, wheels
+from .session_payloads import check_nickname, check_word, is_address, payload_bytes, wheels
 
 __all__ = ["Refused", "SessionClient", "SessionOver"]
 
@@ -71,7 +71,8 @@ class SessionClient:
         refusals: refused commands and requests, by reason.
         dropped: updates and notices that nobody read in time.
 
-    Raises: BadInvitation: no such URL. On entering, Unavailable: no server within the time; SessionOver: not admitted.
+    Raises: BadInvitation, UsageError: no such URL, or too long a name. On entering, Unavailable: no server within the
+        time; SessionOver: not admitted.
     Source: docs/spec/session.md.
     """
 
@@ -85,6 +86,7 @@ class SessionClient:
         timeout_s: float = 10.0,
         away_s: float = 60.0,
     ) -> None:
+        check_nickname(name)
         invitation = parse_invitation(url)
         if invitation.broker:
             raise BadInvitation("it names a broker, and this client has a websocket only")
@@ -141,7 +143,7 @@ class SessionClient:
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
     async def leave(self) -> None:
-        """End the session; the secret in the file, if there is one, still resumes it."""
+        """End the session; the secret in the file still resumes it."""
         await self._connection.leave()
 
     # --- requests ----------------------------------------------------------------------------------------------------
@@ -197,15 +199,24 @@ class SessionClient:
 
     # --- commands ----------------------------------------------------------------------------------------------------
 
-    async def command(self, robot: str, name: str, payload: Any, *, stop: bool = False) -> None:
-        """Command a robot, by its address. Nothing confirms it; a refusal is counted in `refusals`.
+    async def command(
+        self, robot: str, name: str, payload: Any, *, stop: bool = False, refused_within_s: float = 0.0
+    ) -> None:
+        """Command a robot, by its address. Nothing confirms it: a refusal is awaited so long, else only counted.
 
-        Raises: SessionOver; Unavailable: the connection is lost now; UsageError: not JSON, too long, or no address.
+        Raises: Refused; SessionOver; Unavailable: the connection is lost; UsageError: not JSON, too long, no address.
         """
-        await self._say(self._command(robot, name, payload, stop=stop), robot, stop=stop)
+        say = self._command(robot, name, payload, stop=stop)
+        refused = self._next_refusal()
+        try:
+            await self._say(say, robot, stop=stop)
+            if refused_within_s and (await asyncio.wait((refused,), timeout=refused_within_s))[0]:
+                raise Refused(f"{name} for {robot}", refused.result())
+        finally:
+            self._forget(refused)
 
-    async def drive(self, robot: str, left_pct: float, right_pct: float, for_s: float = 1.0) -> None:
-        """Drive a robot for a time, and stop it; end early if `stop` or another `drive` is called meanwhile.
+    async def drive(self, robot: str, left_pct: float, right_pct: float, for_s: float = 1.0) -> bool:
+        """Drive a robot for a time, and stop it; return false, and early, if `stop` or another `drive` took over.
 
         Raises: Refused; else as `command`.
         """
@@ -224,6 +235,7 @@ class SessionClient:
                     if refused.result() not in STILL_DRIVES:
                         raise Refused(f"driving {robot}", refused.result())
                     refused = self._next_refusal()
+            return self._driving is say
         finally:
             self._forget(refused)
             if self._driving is say:
@@ -233,19 +245,13 @@ class SessionClient:
     async def route(self, robot: str, points_mm: Sequence[tuple[float, float]], threshold_mm: float = 100.0) -> None:
         """Send a robot along points, each reached within the threshold. Raises: Refused; else as `command`."""
         points = [{"x": x, "y": y, "z": 0} for x, y in points_mm]
-        refused = self._next_refusal()
-        try:
-            await self.command(robot, "waypoints", {"threshold": threshold_mm, "waypoints": points})
-            done, _ = await asyncio.wait((refused,), timeout=REFUSED_WITHIN_S)
-            if done:
-                raise Refused(f"a route for {robot}", refused.result())
-        finally:
-            self._forget(refused)
+        payload = {"threshold": threshold_mm, "waypoints": points}
+        await self.command(robot, "waypoints", payload, refused_within_s=REFUSED_WITHIN_S)
 
-    async def stop(self, robot: str) -> None:
+    async def stop(self, robot: str, *, refused_within_s: float = 0.0) -> None:
         """Stop a robot: never late, and before all else that waits to be sent. Raises: as `command`."""
         self._driving = self._slots.steady = None
-        await self.command(robot, "move_raw", wheels(0, 0), stop=True)
+        await self.command(robot, "move_raw", wheels(0, 0), stop=True, refused_within_s=refused_within_s)
 
     def _command(self, robot: str, name: str, payload: Any, *, stop: bool = False) -> Say:
         check_word(ADDRESS, robot, "a robot's address")
@@ -263,7 +269,7 @@ class SessionClient:
 
     @property
     def _is_paced(self) -> bool:
-        return self.standing is not None and bool(self.standing.robot)
+        return bool(self.standing and self.standing.robot)
 
     async def _say(self, say: Say, robot: str = "", *, stop: bool = False) -> None:
         """Send at once, or in a slot while there are slots; return when it is sent."""
@@ -354,9 +360,8 @@ class SessionClient:
     def _on_lost(self) -> None:
         self._has_seen, self.standing = False, None
         self._slots.clear()
-        for each in list(self._pending):
-            if not each.done():
-                each.set_exception(self._connection.failure or Unavailable(*LOST))
+        for each in [each for each in self._pending if not each.done()]:
+            each.set_exception(self._connection.failure or Unavailable(*LOST))
         self._notify()
 
     def _answer(self, number: int, said: bytes | Reason) -> None:

@@ -10,6 +10,7 @@ from phalanx.link.envelope import encode_json
 from phalanx.link.topics import ADDRESS
 
 LONGEST = 16_000  # bytes of a payload: a record to the server has at most 16 KiB, with names and padding
+NAME_BYTES = 255
 
 
 def payload_bytes(payload: Any) -> bytes:
@@ -37,3 +38,9 @@ def check_word(grammar: re.Pattern[str], word: str, what: str) -> None:
     """Raise UsageError if a word that is to be sent does not follow its grammar."""
     if not grammar.fullmatch(word):
         raise UsageError(f"not {what}: {word[:80]!r}", "letters and digits, - and _, 64 at most")
+
+
+def check_nickname(name: str) -> None:
+    """Raise UsageError if a nickname does not fit the first message. The server shortens it further."""
+    if not 0 <= len(name.encode(errors="replace")) <= NAME_BYTES or not name.isprintable():
+        raise UsageError("not a nickname", f"{NAME_BYTES} bytes at most, on one line")

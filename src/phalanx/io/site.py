@@ -92,10 +92,8 @@ class Site:
             return response
 
         self.app = web.Application(middlewares=[check], client_max_size=longest)
-        self.app.router.add_get("/", self._index)
         self._add_routes()
-        if self._folder.is_dir():
-            self.app.router.add_static("/", self._folder)
+        self._add_files(folder)
         limits: dict[str, Any] = {
             "max_line_size": LINE_BYTES,
             "max_field_size": LINE_BYTES,
@@ -107,6 +105,11 @@ class Site:
 
     def _add_routes(self) -> None:
         """Routes that come before the page's files."""
+
+    def _add_files(self, folder: Path) -> None:
+        self.app.router.add_get("/", self._index)
+        if folder.is_dir():
+            self.app.router.add_static("/", folder)
 
     async def _pace(self, request: web.Request) -> None:
         """Wait until a request may be answered. Raises: HTTPException: it may not."""

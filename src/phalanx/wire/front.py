@@ -17,7 +17,7 @@ FRONT_HEAD = record(
     "front_head: before each message between a front end and its gateway",
     "length u32: of what follows, bytes",
     "kind u8: see FromFront and ToFront",
-    "number u32: of a connection; for `publish` how many numbers follow; for `taken` of messages",
+    "number u32: of a connection; for `publish` and `taken` how many numbers follow",
 )
 
 
@@ -37,17 +37,17 @@ class ToFront(IntEnum):
     PUBLISH = 66  # numbers of connections, and a message for all of them
     CLOSE = 67  # a reason, ASCII
     ADMITTED = 68
-    TAKEN = 69  # so many messages, as the number says, were processed
+    TAKEN = 69  # so many messages were processed; for each, in their order, how long that took in µs
     PROBE = 70
 
 
 def pack_numbers(numbers: Sequence[int]) -> bytes:
-    """Return the bytes of connection numbers."""
+    """Return the bytes of numbers."""
     return struct.pack(f"<{len(numbers)}I", *numbers)
 
 
 def unpack_numbers(raw: bytes, count: int) -> tuple[tuple[int, ...], bytes]:
-    """Return `count` connection numbers, and the bytes behind them. Raises: MalformedRecord: there are fewer."""
+    """Return `count` numbers, and the bytes behind them. Raises: MalformedRecord: there are fewer."""
     size = 4 * count
     if len(raw) < size:
         raise MalformedRecord(f"{count} numbers in {len(raw)} bytes")

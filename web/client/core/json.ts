@@ -13,17 +13,21 @@ const DEEPEST = 200;
 // ignoreBOM keeps the mark in the text, where JSON.parse refuses it, as other languages' parsers do.
 const utf8 = new TextDecoder("utf-8", { fatal: true, ignoreBOM: true });
 
-/** The object in `plaintext`. @throws MalformedEnvelope: not UTF-8, not JSON, nested too deep, not an object. */
-export function parseObject(plaintext: Uint8Array): JsonObject {
-  let value: Json;
+/** The value in `plaintext`. @throws MalformedEnvelope: not UTF-8, not JSON, nested too deep. */
+export function parseJson(plaintext: Uint8Array): Json {
   try {
     const text = utf8.decode(plaintext);
     refuseDepthAndTwins(text);
-    value = JSON.parse(text) as Json;
+    return JSON.parse(text) as Json;
   } catch {
     // JSON.parse quotes what it read: that message must not travel on.
     throw new MalformedEnvelope("not JSON");
   }
+}
+
+/** The object in `plaintext`. @throws MalformedEnvelope: as above, or not an object. */
+export function parseObject(plaintext: Uint8Array): JsonObject {
+  const value = parseJson(plaintext);
   if (!isObject(value)) throw new MalformedEnvelope("not a JSON object");
   return value;
 }

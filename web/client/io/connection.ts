@@ -7,16 +7,12 @@ import mqtt, { type MqttClient } from "mqtt";
 import { UsageError } from "../core/errors";
 import type { Json, JsonObject } from "../core/json";
 import { IV_BYTES } from "../core/jwe";
-import { Link, type LinkEvent, type Moved, type Outgoing } from "../core/link";
+import { Link, type Moved, type Outgoing } from "../core/link";
 import type { Invitation } from "../core/qrurl";
+import { REQUEST_AREA } from "../swarm";
+import { NO_VISIT, type Visit } from "../visit";
 import type { BrokerState } from "../watch";
-
-export type ConnectionEvent = LinkEvent | { readonly kind: "broker"; readonly state: BrokerState };
-
-/** No answer: the broker is away, the swarm did not answer in time, or the connection was closed. */
-export class Unanswered extends Error {
-  override readonly name = "Unanswered";
-}
+import { type Transport, type TransportEvent, Unanswered } from "./transport";
 
 interface Waiting {
   readonly request: number;
@@ -32,11 +28,12 @@ const inBrowser = typeof window !== "undefined";
 /** Reasons of a CONNACK, of MQTT 3.1.1 and of MQTT 5: a bad name or password, and not allowed. */
 const LOGIN_REFUSED: readonly unknown[] = [4, 5, 134, 135];
 
-export class Connection {
+export class Connection implements Transport {
+  readonly isPaced = false;
   readonly clientId = `phalanx_${bytesToHex(randomBytes(8))}`;
   readonly #link: Link;
   readonly #mqtt: MqttClient;
-  readonly #listeners = new Set<(event: ConnectionEvent) => void>();
+  readonly #listeners = new Set<(event: TransportEvent) => void>();
   readonly #waiting = new Set<Waiting>();
   #state: BrokerState = "connecting";
   #refused = false;
@@ -85,6 +82,14 @@ export class Connection {
     this.#mqtt.on("message", (topic, bytes) => this.#receive(topic, bytes));
   }
 
+  get name(): string {
+    return this.clientId.slice(-6);
+  }
+
+  get visit(): Visit {
+    return NO_VISIT;
+  }
+
   get state(): BrokerState {
     return this.#state;
   }
@@ -100,7 +105,7 @@ export class Connection {
   }
 
   /** Be told of everything that happens; the result ends it. */
-  listen(listener: (event: ConnectionEvent) => void): () => void {
+  listen(listener: (event: TransportEvent) => void): () => void {
     this.#listeners.add(listener);
     return () => this.#listeners.delete(listener);
   }
@@ -134,10 +139,20 @@ export class Connection {
     });
   }
 
-  /** Ask when the page is being closed, and no answer is wanted: what mqtt.js sends a moment later would never leave. */
-  lastRequest(request: number, more: JsonObject): void {
+  wake(): void {
+    // mqtt.js goes on trying by itself.
+  }
+
+  hide(): void {
+    // Nothing waits.
+  }
+
+  /** Say that nobody is here any more; whoever asks something again has come back. */
+  leave(): void {
     if (!this.#mqtt.connected) return;
-    const { topic, bytes } = this.#link.request(request, more, now_s(), randomBytes(IV_BYTES));
+    const more = { frames: true, leaving: true };
+    const { topic, bytes } = this.#link.request(REQUEST_AREA, more, now_s(), randomBytes(IV_BYTES));
+    // What mqtt.js sends a moment later would never leave.
     this.#socket?.send(publishPacket(topic, bytes, this.#mqtt.options.protocolVersion === 5));
   }
 
@@ -194,7 +209,7 @@ export class Connection {
     this.#emit({ kind: "broker", state });
   }
 
-  #emit(event: ConnectionEvent): void {
+  #emit(event: TransportEvent): void {
     for (const listener of this.#listeners) listener(event);
   }
 }

@@ -1,8 +1,6 @@
 // A connection that keeps the swarm's state: it asks when it must, and tells listeners when something changed.
 
 import type { Json, JsonObject } from "../core/json";
-import type { Pin } from "../core/pin";
-import type { Invitation } from "../core/qrurl";
 import { Lately } from "../lately";
 import {
   NO_SWARM,
@@ -14,13 +12,16 @@ import {
   type SwarmAction,
   swarmReducer,
 } from "../swarm";
+import { NO_VISIT, type Visit } from "../visit";
 import { type Health, Watch } from "../watch";
-import { Connection, type ConnectionEvent } from "./connection";
+import type { Transport, TransportEvent } from "./transport";
 
 /** What there is to know. A new object whenever something in it changed. */
 export interface SwarmView {
   readonly swarm: Swarm;
   readonly health: Health;
+  /** Of a session; else it says nothing. */
+  readonly visit: Visit;
 }
 
 /** Whatever keeps a swarm's state up to date. */
@@ -38,25 +39,26 @@ const WALLS_AGAIN_MS = 5000;
 // What was on its way when the network went comes within so long.
 const NETWORK_LAG_MS = 2000;
 
-export class SwarmLink implements SwarmSource {
-  readonly connection: Connection;
+export class SwarmLink<T extends Transport = Transport> implements SwarmSource {
+  readonly transport: T;
   readonly #watch = new Watch(performance.now());
   readonly #lately = new Lately();
   readonly #listeners = new Set<() => void>();
   readonly #ticking: ReturnType<typeof setInterval>;
-  readonly #onMoved: (pin: Pin) => void;
   #waking: ReturnType<typeof setTimeout> | undefined;
   #heardAt_ms = 0;
   #networkAt_ms = performance.now(); // when the device last said that it has one
   #needsNoNetwork = false;
   #wallsAskedAt_ms = Number.NEGATIVE_INFINITY;
-  #view: SwarmView = { swarm: NO_SWARM, health: { state: "connecting", broker: "away" } };
+  #view: SwarmView = { swarm: NO_SWARM, health: { state: "connecting", broker: "away" }, visit: NO_VISIT };
 
-  /** @param onMoved told of every new pin, so that it can be kept for a reload. */
-  constructor(to: Invitation, onMoved: (pin: Pin) => void = () => {}) {
-    this.#onMoved = onMoved;
-    this.connection = new Connection(to);
-    this.connection.listen((event) => this.#on(event));
+  /** Closes the transport with itself. */
+  constructor(transport: T) {
+    this.transport = transport;
+    transport.listen((event) => this.#on(event));
+    // What has happened before somebody listened.
+    this.#on({ kind: "visit", visit: transport.visit });
+    if (transport.state !== "connecting") this.#on({ kind: "broker", state: transport.state });
     this.#ticking = setInterval(() => this.#tick(), TICK_MS);
   }
 
@@ -66,7 +68,7 @@ export class SwarmLink implements SwarmSource {
 
   /** What the gateway tells other visitors of us, when we drive. */
   get name(): string {
-    return this.connection.clientId.slice(-6);
+    return this.transport.name;
   }
 
   subscribe(listener: () => void): () => void {
@@ -77,7 +79,7 @@ export class SwarmLink implements SwarmSource {
   /** Send one robot a command, unless the broker is away: then false, and nothing is kept for later. */
   command(address: string, name: string, payload: unknown): boolean {
     const application = this.#view.swarm.robots.get(address)?.application ?? "0";
-    const sent = this.connection.command(address, application, name, payload);
+    const sent = this.transport.command(address, application, name, payload);
     if (sent && name === "clear_position_history") this.#reduce({ kind: "history_cleared", address });
     return sent;
   }
@@ -85,7 +87,7 @@ export class SwarmLink implements SwarmSource {
   /** The data of the answer. @throws Unanswered (the promise) */
   request(request: number, more: JsonObject = {}, timeout_ms?: number): Promise<Json> {
     // Without the word a gateway would take us for an older page, and begin to notify every robot by itself.
-    return this.connection.request(request, { frames: true, ...more }, timeout_ms);
+    return this.transport.request(request, { frames: true, ...more }, timeout_ms);
   }
 
   /**
@@ -94,30 +96,39 @@ export class SwarmLink implements SwarmSource {
    * A connection that died meanwhile can look alive until the next keepalive, up to 90 s; silence now is taken for that.
    */
   wake(): void {
+    this.transport.wake();
     const woke_ms = performance.now();
     this.#watch.missed(woke_ms, 0);
     clearTimeout(this.#waking);
     this.#waking = setTimeout(() => {
-      if (this.#heardAt_ms < woke_ms) this.connection.restart();
+      if (this.#heardAt_ms < woke_ms) this.transport.restart();
     }, WAKE_MS);
   }
 
-  /** Say that nobody is here any more; whoever asks something again has come back. */
+  /** The page is not seen any more, and may be frozen at once. */
+  hide(): void {
+    this.transport.hide();
+  }
+
+  /** The page is being closed. */
   leave(): void {
-    this.connection.lastRequest(REQUEST_AREA, { frames: true, leaving: true });
+    this.transport.leave();
   }
 
   close(): void {
     clearInterval(this.#ticking);
     clearTimeout(this.#waking);
     this.#listeners.clear();
-    this.connection.close();
+    this.transport.close();
   }
 
-  #on(event: ConnectionEvent): void {
+  #on(event: TransportEvent): void {
     const now_ms = performance.now();
-    if (event.kind !== "broker") this.#heardAt_ms = now_ms;
+    if (event.kind !== "broker" && event.kind !== "visit") this.#heardAt_ms = now_ms;
     switch (event.kind) {
+      case "visit":
+        this.#show({ ...this.#view, visit: event.visit });
+        return;
       case "broker":
         this.#watch.broker(event.state, now_ms, Math.random());
         if (event.state === "online") this.#reduce({ kind: "reconnected" });
@@ -131,7 +142,6 @@ export class SwarmLink implements SwarmSource {
         this.#watch.heard(now_ms);
         // Whatever the swarm said between our leaving the old topics and reaching the new ones.
         this.#watch.missed(now_ms, Math.random());
-        this.#onMoved(this.connection.pin);
         return;
       case "part":
         this.#watch.heard(now_ms);

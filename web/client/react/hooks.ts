@@ -1,46 +1,66 @@
 // The link as React hooks.
 
-import { useCallback, useEffect, useRef, useState, useSyncExternalStore } from "react";
+import { useCallback, useEffect, useState, useSyncExternalStore } from "react";
 import type { Json, JsonObject } from "../core/json";
-import type { Pin } from "../core/pin";
-import type { Invitation } from "../core/qrurl";
 import { SwarmLink, type SwarmSource, type SwarmView } from "../io/swarm_link";
+import type { Transport } from "../io/transport";
 import { NO_SWARM } from "../swarm";
+import { NO_VISIT } from "../visit";
 
-const NOTHING: SwarmView = { swarm: NO_SWARM, health: { state: "connecting", broker: "away" } };
+const NOTHING: SwarmView = { swarm: NO_SWARM, health: { state: "connecting", broker: "away" }, visit: NO_VISIT };
+
+const OPEN_AGAIN_MS = 2000;
 
 /**
- * A link to the swarm of `to`, for as long as the component lives; another object opens another link.
+ * A link over the transport that `open` makes, for as long as the component lives; another function opens another link.
  *
- * @param to keep its identity while it means the same (useState, useMemo); undefined for no link.
- * @param onMoved told of every new pin.
+ * @param open keep its identity while it means the same (useState, useMemo); undefined for no link.
  */
-export function useLink(to: Invitation | undefined, onMoved?: (pin: Pin) => void): SwarmLink | undefined {
-  const [link, setLink] = useState<SwarmLink>();
-  const moved = useRef(onMoved);
+export function useLink<T extends Transport>(open: (() => T | Promise<T>) | undefined): SwarmLink<T> | undefined {
+  const [transport, setTransport] = useState<T>();
   useEffect(() => {
-    moved.current = onMoved;
-  });
-  useEffect(() => {
-    if (!to) return;
-    const opened = new SwarmLink(to, (pin) => moved.current?.(pin));
-    setLink(opened);
-    const wakeIfShown = () => {
-      if (document.visibilityState === "visible") opened.wake();
+    if (!open) return;
+    let isOver = false;
+    let again: ReturnType<typeof setTimeout> | undefined;
+    const tryOpening = () => {
+      Promise.resolve(open()).then(
+        (opened) => (isOver ? opened.close() : setTransport(() => opened)),
+        // A part of the page that is loaded when it is needed did not arrive.
+        () => {
+          if (!isOver) again = setTimeout(tryOpening, OPEN_AGAIN_MS);
+        },
+      );
     };
+    tryOpening();
+    return () => {
+      isOver = true;
+      clearTimeout(again);
+      setTransport(undefined);
+    };
+  }, [open]);
+  return useSwarmLink(transport);
+}
+
+function useSwarmLink<T extends Transport>(transport: T | undefined): SwarmLink<T> | undefined {
+  const [link, setLink] = useState<SwarmLink<T>>();
+  useEffect(() => {
+    if (!transport) return;
+    const opened = new SwarmLink(transport);
+    setLink(opened);
+    const follow = () => (document.visibilityState === "visible" ? opened.wake() : opened.hide());
     const wake = () => opened.wake();
     const leave = () => opened.leave();
-    document.addEventListener("visibilitychange", wakeIfShown);
+    document.addEventListener("visibilitychange", follow);
     window.addEventListener("online", wake);
     window.addEventListener("pagehide", leave);
     return () => {
-      document.removeEventListener("visibilitychange", wakeIfShown);
+      document.removeEventListener("visibilitychange", follow);
       window.removeEventListener("online", wake);
       window.removeEventListener("pagehide", leave);
       opened.close();
       setLink(undefined);
     };
-  }, [to]);
+  }, [transport]);
   return link;
 }
 

@@ -3,3 +3,4 @@ export { direct, fragmentOf, type Invitation, parseInvitation, parseRoomCode } f
 export type { Role, Standing } from "./messages";
 export { type Kind, Secret } from "./secret";
 export { Session, type SessionEvent } from "./session";
+export { type Command, SLOT_MS, Slots } from "./slots";

@@ -151,6 +151,12 @@ export class Session {
     return { number, event: this.#send(LINK_REQUEST.encode({ number, name: utf8ToBytes(name), payload }), now_ms) };
   }
 
+  /** A record that says nothing, as large as a command. @throws UsageError: not joined. */
+  alive(now_ms: number): SessionEvent {
+    this.#ready();
+    return this.#send(ALIVE.encode({}), now_ms);
+  }
+
   /** Say that a secret is stored, so that the one before may die. @throws UsageError: not joined. */
   stored(secret: Secret, now_ms: number): SessionEvent {
     this.#ready();

@@ -4,6 +4,7 @@ import { type ChildProcess, spawn } from "node:child_process";
 import { createInterface } from "node:readline";
 import { afterAll, afterEach, beforeAll, describe, expect, test, vi } from "vitest";
 import { type Invitation, Pin, qrFragment, SwarmLink, Unanswered } from "../../client";
+import { Connection } from "../../client/io/connection";
 import { Broker, freePort, haveBroker } from "./broker";
 import { FakeSwarm } from "./fake_swarm";
 
@@ -36,13 +37,15 @@ describe.skipIf(!haveBroker)("over a real broker", () => {
     return made;
   }
 
-  function join(invitation = to(), onMoved?: (pin: Pin) => void): SwarmLink {
-    const link = new SwarmLink(invitation, onMoved);
+  function join(invitation = to(), onMoved?: (pin: Pin) => void): SwarmLink<Connection> {
+    const connection = new Connection(invitation);
+    connection.listen(({ kind }) => kind === "moved" && onMoved?.(connection.pin));
+    const link = new SwarmLink(connection);
     opened.push(link);
     return link;
   }
 
-  const live = (link: SwarmLink, robots = 3) =>
+  const live = (link: SwarmLink<Connection>, robots = 3) =>
     vi.waitFor(() => {
       expect(link.view.health.state).toBe("live");
       expect(link.view.swarm.robots.size).toBe(robots);
@@ -119,7 +122,7 @@ describe.skipIf(!haveBroker)("over a real broker", () => {
     await vi.waitFor(() => expect(fake.requests.length).toBeGreaterThan(asked));
     fake.mute = true;
     const states: string[] = [];
-    link.connection.listen((event) => event.kind === "broker" && states.push(event.state));
+    link.transport.listen((event) => event.kind === "broker" && states.push(event.state));
     // What was said before has to be through.
     await new Promise((resolve) => setTimeout(resolve, 600));
     link.wake();
@@ -136,7 +139,7 @@ describe.skipIf(!haveBroker)("over a real broker", () => {
     await vi.waitFor(() => expect(link.view.health).toEqual({ state: "clock", skew_s: 45 }), 5000);
     fake.clock_s = 0;
     await vi.waitFor(() => expect(link.view.health.state).toBe("live"), 3000);
-    expect(link.connection.rejected.get("stale")).toBeGreaterThan(2);
+    expect(link.transport.rejected.get("stale")).toBeGreaterThan(2);
   });
 
   test("a replayed notification is refused", async () => {
@@ -147,7 +150,7 @@ describe.skipIf(!haveBroker)("over a real broker", () => {
     await vi.waitFor(() => expect(link.view.swarm.missed).toBeGreaterThan(0));
     const { missed } = link.view.swarm;
     fake.repeat("notify", bytes);
-    await vi.waitFor(() => expect(link.connection.rejected.get("replayed")).toBe(1));
+    await vi.waitFor(() => expect(link.transport.rejected.get("replayed")).toBe(1));
     expect(link.view.swarm.missed).toBe(missed);
   });
 

@@ -61,7 +61,7 @@ class Arrivals:
         self._behind_proxy = behind_proxy
         now_s = time.monotonic()
         own = Paces(limits.arrivals_per_s_per_address, limits.arrivals_at_once_per_address)
-        self._turns: Turns[Arrival] = Turns(
+        self.turns: Turns[Arrival] = Turns(
             self._serve,
             Arrival.leave,
             Pace(limits.arrivals_per_s, ARRIVALS_AT_ONCE, now_s),
@@ -78,16 +78,12 @@ class Arrivals:
         self._listening.append(listening)
         self._watch(listening)
 
-    def sweep(self, now_s: float) -> None:
-        """Forget addresses; call it about once a second."""
-        self._turns.forget(now_s)
-
     def close(self) -> None:
         """Accept no longer."""
         for listening in self._listening:
             asyncio.get_running_loop().remove_reader(listening)
         self._listening.clear()
-        self._turns.close()
+        self.turns.close()
         for task in self._tasks:
             task.cancel()
 
@@ -116,7 +112,7 @@ class Arrivals:
             self._accepts.use()
             sock.setblocking(False)
             address = "" if self._behind_proxy else place_of(peer[0] if peer else "")
-            self._turns.add(address, Arrival(sock, address, now_s + self._limits.head_s))
+            self.turns.add(address, Arrival(sock, address, now_s + self._limits.head_s))
 
     def _serve(self, arrival: Arrival) -> None:
         arrival.until_s = time.monotonic() + self._limits.head_s

@@ -10,6 +10,7 @@ import contextlib
 import json
 import logging
 import socket
+import time
 from collections import deque
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import asdict, dataclass
@@ -33,6 +34,7 @@ REASON_BYTES = 64
 # A front end that takes nothing: updates are dropped first, then it is started again.
 UNSENT_UPDATES_BYTES = 1024 * 1024
 UNSENT_BYTES = 32 * 1024 * 1024
+LONGEST_US = 1_000_000  # that a message counts for: who debugs a gateway stops it for minutes
 IF_TAKEN = "another program has it; choose another with --port, or --port 0 for any"
 
 
@@ -74,6 +76,7 @@ class Front:
         policy: its Content-Security-Policy.
         tls: certificate and key, PEM; else plain http.
         behind_proxy: the last entry of X-Forwarded-For is a client's address.
+        key: the swarm's public key, as the page asks for it at `/link-key`.
     """
 
     def __init__(
@@ -85,12 +88,13 @@ class Front:
         limits: FrontConfig,
         tls: tuple[Path, Path] | None = None,
         behind_proxy: bool = False,
+        key: str = "",
     ) -> None:
         self.port = port
         self.restarts = -1
         self._host = host
         self._limits = limits
-        self._words = (str(pages), policy, json.dumps(asdict(limits)), json.dumps(bool(behind_proxy)))
+        self._words = (str(pages), policy, json.dumps(asdict(limits)), json.dumps(bool(behind_proxy)), key)
         self._tls = tuple(map(str, tls or ()))
         self._pipe: Pipe | None = None
         self._listening: socket.socket | None = None
@@ -100,7 +104,7 @@ class Front:
         self._in_flight = 0
         self._events: deque[Event] = deque()
         self._wakes = asyncio.Event()
-        self._taken = 0
+        self._taken_us: list[int] = []
         self._alive: asyncio.Future[None] | None = None
         self._over = False
         self._stack = contextlib.AsyncExitStack()
@@ -133,9 +137,10 @@ class Front:
                 if type(event) is not Received:
                     yield event
                     continue
+                began_s = time.monotonic()
                 if event.connection not in self._ending:
                     yield event
-                self._take(event.connection)
+                self._take(event.connection, time.monotonic() - began_s)
             self._wakes.clear()
             if not self._over:
                 await self._wakes.wait()
@@ -219,7 +224,7 @@ class Front:
         self._open.clear()
         self._ending.clear()
         self._before, self._in_flight = self._highest, 0
-        self._taken = 0
+        self._taken_us.clear()
 
     # --- messages ----------------------------------------------------------------------------------------------------
 
@@ -264,15 +269,15 @@ class Front:
                 log.warning("the front end does not take what it is sent; starting it again")
                 self._pipe.close()
 
-    def _take(self, connection: int) -> None:
+    def _take(self, connection: int, took_s: float) -> None:
         if connection <= self._before:
             return  # of a child that has ended
-        if not self._taken:
+        if not self._taken_us:
             asyncio.get_running_loop().call_soon(self._flush_taken)
-        self._taken += 1
+        self._taken_us.append(min(int(took_s * 1e6), LONGEST_US))
 
     def _flush_taken(self) -> None:
-        if self._taken:
-            self._in_flight -= self._taken
-            self._put(ToFront.TAKEN, self._taken)
-            self._taken = 0
+        if self._taken_us:
+            self._in_flight -= len(self._taken_us)
+            self._put(ToFront.TAKEN, len(self._taken_us), pack_numbers(self._taken_us))
+            self._taken_us.clear()

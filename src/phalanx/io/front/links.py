@@ -28,14 +28,21 @@ class Links:
 
     Args:
         first: number of the first one.
-        know: called with the connection of each that is admitted.
+        on_admitted: called with the connection of each that is admitted.
+        on_refused: called with the address of each that the gateway refuses.
     """
 
     def __init__(
-        self, limits: FrontConfig, newcomers: Newcomers, first: int, know: Callable[[Connection], None]
+        self,
+        limits: FrontConfig,
+        newcomers: Newcomers,
+        first: int,
+        on_admitted: Callable[[Connection], None],
+        on_refused: Callable[[str], None],
     ) -> None:
         self.pipe: Pipe | None = None
-        self._limits, self._newcomers, self._know = limits, newcomers, know
+        self._limits, self._newcomers, self._on_admitted = limits, newcomers, on_admitted
+        self._on_refused = on_refused
         self._next = first
         self._links: dict[int, Link] = {}  # that the gateway knows
         self._window: Window[Link] = Window(limits, self._pass_on, time.monotonic())
@@ -100,6 +107,7 @@ class Links:
         link.data = b""
 
     def _drop(self, link: Link) -> None:
+        link.is_closing = True  # a message that waits for its rate must not follow
         self._window.drop(link)
         self._newcomers.remove(link)
         if self._links.pop(link.number, None) and self.pipe:
@@ -117,7 +125,7 @@ class Links:
                     if reader := self._links.get(each):
                         reader.update(frame)
             case ToFront.TAKEN:
-                self._window.taken(number)
+                self._window.taken(unpack_numbers(content, number)[0])
             case ToFront.PROBE:
                 assert self.pipe is not None
                 self.pipe.send(FromFront.ALIVE)
@@ -130,12 +138,14 @@ class Links:
             case ToFront.SEND:
                 link.send(content, now_s)
                 self._window.answered(link)
-            case ToFront.ADMITTED:
+            case ToFront.ADMITTED if not link.is_admitted:
                 link.is_admitted = True
                 self._newcomers.remove(link)
-                self._know(link.connection)
+                self._on_admitted(link.connection)
                 self._window.answered(link)
             case ToFront.CLOSE:
+                if not link.is_admitted:
+                    self._on_refused(link.address)
                 self._window.drop(link)
                 self._newcomers.remove(link)
                 link.end(content, now_s)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Protocol
 
 from phalanx.config.front import FrontConfig
@@ -23,10 +23,13 @@ class Newcomers:
     """Unfinished handshakes. One too many closes the oldest of its address, or of the address that has most.
 
     Refusing the one that comes would lock honest visitors out.
+
+    Args:
+        on_silent: called with the address of each that is closed because it went no further.
     """
 
-    def __init__(self, limits: FrontConfig) -> None:
-        self._limits = limits
+    def __init__(self, limits: FrontConfig, on_silent: Callable[[str], None]) -> None:
+        self._limits, self._on_silent = limits, on_silent
         self._rows: Rows[Newcomer] = Rows()
         self._addresses: dict[Newcomer, str] = {}
 
@@ -55,10 +58,12 @@ class Newcomers:
     def sweep(self, now_s: float) -> None:
         """Close those whose time is over."""
         for newcomer in [each for each in self if each.until_s <= now_s]:
-            self.remove(newcomer)
-            newcomer.leave()
+            self._close(newcomer)
 
     def _close_oldest(self, address: str) -> None:
-        oldest = self._rows.oldest(address)
-        self.remove(oldest)
-        oldest.leave()
+        self._close(self._rows.oldest(address))
+
+    def _close(self, newcomer: Newcomer) -> None:
+        self._on_silent(self._addresses[newcomer])
+        self.remove(newcomer)
+        newcomer.leave()

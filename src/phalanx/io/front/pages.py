@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import ipaddress
+import mimetypes
 import socket
 import ssl
 import time
@@ -23,6 +25,7 @@ from .newcomers import Newcomers
 from .turns import Turns
 
 LINK = "/link"
+LINK_KEY = f"{LINK}-key"
 FORWARDED = "X-Forwarded-For"
 SWEEP_S, FORGET_S = 0.25, 1.0
 REQUESTS_AT_ONCE = 32.0
@@ -68,6 +71,22 @@ class FrontConnection(Connection):
         super().connection_lost(error)
 
 
+class InMemory:
+    """Answers with a file's content at the start: a file that is opened for each request costs five times as much."""
+
+    def __init__(self, path: Path) -> None:
+        self._content = path.read_bytes()
+        self._type = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+        self._tag = f'"{hashlib.sha256(self._content).hexdigest()[:32]}"'
+
+    async def __call__(self, request: web.Request) -> web.StreamResponse:
+        """Return the file, or that it has not changed."""
+        headers = {"ETag": self._tag, "Content-Type": self._type}
+        if request.headers.get("If-None-Match") == self._tag:
+            return web.Response(status=304, headers=headers)
+        return web.Response(body=self._content, headers=headers)
+
+
 class FrontSite(Site):
     """The visitors' page, with the websocket."""
 
@@ -81,10 +100,11 @@ class FrontSite(Site):
         *,
         tls: ssl.SSLContext | None = None,
         behind_proxy: bool = False,
+        key: str = "",
     ) -> None:
-        self._limits, self._behind_proxy = limits, behind_proxy
-        self._newcomers = Newcomers(limits)
-        self.links = Links(limits, self._newcomers, first, self._keep)
+        self._limits, self._behind_proxy, self._key = limits, behind_proxy, key
+        self._newcomers = Newcomers(limits, lambda address: self._charge(address, limits.cost_of_silence))
+        self.links = Links(limits, self._newcomers, first, self._admitted, self._refused)
         now_s = time.monotonic()
         self._requests = _queue(
             Pace(limits.requests_per_s, REQUESTS_AT_ONCE, now_s),
@@ -102,9 +122,25 @@ class FrontSite(Site):
 
     def _add_routes(self) -> None:
         self.app.router.add_get(LINK, self._link)
+        self.app.router.add_get(LINK_KEY, self._tell_key)
 
-    def _keep(self, connection: Connection) -> None:
+    def _add_files(self, folder: Path) -> None:
+        for path in folder.rglob("*"):
+            if path.is_file():
+                self.app.router.add_get(f"/{path.relative_to(folder).as_posix()}", InMemory(path))
+        index = folder / "index.html"
+        self.app.router.add_get("/", InMemory(index) if index.is_file() else self._index)
+
+    def _admitted(self, connection: Connection) -> None:
         self._seats.know(connection)
+        self._charge(connection.place, -self._limits.given_back)
+        self._requests.charge(connection.place, -self._limits.given_back)
+
+    def _refused(self, address: str) -> None:
+        self._charge(address, self._limits.cost_of_refusal)
+
+    def _charge(self, address: str, arrivals: float) -> None:
+        (self._forwarded if self._behind_proxy else self._arrivals.turns).charge(address, arrivals)
 
     def _connect(self) -> Connection:
         until_s = time.monotonic() + self._limits.head_s
@@ -141,6 +177,10 @@ class FrontSite(Site):
             connection.move(address)
         return await self.links.serve(request, address)
 
+    async def _tell_key(self, _: web.Request) -> web.Response:
+        # A room code is too short to hold it.
+        return web.Response(text=self._key) if self._key else web.Response(status=404)
+
     def _address(self, request: web.Request) -> str:
         """Return what a client is counted by."""
         if self._behind_proxy:
@@ -160,9 +200,8 @@ class FrontSite(Site):
             self.links.sweep(now_s)
             if now_s >= forget_at_s:
                 forget_at_s = now_s + FORGET_S
-                self._arrivals.sweep(now_s)
-                self._requests.forget(now_s)
-                self._forwarded.forget(now_s)
+                for queue in (self._arrivals.turns, self._requests, self._forwarded):
+                    queue.forget(now_s)
 
 
 def _queue(pace: Pace, paces: Paces, limits: FrontConfig) -> Turns[asyncio.Future[bool]]:

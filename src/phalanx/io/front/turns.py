@@ -12,7 +12,8 @@ from phalanx.io.pace import Pace, Paces
 
 Item = TypeVar("Item")
 
-SOONEST_S = 0.005  # between two looks at a queue whose pace is used up
+# Between two looks at a queue whose pace is used up, and at one where each address's own is: that is a longer look.
+SOONEST_S, SOONEST_OWN_S, LATEST_S = 0.005, 0.025, 1.0
 
 
 class Rows(Generic[Item]):
@@ -24,6 +25,9 @@ class Rows(Generic[Item]):
 
     def __len__(self) -> int:
         return self._count
+
+    def __contains__(self, address: str) -> bool:
+        return address in self._of
 
     def __iter__(self) -> Iterator[Item]:
         for row in self._of.values():
@@ -95,6 +99,7 @@ class Turns(Generic[Item]):
         self._most, self._has_room = waiting_max, has_room
         self._rows: Rows[Item] = Rows()
         self._timer: asyncio.TimerHandle | None = None
+        self._all_wait = False  # for their own paces, until the timer
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -104,7 +109,11 @@ class Turns(Generic[Item]):
         self._rows.add(address, item)
         if len(self._rows) > self._most:
             self._refuse(self._rows.pop(self._rows.crowded()))
-        self.run()
+        now_s = time.monotonic()
+        if not self._timer:
+            self.run()
+        elif self._all_wait and self._may(address, now_s) and self._has_room() and not self._pace.wait_s(now_s):
+            self._serve_one(address, now_s)
 
     def remove(self, address: str, item: Item) -> bool:
         """Let an item wait no longer; return whether it did."""
@@ -113,29 +122,25 @@ class Turns(Generic[Item]):
     def run(self) -> None:
         """Serve whose turn it is, as far as pace and room go."""
         if self._timer:
-            return  # the pace is used up until then
+            return
         now_s = time.monotonic()
-        wait_s = 0.0
+        self._all_wait = False
         while self._rows and self._has_room():
-            wait_s = self._pace.wait_s(now_s)
-            if wait_s:
-                break
-            waits_s = []
-            for address in self._rows.addresses():
-                own_s = self._paces.of(address, now_s).wait_s(now_s) if self._paces is not None else 0.0
-                if own_s:
-                    waits_s.append(own_s)
-                    continue
-                self._pace.use()
-                if self._paces is not None:
-                    self._paces.of(address, now_s).use()
-                self._serve(self._rows.pop(address))
-                break
-            else:
-                wait_s = min(waits_s)
-                break
-        if wait_s:
-            self._timer = asyncio.get_running_loop().call_later(max(wait_s, SOONEST_S), self._look_again)
+            if wait_s := self._pace.wait_s(now_s):
+                self._look_in(max(wait_s, SOONEST_S))
+                return
+            address = next((each for each in self._rows.addresses() if self._may(each, now_s)), None)
+            if address is None:
+                self._all_wait = True
+                waits_s = (self._paces.of(each, now_s).wait_s(now_s) for each in self._rows.addresses())
+                self._look_in(max(min(waits_s), SOONEST_OWN_S))
+                return
+            self._serve_one(address, now_s)
+
+    def charge(self, address: str, count: float) -> None:
+        """Let an address have so many turns less; a negative number gives them back."""
+        if self._paces is not None:
+            self._paces.of(address, time.monotonic()).use(count)
 
     def forget(self, now_s: float) -> None:
         """Forget the paces of addresses that used nothing lately; call it about once a second."""
@@ -149,6 +154,18 @@ class Turns(Generic[Item]):
         for item in list(self._rows):
             self._refuse(item)
         self._rows = Rows()
+
+    def _may(self, address: str, now_s: float) -> bool:
+        return address in self._rows and (self._paces is None or not self._paces.of(address, now_s).wait_s(now_s))
+
+    def _serve_one(self, address: str, now_s: float) -> None:
+        self._pace.use()
+        if self._paces is not None:
+            self._paces.of(address, now_s).use()
+        self._serve(self._rows.pop(address))
+
+    def _look_in(self, wait_s: float) -> None:
+        self._timer = asyncio.get_running_loop().call_later(min(wait_s, LATEST_S), self._look_again)
 
     def _look_again(self) -> None:
         self._timer = None

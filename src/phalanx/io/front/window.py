@@ -1,21 +1,26 @@
 """Whose message is passed to the gateway next: as many are under way as it processes within a few milliseconds.
 
 A connection has at most one message that waits, so that serving them in their order is taking turns. Newcomers have a
-small window of their own, take turns by address, and each waits for the gateway's answer before its next message:
-whatever they send, the gateway computes few handshakes a second, and those who are in do not wait for it.
+small window of their own, take turns by address, and each waits for the gateway's answer before its next message.
+The gateway tells how long each took, and all of newcomers together get a share of its time: those who are in do not
+wait for handshakes, however slow the machine is.
 """
 
 from __future__ import annotations
 
 import asyncio
 from collections import OrderedDict, deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Generic, Protocol, TypeVar
 
 from phalanx.config.front import FrontConfig
 from phalanx.io.pace import Pace
 
 from .turns import Turns
+
+
+US = 1_000_000  # in a second
+NEWCOMERS_AT_ONCE_US = 30_000.0  # of the gateway's time, when it had none lately
 
 
 class Sender(Protocol):
@@ -41,10 +46,11 @@ class Window(Generic[Who]):
         self._limits = limits
         self._pass_on = pass_on
         self._admitted: OrderedDict[Who, None] = OrderedDict()
+        self._pace = Pace(limits.newcomers_share * US, NEWCOMERS_AT_ONCE_US, now_s)
         self._newcomers: Turns[Who] = Turns(
             self._go,
             self._refuse,
-            Pace(limits.newcomer_messages_per_s, limits.newcomers_in_flight, now_s),
+            self._pace,
             waiting_max=limits.connections_max,
             has_room=lambda: self._newcomers_in_flight < self._limits.newcomers_in_flight,
         )
@@ -61,10 +67,12 @@ class Window(Generic[Who]):
         self._wait(sender)
         return await pending
 
-    def taken(self, count: int) -> None:
-        """Note that the gateway has processed so many messages."""
-        for _ in range(count):
-            self._newcomers_in_flight -= self._of_newcomers.popleft()
+    def taken(self, took_us: Sequence[int]) -> None:
+        """Note that the gateway has processed messages, and how long it took for each."""
+        for each_us in took_us:
+            if self._of_newcomers.popleft():
+                self._newcomers_in_flight -= 1
+                self._pace.use(each_us)
         self._run()
 
     def answered(self, sender: Who) -> None:

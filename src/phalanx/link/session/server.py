@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import replace
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
@@ -89,7 +88,7 @@ class SessionServer:
         self.connections = Connections(config, static, random_bytes, self._find_secret, now)
         self._random_bytes = random_bytes
         self._away: dict[int, int] = {}  # visitors that have just left, and when
-        self._standings: dict[int, Standing] = {}  # as visitors were told
+        self._standings: dict[int, tuple[object, ...]] = {}  # as visitors were told
 
     # --- connections -------------------------------------------------------------------------------------------------
 
@@ -191,16 +190,18 @@ class SessionServer:
 
     def standings(self, now: Now) -> list[ServerEvent]:
         """Tell visitors what has changed in what they may do."""
-        events: list[ServerEvent] = []
-        for connection in self.connections:
-            visitor = self.visitors.find(connection.visitor)
-            if visitor:
-                standing = self._standing(visitor, now)
-                told = self._standings.get(visitor.id)
-                if told is None or _without_time(told) != _without_time(standing):
-                    self._standings[visitor.id] = standing
-                    events += self.connections.seal(connection, standing)
-        return events
+        return [event for connection in self.connections for event in self._tell_standing(connection, now)]
+
+    def _tell_standing(self, connection: Connection, now: Now) -> list[ServerEvent]:
+        visitor = self.visitors.find(connection.visitor)
+        if visitor is None:
+            return []
+        standing = self._standing(visitor, now)
+        key = _without_time(standing)
+        if self._standings.get(visitor.id) == key:
+            return []
+        self._standings[visitor.id] = key
+        return self.connections.seal(connection, standing)
 
     # --- handshakes --------------------------------------------------------------------------------------------------
 
@@ -254,7 +255,8 @@ class SessionServer:
         epochs = [] if visitor.waiting else self.updates.epochs()
         events += self.connections.listen(connection)
         events += self.connections.seal(connection, welcome, secrets, *epochs)
-        return events + self.standings(now)
+        # What this changes for others they are told with the next tick: a look at all costs as much as there are.
+        return events + self._tell_standing(connection, now)
 
     def _admit(self, secret: Secret, connection: Connection, message: FromClient, now: Now) -> Visitor:
         if not isinstance(message, Join):
@@ -320,7 +322,7 @@ class SessionServer:
             if not command.stop and not (in_order and self.updates.is_recent(command.seen, command.digest, now.ms)):
                 raise Late("a command based on an old update, or after later ones")
             self.assignment.claim(visitor, command.robot, now.ms, is_stop=command.stop)
-            told = self.standings(now)
+            told = self._tell_standing(connection, now)
             return [Commanded(visitor.id, command.robot, command.name, command.payload, command.stop), *told]
         except (TooMany, Late, NotAllowed, Busy) as error:
             self._reject(error)
@@ -371,6 +373,6 @@ class SessionServer:
         return [*self.closed(connection.number, now), Close(connection.number, error.reason)]
 
 
-def _without_time(standing: Standing) -> Standing:
+def _without_time(standing: Standing) -> tuple[object, ...]:
     """Return what a change of is told: whether a turn is limited, not how much of it is left."""
-    return replace(standing, left_ms=min(1, standing.left_ms))
+    return standing.role, standing.waiting, standing.place, standing.left_ms > 0, standing.robot

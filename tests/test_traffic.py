@@ -1,0 +1,63 @@
+"""Size and time of what a visitor and its gateway send tell nobody what it does, or with which robot."""
+
+from __future__ import annotations
+
+import pytest
+
+import traffic
+from phalanx.gateway import session_link
+from phalanx.io.session_client import SessionClient
+from phalanx.link.session import padding
+from virtual_time import run_in_virtual_time
+
+CHANCE, MARGIN = 0.5, 0.05  # classes weigh the same
+
+
+@pytest.fixture
+def best(monkeypatch):
+    """How well the best classifier tells forward from stop, and robots apart."""
+
+    def of(worlds, for_s):
+        windows = run_in_virtual_time(traffic.windows(worlds, for_s), monkeypatch)
+        action, robot = traffic.guesses(*windows)
+        print(len(windows[0]), "windows", action, robot)
+        return max(action.values()), max(robot.values())
+
+    return of
+
+
+def test_a_listener_tells_neither_forward_from_stop_nor_one_robot_from_another(best):
+    action, robot = best(24, 24)
+    assert action <= CHANCE + MARGIN
+    assert robot <= CHANCE + MARGIN
+
+
+def test_without_padding_both_are_told(best, monkeypatch):
+    monkeypatch.setattr(padding, "padded_size", lambda length: length + padding.PADDED.size)
+    action, robot = best(8, 8)
+    assert action > 0.9
+    assert robot > 0.9
+
+
+def test_without_the_constant_rate_forward_is_told_from_stop(best, monkeypatch):
+    monkeypatch.setattr(SessionClient, "_is_paced", property(lambda self: False))
+    action, _ = best(8, 8)
+    assert action > 0.9
+
+
+def test_without_an_update_each_tick_forward_is_told_from_stop(best, monkeypatch):
+    notify = session_link.SessionLink.notify
+
+    async def only_news(self, payload):
+        return payload["data"].keys() == {"seq"} or await notify(self, payload)
+
+    monkeypatch.setattr(session_link.SessionLink, "notify", only_news)
+    action, _ = best(8, 8)
+    assert action > 0.9
+
+
+def test_without_updates_of_equal_size_forward_is_told_from_stop(best, monkeypatch):
+    monkeypatch.setattr(session_link, "EQUAL_BYTES", 0)
+    monkeypatch.setattr(padding, "SIZES", (64, 128, 512, 2048))  # as if the swarm were at a border of two sizes
+    action, _ = best(8, 8)
+    assert action > 0.7

@@ -1,0 +1,124 @@
+// Where a page keeps the secret to resume with, by the swarm's public key.
+//
+// On https for as long as the server says, in all tabs of this origin. On plain http for an hour and in this tab alone:
+// another network may use the same address for another machine, whose page could read it.
+
+import { decodeBase64url, encodeBase64url } from "../core/base64url";
+import { Secret } from "../session";
+
+const PREFIX = "phalanx.session.";
+const HTTP_MAX_S = 3600;
+const SECRET_BYTES = 32;
+/** By which a clock may be set back without a reason to distrust it. */
+const CLOCK_S = 60;
+
+export interface Kept {
+  readonly fixed: Uint8Array;
+  readonly secret: Secret;
+  readonly name: string;
+  /** Which tab has kept it. */
+  readonly tab: string;
+}
+
+/** What is used of the browser: passed in, so that it can be tested without one. */
+export interface Stores {
+  readonly isSecure: boolean;
+  readonly local: Storage | undefined;
+  readonly tab: Storage | undefined;
+}
+
+export class ResumeStore {
+  readonly #storage: Storage | undefined;
+  readonly #max_s: number;
+
+  constructor({ isSecure, local, tab }: Stores) {
+    this.#storage = isSecure ? local : tab;
+    this.#max_s = isSecure ? Number.POSITIVE_INFINITY : HTTP_MAX_S;
+  }
+
+  keep({ fixed, secret, name, tab }: Kept, lifetime_s: number, now_s: number): void {
+    const words = {
+      secret: encodeBase64url(secret.reveal()),
+      name,
+      tab,
+      kept_s: now_s,
+      until_s: now_s + Math.min(lifetime_s, this.#max_s),
+    };
+    try {
+      this.#storage?.setItem(PREFIX + encodeBase64url(fixed), JSON.stringify(words));
+    } catch {
+      // Full or forbidden: a reload has to scan again, and nothing else is lost.
+    }
+  }
+
+  /** The secret for this swarm, unless its time is over. */
+  find(fixed: Uint8Array, now_s: number): Kept | undefined {
+    return this.#read(PREFIX + encodeBase64url(fixed), now_s)?.kept;
+  }
+
+  /** Of the swarm that was visited last on this origin. */
+  newest(now_s: number): Kept | undefined {
+    const all = this.#keys().flatMap((key) => this.#read(key, now_s) ?? []);
+    return all.sort((a, b) => b.kept_s - a.kept_s)[0]?.kept;
+  }
+
+  forget(fixed: Uint8Array): void {
+    this.#remove(PREFIX + encodeBase64url(fixed));
+  }
+
+  #read(key: string, now_s: number): { readonly kept: Kept; readonly kept_s: number } | undefined {
+    try {
+      const text = this.#storage?.getItem(key);
+      if (text === undefined || text === null) return undefined;
+      const words = JSON.parse(text) as Readonly<Record<string, unknown>>;
+      const { kept_s, until_s, name, tab } = words;
+      const secret = bytesOf(words["secret"]);
+      const fixed = bytesOf(key.slice(PREFIX.length));
+      const isTime = typeof kept_s === "number" && typeof until_s === "number";
+      // A clock that was set back must not make it live longer than it may.
+      const isValid = isTime && kept_s <= now_s + CLOCK_S && now_s < until_s;
+      if (isValid && secret?.length === SECRET_BYTES && fixed?.length === SECRET_BYTES)
+        return { kept: { fixed, secret: new Secret("resume", secret), name: String(name), tab: String(tab) }, kept_s };
+    } catch {
+      // Spoilt: as below.
+    }
+    this.#remove(key);
+    return undefined;
+  }
+
+  #keys(): string[] {
+    try {
+      const { length } = this.#storage ?? { length: 0 };
+      const all = Array.from({ length }, (_, i) => this.#storage?.key(i) ?? "");
+      return all.filter((key) => key.startsWith(PREFIX));
+    } catch {
+      return [];
+    }
+  }
+
+  #remove(key: string): void {
+    try {
+      this.#storage?.removeItem(key);
+    } catch {
+      // Forbidden: nothing was kept either.
+    }
+  }
+}
+
+function bytesOf(text: unknown): Uint8Array | undefined {
+  return typeof text === "string" ? decodeBase64url(new TextEncoder().encode(text)) : undefined;
+}
+
+/** Of this page. */
+export function browserStores(): Stores {
+  return { isSecure: location.protocol === "https:", local: storageOf("localStorage"), tab: storageOf("sessionStorage") };
+}
+
+function storageOf(which: "localStorage" | "sessionStorage"): Storage | undefined {
+  try {
+    return window[which];
+  } catch {
+    // Reading the property throws where site data is forbidden.
+    return undefined;
+  }
+}

@@ -1,0 +1,409 @@
+// A session over a websocket: connects, joins or resumes, renews keys, and says commands at a constant rate.
+//
+// While the connection is away nothing is queued: a joystick's command that arrives late is worse than none.
+
+import { bytesToHex, randomBytes, utf8ToBytes } from "@noble/hashes/utils.js";
+import { PeerError, UsageError } from "../core/errors";
+import { type Json, type JsonObject, parseJson } from "../core/json";
+import { direct, type Reason, type Secret, Session, type SessionEvent, SLOT_MS, Slots } from "../session";
+import { NO_VISIT, type OverReason, type Visit } from "../visit";
+import type { BrokerState } from "../watch";
+import type { ResumeStore } from "./resume_store";
+import { type Transport, type TransportEvent, Unanswered } from "./transport";
+
+/** Who wants to join which swarm, and where. */
+export interface SessionTo {
+  /** Of the websocket. */
+  readonly url: string;
+  /** The swarm's public key. */
+  readonly fixed: Uint8Array;
+  /** Of a code; undefined to resume only. */
+  readonly invitation: Secret | undefined;
+  readonly name: string;
+}
+
+interface Waiting {
+  readonly request: number;
+  readonly resolve: (data: Json) => void;
+  readonly reject: (error: Error) => void;
+  readonly timer: ReturnType<typeof setTimeout>;
+}
+
+/** Names of requests 0 to 3 in a session. */
+const REQUESTS = ["robots", "area", "walls", "lit"];
+const TICK_MS = 1000;
+const OPEN_MS = 5000;
+const RETRY_MS = [300, 1000, 2000, 4000];
+/** What a server says when it closes a websocket instead of an answer: nobody vouches for it, so it is asked again. */
+const SAID_INVALID = ["unknown_secret", "not_authentic"];
+const SAID_TOO_MANY = ["tries_used_up", "too_many"];
+const REFUSALS = 2;
+/** Whoever says nothing more frees its place in the rate. */
+const LINGER_MS = 1000;
+
+export class SessionConnection implements Transport {
+  readonly isPaced = true;
+  readonly #to: SessionTo;
+  readonly #store: ResumeStore;
+  readonly #listeners = new Set<(event: TransportEvent) => void>();
+  readonly #waiting = new Map<number, Waiting>();
+  readonly #slots = new Slots();
+  readonly #ticking: ReturnType<typeof setInterval>;
+  /** What to try in turn, the first one now. */
+  #secrets: Secret[];
+  #refusals = 0;
+  #retries = 0;
+  #retrying: ReturnType<typeof setTimeout> | undefined;
+  #opening: ReturnType<typeof setTimeout> | undefined;
+  #beating: ReturnType<typeof setInterval> | undefined;
+  #saidAt_ms = 0;
+  #socket: WebSocket | undefined;
+  #session: Session | undefined;
+  #state: BrokerState = "connecting";
+  #visit: Visit = NO_VISIT;
+  #isHidden = false;
+  /** Whose the stored secret is: the tab's that used it last. */
+  readonly #tab = bytesToHex(randomBytes(8));
+  #wasHere = false;
+
+  /** Connects at once, and again whenever the connection is lost, until it is over or close(). */
+  constructor(to: SessionTo, store: ResumeStore) {
+    this.#to = to;
+    this.#store = store;
+    this.#secrets = this.#known();
+    this.#ticking = setInterval(() => this.#tick(), TICK_MS);
+    this.#connect();
+  }
+
+  get name(): string {
+    return this.#visit.name;
+  }
+
+  get state(): BrokerState {
+    return this.#state;
+  }
+
+  get visit(): Visit {
+    return this.#visit;
+  }
+
+  /** How many messages were refused, by reason. */
+  get rejected(): ReadonlyMap<string, number> {
+    return this.#session?.rejected ?? new Map<string, number>();
+  }
+
+  listen(listener: (event: TransportEvent) => void): () => void {
+    this.#listeners.add(listener);
+    return () => this.#listeners.delete(listener);
+  }
+
+  command(address: string, _application: string, name: string, payload: unknown): boolean {
+    if (this.#session?.hasSeen !== true || !this.#session.isJoined) return false;
+    const stop = name === "move_raw" && isRest(payload);
+    const command = { robot: address, name, payload: utf8ToBytes(JSON.stringify(payload)), stop };
+    const now_ms = performance.now();
+    if (stop) this.#slots.stop(command);
+    else if (name === "move_raw") this.#slots.hold(command, now_ms);
+    else if (!this.#slots.put(command)) return false;
+    // A page that is put aside may never have another slot.
+    if (this.#beating === undefined || (stop && this.#isHidden)) this.#beat();
+    return true;
+  }
+
+  request(request: number, _more?: JsonObject, timeout_ms = 3000): Promise<Json> {
+    const name = REQUESTS[request];
+    if (name === undefined) throw new UsageError(`no request ${request}`);
+    return new Promise((resolve, reject) => {
+      if (this.#session?.isJoined !== true) {
+        reject(new Unanswered("not connected"));
+        return;
+      }
+      const { number, event } = this.#session.request(name, new Uint8Array(0), performance.now());
+      const timer = setTimeout(() => this.#settle(number)?.reject(new Unanswered(`no answer within ${timeout_ms} ms`)), timeout_ms);
+      this.#waiting.set(number, { request, resolve, reject, timer });
+      this.#carry([event]);
+    });
+  }
+
+  wake(): void {
+    this.#isHidden = false;
+    if (this.#retrying !== undefined) this.#connect();
+    else this.#tick();
+  }
+
+  hide(): void {
+    this.#isHidden = true;
+    if (this.#slots.hasStop) this.#beat();
+  }
+
+  leave(): void {
+    this.hide();
+  }
+
+  restart(): void {
+    if (this.#visit.stage !== "over") this.#connect();
+  }
+
+  /** Try again after it was over, with what is known now. */
+  again(): void {
+    this.#secrets = this.#known();
+    this.#refusals = 0;
+    this.#wasHere = false;
+    this.#show({ stage: "joining", over: undefined });
+    this.#connect();
+  }
+
+  close(): void {
+    this.#listeners.clear();
+    clearInterval(this.#ticking);
+    this.#hangUp();
+  }
+
+  /** A ticket or a room code says more than who was here before; an open code says less. */
+  #known(): Secret[] {
+    const { fixed, invitation } = this.#to;
+    const resume = this.#store.find(fixed, now_s())?.secret;
+    const all = invitation?.kind === "open" ? [resume, invitation] : [invitation, resume];
+    return all.filter((each) => each !== undefined);
+  }
+
+  #connect(): void {
+    this.#hangUp();
+    const kept = this.#store.find(this.#to.fixed, now_s());
+    // Two tabs that take turns in resuming would end each other's sessions without end.
+    if (this.#wasHere && kept && kept.tab !== this.#tab) {
+      this.#end("replaced");
+      return;
+    }
+    const [first] = this.#secrets;
+    const secret = first?.kind === "resume" ? (kept?.secret ?? first) : first;
+    if (secret === undefined) {
+      this.#end("code");
+      return;
+    }
+    const socket = new WebSocket(this.#to.url);
+    socket.binaryType = "arraybuffer";
+    const session = new Session(direct(this.#to.fixed, secret), randomBytes, this.#to.name);
+    this.#socket = socket;
+    this.#session = session;
+    this.#opening = setTimeout(() => this.#lost("offline"), OPEN_MS);
+    // What a connection says that was given up means nothing any more.
+    socket.onopen = () => {
+      if (this.#socket !== socket) return;
+      clearTimeout(this.#opening);
+      this.#carry(session.start(performance.now()));
+    };
+    socket.onmessage = ({ data }: MessageEvent) => {
+      if (this.#socket !== socket || !(data instanceof ArrayBuffer)) return;
+      this.#carry(session.receive(new Uint8Array(data), performance.now()));
+    };
+    socket.onclose = ({ reason }: CloseEvent) => {
+      if (this.#socket !== socket) return;
+      if (!session.isJoined && SAID_INVALID.includes(reason)) this.#refuse();
+      else if (!session.isJoined && SAID_TOO_MANY.includes(reason)) this.#end("too_many");
+      else this.#lost("offline");
+    };
+  }
+
+  /** The server does not know the secret, or says so. */
+  #refuse(): void {
+    this.#refusals += 1;
+    // Each try of a room code counts against everybody at this address.
+    const most = this.#secrets[0]?.kind === "room" ? 1 : REFUSALS;
+    if (this.#refusals >= most) this.#drop();
+    if (this.#secrets.length > 0) this.#lost("connecting");
+    else this.#end("code");
+  }
+
+  /** What is tried now is valid no longer. */
+  #drop(): void {
+    const [dead] = this.#secrets.splice(0, 1);
+    this.#refusals = 0;
+    if (dead?.kind === "resume") this.#store.forget(this.#to.fixed);
+  }
+
+  #lost(state: BrokerState): void {
+    this.#hangUp();
+    this.#show({ stage: "joining" });
+    this.#setState(state);
+    const wait_ms = RETRY_MS[Math.min(this.#retries, RETRY_MS.length - 1)] ?? 0;
+    this.#retries += 1;
+    this.#retrying = setTimeout(() => this.#connect(), wait_ms * (1 + Math.random()) / 2);
+  }
+
+  #end(over: OverReason): void {
+    this.#hangUp();
+    this.#show({ stage: "over", over, standing: undefined });
+    this.#setState("over");
+  }
+
+  #hangUp(): void {
+    clearTimeout(this.#retrying);
+    clearTimeout(this.#opening);
+    this.#stopBeating();
+    this.#retrying = undefined;
+    this.#slots.clear();
+    for (const number of [...this.#waiting.keys()]) this.#settle(number)?.reject(new Unanswered("the connection was lost"));
+    const socket = this.#socket;
+    this.#socket = undefined;
+    this.#session = undefined;
+    socket?.close();
+  }
+
+  #tick(): void {
+    if (this.#session && this.#socket?.readyState === WebSocket.OPEN) this.#carry(this.#session.tick(performance.now()));
+  }
+
+  /** One slot of the constant rate. */
+  #beat(): void {
+    const session = this.#session;
+    if (session?.isJoined !== true) {
+      this.#stopBeating();
+      return;
+    }
+    const now_ms = performance.now();
+    const command = this.#slots.take(now_ms);
+    const { robot = "" } = this.#visit.standing ?? {};
+    if (command) this.#saidAt_ms = now_ms;
+    else if (robot === "" && now_ms - this.#saidAt_ms > LINGER_MS) {
+      this.#stopBeating();
+      return;
+    }
+    this.#beating ??= setInterval(() => this.#beat(), SLOT_MS);
+    if (command) this.#carry([session.command(command.robot, command.name, command.payload, now_ms, command.stop)]);
+    else this.#carry([session.alive(now_ms)]);
+  }
+
+  #stopBeating(): void {
+    clearInterval(this.#beating);
+    this.#beating = undefined;
+  }
+
+  #carry(events: readonly SessionEvent[]): void {
+    for (const event of events) this.#on(event);
+  }
+
+  #on(event: SessionEvent): void {
+    switch (event.kind) {
+      case "transmit":
+        if (this.#socket?.readyState === WebSocket.OPEN) this.#socket.send(event.data as Uint8Array<ArrayBuffer>);
+        return;
+      case "admitted":
+        this.#refusals = 0;
+        this.#retries = 0;
+        this.#wasHere = true;
+        this.#show({ stage: "here", name: event.name, over: undefined });
+        return;
+      case "keep":
+        this.#keep(event.secret, event.lifetime_s);
+        return;
+      case "stands":
+        this.#show({ standing: event.standing, standingAt_ms: performance.now() });
+        this.#setState(event.standing.waiting ? "waiting" : "online");
+        if (event.standing.robot !== "" && this.#beating === undefined) this.#beat();
+        return;
+      case "updated":
+        this.#read(event.state, (payload) => this.#emit({ kind: "notified", timestamp_s: 0, payload }));
+        return;
+      case "replied":
+        this.#read(event.payload, (data) => this.#reply(event.number, data));
+        return;
+      case "refused":
+        this.#refused(event.number, event.reason);
+        return;
+      case "ended":
+        this.#ended(event.reason);
+        return;
+      case "noticed":
+      case "hear":
+    }
+  }
+
+  #keep(secret: Secret, lifetime_s: number): void {
+    const { fixed } = this.#to;
+    this.#store.keep({ fixed, secret, name: this.#visit.name, tab: this.#tab }, lifetime_s, now_s());
+    const invitation = this.#secrets.find(({ kind }) => kind === "open");
+    this.#secrets = invitation ? [secret, invitation] : [secret];
+    if (this.#session?.isJoined === true) this.#carry([this.#session.stored(secret, performance.now())]);
+  }
+
+  #reply(number: number, data: Json): void {
+    const waiting = this.#settle(number);
+    if (waiting === undefined) return;
+    waiting.resolve(data);
+    this.#emit({ kind: "replied", timestamp_s: 0, request: waiting.request, data });
+  }
+
+  #refused(number: number, reason: Reason): void {
+    if (number === 0) this.#show({ refused: { reason, at_ms: performance.now() } });
+    else this.#settle(number)?.reject(new Unanswered(`refused: ${reason}`));
+  }
+
+  #ended(reason: Extract<SessionEvent, { kind: "ended" }>["reason"]): void {
+    switch (reason) {
+      case "removed":
+      case "new_code":
+        this.#store.forget(this.#to.fixed);
+        this.#end(reason);
+        return;
+      case "replaced":
+      case "full":
+        this.#end(reason);
+        return;
+      case "not_admitted":
+        this.#drop();
+        if (this.#secrets.length > 0) this.#lost("connecting");
+        else this.#end("code");
+        return;
+      case undefined:
+        this.#lost("no_answer");
+        return;
+      default:
+        this.#lost("offline");
+    }
+  }
+
+  #settle(number: number): Waiting | undefined {
+    const waiting = this.#waiting.get(number);
+    this.#waiting.delete(number);
+    clearTimeout(waiting?.timer);
+    return waiting;
+  }
+
+  #read(raw: Uint8Array, take: (value: Json) => void): void {
+    let value: Json;
+    try {
+      value = parseJson(raw);
+    } catch (error) {
+      if (!(error instanceof PeerError)) throw error;
+      this.#emit({ kind: "rejected", reason: error.reason });
+      return;
+    }
+    take(value);
+  }
+
+  #show(change: Partial<Visit>): void {
+    this.#visit = { ...this.#visit, ...change };
+    this.#emit({ kind: "visit", visit: this.#visit });
+  }
+
+  #setState(state: BrokerState): void {
+    if (state === this.#state) return;
+    this.#state = state;
+    this.#emit({ kind: "broker", state });
+  }
+
+  #emit(event: TransportEvent): void {
+    for (const listener of this.#listeners) listener(event);
+  }
+}
+
+/** The joystick was let go. */
+function isRest(payload: unknown): boolean {
+  const { left_y, right_y } = payload as { readonly left_y?: unknown; readonly right_y?: unknown };
+  return left_y === 0 && right_y === 0;
+}
+
+function now_s(): number {
+  return Date.now() / 1000;
+}

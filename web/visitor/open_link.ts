@@ -1,0 +1,28 @@
+// Opens the transport that an invitation needs. The MQTT client is larger than all the rest: who needs none loads none.
+
+import { type Invitation, type Pin, ResumeStore, browserStores, SessionConnection, type SessionTo, type Transport } from "../client";
+
+/** Resume secrets of this origin. */
+export const resumeStore = new ResumeStore(browserStores());
+
+export async function openQrkey(to: Invitation, onMoved: (pin: Pin) => void): Promise<Transport> {
+  const { Connection } = await import("../client/io/connection");
+  const connection = new Connection(to);
+  connection.listen(({ kind }) => {
+    if (kind === "moved") onMoved(connection.pin);
+  });
+  return connection;
+}
+
+export function openSession(to: SessionTo): SessionConnection {
+  return new SessionConnection(to, resumeStore);
+}
+
+/** The websocket beside this page, also below a path of a reverse proxy. */
+export function linkUrl(href: string): string {
+  const url = new URL("link", href);
+  url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
+  url.hash = "";
+  url.search = "";
+  return url.href;
+}
