@@ -46,7 +46,17 @@ def attempts(own: str, other: str) -> list[Attempt]:
                 ("drive", {"left_percent": 1, "right_percent": 1}),
                 ("follow_route", {"points": [[1, 1]]}),
             )
-            for name in ("<b>x</b>", "../" + own, own + "\n", "\x1b[2J", "*", "", own * 9, "\uff21\uff22", "'; stop --all")
+            for name in (
+                "<b>x</b>",
+                "../" + own,
+                own + "\n",
+                "\x1b[2J",
+                "*",
+                "",
+                own * 9,
+                "\uff21\uff22",
+                "'; stop --all",
+            )
         ],
         Attempt("stop", {"robot": "FFFF"}, "not allowed"),
         # speeds and times beyond the limits

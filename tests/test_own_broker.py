@@ -7,10 +7,10 @@ import os
 
 import aiomqtt
 import pytest
+from phalanx.io.listeners import READ, WRITE
 
 from conftest import ROOT, a_gateway, bare_mosquitto, run
 from phalanx.io import Login
-from phalanx.io.listeners import READ, WRITE
 from phalanx.io.mosquitto import password_line
 from ports import free_port
 

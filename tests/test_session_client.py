@@ -138,7 +138,6 @@ class TestVisiting:
             with pytest.raises(UsageError, match="not entered"):
                 await SessionClient(swarm.url()).stop("A1")
 
-
     @pytest.mark.parametrize("name", ["x" * 256, "a\nb", "\x1b"])
     def test_a_nickname_that_does_not_fit_is_a_usage_error(self, name):
         with pytest.raises(UsageError, match="nickname"):

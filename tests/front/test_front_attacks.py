@@ -8,8 +8,8 @@ import itertools
 
 import aiohttp
 import pytest
-
 from front_world import HANDSHAKE, Raw, echoing, files_of, frame, memory_mb, the_child
+
 from phalanx.io.front import Closed, Opened, Received
 
 pytestmark = pytest.mark.waits
@@ -270,7 +270,9 @@ class TestCrowds:
                 for each in crowd:
                     each.send(HANDSHAKE + b"\r\n" + frame(b"crowd"))
                 with closing([await driver(echo, "127.0.0.1")]):
-                    await echo.eventually(lambda: any(getattr(each, "address", "") == "127.0.0.1" for each in echo.told))
+                    await echo.eventually(
+                        lambda: any(getattr(each, "address", "") == "127.0.0.1" for each in echo.told)
+                    )
                     assert sum(isinstance(each, Opened) for each in echo.told) < 150
                 await echo.eventually(lambda: sum(isinstance(each, Opened) for each in echo.told) == 201)
 

@@ -7,11 +7,11 @@ import time
 from dataclasses import dataclass, field
 
 import pytest
+from phalanx.io.front.pace import Pace, Paces
 
 from phalanx.config.front import FrontConfig
 from phalanx.errors import UsageError
 from phalanx.io.front.newcomers import Newcomers
-from phalanx.io.front.pace import Pace, Paces
 from phalanx.io.front.turns import Turns
 from phalanx.io.front.window import Window
 

@@ -18,7 +18,6 @@ from phalanx.io.pace import Pace
 
 from .turns import Turns
 
-
 US = 1_000_000  # in a second
 NEWCOMERS_AT_ONCE_US = 30_000.0  # of the gateway's time, when it had none lately
 
