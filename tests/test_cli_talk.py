@@ -140,7 +140,7 @@ class TestWhere:
                 "a login for a broker of our own",
             ),
             (["link", "serve", "--broker-login", "nowhere"], "a login for a broker of our own"),
-            (["doctor", "--visitors-login", "{login}"], "no broker to try"),
+            (["doctor", "--broker-login", "{login}"], "no broker to try"),
             (["doctor", "--broker", "localhost", "--broker-ws", "localhost:9001"], "browsers cannot use mqtt://"),
         ],
     )
