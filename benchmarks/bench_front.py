@@ -12,6 +12,7 @@ import argparse
 import asyncio
 import contextlib
 import csv
+import itertools
 import json
 import os
 import signal
@@ -24,7 +25,7 @@ from pathlib import Path
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
-from front_attacks import Client, Session, connected, now_ms
+from front_attacks import Client, Session, connected, frame, now_ms
 from processes import children, cpu_s, in_line_s, rss_mb
 
 from phalanx.config.front import FrontConfig
@@ -40,6 +41,7 @@ STATE = bytes(1900)
 CORE_SHARE = 0.5
 PHONES, FILES = 50, 4
 HERE = Path(__file__)
+ATTACKS = HERE.with_name("front_attacks.py")
 SPREAD = ",".join(f"127.0.2.{n}" for n in range(1, 26))
 PHASES = (
     ("nobody", "", ""),
@@ -104,109 +106,116 @@ async def phases(gaps: Gaps, ready: dict) -> None:
         print(json.dumps(gaps.end()), flush=True)
 
 
-async def gateway() -> None:
+class Gateway:
     """A session server over the front end."""
-    static = X25519PrivateKey.generate()
-    now = lambda: Now(now_ms(), int(time.time()))
-    server = SessionServer(SessionConfig(), static, Ed25519PrivateKey.generate(), MemoryStore(), os.urandom, now())
-    server.assignment.set_robots([f"R{n}" for n in range(VISITORS)] + ["NOBODY"], now_ms())
-    gaps = Gaps()
-    with tempfile.TemporaryDirectory() as folder:
-        Path(folder, "index.html").write_bytes(bytes(20_000))
-        async with Front(Path(folder), "default-src 'self'", "127.0.0.1", 0, FrontConfig()) as front:
-            numbers: dict[int, int] = {}
 
-            def carry(events) -> None:
-                for event in events:
-                    match event:
-                        case Send(connection, data):
-                            front.send(connection, data)
-                        case Publish(connections, data):
-                            front.publish(connections, data)
-                        case Close(connection, reason):
-                            front.close(connection, reason)
-                        case Commanded(visitor, robot):
-                            if robot != "NOBODY":
-                                gaps.command(visitor)
-                        case Joined():
-                            gaps.joined += 1
+    def __init__(self, front: Front) -> None:
+        self.front, self.gaps = front, Gaps()
+        static = X25519PrivateKey.generate()
+        signer, store = Ed25519PrivateKey.generate(), MemoryStore()
+        self.server = SessionServer(SessionConfig(), static, signer, store, os.urandom, now())
+        self.server.assignment.set_robots([f"R{n}" for n in range(VISITORS)] + ["NOBODY"], now_ms())
+        self.code = Invitation(static.public_key().public_bytes_raw(), self.server.door.code).fragment()
 
-            async def listen() -> None:
-                async for event in front.events():
-                    match event:
-                        case Opened(connection, address):
-                            carry(server.opened(connection, address, now()))
-                        case Received(connection, data):
-                            carry(server.receive(connection, data, now()))
-                            if connection not in numbers:
-                                one = server.connections.find(connection)
-                                if one and one.visitor:
-                                    numbers[connection] = one.visitor
-                                    front.admitted(connection)
-                        case Closed(connection):
-                            numbers.pop(connection, None)
-                            carry(server.closed(connection, now()))
+    def carry(self, events) -> None:
+        for event in events:
+            match event:
+                case Send(connection, data):
+                    self.front.send(connection, data)
+                case Publish(connections, data):
+                    self.front.publish(connections, data)
+                case Close(connection, reason):
+                    self.front.close(connection, reason)
+                case Commanded(visitor, robot) if robot != "NOBODY":
+                    self.gaps.command(visitor)
+                case Joined():
+                    self.gaps.joined += 1
 
-            def tick() -> None:
-                carry(server.tick(now()))
-                carry([server.publish(STATE, now())])
+    async def listen(self) -> None:
+        admitted: set[int] = set()
+        async for event in self.front.events():
+            match event:
+                case Opened(connection, address):
+                    self.carry(self.server.opened(connection, address, now()))
+                case Received(connection, data):
+                    self.carry(self.server.receive(connection, data, now()))
+                    one = None if connection in admitted else self.server.connections.find(connection)
+                    if one and one.visitor:
+                        admitted.add(connection)
+                        self.front.admitted(connection)
+                case Closed(connection):
+                    admitted.discard(connection)
+                    self.carry(self.server.closed(connection, now()))
 
-            tasks = [asyncio.create_task(listen()), asyncio.create_task(gaps.ticks(tick))]
-            code = Invitation(static.public_key().public_bytes_raw(), server.door.code).fragment()
-            await phases(gaps, {"port": front.port, "code": code, "pid": os.getpid()})
-            for task in tasks:
-                task.cancel()
+    def tick(self) -> None:
+        self.carry(self.server.tick(now()))
+        self.carry([self.server.publish(STATE, now())])
 
 
-async def visitors(port: int, code: str) -> None:
+async def gateway(pages: Path) -> None:
+    async with Front(pages, "default-src 'self'", "127.0.0.1", 0, FrontConfig()) as front:
+        serving = Gateway(front)
+        tasks = [asyncio.create_task(serving.listen()), asyncio.create_task(serving.gaps.ticks(serving.tick))]
+        await phases(serving.gaps, {"port": front.port, "code": serving.code, "pid": os.getpid()})
+        for task in tasks:
+            task.cancel()
+
+
+def now() -> Now:
+    return Now(now_ms(), int(time.time()))
+
+
+class Visitors:
     """Twenty who drive, and one more each second."""
-    took_s: list[float] = []
-    failed = 0
 
-    async def drive(n: int) -> None:
+    def __init__(self, port: int, code: str) -> None:
+        self.port, self.code = port, code
+        self.took_s: list[float] = []
+        self.failed = 0
+
+    async def run(self) -> None:
+        tasks = [asyncio.create_task(self.drive(n)) for n in range(VISITORS)]
+        tasks.append(asyncio.create_task(self.keep_coming()))
+        loop = asyncio.get_running_loop()
+        while await loop.run_in_executor(None, sys.stdin.readline):
+            found = {"join_s": max(self.took_s, default=0.0), "joins": len(self.took_s), "join_failed": self.failed}
+            print(json.dumps(found), flush=True)
+            self.took_s.clear()
+            self.failed = 0
+        for task in tasks:
+            task.cancel()
+
+    async def drive(self, n: int) -> None:
         while True:
             with contextlib.suppress(OSError, TimeoutError, asyncio.CancelledError):
-                client = await connected(port, f"127.0.1.{1 + n}", lambda: Client(Session(code)))
+                client = await connected(self.port, f"127.0.1.{1 + n}", lambda: Client(Session(self.code)))
                 await asyncio.wait_for(client.ready, 20)
                 due_s = time.monotonic()
                 while not client.is_over:
                     with contextlib.suppress(UsageError):
-                        raw = client.session.command(f"R{n}").data
-                        client.transport.write(b"\x82\xfe" + len(raw).to_bytes(2, "big") + bytes(4) + raw)
+                        client.transport.write(frame(client.session.command(f"R{n}").data))
                     due_s += 1 / PER_S
                     await asyncio.sleep(max(0.0, due_s - time.monotonic()))
             if asyncio.current_task().cancelling():
                 return
             await asyncio.sleep(0.1)
 
-    async def come(n: int) -> None:
-        nonlocal failed
-        began_s = time.monotonic()
-        try:
-            client = await connected(port, f"127.0.3.{1 + n % 250}", lambda: Client(Session(code)))
-            await asyncio.wait_for(client.ready, 10)
-            took_s.append(time.monotonic() - began_s)
-            client.transport.abort()
-        except (OSError, TimeoutError, asyncio.CancelledError):
-            failed += 1
-
-    async def keep_coming() -> None:
-        n = 0
-        coming = set()
-        while True:
-            n += 1
-            coming.add(task := asyncio.create_task(come(n)))
+    async def keep_coming(self) -> None:
+        coming: set[asyncio.Task[None]] = set()
+        for n in itertools.count():
+            coming.add(task := asyncio.create_task(self.come(n)))
             task.add_done_callback(coming.discard)
             await asyncio.sleep(1)
 
-    tasks = [asyncio.create_task(drive(n)) for n in range(VISITORS)] + [asyncio.create_task(keep_coming())]
-    loop = asyncio.get_running_loop()
-    while await loop.run_in_executor(None, sys.stdin.readline):
-        print(json.dumps({"join_s": max(took_s, default=0.0), "joins": len(took_s), "join_failed": failed}), flush=True)
-        took_s.clear()
-        failed = 0
-    for task in tasks:
-        task.cancel()
+    async def come(self, n: int) -> None:
+        began_s = time.monotonic()
+        try:
+            client = await connected(self.port, f"127.0.3.{1 + n % 250}", lambda: Client(Session(self.code)))
+            await asyncio.wait_for(client.ready, 10)
+            self.took_s.append(time.monotonic() - began_s)
+            client.transport.abort()
+        except (OSError, TimeoutError, asyncio.CancelledError):
+            self.failed += 1
 
 
 async def phones(port: int, code: str) -> None:
@@ -258,7 +267,7 @@ class Child:
 
 
 def prefer(pid: int, steps: int) -> None:
-    """Schedule a process as if nothing but this benchmark ran here; the front end, which is nicer, comes `steps` later."""
+    """Schedule a process as if nothing but this benchmark ran here; the front end, which is nicer, `steps` later."""
     with contextlib.suppress(OSError):
         Path(f"/proc/{pid}/autogroup").write_text(str(-20 + steps))
 
@@ -292,7 +301,7 @@ def measure(
     seconds: float,
     only: str = "",
     gateway_file: Path = HERE,
-    attack_file: Path = HERE.with_name("front_attacks.py"),
+    attack_file: Path = ATTACKS,
     front_steps: int = 5,
 ):
     """Yield a row for each phase."""
@@ -378,7 +387,7 @@ def main() -> None:
     rows = []
     for row in measure(chosen.seconds, chosen.only):
         rows.append(row)
-        print(row, file=sys.stderr, flush=True)
+        print(f"{row['attack']}: {row['attackers']}", file=sys.stderr, flush=True)
     print(table(rows))
     if chosen.csv:
         with chosen.csv.open("w", newline="") as file:
@@ -392,8 +401,12 @@ if __name__ == "__main__":
         role, parent, *words = sys.argv[1:]
         end_with(int(parent))
         if role == "gateway":
-            asyncio.run(gateway())
+            with tempfile.TemporaryDirectory() as folder:
+                Path(folder, "index.html").write_bytes(bytes(20_000))
+                asyncio.run(gateway(Path(folder)))
         else:
-            asyncio.run((visitors if role == "visitors" else phones)(int(words[0]), words[1]))
+            asyncio.run(
+                Visitors(int(words[0]), words[1]).run() if role == "visitors" else phones(int(words[0]), words[1])
+            )
     else:
         main()

@@ -83,7 +83,7 @@ class Client(asyncio.Protocol):
         self.transport = transport
         transport.write(self.head)
 
-    def connection_lost(self, error: Exception | None) -> None:
+    def connection_lost(self, _error: Exception | None) -> None:
         self.is_over = True
         if not self.ready.done():
             self.ready.cancel()
@@ -100,6 +100,9 @@ class Client(asyncio.Protocol):
             self.is_up, self._buffer = True, bytearray(rest)
             if self.session:
                 self.transport.write(self.session.start())
+        self._read_frames()
+
+    def _read_frames(self) -> None:
         raw, at = bytes(self._buffer), 0
         while len(raw) - at >= 2:
             length, begin = raw[at + 1] & 127, at + 2
@@ -200,7 +203,7 @@ class Attack:
                     writer.write(b"GET / HTTP/1.1\r\nHost: us\r\n\r\n")
                     counts["asked"] += 1
 
-    async def joins(self, n: int) -> None:
+    async def joins(self, _n: int) -> None:
         client = await connected(self.port, self.addresses[0], lambda: Client(self.session()))
         with contextlib.suppress(asyncio.CancelledError, TimeoutError):
             await asyncio.wait_for(client.ready, 20)

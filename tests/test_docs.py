@@ -28,6 +28,8 @@ from phalanx.cli.main import phalanx
 from phalanx.config import LinkConfig
 from phalanx.crypto import jwe
 from phalanx.gateway import vocabulary
+from phalanx.gateway.operator_desk import OperatorDesk
+from phalanx.io.session_client import SessionClient
 from phalanx.link import Client, Pin, QrUrl, derive_epoch, pin, topics
 from phalanx.link.rotation import State
 from phalanx.mission.landmarks import floorplan, floorplan_of_yaml
@@ -251,17 +253,12 @@ async def test_own_robots_stand_behind_the_whole_gateway():
     )
     try:
         ready = json.loads(await asyncio.wait_for(example.stdout.readline(), 60))
-        async with Client(ready["qr_url"]) as visitor:
-            carts = await visitor.request(0, frames=True)
+        async with SessionClient(ready["qr_url"]) as visitor:
+            carts = await visitor.robots()
             assert [cart["address"] for cart in carts] == ["CART-A", "CART-B"]
-            await visitor.command("CART-A", "move_raw", {"left_y": 100, "right_y": 100})
-            moved = await visitor.request(0, frames=True)
-            for _ in range(20):
-                if moved[0]["lh2_position"]["x"] > carts[0]["lh2_position"]["x"]:
-                    break
-                await asyncio.sleep(0.1)
-                moved = await visitor.request(0, frames=True)
-            assert moved[0]["lh2_position"]["x"] > carts[0]["lh2_position"]["x"]
+            await visitor.drive("CART-A", 100, 100, 0.5)
+            (moved, _) = await visitor.robots()
+            assert moved["lh2_position"]["x"] > carts[0]["lh2_position"]["x"]
         example.send_signal(signal.SIGINT)
         await asyncio.wait_for(example.communicate(), 10)
         assert example.returncode == 0
@@ -364,7 +361,11 @@ def test_the_forms_of_the_link_are_the_code_s():
 
 def test_the_vocabulary_is_the_code_s():
     text = (DOCS / "spec" / "vocabulary.md").read_text()
-    assert [row[0] for row in table(text, "request")] == ["0", "1"]
+    by_number, over_a_session = text.split("## Over a session")
+    assert [row[0] for row in table(by_number, "request")] == ["0", "1"]
+    acts = OperatorDesk(None, None, None, "", print)._acts
+    names = [name for row in table(over_a_session, "request") for name in row[0].replace("`", "").split(", ")]
+    assert names == [*vocabulary.REQUEST_NAMES.values(), *acts]
     assert (vocabulary.REQUEST_ROBOTS, vocabulary.REQUEST_AREA) == (0, 1)
     numbers = {int(row[0].split()[0]) for row in table(text, "cmd")}
     assert numbers == {notice.value for notice in vocabulary.Notice} | {255}

@@ -78,8 +78,10 @@ class Raw:
     Its socket blocks in threads, so that this event loop, which is the gateway's, goes on.
     """
 
-    def __init__(self, port: int, address: str = "127.0.0.1", *, receive_bytes: int = 0) -> None:
+    def __init__(self, port: int, address: str = "127.0.0.1", *, receive_bytes: int = 0, send_bytes: int = 0) -> None:
         self.socket = socket.socket()
+        if send_bytes:
+            self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, send_bytes)
         if receive_bytes:
             self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_bytes)
         self.socket.bind((address, 0))
@@ -146,6 +148,21 @@ class Raw:
             pass
         finally:
             self.socket.settimeout(30)
+        return sent
+
+    async def push_on(self, data: bytes, times: int) -> int:
+        """Send this again and again whenever some of it is taken, whole; return how much was."""
+        self.socket.setblocking(False)
+        sent, rest = 0, b""
+        with contextlib.suppress(ConnectionError):
+            for _ in range(times):
+                with contextlib.suppress(BlockingIOError):
+                    for _ in range(100):
+                        rest = rest or data
+                        taken = self.socket.send(rest)
+                        rest, sent = rest[taken:], sent + taken
+                await asyncio.sleep(0.01)
+        self.socket.settimeout(30)
         return sent
 
 

@@ -27,9 +27,9 @@ def closing(sockets):
             each.socket.close()
 
 
-async def driver(echo, address="127.0.0.1") -> Raw:
+async def driver(echo, address="127.0.0.1", **how) -> Raw:
     """A visitor that is admitted."""
-    client = await Raw(echo.front.port, address).websocket()
+    client = await Raw(echo.front.port, address, **how).websocket()
     before = len(echo.told)
     client.say(b"hello")
     await echo.eventually(lambda: any(isinstance(each, Received) for each in echo.told[before:]))
@@ -120,18 +120,33 @@ class TestWhoSaysMuch:
             await echo.eventually(lambda: Closed(1) in echo.told)
             assert echo.heard() == {1: 2}
 
-    async def test_who_exceeds_its_rate_is_read_no_further_and_tcp_holds_it_back(self, pages):
+    @pytest.mark.parametrize("size", [0, 1000])
+    async def test_who_exceeds_its_rate_is_read_no_further_and_tcp_holds_it_back(self, pages, size):
         async with echoing(pages, messages_per_s=NEVER, messages_at_once=10.0) as echo:
-            with closing([await driver(echo)]) as (loud,), closing([await driver(echo)]) as (quiet,):
-                sent = 0
-                for _ in range(200):
-                    sent += loud.push(frame(bytes(1000)) * 16, 50_000_000)
-                    await asyncio.sleep(0.01)
-                assert sent < 20_000_000, "taken in"
+            with closing([await driver(echo, send_bytes=65536)]) as (loud,), closing([await driver(echo)]) as (quiet,):
+                before = memory_mb(the_child())
+                sent = await loud.push_on(frame(bytes(size)) * 16, 200)
+                assert sent < 500_000, "taken in, here or by the system"
                 assert echo.heard()[1] == 10
-                assert memory_mb(the_child()) < 150
+                assert memory_mb(the_child()) < before + 5
                 quiet.say(b"me too")
                 await echo.eventually(lambda: echo.heard()[2] == 2)
+
+    async def test_who_breaks_the_protocol_meanwhile_is_closed_and_its_bytes_are_not_read(self, pages):
+        async with echoing(pages, messages_per_s=NEVER, messages_at_once=10.0) as echo:
+            with closing([await driver(echo, send_bytes=65536)]) as (loud,):
+                loud.send(frame(b"x") * 9)
+                await echo.eventually(lambda: echo.heard()[1] == 10)
+                loud.send(b"\xff" * 100)
+                assert await loud.push_on(b"\xff" * 16_000, 200) < 500_000
+                await echo.eventually(lambda: Closed(1) in echo.told)
+
+    async def test_a_newcomer_that_waits_for_its_answer_is_held_back_too(self, pages):
+        async with echoing(pages, admission_s=LONG_S, messages_at_once=1e9, bytes_at_once=1e9) as echo:
+            echo.admits = echo.answers = False
+            with closing([await driver(echo, send_bytes=65536)]) as (loud,):
+                assert await loud.push_on(frame(bytes(1000)) * 16, 200) < 500_000
+                assert echo.heard()[1] == 1
 
     @pytest.mark.parametrize("opcode", [9, 10])
     async def test_pings_and_pongs_count_as_messages(self, pages, opcode):

@@ -17,6 +17,7 @@ import { Rejections } from "./rejections";
 import { AuditsCard, CompromiseCard, UnprotectedCard } from "./shields";
 import { StopAll } from "./stop_all";
 import { Term, Tip } from "./terms";
+import { SessionCard } from "./visitors";
 import { takeToken } from "./token";
 import { ago } from "./words";
 
@@ -56,7 +57,14 @@ export function App() {
               outOfOrder={dead ? "Back in a moment" : undefined}
               exhibition={exhibition}
             />
-            {!exhibition.on && <LiveMap token={token} state={newest.state} />}
+            {!exhibition.on && (
+              <div className="middle">
+                <LiveMap token={token} state={newest.state} />
+                {newest.state.session && (
+                  <SessionCard token={token} session={newest.state.session} robots={newest.state.robots} />
+                )}
+              </div>
+            )}
             {!exhibition.on && <Show token={token} state={newest.state} />}
           </div>
           {!exhibition.on && (
@@ -66,7 +74,7 @@ export function App() {
                 <CountersCard counters={newest.state.counters} window={window} />
                 <Rejections rejected={newest.state.rejected} window={window} />
               </div>
-              <BrokerCard broker={newest.state.broker} />
+              {newest.state.broker.name !== "direct" && <BrokerCard broker={newest.state.broker} />}
             </div>
           )}
         </main>
@@ -79,14 +87,15 @@ export function App() {
 
 /** What one does, and talks about, before an audience. */
 function Show({ token, state }: { readonly token: string; readonly state: GatewayState }) {
-  const { robots, shields, unprotected, mission, visitors } = state;
+  const { robots, shields, unprotected, mission, visitors, session, mode } = state;
+  const isShared = session === undefined || mode === "qrkey";
   return (
     <div className="show">
       {shields && <CompromiseCard token={token} robots={robots} shields={shields} />}
       {shields && <AuditsCard refusals={shields.refusals} />}
       {mission && <MissionCard mission={mission} />}
       {!shields && !mission && <UnprotectedCard why={unprotected} />}
-      <VisitorsCard visitors={visitors} />
+      {isShared && <VisitorsCard visitors={visitors} />}
     </div>
   );
 }

@@ -20,6 +20,31 @@ export interface Visitor {
   readonly requests: number;
 }
 
+export const ROLES = ["watch", "drive", "operate"] as const;
+
+/** Somebody with a session, here or away for a while. */
+export interface SessionVisitor {
+  readonly visitor: number;
+  readonly name: string;
+  readonly role: (typeof ROLES)[number];
+  /** For the operator's approval. */
+  readonly waiting: boolean;
+  readonly present: boolean;
+  /** Address of the robot that it drives or was given; "". */
+  readonly robot: string;
+  /** In the queue for a robot, from 1; 0: not in it. */
+  readonly place: number;
+}
+
+/** Mode session. */
+export interface Session {
+  /** Eight digits; undefined: none is shown. */
+  readonly room: string | undefined;
+  /** Newcomers are admitted without approval. */
+  readonly open: boolean;
+  readonly visitors: readonly SessionVisitor[];
+}
+
 export interface Rgb {
   readonly red: number;
   readonly green: number;
@@ -125,6 +150,8 @@ export interface GatewayState {
   readonly uptime_s: number;
   readonly broker: Broker;
   readonly visitors: readonly Visitor[];
+  /** Undefined: a gateway that has none. */
+  readonly session: Session | undefined;
   readonly robots: readonly Robot[];
   /** Undefined where robots do not audit each other. */
   readonly shields: Shields | undefined;
@@ -169,6 +196,7 @@ export function parseState(json: unknown): GatewayState {
       phones: typeof broker["phones"] === "string" ? broker["phones"] : "",
     },
     visitors: list(state["visitors"], "visitors").map(visitor),
+    session: state["session"] === undefined ? undefined : session(state["session"]),
     robots: list(state["robots"], "robots").map(robot),
     shields: state["shields"] === null ? undefined : shields(state["shields"]),
     unprotected: typeof state["unprotected"] === "string" ? state["unprotected"] : "",
@@ -186,6 +214,26 @@ function visitor(json: unknown): Visitor {
     id: text(it["id"], "visitor.id"),
     last_seen_s: finite(it["last_seen_s"], "visitor.last_seen_s"),
     requests: finite(it["requests"], "visitor.requests"),
+  };
+}
+
+function session(json: unknown): Session {
+  const it = record(json, "session");
+  return {
+    room: it["room"] === null ? undefined : text(it["room"], "session.room"),
+    open: it["open"] === true,
+    visitors: list(it["visitors"], "session.visitors").map((each) => {
+      const visitor = record(each, "session.visitor");
+      return {
+        visitor: finite(visitor["visitor"], "visitor.visitor"),
+        name: text(visitor["name"], "visitor.name"),
+        role: oneOf(visitor["role"], ROLES, "visitor.role"),
+        waiting: visitor["waiting"] === true,
+        present: visitor["present"] === true,
+        robot: text(visitor["robot"], "visitor.robot"),
+        place: finite(visitor["place"], "visitor.place"),
+      };
+    }),
   };
 }
 

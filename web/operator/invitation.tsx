@@ -10,7 +10,6 @@ import { TERMS } from "./terms";
 import { shortUrl } from "./words";
 
 const SAID_FOR_MS = 2500;
-const NEW_CODE = TERMS.newCode;
 
 interface Props {
   readonly token: string;
@@ -22,6 +21,8 @@ interface Props {
 export function Invitation({ token, newest, outOfOrder, exhibition }: Props) {
   const button = useRef<HTMLButtonElement>(null);
   const { on, enter, leave } = exhibition;
+  const { session, mode } = newest.state;
+  const isShared = session === undefined || mode === "qrkey";
   const wasOn = useRef(on);
   useEffect(() => {
     // The button under the finger has changed; whoever uses the keyboard stays on it.
@@ -34,10 +35,12 @@ export function Invitation({ token, newest, outOfOrder, exhibition }: Props) {
       <h1>{newest.state.mission ? "Scan to watch the robots" : "Scan to drive the robots"}</h1>
       <QrCode svg={newest.state.qr_svg} outOfOrder={outOfOrder} />
       <p className="page-url">{shortUrl(newest.state.page_url)}</p>
+      {session?.room !== undefined && <RoomDigits room={session.room} />}
       <div className="invitation-foot">
         <Countdown newest={newest} />
         <div className="buttons">
-          {!on && <NewCode token={token} overlapping={newest.state.overlapping} />}
+          {!on && <NewCode token={token} isShared={isShared} overlapping={newest.state.overlapping} />}
+          {!on && session && <RoomToggle token={token} isShown={session.room !== undefined} />}
           {!on && <CopyLink url={newest.state.qr_url} />}
           <button ref={button} type="button" className={on ? "subtle" : "primary"} onClick={on ? leave : enter}>
             {on ? "Back to the overview" : "QR only"}
@@ -48,17 +51,24 @@ export function Invitation({ token, newest, outOfOrder, exhibition }: Props) {
   );
 }
 
-// One overlap at a time: phones that sleep through two new codes would be told of neither.
-function NewCode({ token, overlapping }: { readonly token: string; readonly overlapping: boolean }) {
+interface NewCodeProps {
+  readonly token: string;
+  readonly isShared: boolean;
+  readonly overlapping: boolean;
+}
+
+function NewCode({ token, isShared, overlapping }: NewCodeProps) {
   const [trouble, setTrouble] = useState<string>();
+  const tip = isShared ? TERMS.sharedCode : TERMS.newCode;
   return (
     <>
       <button
         type="button"
         data-testid="new-code"
-        disabled={overlapping}
-        data-tip={NEW_CODE}
-        aria-description={NEW_CODE}
+        // Of a shared code one overlap at a time: phones that sleep through two new codes would get neither.
+        disabled={isShared && overlapping}
+        data-tip={tip}
+        aria-description={tip}
         onClick={async () => setTrouble(await order(token, "rotate"))}
       >
         New code now
@@ -72,7 +82,33 @@ function NewCode({ token, overlapping }: { readonly token: string; readonly over
   );
 }
 
-// The link has the pin in it, so it is copied and never written: this page is on a projector.
+/** Large, for people who type it. */
+function RoomDigits({ room }: { readonly room: string }) {
+  return (
+    <p className="room">
+      <span className="quiet">room code</span>{" "}
+      <strong className="room-digits" data-testid="room-digits">
+        {room.slice(0, 4)} {room.slice(4)}
+      </strong>
+    </p>
+  );
+}
+
+function RoomToggle({ token, isShown }: { readonly token: string; readonly isShown: boolean }) {
+  return (
+    <button
+      type="button"
+      data-testid="room-toggle"
+      data-tip={TERMS.room}
+      aria-description={TERMS.room}
+      onClick={() => void order(token, "link/room", { show: !isShown })}
+    >
+      {isShown ? "Hide room code" : "Room code"}
+    </button>
+  );
+}
+
+// The link has the code in it, so it is copied and never written: this page is on a projector.
 function CopyLink({ url }: { readonly url: string }) {
   const [said, setSaid] = useState<string>();
   useEffect(() => {

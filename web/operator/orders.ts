@@ -3,7 +3,7 @@
 const ANSWER_WITHIN_MS = 4000;
 
 /** `stop` and `go` are answered by the gateway however busy it is. */
-export type Order = "compromise" | "rotate" | "stop" | "go";
+export type Order = "compromise" | "rotate" | "stop" | "go" | `link/${string}`;
 
 export async function order(token: string, what: Order, words: object = {}): Promise<string | undefined> {
   try {

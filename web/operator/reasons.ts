@@ -77,6 +77,41 @@ const REASONS: Readonly<Record<string, Reason>> = {
     text: "A visitor wanted to drive while you had stopped all robots. Not carried out.",
     tone: "harmless",
   },
+  unknown_secret: {
+    title: "Invalid code",
+    text: "A code that has changed, a ticket that is used up, or somebody who was removed. They have to scan the code again.",
+    tone: "help",
+  },
+  tries_used_up: {
+    title: "Room codes tried too often",
+    text: "More than ten tries from one address, or 120 in all, within an hour. QR codes still work.",
+    tone: "suspicious",
+  },
+  not_allowed: {
+    title: "Not theirs to do",
+    text: "A visitor wanted to drive a robot that its role, ticket or turn does not allow. Not carried out.",
+    tone: "harmless",
+  },
+  busy: {
+    title: "Somebody else drives it",
+    text: "A visitor wanted to drive a robot that another one drives. Not carried out.",
+    tone: "harmless",
+  },
+  too_many: {
+    title: "Too many at once",
+    text: "More commands, requests or connections than one visitor may send. The rest was not carried out.",
+    tone: "suspicious",
+  },
+  malformed_record: {
+    title: "Not of our protocol",
+    text: "Bytes that are no message of a session: another program, or somebody probing.",
+    tone: "suspicious",
+  },
+  unexpected: {
+    title: "Out of turn",
+    text: "A message that its sender may not send at that moment: another program, or somebody probing.",
+    tone: "suspicious",
+  },
   unknown: {
     title: "No such robot or order",
     text: "Meant for a robot that is not here (any more), or a kind of order that we do not have.",

@@ -3,9 +3,17 @@
 import { type ReactNode, useEffect, useState } from "react";
 
 export const TERMS = {
-  mode: "How visitors get in. qrkey: by the code alone. Nobody proves who they are, so whoever has the code can drive.",
-  code: "It holds a secret number, the pin, that opens what is said between phones and the gateway. It changes by itself from time to time; phones that are in follow.",
-  newCode: "Changes the code at once. Nobody is thrown out by it: phones that are in are told the new one. To throw everybody out, start the gateway again.",
+  mode: "How visitors get in. session: the code admits them, and then each has keys of its own. qrkey: all share the code's key, so nobody can be removed.",
+  code: "It holds a secret that admits newcomers. It changes by itself from time to time; the one before it works for two minutes more.",
+  newCode: "The code before is refused at once, also where somebody has scanned it and not joined yet. Who is here stays.",
+  sharedCode: "Changes the code at once. Nobody is logged out: phones that are in get the new one. Mode qrkey can remove nobody.",
+  room: "For people without a camera: they open the address and type these digits. Each room code admits one visitor, then another one is shown.",
+  session: "Everybody who has joined. Who is away can come back with the same name and role for eight hours, or one hour on plain http.",
+  role: "watch: sees everything. drive: commands robots as well. operate: may do what this page does.",
+  assigned: "The robot that a visitor drives, or was given. A robot that you give stays until you take it. Choose a robot of another visitor to exchange the two.",
+  door: "While the door is closed, newcomers wait until you let them in. Removing somebody closes it, as the same person can scan the new code. Who waits when you open it still needs your approval.",
+  everybodyOut: "Ends all sessions for good, changes the code and closes the door. Tickets stay valid.",
+  remove: "Ends this session at once and for good, makes its ticket invalid, changes the code and closes the door. The same person can come back as a newcomer if you let them in.",
   broker: "The program in the network that passes messages between phones and the gateway.",
   visitors: "Pages and programs that asked for something lately, by a name that each makes up. One that is closed disappears at once, one that lost its network within a minute.",
   compromise: "Let a robot behave as if somebody had broken into its computer, to see the others find out.",

@@ -83,7 +83,7 @@ def up(
         link=link,
         login=login,
         state=state or default_state(),
-        state_may_be_taken=state is None,
+        state_is_optional=state is None,
         operator_token=token,
         stop_file=operator_token_file and operator_token_file.with_name(f"{operator_token_file.name}.stopped"),
         **served,

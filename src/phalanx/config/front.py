@@ -41,7 +41,7 @@ class FrontConfig:
     messages_at_once: float = 80.0
     bytes_per_s: float = 64 * 1024.0
     bytes_at_once: float = 128 * 1024.0
-    newcomers_share: float = 0.3  # of the gateway's time, for messages of all newcomers
+    newcomers_share: float = 0.25  # of the gateway's time, for messages of all newcomers
     in_flight: int = 64  # messages that the gateway has not processed yet
     newcomers_in_flight: int = 4
     # messages to clients

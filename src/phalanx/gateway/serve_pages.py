@@ -35,7 +35,7 @@ _BASE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-# Visitors reach the gateway by websocket, and in mode qrkey a broker, wherever it is; 'self' has the swarm's public key.
+# Visitors reach the gateway by websocket, and in mode qrkey a broker, wherever it is; 'self' has the swarm's key.
 VISITOR_POLICY = f"{_BASE_POLICY}; img-src 'self' data:; connect-src 'self' ws: wss:"
 OPERATOR_POLICY = f"{_BASE_POLICY}; img-src 'self' data: blob:; connect-src 'self'"
 

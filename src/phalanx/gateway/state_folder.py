@@ -16,7 +16,7 @@ from pathlib import Path
 
 from phalanx.errors import Unavailable, UsageError
 from phalanx.io.private_file import write_private
-from phalanx.io.session_store import InUse, LinkKeys, SessionStore, new_link_keys
+from phalanx.io.session_store import LinkKeys, SessionStore, new_link_keys
 from phalanx.link.session import MemoryStore, Store
 
 from .trail import Trail
@@ -51,19 +51,19 @@ class Kept:
 
 
 @contextlib.contextmanager
-def kept_in(folder: Path | None, *, may_be_taken: bool = False) -> Iterator[Kept]:
-    """Open the folder, made if it is not there; None: nothing is kept, nor if another gateway has it and may.
+def kept_in(folder: Path | None, *, is_optional: bool = False) -> Iterator[Kept]:
+    """Open the folder, made if it is not there. None: nothing is kept, nor if an optional one cannot be had.
 
     Raises: UsageError: it is damaged, or others may enter it; Unavailable: another gateway has it.
     """
     with contextlib.ExitStack() as stack:
         store = None
         if folder is not None:
-            make_folder(folder)
             try:
+                make_folder(folder)
                 store = stack.enter_context(SessionStore(folder / STORE))
-            except InUse as error:
-                if not may_be_taken:
+            except Unavailable as error:
+                if not is_optional:
                     raise
                 log.warning("%s: this one forgets its visitors with its end; hint: --state FOLDER", error)
         if folder is None or store is None:

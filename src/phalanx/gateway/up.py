@@ -53,7 +53,7 @@ class UpOptions:
     assign: Assign = "free"  # who drives which robot
     turn_s: float = 120.0  # with one robot each, while others wait
     state: Path | None = None  # folder of visitors, tickets and the trail; None: they end with the gateway
-    state_may_be_taken: bool = False  # if another gateway has that folder, nothing is kept
+    state_is_optional: bool = False  # if that folder cannot be had, nothing is kept
     operator_port: int = 0  # of the operator's page; 0 for any free one
     operator_token: str = field(default="", repr=False)  # of the operator's page; "" for a new one
     stop_file: Path | None = None  # is there while the operator has stopped all robots: a restart does not free them
@@ -117,7 +117,7 @@ async def up(
     token = options.operator_token or secrets.token_hex(16)
     allow_files(MANY_FILES)
     async with contextlib.AsyncExitStack() as stack:
-        kept: Kept = stack.enter_context(kept_in(options.state, may_be_taken=options.state_may_be_taken))
+        kept: Kept = stack.enter_context(kept_in(options.state, is_optional=options.state_is_optional))
         front = await _front(options, stack, kept.keys)
         page_url = options.page_at(front.port)
         shared: SharedCode | None = None

@@ -27,10 +27,6 @@ KEY_BYTES = 32
 _STATIC, _SIGNER = "static", "signer"
 
 
-class InUse(Unavailable):
-    """Another process has the store."""
-
-
 @dataclass(frozen=True, slots=True)
 class LinkKeys:
     """A swarm's keys: X25519 for handshakes, Ed25519 for updates. Printing them shows nothing."""
@@ -50,7 +46,7 @@ class SessionStore:
     Attributes:
         keys: the swarm's, made with the file.
 
-    Raises: UsageError: others may read it, or it is damaged; InUse: another gateway has it; Unavailable: a full disk.
+    Raises: UsageError: others may read it, or it is damaged; Unavailable: another gateway has it, or the disk is full.
     """
 
     def __init__(self, path: Path) -> None:
@@ -146,7 +142,7 @@ class SessionStore:
             yield
         except sqlite3.OperationalError as error:
             if "locked" in str(error):
-                raise InUse(f"another gateway has {self._path}", "give this one another folder") from error
+                raise Unavailable(f"another gateway has {self._path}", "give this one another folder") from error
             raise Unavailable(
                 f"cannot write {self._path}: {error}", "a folder that is yours, with room in it"
             ) from error

@@ -213,6 +213,12 @@ class Connection(RequestHandler):
         else:
             super().data_received(data)
 
+    def close(self) -> None:
+        """Hang up on a websocket that breaks its protocol: aiohttp would read on, and drop what it reads."""
+        super().close()
+        if self.is_websocket:
+            self.leave()
+
     def connection_lost(self, error: BaseException | None) -> None:
         """Free the seat."""
         self._seats.gone(self)

@@ -34,6 +34,7 @@ REASON_BYTES = 64
 # A front end that takes nothing: updates are dropped first, then it is started again.
 UNSENT_UPDATES_BYTES = 1024 * 1024
 UNSENT_BYTES = 32 * 1024 * 1024
+UNREAD_BYTES = 64 * 1024  # in the system, of a client that we hold back
 LONGEST_US = 1_000_000  # that a message counts for: who debugs a gateway stops it for minutes
 IF_TAKEN = "another program has it; choose another with --port, or --port 0 for any"
 
@@ -119,6 +120,7 @@ class Front:
         async with contextlib.AsyncExitStack() as stack:
             # We listen, not the child: whoever comes while it starts waits, and nobody takes the port.
             self._listening = stack.enter_context(listen(self._host, self.port, IF_TAKEN))
+            self._listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, UNREAD_BYTES)  # of each connection
             self.port = int(self._listening.getsockname()[1])
             await stack.enter_async_context(kept("the front end", self._child, self._serves, self._begins))
             self._stack = stack.pop_all()
@@ -219,8 +221,8 @@ class Front:
         return self._alive
 
     def _lose_all(self) -> None:
-        for connection in sorted(self._open):
-            self._tell(Closed(connection))
+        self._events += map(Closed, sorted(self._open))
+        self._wakes.set()
         self._open.clear()
         self._ending.clear()
         self._before, self._in_flight = self._highest, 0
@@ -259,6 +261,9 @@ class Front:
         return connection in self._open and connection not in self._ending
 
     def _tell(self, event: Event) -> None:
+        # An honest one opens a connection only with a message that there is room for.
+        if len(self._events) > 2 * (self._limits.in_flight + self._limits.connections_max):
+            raise MalformedRecord("more events than there is room for")
         self._events.append(event)
         self._wakes.set()
 

@@ -6,13 +6,14 @@ import asyncio
 import contextlib
 import fcntl
 import socket
+from collections.abc import Iterator
 
 from phalanx.config.front import FrontConfig
 from phalanx.io.pace import Pace
 from phalanx.io.site import Connection
 from phalanx.io.websocket import BINARY, CLOSE, frame_head
 
-READ_BYTES = 16 * 1024  # at once, of a connection: what it may have unread here
+READ_BYTES = 4 * 1024  # at once, of a connection: what it may have unread here; as frames of nothing 25 times as much
 SEND_BUFFER_BYTES = 32 * 1024  # of the system
 SIOCOUTQNSD = 0x894B  # linux/sockios.h: bytes in a socket's send buffer that were not sent yet
 CLOSE_NORMAL = (1000).to_bytes(2, "big")
@@ -32,7 +33,7 @@ class Link:
         self.number, self.address, self.connection = 0, address, connection
         self.is_admitted = self.is_closing = self.awaits_answer = False
         self.until_s = now_s + limits.first_message_s
-        self.pending: asyncio.Future[bool] | None = None
+        self.pending: asyncio.Future[None] | None = None
         self.data = b""
         self._limits = limits
         self._messages = Pace(limits.messages_per_s, limits.messages_at_once, now_s)
@@ -74,6 +75,15 @@ class Link:
         self._messages.use()
         self._bytes.use(size)
         return wait_s
+
+    @contextlib.contextmanager
+    def held_back(self) -> Iterator[None]:
+        """Read nothing more of the client in this context, so that TCP holds it back."""
+        self.connection.pause_reading()
+        try:
+            yield
+        finally:
+            self.connection.resume_reading()
 
     def send(self, data: bytes, now_s: float) -> None:
         """Send a message; the client must take it in time."""

@@ -78,7 +78,9 @@ class Links:
                     await self._wait(link, len(message.data))
                     if not link.is_closing:
                         link.data = message.data
-                        await self._window.turn(link)
+                        if not self._window.go(link):
+                            with link.held_back():
+                                await self._window.turn(link)
                 case WSMsgType.PING:
                     await self._wait(link, len(message.data))
                     link.write(PONG, message.data)
@@ -93,7 +95,8 @@ class Links:
 
     async def _wait(self, link: Link, size: int) -> None:
         if wait_s := link.wait_s(size, time.monotonic()):
-            await asyncio.sleep(wait_s)
+            with link.held_back():
+                await asyncio.sleep(wait_s)
 
     def _pass_on(self, link: Link) -> None:
         assert self.pipe is not None

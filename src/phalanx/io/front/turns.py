@@ -132,8 +132,7 @@ class Turns(Generic[Item]):
             address = next((each for each in self._rows.addresses() if self._may(each, now_s)), None)
             if address is None:
                 self._all_wait = True
-                waits_s = (self._paces.of(each, now_s).wait_s(now_s) for each in self._rows.addresses())
-                self._look_in(max(min(waits_s), SOONEST_OWN_S))
+                self._look_in(max(min(self._own_s(each, now_s) for each in self._rows.addresses()), SOONEST_OWN_S))
                 return
             self._serve_one(address, now_s)
 
@@ -156,7 +155,10 @@ class Turns(Generic[Item]):
         self._rows = Rows()
 
     def _may(self, address: str, now_s: float) -> bool:
-        return address in self._rows and (self._paces is None or not self._paces.of(address, now_s).wait_s(now_s))
+        return address in self._rows and not self._own_s(address, now_s)
+
+    def _own_s(self, address: str, now_s: float) -> float:
+        return 0.0 if self._paces is None else self._paces.of(address, now_s).wait_s(now_s)
 
     def _serve_one(self, address: str, now_s: float) -> None:
         self._pace.use()

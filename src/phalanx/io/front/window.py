@@ -28,7 +28,7 @@ class Sender(Protocol):
     address: str
     is_admitted: bool
     awaits_answer: bool
-    pending: asyncio.Future[bool] | None  # whether its message was passed on
+    pending: asyncio.Future[None] | None  # done when its message waits no longer
 
 
 Who = TypeVar("Who", bound=Sender)
@@ -48,7 +48,7 @@ class Window(Generic[Who]):
         self._pace = Pace(limits.newcomers_share * US, NEWCOMERS_AT_ONCE_US, now_s)
         self._newcomers: Turns[Who] = Turns(
             self._go,
-            self._refuse,
+            self._settle,
             self._pace,
             waiting_max=limits.connections_max,
             has_room=lambda: self._newcomers_in_flight < self._limits.newcomers_in_flight,
@@ -56,15 +56,19 @@ class Window(Generic[Who]):
         self._of_newcomers: deque[bool] = deque()  # messages under way, in their order
         self._newcomers_in_flight = 0
 
-    async def turn(self, sender: Who) -> bool:
-        """Pass on a message in its turn, and return whether it was."""
-        if sender.is_admitted and not self._admitted and self._has_room():
+    def go(self, sender: Who) -> bool:
+        """Pass on a message if nothing keeps it waiting; return whether it was."""
+        may = sender.is_admitted and not self._admitted and self._has_room()
+        if may:
             self._go(sender)
-            return True
-        pending: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
+        return may
+
+    async def turn(self, sender: Who) -> None:
+        """Pass on a message in its turn, unless the connection is dropped meanwhile."""
+        pending: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         sender.pending = pending
         self._wait(sender)
-        return await pending
+        await pending
 
     def taken(self, took_us: Sequence[int]) -> None:
         """Note that the gateway has processed messages, and how long it took for each."""
@@ -86,7 +90,7 @@ class Window(Generic[Who]):
         if sender.pending:
             self._admitted.pop(sender, None)
             self._newcomers.remove(sender.address, sender)
-            self._refuse(sender)
+            self._settle(sender)
 
     def _wait(self, sender: Who) -> None:
         if sender.is_admitted:
@@ -110,12 +114,9 @@ class Window(Generic[Who]):
         self._newcomers_in_flight += not sender.is_admitted
         sender.awaits_answer = not sender.is_admitted
         self._pass_on(sender)
-        self._settle(sender, passed=True)
+        self._settle(sender)
 
-    def _refuse(self, sender: Who) -> None:
-        self._settle(sender, passed=False)
-
-    def _settle(self, sender: Who, *, passed: bool) -> None:
+    def _settle(self, sender: Who) -> None:
         pending, sender.pending = sender.pending, None
         if pending and not pending.done():
-            pending.set_result(passed)
+            pending.set_result(None)

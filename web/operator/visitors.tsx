@@ -1,0 +1,192 @@
+// Visitors with sessions: who is here, who waits, who drives what; and what the operator does about it.
+
+import { useEffect, useState } from "react";
+import type { Robot, Session, SessionVisitor } from "./gateway_state";
+import { order } from "./orders";
+import { Term, TERMS } from "./terms";
+
+/** A second click within so long means it. */
+const CONFIRM_MS = 4000;
+
+interface Props {
+  readonly token: string;
+  readonly session: Session;
+  readonly robots: readonly Robot[];
+}
+
+export function SessionCard({ token, session, robots }: Props) {
+  const [trouble, setTrouble] = useState<string>();
+  const { visitors } = session;
+  const present = visitors.filter((each) => each.present);
+  const act: Act = async (what, words = {}) => setTrouble(await order(token, `link/${what}`, words));
+  return (
+    <section className="card visitors" data-testid="session" aria-labelledby="session-title">
+      <header>
+        <h2 id="session-title">
+          <Term of="session">Visitors</Term> <span className="count">{present.length}</span>
+        </h2>
+        <span className="tag" data-link={session.open ? "ok" : "quiet"} data-testid="door-state">
+          {session.open ? "newcomers are let in" : "newcomers wait for you"}
+        </span>
+      </header>
+      <div className="buttons">
+        <button
+          type="button"
+          data-testid="door"
+          data-tip={TERMS.door}
+          aria-description={TERMS.door}
+          onClick={() => void act("door", { open: !session.open })}
+        >
+          {session.open ? "Close the door" : "Open the door"}
+        </button>
+        <Confirmed
+          testid="everybody-out"
+          label="Everybody out"
+          sure="Really everybody?"
+          tip={TERMS.everybodyOut}
+          onSure={() => void act("everybody_out")}
+        />
+      </div>
+      {trouble !== undefined && (
+        <p className="trouble" role="alert">
+          {trouble}
+        </p>
+      )}
+      {visitors.length === 0 ? (
+        <p className="quiet">Nobody yet. The code is waiting.</p>
+      ) : (
+        <section className="scroll" aria-label="Visitors and what they may do" tabIndex={0}>
+          <table data-testid="session-table">
+            <thead>
+              <tr>
+                <th scope="col">Name</th>
+                <th scope="col">
+                  <Term of="role">Role</Term>
+                </th>
+                <th scope="col">
+                  <Term of="assigned">Robot</Term>
+                </th>
+                <th scope="col">
+                  <span className="unseen">Actions</span>
+                </th>
+              </tr>
+            </thead>
+            <tbody>
+              {visitors.map((visitor) => (
+                <Row key={visitor.visitor} visitor={visitor} visitors={visitors} robots={robots} act={act} />
+              ))}
+            </tbody>
+          </table>
+        </section>
+      )}
+    </section>
+  );
+}
+
+type Act = (what: string, words?: object) => Promise<void>;
+
+interface RowProps {
+  readonly visitor: SessionVisitor;
+  readonly visitors: readonly SessionVisitor[];
+  readonly robots: readonly Robot[];
+  readonly act: Act;
+}
+
+function Row({ visitor, visitors, robots, act }: RowProps) {
+  const { visitor: id, name, role, waiting, present } = visitor;
+  const called = name === "" ? `visitor ${id}` : name;
+  return (
+    <tr data-visitor={id} data-waiting={waiting} data-present={present}>
+      <th scope="row">
+        <span className="robot-name">{called}</span>
+        {!present && <span className="tag">away</span>}
+      </th>
+      <td>{waiting ? <span className="tag" data-link="quiet">waits</span> : role}</td>
+      <td>{waiting ? "" : <Drives visitor={visitor} visitors={visitors} robots={robots} act={act} called={called} />}</td>
+      <td className="acts">
+        {waiting && (
+          <button type="button" className="primary" aria-label={`Let ${called} in`} onClick={() => void act("approve", { visitor: id })}>
+            Let in
+          </button>
+        )}
+        {!waiting && role !== "operate" && (
+          <button
+            type="button"
+            aria-label={role === "drive" ? `Let ${called} watch only` : `Let ${called} drive`}
+            onClick={() => void act("role", { visitor: id, role: role === "drive" ? "watch" : "drive" })}
+          >
+            {role === "drive" ? "Watch only" : "Let drive"}
+          </button>
+        )}
+        <Confirmed
+          testid="remove"
+          label="Remove"
+          sure="Really?"
+          tip={TERMS.remove}
+          called={`Remove ${called}`}
+          onSure={() => void act("remove", { visitor: id })}
+        />
+      </td>
+    </tr>
+  );
+}
+
+/** Gives a robot, takes it, or exchanges two. */
+function Drives({ visitor, visitors, robots, act, called }: RowProps & { readonly called: string }) {
+  const { visitor: id, robot, role, place } = visitor;
+  if (role === "watch") return <span className="quiet">–</span>;
+  function choose(address: string) {
+    if (address === "") return act("take", { robot });
+    const isTaken = visitors.some((each) => each.visitor !== id && each.robot === address);
+    if (isTaken && robot !== "") return act("swap", { robots: [robot, address] });
+    return act("give", { visitor: id, robot: address });
+  }
+  return (
+    <>
+      <select aria-label={`Robot of ${called}`} data-testid="robot-of" value={robot} onChange={(event) => void choose(event.target.value)}>
+        <option value="">none</option>
+        {robots.map((each) => (
+          <option key={each.address} value={each.address}>
+            {each.name}
+          </option>
+        ))}
+      </select>
+      {place > 0 && <span className="quiet"> in queue: {place}</span>}
+    </>
+  );
+}
+
+interface ConfirmedProps {
+  readonly testid: string;
+  readonly label: string;
+  readonly sure: string;
+  readonly tip: string;
+  readonly called?: string;
+  readonly onSure: () => void;
+}
+
+/** A button that ends what cannot be brought back: the first click only asks. */
+function Confirmed({ testid, label, sure, tip, called, onSure }: ConfirmedProps) {
+  const [asks, setAsks] = useState(false);
+  useEffect(() => {
+    if (!asks) return;
+    const timer = setTimeout(() => setAsks(false), CONFIRM_MS);
+    return () => clearTimeout(timer);
+  }, [asks]);
+  return (
+    <button
+      type="button"
+      className={asks ? "danger" : ""}
+      data-testid={testid}
+      data-tip={tip}
+      aria-description={tip}
+      aria-label={called && (asks ? `${called}: ${sure}` : called)}
+      onClick={() => {
+        if (asks) onSure();
+        setAsks(!asks);
+      }}
+    >
+      {asks ? sure : label}
+    </button>
+  );
+}
