@@ -15,7 +15,6 @@ import click
 
 from phalanx.config import LinkConfig
 from phalanx.config.defence import DEFENCES
-from phalanx.errors import UsageError
 
 from .complete import a_mission, a_scenario_s_controller
 
@@ -80,12 +79,6 @@ def link_config(said: dict[str, Any]) -> LinkConfig:
     return LinkConfig(**{name: said.pop(name) for name in ("pin_digits", "rotate_s", "overlap_s", "root")})
 
 
-def _refuse_visitors_login(_context: click.Context, _option: click.Parameter, said: str | None) -> None:
-    if said is not None:
-        hint = "visitors come without a login: to this machine itself, or to a broker that asks for none"
-        raise UsageError("there is no --visitors-login any more", hint)
-
-
 FILE = click.Path(path_type=Path)
 OUT_FILE = click.Path(path_type=Path, dir_okay=False)
 FOLDER = click.Path(path_type=Path, file_okay=False)
@@ -111,13 +104,11 @@ login_option = option(
     type=FILE,
     help="File with user:password for the broker; or set PHALANX_BROKER_USERNAME and PHALANX_BROKER_PASSWORD.",
 )
-visitors_login_option = option("--visitors-login", hidden=True, expose_value=False, callback=_refuse_visitors_login)
 # For commands that send visitors to the broker.
 broker_options = together(
     option("--broker", default="mosquitto", help="mosquitto, or a mqtt(s):// or ws(s):// URL."),
     broker_ws_option,
     login_option,
-    visitors_login_option,
 )
 state_option = option(
     "--state",

@@ -56,6 +56,7 @@ async def open_broker(
     Raises: UsageError: a bad URL, or what is for a broker elsewhere given for ours. Unavailable: ours fails, or is not
         installed.
     """
+    sweep()
     if not is_ours(kind):
         url = parse_broker_url(kind, login)
         if "://" not in kind:
@@ -65,7 +66,6 @@ async def open_broker(
         return
     if websocket:
         raise UsageError("a websocket address for a broker of our own", "give it with a --broker URL only")
-    sweep()
     async with contextlib.AsyncExitStack() as stack:
 
         async def start() -> tuple[int, int]:

@@ -13,7 +13,6 @@ from phalanx.cli.options import option, runs
 @options.broker_ws_option
 @options.root_option
 @options.login_option
-@options.visitors_login_option
 @options.json_option
 @runs("doctor", "doctor")
 def doctor() -> None:
