@@ -84,10 +84,9 @@ $(NEEDED):
 	@$(PIP) --require-hashes -r $< || echo "pip goes on without it"
 	@touch $@
 
-.venv/packages: requirements.lock requirements-amqtt.lock | .venv/uv
+.venv/packages: requirements.lock | .venv/uv
 	@echo "installing Python packages"
 	@$(call PINNED,requirements.lock)
-	@PATH="$$PATH:/usr/sbin"; command -v mosquitto >/dev/null || $(call PINNED,requirements-amqtt.lock)
 	@touch $@
 
 .venv/runtime: .venv/packages pyproject.toml $(FIRMWARE)

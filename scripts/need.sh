@@ -1,7 +1,7 @@
 #!/bin/sh
 # Makes sure that commands are there: `need.sh mosquitto=mosquitto gcc=gcc`, each command=debian-package.
 # As root on Debian the missing packages are installed; elsewhere all that is missing is named at once, and nothing else
-# happens. `broker` is mosquitto where phalanx can do without it: who cannot install it is told, and gets amqtt.
+# happens.
 set -eu
 PATH="$PATH:/usr/sbin"
 NODE_WANTED="20.19"
@@ -66,15 +66,6 @@ for pair in "$@"; do
     npm)
         # It comes with every node but Debian's: not to be asked for beside a node that has to come from elsewhere.
         is_there npm || [ -n "$wants_node" ] || missing="$missing $package"
-        ;;
-    broker)
-        if is_there mosquitto; then
-            :
-        elif can_install; then
-            missing="$missing $package"
-        else
-            echo "note: no mosquitto here; going on with amqtt, a slower broker (hint: sudo apt-get install $package)" >&2
-        fi
         ;;
     browser)
         # Any chromium will do for the tests; the shell without windows takes half of the processor time.

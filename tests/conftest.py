@@ -85,17 +85,16 @@ def in_real_time():
 
 
 @asynccontextmanager
-async def a_broker(kind: str = "mosquitto"):
-    """An embedded broker on free ports."""
+async def a_broker():
+    """A mosquitto of ours on free ports."""
     in_real_time()
-    async with open_broker(kind, tcp_port=free_port(), ws_port=free_port()) as broker:
+    async with open_broker("mosquitto", tcp_port=free_port(), ws_port=free_port()) as broker:
         yield broker
 
 
 def a_server(broker, **more) -> Server:
     """A server that keeps what it hears, and answers request 0."""
-    how = {"broker_for_visitors": broker.websocket, "mqtt": broker.mqtt, "heard": broker.heard} | more
-    server = Server(broker.gateway, **how)
+    server = Server(broker.url, broker_for_visitors=broker.websocket, **more)
     server.heard = []
 
     @server.on_command(ANY)
@@ -109,10 +108,9 @@ def a_server(broker, **more) -> Server:
     return server
 
 
-def as_the_gateway(broker) -> aiomqtt.Client:
-    """A connection that may do everything on a broker of ours."""
-    url = broker.gateway
-    return aiomqtt.Client(url.host, url.port, username=url.login.username, password=url.login.password)
+def somebody(broker) -> aiomqtt.Client:
+    """A connection of whoever reaches the broker."""
+    return aiomqtt.Client(broker.url.host, broker.url.port)
 
 
 def a_page(port: int = 0, host: str = "127.0.0.1", connections: int = 1000) -> Site:
@@ -137,12 +135,6 @@ async def tell_until_cancelled(server):
     while True:
         await server.notify({"cmd": 1})
         await asyncio.sleep(0.1)
-
-
-@pytest.fixture(params=["mosquitto", "amqtt"])
-async def any_broker(request):
-    async with a_broker(request.param) as broker:
-        yield broker
 
 
 @pytest.fixture

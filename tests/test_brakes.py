@@ -72,7 +72,7 @@ def hold_up_the_event_loop(for_s: float, busy_s: float):
 
 @asynccontextmanager
 async def served(swarm, broker):
-    async with Server(broker.gateway, broker_for_visitors=broker.websocket) as server:
+    async with Server(broker.url, broker_for_visitors=broker.websocket) as server:
         gateway = Gateway(swarm, server)
         job = asyncio.create_task(gateway.run())
         await server.wait_connected(10)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import subprocess
+
 import pytest
 
 from chromium import a_page, badge, barriers_in_both_schemes, choose, insecure, wait_until
 from conftest import a_gateway, bare_mosquitto
-from phalanx.io import Login
-from phalanx.io.mosquitto import password_line
 from ports import free_port
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(120)]
@@ -84,25 +84,21 @@ def test_the_code_alone_is_readable_on_a_low_screen(browser, gateway, size, tmp_
 
 
 def test_a_broker_that_wants_a_login_of_visitors(browser, tmp_path):
-    """Both pages say that it is missing, or wrong; and whoever types the pin types it too."""
+    """The page says that it is missing, or wrong; and whoever types the pin types it too."""
     tcp, ws, users = free_port(), free_port(), tmp_path / "users"
-    users.write_text("".join(map(password_line, (Login("gateway", "secret"), Login("visitors", "secret")))))
-    (tmp_path / "gateway").write_text("gateway:secret\n")
-    (tmp_path / "wrong").write_text("visitors:wrong\n")
+    subprocess.run(["mosquitto_passwd", "-c", "-b", users, "all", "secret"], check=True)
+    (tmp_path / "login").write_text("all:secret\n")
     guarded = ("allow_anonymous false", f"password_file {users}", "user root")
     there = f"ws://127.0.0.1:{ws}/mqtt"
-    with bare_mosquitto(tcp, ws, tmp_path, *guarded) as (start, _), a_page(browser) as visitor, a_page(browser) as page:
+    with bare_mosquitto(tcp, ws, tmp_path, *guarded) as (start, _), a_page(browser) as visitor:
         start()
-        options = ("--broker", f"mqtt://127.0.0.1:{tcp}", "--broker-ws", there, "--broker-login", tmp_path / "gateway")
-        with a_gateway(*map(str, options), "--visitors-login", str(tmp_path / "wrong")) as (_, ready):
-            page.goto(ready["operator_url"])
-            page.get_by_test_id("banner").get_by_text("refused the login of visitors").wait_for()
-            assert not barriers_in_both_schemes(page)
-            visitor.goto(insecure(ready["qr_url"]))
+        options = ("--broker", f"mqtt://127.0.0.1:{tcp}", "--broker-ws", there, "--broker-login", tmp_path / "login")
+        with a_gateway(*map(str, options)) as (_, ready):
+            visitor.goto(insecure(f"{ready['qr_url']}&user=all&password=wrong"))
             visitor.get_by_test_id("badge").get_by_text("name or password is wrong").wait_for()
             visitor.get_by_test_id("leave").click()
             visitor.get_by_text("Type the pin instead").click()
-            for field, said in (("pin", ready["pin"]), ("broker", there), ("user", "visitors"), ("password", "secret")):
+            for field, said in (("pin", ready["pin"]), ("broker", there), ("user", "all"), ("password", "secret")):
                 visitor.get_by_test_id(field).fill(said)
             visitor.screenshot(path=tmp_path / "typed.png", full_page=True)
             visitor.get_by_test_id("typed-join").click()

@@ -238,10 +238,10 @@ def test_a_phone_says_the_login_that_is_in_the_link_and_comes_back_from_where_an
         start()
         words = ("--broker", f"mqtt://127.0.0.1:{tcp}", "--broker-ws", f"ws://127.0.0.1:{ws}/mqtt")
         with (
-            a_gateway(*words, "--broker-login", str(login), "--visitors-login", str(login)) as (_, ready),
+            a_gateway(*words, "--broker-login", str(login)) as (_, ready),
             a_page(browser) as page,
         ):
-            page.goto(insecure(ready["qr_url"]))
+            page.goto(insecure(f"{ready['qr_url']}&user=guest&password=open%20house"))
             badge(page, "live")
             assert "house" not in page.url
             page.reload()

@@ -23,7 +23,7 @@ from click.testing import CliRunner
 from conftest import PHALANX, ROOT, bare_mosquitto, run
 from phalanx.cli import doctor
 from phalanx.cli.commands.mission import PROFILES
-from phalanx.cli.credentials import login_in, visitors_login_in
+from phalanx.cli.credentials import login_in
 from phalanx.cli.main import ABOUT, phalanx, run_command
 from phalanx.cli.up import qr_text
 from phalanx.io import Login
@@ -156,18 +156,6 @@ class TestMistakes:
         (tmp_path / "login").write_bytes(b"\xef\xbb\xbfguest:open house\r\n")  # as an editor of Windows does
         assert login_in(tmp_path / "login") == Login("guest", "open house")
 
-    def test_visitors_that_are_given_the_gateways_own_login_are_told_of(self, tmp_path, caplog):
-        for name, words in (("gateway", "gateway:one"), ("same", "gateway:two"), ("theirs", "visitors:three")):
-            (tmp_path / name).write_text(words)
-        own = login_in(tmp_path / "gateway")
-        assert visitors_login_in(tmp_path / "theirs", own) == Login("visitors", "three")
-        assert visitors_login_in(tmp_path / "same", None) == Login("gateway", "two")
-        assert visitors_login_in(None, own) is None
-        assert not caplog.messages
-        assert visitors_login_in(tmp_path / "same", own) == Login("gateway", "two")
-        (line,) = caplog.messages
-        assert "speak as the swarm" in line
-
     def test_a_file_of_authorities_that_is_none_is_told_before_any_broker_is_asked(self, tmp_path, monkeypatch, capsys):
         (tmp_path / "lab.crt").write_text("no certificate\n")
         for name, why in (("lab.crt", "no certificate in it"), ("lab.ctr", "No such file or directory")):
@@ -259,7 +247,7 @@ class TestMistakes:
 
     def test_letters_that_the_terminal_lacks_and_a_closed_stdin_are_no_traceback(self):
         lacks = {"PYTHONIOENCODING": "latin-1"}
-        assert "pin=?" in run("link", "connect", "--help", env=lacks).stdout
+        assert "#j=?" in run("link", "connect", "--help", env=lacks).stdout
         words = ["sh", "-c", 'exec "$@" <&-', "sh", *PHALANX, "link", "connect", "-"]
         done = subprocess.run(words, capture_output=True, text=True, timeout=60)
         assert done.returncode == 2
@@ -272,7 +260,7 @@ class TestMistakes:
 
 
 # Each takes longer to import than a command's help may take in all.
-SLOW = ("numpy", "aiohttp", "aiomqtt", "amqtt", "cryptography", "matplotlib", "mcap")
+SLOW = ("numpy", "aiohttp", "aiomqtt", "cryptography", "matplotlib", "mcap")
 
 
 def imported(*commands: list[str]) -> list[str]:
@@ -342,7 +330,7 @@ class TestDoctor:
         assert done.returncode == 0, done.stdout
         assert all(line.startswith(("ok ", "fix", "-  ")) for line in done.stdout.splitlines())
         findings = json.loads(run("doctor", "--json").stdout)["findings"]
-        assert {"python", "kernels", "C compiler", "embedded broker", "pages", "clock"} <= {
+        assert {"python", "kernels", "C compiler", "broker of our own", "pages", "clock"} <= {
             finding["what"] for finding in findings
         }
 
@@ -362,9 +350,13 @@ class TestDoctor:
             done = run("doctor", "--broker", f"ws://127.0.0.1:{ws}")
             assert done.returncode == 0
             assert "answers, MQTT 5" in done.stdout
+            assert f"something listens at ws://127.0.0.1:{ws}/mqtt" in done.stdout
+            for words, code in (((), 1), (("--broker-ws", f"ws://127.0.0.1:{ws}/mqtt"), 0)):
+                done = run("doctor", "--broker", f"mqtt://127.0.0.1:{tcp}", *words)
+                assert (done.returncode, "where phones look for it  →  --broker-ws" in done.stdout) == (code, code == 1)
         done = run("doctor", "--broker", f"mqtt://127.0.0.1:{tcp}")
         assert done.returncode == 1
-        assert any(line.startswith("fix") and "broker" in line for line in done.stdout.splitlines())
+        assert any(line.startswith("fix") and "connection refused" in line for line in done.stdout.splitlines())
 
 
 @pytest.mark.parametrize("colour", [True, False])

@@ -75,7 +75,7 @@ class TestHostileSwarms:
         ids=["wrong types", "escapes", "not robots"],
     )
     async def test_a_list_of_robots_is_shown_whatever_is_in_it(self, broker, robots):
-        async with Server(broker.gateway, broker_for_visitors=broker.websocket) as server:
+        async with Server(broker.url, broker_for_visitors=broker.websocket) as server:
             server.on_request(0)(lambda request: robots)
             await server.wait_connected(10)
             url = server.qr().for_page("phalanx:")

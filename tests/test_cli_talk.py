@@ -140,7 +140,7 @@ class TestWhere:
                 "a login for a broker of our own",
             ),
             (["link", "serve", "--broker-login", "nowhere"], "a login for a broker of our own"),
-            (["doctor", "--visitors-login", "{login}"], "no broker to try"),
+            (["doctor", "--broker-login", "{login}"], "no broker to try"),
             (["doctor", "--broker", "localhost", "--broker-ws", "localhost:9001"], "browsers cannot use mqtt://"),
         ],
     )
@@ -180,11 +180,11 @@ class TestRobots:
         assert all(len(line) <= 60 and line.startswith((head, " " * len(head))) for line in lines)
 
     async def test_what_a_list_has_beside_robots_is_told_and_an_address_alone_is_one(self, capsys):
-        class Client:
-            async def request(self, *_args, **_options):
+        class Visitor:
+            async def robots(self):
                 return ["A1", {"address": "B2"}, 7, {"name": "nobody"}, "a/#"]
 
-        assert await link._Robots(Client(), 1.0).listed() == [{"address": "A1"}, {"address": "B2"}]
+        assert await link._Robots(Visitor()).listed() == [{"address": "A1"}, {"address": "B2"}]
         assert "no robot: 7, {'name': 'nobody'}, {'address': 'a/#'}\n" in capsys.readouterr().err
         link._show_robots([], as_json=False)
         assert capsys.readouterr().err == "phalanx: the swarm lists no robots\n"
@@ -192,34 +192,34 @@ class TestRobots:
     async def test_a_robot_that_is_not_listed_is_driven_if_one_insists_and_each_by_its_own_application(self, capsys):
         said = []
 
-        class Client:
-            async def request(self, *_args, **_options):
+        class Visitor:
+            async def robots(self):
                 return [{"address": "A1", "application": 1}]
 
-            async def command(self, *words):
-                said.append((words[0], words[3]))
-                return True
-
-        with pytest.raises(Unavailable, match="no robot A2"):
-            await link._drive(link._Robots(Client(), 1.0), "A2", (1, 1), 0.1, as_json=False)
-        assert not said
-        await link._drive(link._Robots(Client(), 1.0, unlisted=True), "A2", (1, 1), 0.1, as_json=False)
-        assert capsys.readouterr().out == "1 command to A2; nobody says whether there is such a robot\n"
-        await link._drive(link._Robots(Client(), 1.0), "A1", (1, 1), 0.1, as_json=False)
-        assert said == [("A2", "0")] * 2 + [("A1", "1")] * 2
-
-    async def test_a_drive_shows_the_robot_before_and_after(self, capsys):
-        class Client:
-            x_mm = 0
-
-            async def request(self, *_args, **_options):
-                return [{"address": "A1", "name": "Ada", "lh2_position": {"x": self.x_mm, "y": 0}}]
-
-            async def command(self, *_args):
-                self.x_mm += 1
+            async def drive(self, *words):
+                said.append(words)
                 return 1
 
-        await link._drive(link._Robots(Client(), 1.0), "ada", (1, 1), 0.1, as_json=False)
+        with pytest.raises(Unavailable, match="no robot A2"):
+            await link._drive(link._Robots(Visitor()), "A2", (1, 1), 0.1, as_json=False)
+        assert not said
+        await link._drive(link._Robots(Visitor(), unlisted=True), "A2", (1, 1), 0.1, as_json=False)
+        assert capsys.readouterr().out == "1 command to A2; nobody says whether there is such a robot\n"
+        await link._drive(link._Robots(Visitor()), "A1", (1, 1), 0.1, as_json=False)
+        assert said == [("A2", "0", (1, 1), 0.1), ("A1", "1", (1, 1), 0.1)]
+
+    async def test_a_drive_shows_the_robot_before_and_after(self, capsys):
+        class Visitor:
+            x_mm = 0
+
+            async def robots(self):
+                return [{"address": "A1", "name": "Ada", "lh2_position": {"x": self.x_mm, "y": 0}}]
+
+            async def drive(self, *_words):
+                self.x_mm += 2
+                return 1
+
+        await link._drive(link._Robots(Visitor()), "ada", (1, 1), 0.1, as_json=False)
         before, after = (line.split() for line in capsys.readouterr().out.splitlines())
         assert before[:4] == ["before", "A1", "Ada", "0"]
         assert after[:4] == ["after", "A1", "Ada", "2"]

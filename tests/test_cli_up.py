@@ -212,52 +212,6 @@ class TestUp:
         for count in re.findall("12345.*", line.replace("  ", "\n")):
             assert count.removeprefix("12345 ") in counts, "whole words only"
 
-    def test_a_guess_of_the_brokers_websockets_that_is_wrong_is_told_once(self, tmp_path):
-        tcp, ws = free_port(), free_port()
-        with bare_mosquitto(tcp, ws, tmp_path) as (start, _):
-            start()
-            for words in (["up", "--port", "0", "--defence", "none", "--qrkey"], ["link", "serve"]):
-                with child(*words, "--events", "--broker", f"mqtt://127.0.0.1:{tcp}") as guessing:
-                    guessing.wait_for("ready")
-                    assert guessing.stop() == 0
-                    (line,) = guessing.err
-                    assert f"nothing listens at ws://127.0.0.1:{tcp + 1}/mqtt" in line
-                    assert "hint: --broker-ws" in line
-                there = f"ws://127.0.0.1:{ws}/mqtt"
-                with child(*words, "--events", "--broker", f"mqtt://127.0.0.1:{tcp}", "--broker-ws", there) as told:
-                    told.wait_for("ready")
-                    assert told.stop() == 0
-                    assert not told.err
-
-    def test_a_broker_that_locks_phones_out_is_told_by_up_and_by_the_doctor(self, tmp_path):
-        tcp, ws = free_port(), free_port()
-        users = tmp_path / "users"
-        subprocess.run(["mosquitto_passwd", "-c", "-b", users, "me", "secret"], check=True)
-        (tmp_path / "login").write_text("me:secret\n")
-        # As root it would become somebody who may not read the file.
-        guarded = ("allow_anonymous false", f"password_file {users}", "user root")
-        with bare_mosquitto(tcp, ws, tmp_path, *guarded) as (start, _):
-            start()
-            login = ["--broker-login", str(tmp_path / "login")]
-            there = f"ws://127.0.0.1:{ws}/mqtt"
-            with a_gateway("--broker", f"mqtt://127.0.0.1:{tcp}", "--broker-ws", there, *login) as (up, _):
-                assert any("phones are locked out" in line and "without one" in line for line in up.err)
-                assert "secret" not in " ".join(up.err)
-            done = called("doctor", "--broker", there, *login)
-            assert done.returncode == 1
-            assert any(line.startswith("fix") and "phones are locked out" in line for line in done.stdout.splitlines())
-            # The same broker, with a login for them.
-            theirs = ["--visitors-login", str(tmp_path / "login")]
-            words = ("--broker", f"mqtt://127.0.0.1:{tcp}", "--broker-ws", there, *login, *theirs)
-            with a_gateway(*words) as (up, ready):
-                (line,) = up.err
-                assert "every code holds the gateway's own login" in line
-                assert "secret" not in line
-                assert ready["qr_url"].endswith("&user=me&password=secret")
-                visit = run("link", "connect", "-", "--json", input=ready["qr_url"])
-                assert len(json.loads(visit.stdout)["robots"]) == 12
-            assert called("doctor", "--broker", there, *login, *theirs).returncode == 0
-
     def test_foreign_pages_get_the_published_form(self):
         with a_gateway("--frontend", "https://dotbots.example/PyDotBot", "--root", "/pydotbot") as (_, ready):
             assert ready["qr_url"].startswith("https://dotbots.example/PyDotBot?use_qrkey=true&pin=")

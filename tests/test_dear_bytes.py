@@ -9,16 +9,15 @@ import os
 import socket
 import threading
 import time
-from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import Turns, a_broker, a_page, a_server, eventually
+from conftest import Turns, a_page, eventually
 from phalanx.config import LinkConfig
 from phalanx.errors import PeerError, TooLarge, WrongTopic
-from phalanx.io import Client, Server
+from phalanx.io import Server
 from phalanx.io.broker_packets import (
     MAX_ANSWER_BYTES,
     MAX_PACKET_BYTES,
@@ -27,91 +26,13 @@ from phalanx.io.broker_packets import (
     BrokerFaultError,
     BrokerPackets,
 )
-from phalanx.io.mosquitto import MEMORY_BYTES
 from phalanx.io.site import HEADERS, LINE_BYTES, Site, beside
-from phalanx.io.visitor import words_of
-from phalanx.io.visitor_packets import VisitorPackets
-from phalanx.io.websocket import Websocket, frame_head
+from phalanx.io.websocket import frame_head
 from phalanx.link.envelope import open_envelope, seal
 from phalanx.link.pin import Pin, derive_epoch
 from phalanx.link.replay import ReplayCache
-from test_guard import memory_mb
-from test_strangers import connect, the_process, varint, with_length
-
-USER_PROPERTY = b"\x26\x00\x00\x00\x00"
-
-
-def with_properties(kind: int, before: bytes, properties: bytes, after: bytes) -> bytes:
-    return with_length(kind, before + varint(len(properties)) + properties + after)
-
-
-def passed_on(*packets: bytes) -> list[bytes]:
-    visitor = VisitorPackets(b"me")
-    visitor.add(connect(5) + b"".join(packets))
-    return [*iter(visitor.next, None)][1:]
-
-
-class TestProperties:
-    """mosquitto 2.0.11 counts 56 bytes for each for ever, and serves nobody when it has counted its limit."""
-
-    @given(st.integers(0, 300), st.binary(max_size=300))
-    def test_none_of_a_visitor_reach_the_broker_and_all_else_does(self, count, payload):
-        many, topic = USER_PROPERTY * count, b"\x00\x08/q/t/req"
-        told = [
-            with_properties(0x30, topic, many, payload),
-            with_properties(0x32, topic + b"\x00\x07", many, payload),
-            with_properties(0x82, b"\x00\x01", many, topic + b"\x00"),
-            with_properties(0xA2, b"\x00\x02", many, topic),
-        ]
-        assert passed_on(*told) == [
-            with_properties(0x30, topic, b"", payload),
-            with_properties(0x32, topic + b"\x00\x07", b"", payload),
-            with_properties(0x82, b"\x00\x01", b"", topic + b"\x00"),
-            with_properties(0xA2, b"\x00\x02", b"", topic),
-        ]
-
-    def test_of_a_connect_what_it_can_take_once_each(self):
-        said = USER_PROPERTY * 100 + b"\x21\x00\x09" * 100 + b"\x15\x00\x02me" + b"\x27\x00\x01\x00\x00"
-        visitor = VisitorPackets(b"me")
-        visitor.add(with_properties(0x10, b"\x00\x04MQTT\x05\x02\x00\x3c", said, b"\x00\x01x"))
-        kept = b"\x21\x00\x09\x27\x00\x01\x00\x00"
-        assert visitor.next() == with_properties(0x10, b"\x00\x04MQTT\x05\x02\x00\x3c", kept, b"\x00\x02me")
-
-    @pytest.mark.parametrize("wrong", [b"\x00\x08/q", b"\x00\x01t\x09\x26", b"\x00\x01t\xff\xff\xff\xff", b"\x00\x01t"])
-    def test_those_that_do_not_end_are_refused(self, wrong):
-        with pytest.raises(PeerError):
-            passed_on(with_length(0x30, wrong))
-
-    @pytest.mark.waits
-    async def test_millions_at_the_gateways_own_door_end_no_broker(self):
-        """Another user of this machine may come there, and no guard stands before it."""
-        bomb = with_properties(0x10, b"\x00\x04MQTT\x05\x02\x00\x3c", USER_PROPERTY * 19_000, b"\x00\x01x")
-        async with a_broker() as broker, a_server(broker) as server:
-            await server.wait_connected(10)
-            before = the_process(broker.gateway.port)
-            limits = Path(f"/proc/{before}/limits").read_text().splitlines()
-            assert [line for line in limits if "Max data size" in line and f" {MEMORY_BYTES} " in line]
-
-            def come() -> None:
-                for _ in range(300):
-                    with (
-                        contextlib.suppress(ConnectionError),
-                        socket.create_connection(("127.0.0.1", broker.gateway.port), 10) as stranger,
-                    ):
-                        stranger.sendall(bomb)
-                        stranger.recv(1)
-
-            await asyncio.to_thread(come)
-            async with Client(server.qr()) as client:
-                assert (await client.request(0))["robots"] == [1, 2]
-            assert not server.reconnects, "5.7 million were more than 256 MB to it"
-            assert the_process(broker.gateway.port) == before
-            assert memory_mb(before) < 50
-
-
-def test_a_long_message_is_as_many_words_as_it_takes_time():
-    """Measured: up to 0.45, 0.8 and 6.4 ms for 3, 8 and 48 KiB of JSON, and 0.04 for a move."""
-    assert [words_of(b"\x30" + bytes(size)) for size in (200, 4_000, 11_000, 65_600)] == [1, 8, 22, 129]
+from test_strangers import with_length
+from websocket_broker import BrokerEnd
 
 
 @pytest.mark.parametrize(
@@ -192,6 +113,7 @@ class TestAHostileBroker:
     @pytest.mark.parametrize("frame", EMPTY)
     async def test_frames_that_carry_nothing_hold_nothing_up_however_many(self, frame):
         """They were read for as long as they came: no turn of the loop, no Ctrl-C."""
+        connack = frame_head(2, 5) + b"\x20\x03\x00\x00\x00"
         over, listening = threading.Event(), socket.create_server(("127.0.0.1", 0))
 
         def broker() -> None:
@@ -199,14 +121,11 @@ class TestAHostileBroker:
                 there, _ = listening.accept()
                 there.close()  # it looks whether there is somebody
                 there, _ = listening.accept()
-                visitor, heard = Websocket(), b""
+                client, heard = BrokerEnd(), b""
                 while b"\x82" not in heard:
-                    heard += visitor.read(there.recv(65536))
-                    answer = (
-                        frame_head(2, 5) + b"\x20\x03\x00\x00\x00" if b"MQTT" in heard and not visitor.closed else b""
-                    )
-                    there.sendall(visitor.replies + answer)
-                    visitor.replies = b""
+                    heard += client.read(there.recv(65536))
+                    there.sendall(client.replies + connack * (b"MQTT" in heard))
+                    client.replies = b""
                 while not over.is_set():
                     there.sendall(frame * 1000)
 

@@ -186,7 +186,7 @@ async def stands_still(swarm, timeout_s: float = 3.0):
 class TestGateway:
     async def test_driving_by_the_link_moves_the_robot_and_stops_it_when_nobody_says_more(self, broker):
         swarm = Dotbots(3, 1, time.time)
-        async with Server(broker.gateway, broker_for_visitors=broker.websocket) as server:
+        async with Server(broker.url, broker_for_visitors=broker.websocket) as server:
             gateway = Gateway(swarm, server)
             jobs = [asyncio.create_task(gateway.run()), asyncio.create_task(turn(swarm))]
             await server.wait_connected(10)
@@ -225,7 +225,7 @@ class TestGateway:
         swarm, driven = Dotbots(1, 1, time.time), []
         swarm.drive = lambda _, left_pct, right_pct: driven.append((left_pct, right_pct))
         address = swarm.robots()[0].address
-        async with Server(broker.gateway, broker_for_visitors=broker.websocket) as server:
+        async with Server(broker.url, broker_for_visitors=broker.websocket) as server:
             Gateway(swarm, server)
             slow, go_on = asyncio.Event(), asyncio.Event()
 
@@ -263,7 +263,7 @@ class TestGateway:
 
         swarm = Flaky(2, 1, time.time)
         addresses = [robot.address for robot in swarm.robots()]
-        async with Server(broker.gateway, broker_for_visitors=broker.websocket) as server:
+        async with Server(broker.url, broker_for_visitors=broker.websocket) as server:
             gateway = Gateway(swarm, server)
             jobs = [asyncio.create_task(gateway.run()), asyncio.create_task(turn(swarm))]
             await server.wait_connected(10)
@@ -282,7 +282,7 @@ class TestGateway:
         swarm = Dotbots(3, 1, time.time)
         rates = []
         for visitors in (1, 6):
-            async with Server(broker.gateway, broker_for_visitors=broker.websocket) as server:
+            async with Server(broker.url, broker_for_visitors=broker.websocket) as server:
                 gateway = Gateway(swarm, server)
                 await server.wait_connected(10)
                 clients = [Client(server.qr()) for _ in range(visitors)]
@@ -303,7 +303,7 @@ class TestGateway:
 
     async def test_an_older_page_gets_the_older_words_and_ours_do_not_cost_them(self, broker):
         swarm = Dotbots(3, 1, time.time)
-        async with Server(broker.gateway, broker_for_visitors=broker.websocket) as server:
+        async with Server(broker.url, broker_for_visitors=broker.websocket) as server:
             gateway = Gateway(swarm, server)
             job = asyncio.create_task(gateway.run())
             await server.wait_connected(10)
@@ -345,7 +345,7 @@ async def test_who_has_read_no_frame_and_would_say_so_moves_nothing(broker):
     swarm, driven = Dotbots(1, 1, time.time), []
     swarm.drive = lambda _, left_pct, right_pct: driven.append(left_pct)
     address = swarm.robots()[0].address
-    async with Server(broker.gateway, broker_for_visitors=broker.websocket) as server:
+    async with Server(broker.url, broker_for_visitors=broker.websocket) as server:
         gateway = Gateway(swarm, server)
         job = asyncio.create_task(gateway.run())
         await server.wait_connected(10)

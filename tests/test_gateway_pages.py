@@ -22,7 +22,6 @@ from conftest import a_page, eventually, operator_pages
 from phalanx.errors import Unavailable
 from phalanx.gateway.serve_pages import PAGES
 from phalanx.gateway.up import UpOptions, up
-from phalanx.io import Login
 from phalanx.io.site import beside
 from phalanx.sim import Dotbots
 from ports import free_port
@@ -321,21 +320,6 @@ class TestPages:
                 crowd.communicate()
         finally:
             resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
-
-    async def test_that_links_to_a_foreign_page_hold_no_login_is_said(self, caplog):
-        options = UpOptions(
-            broker=f"mqtt://127.0.0.1:{free_port()}",
-            qrkey=True,
-            port=0,
-            wait_s=0.1,
-            frontend="https://dotbots.example/page",
-            visitors_login=Login("guest", "open house"),
-        )
-        with pytest.raises(Unavailable):
-            await up(options, lambda _: None, swarm=lambda: Dotbots(1, 1, time.time))
-        (line,) = (line for line in caplog.messages if "login" in line)
-        assert "links to dotbots.example hold no login" in line
-        assert "house" not in caplog.text
 
     @pytest.mark.parametrize(
         ("page", "websocket", "is_told"),

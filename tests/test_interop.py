@@ -105,7 +105,7 @@ def foreign(tmp_path):
     with bare_mosquitto(tcp, ws, tmp_path) as (start, _):
         start()
         url = BrokerUrl("mqtt", "127.0.0.1", tcp)
-        yield RunningBroker("external", url, url, f"ws://127.0.0.1:{ws}/mqtt", 5)
+        yield RunningBroker("external", url, f"ws://127.0.0.1:{ws}/mqtt")
 
 
 def published_server(broker, mqtt: int, *arguments: str, **env: str):
@@ -130,7 +130,7 @@ def our_typescript(url: str):
 
 
 def an_echo(broker, mqtt: int = 5, config: LinkConfig = ROTATION) -> Server:
-    server = Server(broker.gateway, broker_for_visitors=broker.websocket, mqtt=mqtt, config=config)
+    server = Server(broker.url, broker_for_visitors=broker.websocket, mqtt=mqtt, config=config)
     server.heard = []
 
     @server.on_command(ANY)
@@ -229,8 +229,9 @@ async def test_our_typescript_client_and_the_published_server(foreign, mqtt):
             assert not client.told("error")
 
 
-async def test_our_typescript_client_and_our_server(any_broker):
-    async with an_echo(any_broker, any_broker.mqtt) as server:
+@pytest.mark.parametrize("mqtt", [5, 4])
+async def test_our_typescript_client_and_our_server(broker, mqtt):
+    async with an_echo(broker, mqtt) as server:
         await server.wait_connected(10)
         async with our_typescript(server.qr().for_page("http://page/")) as client:
             await client.wait("ready")

@@ -18,6 +18,7 @@ import aiomqtt
 import pytest
 
 from conftest import a_gateway, bare_mosquitto, eventually
+from machine import aside, many_files, memory_mb
 from phalanx.config import LinkConfig
 from phalanx.io import Client
 from phalanx.link import ClientSide, Pin, ServerSide, derive_epoch
@@ -26,8 +27,6 @@ from phalanx.link.messages import Command
 from phalanx.link.topics import CommandTopic
 from ports import free_port
 from test_cli_up import children_of
-from test_guard import many_files, memory_mb
-from test_guard_floods import aside
 from test_load import state_of
 from test_server_hostile import hostile
 from test_strangers import connect, with_length
@@ -79,7 +78,6 @@ def told(capsys, words: str) -> None:
 async def test_forty_eight_thousand_garbage_messages_are_counted_and_fill_nothing_and_then_all_is_as_before(
     tmp_path, capsys
 ):
-    # A broker that passes on whatever comes, as fast as it comes: our own has a guard.
     tcp, ws = free_port(), free_port()
     chance = random.Random(48)
     with bare_mosquitto(tcp, ws, tmp_path, "allow_anonymous true", "max_queued_messages 0") as (start, _):
@@ -138,7 +136,7 @@ async def test_who_has_the_pin_and_says_what_is_long_to_a_broker_elsewhere_costs
                 return len([event for event in up.events("command") if event["name"] == "move_raw"])
 
             async with Driver(ready) as driver:
-                with aside(flood, idle=False):
+                with aside(flood):
                     await asyncio.sleep(1)
                     before = driver.sent, obeyed()
                     await asyncio.sleep(8)
@@ -216,13 +214,10 @@ class Slow:
             self.crowd = left
 
 
-@pytest.mark.parametrize("door", ["page", "broker"])
-async def test_three_thousand_half_open_headers_keep_nobody_out_who_comes_from_elsewhere(door, capsys):
+async def test_three_thousand_half_open_headers_keep_nobody_out_who_comes_from_elsewhere(capsys):
     with many_files(), a_gateway("--robots", "4") as (up, ready):
         page = int(ready["page_url"].rstrip("/").rsplit(":", 1)[1])
-        port = page if door == "page" else ready["broker_ws_port"]
-        path = "/" if door == "page" else "/mqtt"
-        begun = f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Slow: ".encode()
+        begun = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Slow: "
         loads_s = []
 
         def load() -> None:
@@ -234,7 +229,7 @@ async def test_three_thousand_half_open_headers_keep_nobody_out_who_comes_from_e
 
         before_mb = memory_mb(up.process.pid)
         async with Driver(ready) as driver:
-            with await asyncio.to_thread(Slow, port, SLOW, begun) as slow:
+            with await asyncio.to_thread(Slow, page, SLOW, begun) as slow:
                 before = driver.sent
                 for _ in range(10):
                     await asyncio.to_thread(load)
@@ -245,7 +240,7 @@ async def test_three_thousand_half_open_headers_keep_nobody_out_who_comes_from_e
                 await asyncio.sleep(0.5)
             sent = driver.sent
         obeyed = len([event for event in up.events("command") if event["name"] == "move_raw"])
-        words = f"{door}: {there} of {SLOW} still there; {obeyed} of {sent} moves obeyed, {sent - before} in it"
+        words = f"{there} of {SLOW} still there; {obeyed} of {sent} moves obeyed, {sent - before} in it"
         told(capsys, f"{words}, answers within {max(driver.answers_s):.2f} s, page within {max(loads_s):.2f} s")
         told(capsys, f"{memory_mb(up.process.pid) - before_mb:+.1f} MB, {state_of(ready)['rejected']}")
         assert obeyed >= 0.9 * sent

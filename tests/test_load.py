@@ -42,9 +42,8 @@ async def drive(ready: dict, n: int, for_s: int) -> int:
 @pytest.mark.alone
 @pytest.mark.slow
 @pytest.mark.parametrize("for_s", [6, pytest.param(30, marks=pytest.mark.long)])
-@pytest.mark.parametrize("broker", ["mosquitto", pytest.param("amqtt", marks=pytest.mark.long)])
-async def test_no_command_of_fifty_visitors_is_lost(broker, for_s):
-    with a_gateway("--robots", "20", "--broker", broker) as (up, ready):
+async def test_no_command_of_fifty_visitors_is_lost(for_s):
+    with a_gateway("--robots", "20") as (up, ready):
         sent = sum(await asyncio.gather(*(drive(ready, n, for_s) for n in range(CLIENTS))))
         assert sent == CLIENTS * RATE_HZ * for_s
         await eventually(lambda: arrived(state_of(ready)) == sent, 20, 0.5)

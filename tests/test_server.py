@@ -21,8 +21,9 @@ pytestmark = pytest.mark.waits
 
 
 class TestEverydayUse:
-    async def test_command_request_and_notification(self, any_broker):
-        async with a_server(any_broker) as server:
+    @pytest.mark.parametrize("mqtt", [5, 4])
+    async def test_command_request_and_notification(self, broker, mqtt):
+        async with a_server(broker, mqtt=mqtt) as server:
             await server.wait_connected(10)
             async with Client(server.qr()) as client:
                 assert await client.request(0, what="this") == {"asked": "this", "robots": [1, 2]}
@@ -52,7 +53,7 @@ class TestEverydayUse:
         assert seen == [7]
 
     async def test_a_question_that_follows_an_answer_in_parts_is_asked_at_once(self, broker):
-        server = Server(broker.gateway, broker_for_visitors=broker.websocket, mqtt=broker.mqtt)
+        server = Server(broker.url, broker_for_visitors=broker.websocket)
         server.on_request(0)(lambda _: ["x" * 1000] * 12)
         async with server:
             await server.wait_connected(10)
@@ -92,9 +93,10 @@ class TestEverydayUse:
         with pytest.raises(AttributeError, match="no attribute 'Sever'"):
             link.Sever  # noqa: B018
 
-    async def test_following_a_rotation(self, any_broker):
+    @pytest.mark.parametrize("mqtt", [5, 4])
+    async def test_following_a_rotation(self, broker, mqtt):
         config = LinkConfig(rotate_s=30.0, overlap_s=1.5)
-        async with with_an_old_pin(a_server(any_broker, config=config), 28.5) as server:
+        async with with_an_old_pin(a_server(broker, config=config, mqtt=mqtt), 28.5) as server:
             await server.wait_connected(10)
             before = server.epoch
             async with Client(server.qr()) as client:
@@ -122,7 +124,7 @@ class TestEverydayUse:
         assert server.counters["knocks"] >= 1
 
     async def test_handlers_that_refuse_or_break_are_counted_and_survived(self, broker, caplog):
-        server = Server(broker.gateway, broker_for_visitors=broker.websocket)
+        server = Server(broker.url, broker_for_visitors=broker.websocket)
 
         def watch(said):
             if getattr(said, "name", "") == "watched":

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import gc
 import os
 import re
-import signal
 import socket
-import sys
 import time
 from pathlib import Path
 
@@ -19,32 +18,25 @@ import pytest
 from conftest import (
     a_broker,
     a_server,
-    as_the_gateway,
     bare_mosquitto,
     eventually,
-    run,
     tell_until_cancelled,
     with_an_old_pin,
 )
-from phalanx.cli import doctor_around
 from phalanx.config import LinkConfig
-from phalanx.errors import Unavailable
-from phalanx.io import ANY, Client, Login, Server, amqtt_broker
+from phalanx.errors import Unavailable, UsageError
+from phalanx.io import ANY, Client, Login, Server
 from phalanx.io.broker import open_broker
-from phalanx.io.listeners import Listeners
-from phalanx.io.mosquitto import mosquitto, serves
-from phalanx.io.private_file import private_folder
+from phalanx.io.mosquitto import MEMORY_BYTES, mosquitto, serves
 from ports import free_port
-from test_cli_up import children_of
-from test_guard_floods import aside
-from test_strangers import processor_s, with_length
+from test_strangers import the_process
 
 pytestmark = pytest.mark.waits
 
 
-def somewhere() -> Listeners:
-    """Free ports for a broker of ours."""
-    return Listeners(free_port(), free_port(), "127.0.0.1", free_port(), Login("gateway", "of this run"), "/qrkey")
+def somewhere() -> tuple[int, str, int]:
+    """Return free ports for a broker of ours."""
+    return free_port(), "127.0.0.1", free_port()
 
 
 class TestBrokersThatComeAndGo:
@@ -88,9 +80,27 @@ class TestBrokersThatComeAndGo:
 
         monkeypatch.setattr("phalanx.io.mosquitto.os.geteuid", lambda: 0)
         monkeypatch.setattr("phalanx.io.mosquitto.shutil.chown", refused)
-        at = somewhere()
-        async with mosquitto(at):
-            assert await serves(at.gateway)
+        async with open_broker("mosquitto", tcp_port=free_port(), ws_port=free_port()) as broker:
+            assert await serves(broker.url)
+
+    async def test_ours_has_a_limit_of_memory_and_is_no_longer_root(self, broker):
+        process = Path(f"/proc/{the_process(broker.url.port)}")
+        limits = (process / "limits").read_text().splitlines()
+        assert [line for line in limits if "Max data size" in line and f" {MEMORY_BYTES} " in line]
+        assert os.geteuid() or process.stat().st_uid, "root gives it away"
+
+    async def test_who_has_no_file_left_to_ask_it_ends_no_broker_that_is_well(self, broker, monkeypatch):
+        async def out_of_files(*where, **how):
+            raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+        async with a_server(broker) as server:
+            await server.wait_connected(10)
+            before = the_process(broker.url.port)
+            monkeypatch.setattr(asyncio, "open_connection", out_of_files)
+            await asyncio.sleep(4)
+            monkeypatch.undo()
+            assert the_process(broker.url.port) == before
+            assert not server.reconnects
 
     async def test_without_a_broker_it_waits_says_so_and_comes_up(self, tmp_path, caplog):
         tcp, ws = free_port(), free_port()
@@ -255,39 +265,54 @@ class TestBrokersThatComeAndGo:
             pytest.raises(Unavailable, match=r"not start: .*mosquitto\.conf:1"),
         ):
             patch.setattr("phalanx.io.mosquitto.configuration", lambda *_: "nonsense\n")
-            async with mosquitto(somewhere()):
+            async with mosquitto(*somewhere()):
                 pass
         for after_s in (0.0, 0.001, 0.01, 0.03, 0.1):
             with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(after_s), mosquitto(somewhere()):
+                async with asyncio.timeout(after_s), mosquitto(*somewhere()):
                     await asyncio.sleep(1)
         with pytest.raises(ZeroDivisionError):
-            async with mosquitto(somewhere()):
+            async with mosquitto(*somewhere()):
                 raise ZeroDivisionError
         assert children.read_text() == before
         gc.collect()  # a pipe left open would say so here
 
-    @pytest.mark.parametrize("kind", ["mosquitto", "amqtt"])
-    async def test_brokers_that_start_together_take_ports_of_their_own_and_say_so(self, kind, caplog):
+    async def test_brokers_that_start_together_take_ports_of_their_own_and_say_so(self, caplog):
         async with contextlib.AsyncExitStack() as stack:
             # None of them listens when the others look for a free port.
-            at = await asyncio.gather(*(stack.enter_async_context(open_broker(kind)) for _ in range(3)))
+            at = await asyncio.gather(*(stack.enter_async_context(open_broker("mosquitto")) for _ in range(3)))
             assert len({broker.url.port for broker in at}) == 3
             assert len(re.findall(r"port 1883 is in use: \d+ is taken instead", caplog.text)) >= 2
-            assert all(await asyncio.gather(*(serves(broker.gateway) for broker in at)))
+            assert all(await asyncio.gather(*(serves(broker.url) for broker in at)))
 
-    @pytest.mark.parametrize("kind", ["mosquitto", "amqtt"])
-    async def test_a_port_that_was_asked_for_and_is_taken_is_told(self, kind):
+    @pytest.mark.parametrize("which", ["tcp_port", "ws_port"])
+    async def test_a_port_that_was_asked_for_and_is_taken_is_told(self, which):
         with socket.create_server(("127.0.0.1", 0)) as taken:
             port = taken.getsockname()[1]
+            ports = {"tcp_port": free_port(), "ws_port": free_port()} | {which: port}
             with pytest.raises(Unavailable, match=f"cannot listen on .* port {port}"):
-                async with open_broker(kind, tcp_port=port, ws_port=free_port()):
+                async with open_broker("mosquitto", **ports):
                     pass
 
-    async def test_a_broker_of_the_older_protocol_is_found_out(self):
-        async with a_broker("amqtt") as broker:
-            server = Server(broker.gateway, broker_for_visitors=broker.websocket, mqtt=5)
-            async with server:
+    @pytest.mark.parametrize("code", [b"\x01", b""], ids=["says so", "hangs up"])
+    async def test_a_broker_of_the_older_protocol_is_found_out(self, code):
+        async def older(reader, writer):
+            with contextlib.suppress(asyncio.IncompleteReadError, ConnectionError):
+                while True:
+                    kind, length = await reader.readexactly(2)
+                    body = await reader.readexactly(length)
+                    if kind == 0x10 and body[6] == 5:
+                        writer.write(b"\x20\x02\x00" + code if code else b"")
+                        break
+                    if kind == 0x10:
+                        writer.write(b"\x20\x02\x00\x00")
+                    elif kind == 0x82:
+                        writer.write(b"\x90\x03" + body[:2] + b"\x00")
+            writer.close()
+
+        async with await asyncio.start_server(older, "127.0.0.1", 0) as listening:
+            url = f"mqtt://127.0.0.1:{listening.sockets[0].getsockname()[1]}"
+            async with Server(url) as server:
                 await server.wait_connected(10)
                 assert server.qr().mqtt == 4
 
@@ -319,118 +344,27 @@ class TestBrokersThatComeAndGo:
             assert not other.heard
             assert not other.rejected
 
-    async def test_what_amqtt_does_takes_nothing_of_the_gateways_time_and_one_that_hangs_is_started_again(self):
-        async with a_broker("amqtt") as broker, a_server(broker) as server:
-            await server.wait_connected(20)
-            its = next(pid for pid in children_of(os.getpid()) if b"amqtt" in Path(f"/proc/{pid}/cmdline").read_bytes())
-
-            def flood() -> None:
-                login = broker.gateway.login
-                words = b"".join(
-                    len(word).to_bytes(2, "big") + word.encode() for word in ("", login.username, login.password)
-                )
-                with socket.create_connection(("127.0.0.1", broker.gateway.port)) as one:
-                    one.sendall(with_length(0x10, b"\x00\x04MQTT\x04\xc2\x00\x3c" + words))
-                    one.sendall(with_length(0x30, b"\x00\x01x") * 20_000)
-                    time.sleep(30)
-
-            before_s, used_s = processor_s(its), time.process_time()
-            with aside(flood, idle=False):
-                await eventually(lambda: processor_s(its) > before_s + 0.1)
-            assert time.process_time() - used_s < 0.1, "all of it, when amqtt was in this process"
-            os.kill(its, signal.SIGSTOP)
-            await eventually(lambda: not server.connected, 30)
-            await eventually(lambda: server.connected, 30)
-
-    async def test_amqtt_retains_nothing(self):
-        async with a_broker("amqtt") as broker:
-            async with as_the_gateway(broker) as client:
-                await client.publish("t", b"x", retain=True)
-                await asyncio.sleep(0.2)
-            async with as_the_gateway(broker) as client:
-                await client.subscribe("t")
-                with pytest.raises(TimeoutError):
-                    await asyncio.wait_for(anext(client.messages), 0.5)
-
-    async def test_a_reader_that_stalls_is_hung_up_on_before_amqtt_too(self):
-        async with a_broker("amqtt") as broker:
-            reader, writer = await asyncio.open_connection(broker.url.host, broker.url.port)
-            writer.write(bytes.fromhex("101000044d5154540402003c000473746c31"))  # CONNECT as stl1
-            await reader.readexactly(4)
-            writer.write(b"\x82\x16\x00\x01\x00\x11/qrkey/any/notify\x00")  # SUBSCRIBE
-            await reader.readexactly(5)
-            writer.transport.pause_reading()
-            async with as_the_gateway(broker) as flood:
-                for _ in range(200):
-                    await flood.publish("/qrkey/any/notify", b"x" * 50_000)
-                    await asyncio.sleep(0.005)
-                writer.transport.resume_reading()
-                with pytest.raises((ConnectionError, asyncio.IncompleteReadError)):
-                    await asyncio.wait_for(reader.readexactly(200 * 50_000), 30)
-
-    async def test_who_is_gone_before_amqtt_has_answered_leaves_no_trace_of_python(self, monkeypatch):
-        told, came = [], asyncio.Event()
-
-        async def gone(*_):
-            came.set()
-            raise ConnectionResetError  # what amqtt raises then
-
-        asyncio.get_running_loop().set_exception_handler(lambda _, context: told.append(context))
-        monkeypatch.setattr(amqtt_broker._CappedBroker, "external_connected", gone)
-        at = Listeners(0, free_port(), "127.0.0.1", 0, Login("gateway", "x"), "/qrkey")
-        with private_folder() as folder:
-            broker = asyncio.create_task(amqtt_broker.serve(at, folder))
-            await eventually((folder / amqtt_broker.VISITORS).exists)
-            _, writer = await asyncio.open_unix_connection(folder / amqtt_broker.VISITORS)
-            writer.write(bytes.fromhex("101000044d5154540402003c000473746c31"))  # CONNECT as stl1
-            await asyncio.wait_for(came.wait(), 10)
-            await asyncio.sleep(0)
-            writer.close()
-            broker.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await broker
-        gc.collect()
-        assert not told
-
-    async def test_without_any_broker_one_line_says_how_to_get_either(self, monkeypatch):
-        monkeypatch.setitem(sys.modules, "amqtt", None)
-        async with a_broker("auto") as broker:
-            assert broker.name == "mosquitto", "amqtt is an extra"
-        monkeypatch.setattr("phalanx.io.broker.find_mosquitto", lambda: None)
-        with pytest.raises(Unavailable, match="neither mosquitto nor amqtt") as refused:
-            async with a_broker("auto"):
+    async def test_without_mosquitto_one_line_says_how_to_get_it(self, monkeypatch):
+        monkeypatch.setattr("phalanx.io.mosquitto.find_mosquitto", lambda: None)
+        with pytest.raises(Unavailable, match="mosquitto is not installed") as refused:
+            async with a_broker():
                 pass
         assert "apt-get install mosquitto" in refused.value.hint
-        assert ".[amqtt]" in refused.value.hint
 
-    async def test_who_falls_back_on_amqtt_is_told_what_it_lacks(self, monkeypatch, caplog):
-        for module in ("phalanx.io.broker", "phalanx.cli.doctor_around"):
-            monkeypatch.setattr(f"{module}.find_mosquitto", lambda: None)
-        async with a_broker("auto") as broker:
-            assert broker.name == "amqtt"
-        (line,) = caplog.messages
-        assert "slower" in line
-        assert "apt-get install mosquitto" in line
-        assert "slower" in doctor_around._broker().found
-        async with a_broker("amqtt"):  # who asked for it knows
-            assert len(caplog.messages) == 1
+    @pytest.mark.parametrize("kind", ["auto", "amqtt"])
+    async def test_a_broker_that_phalanx_no_longer_has_is_refused_with_what_there_is(self, kind):
+        with pytest.raises(UsageError, match=f"no --broker {kind} any more") as refused:
+            async with open_broker(kind):
+                pass
+        assert "--broker mosquitto" in refused.value.hint
 
     async def test_a_kind_of_broker_that_nobody_knows_is_taken_for_a_host_and_that_is_said(self, caplog):
-        async with a_broker("mosquito") as broker:
+        async with open_broker("mosquito") as broker:
             assert str(broker.url) == "mqtt://mosquito:1883"
-        assert "hint: did you mean mosquitto? auto, mosquitto, amqtt, or a URL" in caplog.text
+        assert "hint: did you mean mosquitto? mosquitto, or a URL" in caplog.text
         caplog.clear()
-        async with a_broker("test.mosquitto.org"):
-            assert "hint: auto, mosquitto, amqtt, or a URL" in caplog.text
+        async with open_broker("test.mosquitto.org"):
+            assert "hint: mosquitto, or a URL" in caplog.text
         caplog.clear()
-        async with a_broker("mqtt://mosquito"):
+        async with open_broker("mqtt://mosquito"):
             assert not caplog.text
-
-    def test_who_asks_for_amqtt_and_has_it_not_is_told_where_it_comes_from(self, tmp_path):
-        (tmp_path / "sitecustomize.py").write_text("import sys\nsys.modules['amqtt'] = None\n")
-        path = f"{tmp_path}:{os.environ.get('PYTHONPATH', '')}"
-        refused = run("link", "serve", "--broker", "amqtt", env={"PYTHONPATH": path})
-        assert refused.returncode == 1
-        error, hint = refused.stderr.splitlines()
-        assert error == "phalanx: error: amqtt is not installed"
-        assert ".[amqtt]" in hint

@@ -13,7 +13,7 @@ import time
 import aiomqtt
 import pytest
 
-from conftest import a_server, as_the_gateway, bare_mosquitto, eventually
+from conftest import a_server, bare_mosquitto, eventually, somebody
 from phalanx.config import LinkConfig
 from phalanx.crypto import seal_jwe
 from phalanx.io import Client, Login, Server
@@ -31,7 +31,7 @@ class TestHostileMessages:
             base = f"/qrkey/{server.epoch.topic}"
             good = seal(encode_envelope({"left_y": 1}, time.time()), server.epoch, os.urandom(12))
             sent = 0
-            async with as_the_gateway(broker) as attacker:
+            async with somebody(broker) as attacker:
                 for i in range(10_000):
                     await attacker.publish(*hostile(chance, base, good, server.epoch, i))
                     sent += 1
@@ -65,7 +65,7 @@ class TestHostileMessages:
             async with Client(server.qr()) as client:
                 await client.command("AB", "slow", 1)
                 await began.wait()
-                async with as_the_gateway(broker) as attacker:
+                async with somebody(broker) as attacker:
                     for _ in range(240):
                         await attacker.publish(f"/qrkey/{server.epoch.topic}/request", b"A" * 300_000)
                         await asyncio.sleep(0.005)

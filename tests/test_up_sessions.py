@@ -163,14 +163,14 @@ def test_no_gateway_no_ticket(state):
 @pytest.mark.parametrize(
     ("words", "hint"),
     [
-        (("--broker", "auto"), "--broker mosquitto --qrkey"),
-        (("--broker", "amqtt"), "--broker mosquitto --qrkey"),
+        (("--broker", "auto"), "phalanx up needs none"),
+        (("--broker", "amqtt", "--qrkey"), "--broker mosquitto"),
         (("--broker", "mosquitto"), "--qrkey"),
         (("--broker", "mqtt://x"), "--qrkey"),
         (("--qrkey",), "--broker URL, or --broker mosquitto"),
         (("--rotate-s", "600"), "--qrkey"),
         (("--pin-digits", "12"), "--qrkey"),
-        (("--visitors-login", "file"), "--qrkey"),
+        (("--visitors-login", "file"), "visitors come without a login"),
         (("--frontend", "http://x/"), "--qrkey"),
     ],
 )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_answers import VICTIM
 from test_refusals import Auditee
 
 from phalanx.bti import request, rounds, trusted
@@ -13,6 +12,7 @@ from phalanx.robot import actions, handlers
 from phalanx.robot.actions import Action, RetryAt, Transmit, Verdict
 from phalanx.wire.fields import row
 from phalanx.wire.table import AUDIT_SEEK
+from test_answers import VICTIM
 
 VICTIM_ID = VICTIM + 1
 STRANGER_ID = 8

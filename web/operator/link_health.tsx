@@ -7,7 +7,6 @@ import { Term } from "./terms";
 
 const BROKERS: Readonly<Record<string, string>> = {
   mosquitto: "mosquitto, started by the gateway",
-  amqtt: "amqtt, inside the gateway",
   external: "not ours",
 };
 

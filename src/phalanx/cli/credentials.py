@@ -5,7 +5,6 @@ Signing keys are PEM, of OpenSSL or `phalanx keys export`.
 
 from __future__ import annotations
 
-import logging
 import os
 import re
 import secrets
@@ -23,7 +22,6 @@ from phalanx.config.written import file_meant, read_at_most
 from phalanx.errors import UsageError
 from phalanx.io import Login
 
-log = logging.getLogger(__name__)
 SHORTEST = 12  # letters of a passphrase
 KEY_HINT = "openssl genpkey -algorithm ed25519 -out operator.pem makes one"
 MOST_BYTES = 1 << 16
@@ -54,9 +52,9 @@ def _check_authorities() -> None:
 
 def login_for(broker: str, path: Path | None) -> Login | None:
     """The same, for a broker by this name or URL. Raises: UsageError: as `read_login`, or a file for one of our own."""
-    from phalanx.io.broker import EMBEDDED  # noqa: PLC0415 - missions need no broker
+    from phalanx.io.broker import is_ours  # noqa: PLC0415 - missions need no broker
 
-    if path is not None and broker in EMBEDDED:
+    if is_ours(broker) and path is not None:
         raise UsageError("a login for a broker of our own", "give it with a --broker URL only")
     return read_login(path)
 
@@ -69,17 +67,6 @@ def login_in(path: Path | None) -> Login | None:
     if not (username and colon):
         raise UsageError(f"{path} does not hold user:password", "one line, the name first")
     return Login(username, password)
-
-
-def visitors_login_in(path: Path | None, gateways: Login | None) -> Login | None:
-    """Return the login that QR codes hold; warn if it is the gateway's own. Raises: UsageError: as `read_login`."""
-    said = login_in(path)
-    if said and gateways and said.username == gateways.username:
-        log.warning(
-            "every code holds the gateway's own login: whoever scans one may speak as the swarm; hint: an account of"
-            " the visitors' own (docs/service.md), for --visitors-login"
-        )
-    return said
 
 
 def first_line(path: Path, hint: str) -> str:

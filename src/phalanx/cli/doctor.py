@@ -47,18 +47,17 @@ def doctor(
     broker_ws: str,
     root: str,
     broker_login: Path | None,
-    visitors_login: Path | None,
     as_json: bool,
 ) -> int:
     """Print a line for each finding; return 1 if something has to be mended."""
-    if not broker and (broker_ws or broker_login or visitors_login):
+    if not broker and (broker_ws or broker_login):
         raise UsageError("no broker to try", "--broker URL")
     kernels = _kernels()
     if not kernels.ok:
         os.environ["PHALANX_PURE"] = "1"  # or the modules imported next would end here
     around = importlib.import_module("phalanx.cli.doctor_around")
     findings = [_python(), kernels, _trusted_nodes(), _c_compiler(), _figures(), _clock()]
-    findings += around.findings(broker, broker_ws, root, broker_login, visitors_login)
+    findings += around.findings(broker, broker_ws, root, broker_login)
     if as_json:
         print_json({"findings": [asdict(finding) for finding in findings]})
     else:

@@ -13,13 +13,12 @@ from phalanx.errors import Unavailable, UsageError, did_you_mean
 from phalanx.io import ANY, Login, Server, parse_broker_url
 from phalanx.io.broker import open_broker
 from phalanx.io.broker_url import BrokerUrl
-from phalanx.io.phones import PhonesDoor, warn_if_phones_are_locked_out
 from phalanx.io.server import Happening
 from phalanx.link import Command, Pin, QrUrl, Request, parse_qr_url
 from phalanx.link.session import is_session_url
 from phalanx.link.topics import ADDRESS
 
-from .credentials import login_for, read_login, visitors_login_in
+from .credentials import login_for, read_login
 from .options import link_config
 from .run import run
 from .terminal import counted, plain, print_json, talk, timed
@@ -207,7 +206,6 @@ def serve(
     broker: str,
     broker_ws: str,
     broker_login: Path | None,
-    visitors_login: Path | None,
     frontend: str,
     wait_s: float,
     duration_s: float | None,
@@ -219,19 +217,11 @@ def serve(
     from phalanx.gateway.serving import connected_within, for_at_most  # noqa: PLC0415
 
     config, login = link_config(said), login_for(broker, broker_login)
-    visitors = visitors_login_in(visitors_login, login)
-    where = open_broker(broker, login=login, websocket=broker_ws, visitors_login=visitors, root=config.root)
+    where = open_broker(broker, login=login, websocket=broker_ws)
 
     async def echo() -> None:
         async with where as running:
-            server = Server(
-                running.gateway,
-                config=config,
-                broker_for_visitors=running.websocket,
-                login_for_visitors=visitors,
-                mqtt=running.mqtt,
-                heard=running.heard,
-            )
+            server = Server(running.url, config=config, broker_for_visitors=running.websocket)
             _echo(server)
 
             def url() -> str:
@@ -240,8 +230,6 @@ def serve(
             server.on_event = lambda said: _tell(said, url(), events)
             async with server:
                 await connected_within(server, wait_s)
-                if running.name == "external":
-                    await warn_if_phones_are_locked_out(PhonesDoor(server))
                 _tell(server.epoch, url(), events, ready=True)
                 async with for_at_most(duration_s):
                     await server.run()

@@ -37,6 +37,8 @@ ABOUT = {
     "sweep": "Run a grid of scenarios under many seeds, on this machine or a cluster, into Parquet.",
     "up": "Run a gateway: a swarm, the visitors' page and its QR code.",
 }
+# Options that went, and what there is now.
+GONE = {"--visitors-login": "visitors come without a login: to this machine itself, or to a broker that asks for none"}
 NAMES: dict[str, click.Command] = {name: click.Command(name, short_help=about) for name, about in ABOUT.items()}
 
 
@@ -150,6 +152,8 @@ def _forget_output() -> None:
 
 
 def _help_hint(error: click.ClickException) -> str:
+    if isinstance(error, click.NoSuchOption) and error.option_name in GONE:
+        return GONE[error.option_name]
     context, option = getattr(error, "ctx", None), getattr(error, "param", None)
     near = ""
     if option and isinstance(option.type, click.Choice):

@@ -104,18 +104,11 @@ login_option = option(
     type=FILE,
     help="File with user:password for the broker; or set PHALANX_BROKER_USERNAME and PHALANX_BROKER_PASSWORD.",
 )
-visitors_login_option = option(
-    "--visitors-login",
-    type=FILE,
-    help="File with user:password that phones say to that broker; in every QR code, so let it do little. Visitors"
-    " of a --frontend type it there.",
-)
 # For commands that send visitors to the broker.
 broker_options = together(
-    option("--broker", default="auto", help="auto, mosquitto, amqtt, or a mqtt(s):// or ws(s):// URL."),
+    option("--broker", default="mosquitto", help="mosquitto, or a mqtt(s):// or ws(s):// URL."),
     broker_ws_option,
     login_option,
-    visitors_login_option,
 )
 state_option = option(
     "--state",

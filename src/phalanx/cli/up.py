@@ -34,7 +34,7 @@ from phalanx.sim.missions.orders import Orders, orders_of, orders_of_files
 from phalanx.sim.swarms.protected import SwarmKeys
 
 from .commands.up import ROBOTS, ROBOTS_ON_MISSION
-from .credentials import kept_token, login_for, passphrase_of, read_signing_key, visitors_login_in
+from .credentials import kept_token, login_for, passphrase_of, read_signing_key
 from .gateway_of import default_state
 from .mission.files import Wanted
 from .options import link_config
@@ -62,7 +62,6 @@ def up(
     keys: Path | None,
     passphrase_file: Path | None,
     broker_login: Path | None,
-    visitors_login: Path | None,
     operator_token_file: Path | None,
     state: Path | None,
     events: bool,
@@ -78,14 +77,13 @@ def up(
     count = robots if robots is not None else ROBOTS_ON_MISSION if on_mission else ROBOTS
     token = kept_token(operator_token_file) if operator_token_file else ""
     link = link_config(served)
-    _refuse_without_qrkey(link, served, broker_login=broker_login, visitors_login=visitors_login)
     login = login_for(served["broker"], broker_login)
+    _refuse_without_qrkey(link, served, broker_login)
     options = UpOptions(
         link=link,
         login=login,
         state=state or default_state(),
         state_is_optional=state is None,
-        visitors_login=visitors_login_in(visitors_login, login),
         operator_token=token,
         stop_file=operator_token_file and operator_token_file.with_name(f"{operator_token_file.name}.stopped"),
         **served,
@@ -122,21 +120,19 @@ def up(
             _run_for_people(options, swarm)
 
 
-def _refuse_without_qrkey(link: LinkConfig, served: dict[str, Any], **files: Path | None) -> None:
-    """Refuse options of mode qrkey without it, and brokers that went. Raises: UsageError."""
-    direct = "leave it out: visitors reach this machine itself"
-    if served["broker"] in ("auto", "amqtt"):
-        raise UsageError(f"no --broker {served['broker']} any more", f"{direct}; or --broker mosquitto --qrkey")
+def _refuse_without_qrkey(link: LinkConfig, served: dict[str, Any], broker_login: Path | None) -> None:
+    """Refuse options of mode qrkey without it. Raises: UsageError."""
     if served["qrkey"]:
         return
-    given = {"broker": served["broker"], "broker-ws": served["broker_ws"], "frontend": served["frontend"], **files}
+    given = {name: served[name] for name in ("broker", "broker_ws", "frontend")} | {"broker_login": broker_login}
     default = LinkConfig()
     for name in ("pin_digits", "rotate_s", "overlap_s", "root"):
         given[name] = getattr(link, name) != getattr(default, name)
     for name, said in given.items():
         if said:
             option = f"--{name.replace('_', '-')}"
-            raise UsageError(f"{option} without --qrkey", f"{direct}; or --broker mosquitto|URL --qrkey")
+            hint = "leave it out: visitors reach this machine itself; or --broker mosquitto|URL --qrkey"
+            raise UsageError(f"{option} without --qrkey", hint)
 
 
 def _as_is(swarm: Swarm) -> Swarm:

@@ -91,7 +91,7 @@ _FIGURES = (
         "link.fig4",
         "Packets lost and late through a broker, plain and sealed (Qrkey Fig. 4)",
         options=(
-            Option("broker", "auto", "auto, mosquitto, amqtt, or a mqtt(s):// or ws(s):// URL."),
+            Option("broker", "mosquitto", "mosquitto, or a mqtt(s):// or ws(s):// URL."),
             Option(
                 "duration",
                 60.0,

@@ -60,10 +60,9 @@ class UpOptions:
     duration_s: float | None = None  # end by itself after so long
     # --- mode qrkey ---
     qrkey: bool = False  # serve published pages and programs as well, at a broker
-    broker: str = ""  # mosquitto, amqtt or a URL
+    broker: str = ""  # mosquitto or a URL
     broker_ws: str = ""  # websocket URL of a broker elsewhere, where it is not one port further
     login: Login | None = None  # for a broker elsewhere
-    visitors_login: Login | None = None  # for phones there; every QR code has it
     frontend: str = ""  # page of the published form to send visitors to, instead of ours
     wait_s: float = 30.0  # for the broker
     link: LinkConfig = field(default_factory=LinkConfig)  # the parameters of mode qrkey
@@ -151,7 +150,6 @@ async def up(
         if shared:
             await stack.enter_async_context(shared.server)
             await until_connected(shared.server, say, options.wait_s)
-            await shared.ask_for_phones()
         async with for_at_most(options.duration_s):
             say(running.ready(operator_url))
             if running.gateway.brakes.held:

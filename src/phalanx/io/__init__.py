@@ -1,6 +1,6 @@
 """The world of brokers, sockets and clocks.
 
-What is imported from here is loaded when it is first used: the guard, a process of its own, does not wait for clients.
+What is imported from here is loaded when it is first used: the front end, a process of its own, waits for no clients.
 """
 
 from typing import TYPE_CHECKING

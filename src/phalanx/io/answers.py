@@ -30,10 +30,6 @@ class Answers(Generic[Asked]):
         self._bytes = 0
         self._asked = asyncio.Event()
 
-    def __len__(self) -> int:
-        """Return how many wait."""
-        return len(self._waiting)
-
     def ask(self, whose: Hashable, size: int, request: Asked) -> Asked | None:
         """Queue a request; return the one of the same sender and kind whose place it takes, or None.
 

@@ -73,3 +73,11 @@ def on_host(websocket: str, host: str) -> str:
     """Return `websocket` as it is reached from other machines: a loopback address in it becomes `host`."""
     at = parse_broker_url(websocket)
     return str(replace(at, host=host)) if at.host in ("127.0.0.1", "localhost", "::1") else websocket
+
+
+def no_way_from(page: str, websocket: str) -> str:
+    """Return why browsers do not let this page reach the broker, or "". Source: W3C, Mixed Content."""
+    is_here = urlsplit(websocket).hostname in ("localhost", "127.0.0.1", "::1")  # which they trust
+    if is_here or not (page.startswith("https://") and websocket.startswith("ws://")):
+        return ""
+    return f"browsers let no page by https, such as {page.partition('?')[0]}, reach {websocket}"

@@ -14,7 +14,6 @@ import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from functools import partial
-from pathlib import Path
 
 from phalanx.errors import Unavailable
 
@@ -83,15 +82,12 @@ async def a_child(
             await process.communicate()
 
 
-async def answer(where: tuple[str, int] | Path, said: bytes, length: int) -> bytes | None:
+async def answer(host: str, port: int, said: bytes, length: int) -> bytes | None:
     """Return so many bytes that answer `said`; b"" if they do not come in time, None if we could not even ask."""
     writer = None
     try:  # by hand, for nothing of it may outlive a cancellation
         async with asyncio.timeout(PROBE_TIMEOUT_S):
-            if isinstance(where, Path):
-                reader, writer = await asyncio.open_unix_connection(where)
-            else:
-                reader, writer = await asyncio.open_connection(*where)
+            reader, writer = await asyncio.open_connection(host, port)
             writer.write(said)
             return await reader.readexactly(length)
     except (TimeoutError, asyncio.IncompleteReadError, ConnectionError):

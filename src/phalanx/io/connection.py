@@ -102,16 +102,10 @@ class Connection:
         self._on_dropped = on_dropped
         self._running: asyncio.Task[None] | None = None
         self._client: aiomqtt.Client | None = None
-        self._incoming: Incoming | None = None
         self._cut: BaseException | None = None
         self._lifetime = asyncio.timeout(None)
         self._ever = False
         self._told_later = 0  # who waits for a time only, and is told then what is wrong
-
-    def unread_since_s(self, now_s: float) -> float:
-        """When the oldest message came that is not read yet, or `now_s`; on a monotonic clock."""
-        since_s = self._incoming.since_s if self._incoming else None
-        return now_s if since_s is None else since_s
 
     def start(self) -> asyncio.Task[None]:
         """Stay connected until the task that this returns is cancelled.
@@ -220,7 +214,7 @@ class Connection:
             await self._subscribe_to_all(client)
             _heed_cancelling()
             # No await from the last look at the subscriptions to here: what changes later finds a client to tell.
-            self._client, self._incoming = client, incoming
+            self._client = client
             self.trouble = ""
             if self._ever:
                 self.reconnects += 1
@@ -240,7 +234,7 @@ class Connection:
                         await self._on_message(*incoming.get_nowait())
             finally:
                 watching.cancel()
-                self._client = self._incoming = None
+                self._client = None
 
     def _overrun(self) -> None:
         self.overruns += 1

@@ -71,11 +71,6 @@ class Incoming(asyncio.Queue[Arrived]):
         self._room_bytes -= message.size
         self._row(message).append((self._emptied.at_s, message))
 
-    @property
-    def since_s(self) -> float | None:
-        """Since when the next one to be read may have waited, if there is one."""
-        return next((row[0][0] for row in self._rows if row), None)
-
     def _get(self) -> Arrived:
         while True:
             since_s, message = next(row for row in self._rows if row).popleft()

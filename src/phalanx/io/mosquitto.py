@@ -1,12 +1,13 @@
-"""mosquitto as a supervised child: started with a configuration of ours, started again when it dies."""
+"""mosquitto as a supervised child, for those who want to try a broker: started again when it dies.
+
+Everybody may connect and publish there, as on any broker without an access control.
+"""
 
 from __future__ import annotations
 
 import asyncio
-import base64
 import contextlib
 import errno
-import hashlib
 import os
 import pwd
 import shutil
@@ -15,45 +16,38 @@ from functools import partial
 from pathlib import Path
 
 from phalanx.errors import Unavailable
-from phalanx.link.qrurl import Login
 
 from .broker_url import BrokerUrl
 from .children import a_child, answer, kept
-from .guarding import guarded
-from .heard import Heard
-from .listeners import READ, WRITE, Listeners
-from .ports import LOOPBACK, PortTaken
+from .ports import EVERYWHERE, LOOPBACK, PortTaken, is_free
 from .private_file import private_folder
-from .visitor_packets import MAX_KEEPALIVE_S
 
 # Our own packets are small, an older page's list the largest; one of these holds up a phone's websocket for seconds.
-EMBEDDED_PACKET_BYTES = 512 * 1024
-# The last word, of the system: then nobody is served, and the watchdog starts it again. The guard leaves nothing to
-# fill. mosquitto's own limit counts what it has given back: 56 bytes for each property of MQTT 5, 168 for each CONNECT.
-MEMORY_BYTES = 256 * 1024 * 1024
+PACKET_BYTES = 512 * 1024
+MEMORY_BYTES = 256 * 1024 * 1024  # mosquitto ends at more, and is started again
 QUEUED_MESSAGES = 500  # a thousand robots' list is 167 parts, twice in an overlap
-ROUNDS = 101
+MAX_KEEPALIVE_S = 120
 CONFIG = "mosquitto.conf"
-SOCKET = "run/visitors"
 PROBE_BYTES = 64 * 1024
-START_TIMEOUT_S = 20.0  # one that fails ends by itself; amqtt takes a second of processor time
+TAKEN = (os.strerror(errno.EADDRINUSE), "Unable to create websockets listener")
+START_TIMEOUT_S = 20.0  # one that fails ends by itself
 
 
 def find_mosquitto() -> str | None:
-    """Path of the mosquitto program; Debian puts it where only root's PATH looks."""
+    """Return the path of the mosquitto program; Debian puts it where only root's PATH looks."""
     return shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin")
 
 
-def configuration(at: Listeners, folder: Path) -> str:
-    """mosquitto.conf: the gateway with its login on one listener, visitors by way of the guard on another."""
+def configuration(port: int, ws_host: str, ws_port: int) -> str:
+    """Return mosquitto.conf: TCP on loopback, and websockets at an address."""
     return "\n".join(
         (
             "# written by phalanx",
-            "per_listener_settings true",
+            "allow_anonymous true",
             "persistence false",
             "retain_available false",
             "sys_interval 0",
-            f"max_packet_size {EMBEDDED_PACKET_BYTES}",
+            f"max_packet_size {PACKET_BYTES}",
             f"max_queued_messages {QUEUED_MESSAGES}",
             "max_inflight_messages 1",
             f"max_keepalive {MAX_KEEPALIVE_S}",
@@ -62,38 +56,18 @@ def configuration(at: Listeners, folder: Path) -> str:
             "log_dest stderr",
             "log_type error",
             "connection_messages false",
-            f"listener {at.gateway_port} {LOOPBACK}",
-            "allow_anonymous false",
-            f"password_file {folder / 'gateway.password'}",
-            f"# visitors come to the guard, at {at.visitors_port} and {at.ws_port}",
-            f"listener 0 {folder / SOCKET}",
-            "allow_anonymous true",
-            f"acl_file {folder / 'visitors.acl'}",
+            f"listener {port} {LOOPBACK}",
             "max_qos 0",
-            "max_topic_alias 0",
+            f"listener {ws_port}{'' if ws_host in EVERYWHERE else f' {ws_host}'}",
+            "protocol websockets",
+            "max_qos 0",
             "",
         )
     )
 
 
-def visitors_acl(root: str) -> str:
-    """What visitors may do, as mosquitto reads it."""
-    may = [("write", sub) for sub in WRITE] + [("read", sub) for sub in READ]
-    # A pattern is for everybody; the published page says an empty name, and is not anonymous therefore.
-    return "".join(f"pattern {word} {root}/+/{sub}\n" for word, sub in may)
-
-
-def password_line(login: Login) -> str:
-    """A line of mosquitto's password file. Source: mosquitto_passwd(1), PBKDF2 with SHA-512."""
-    salt = os.urandom(12)
-    # The password is random: a search is hopeless whatever the rounds.
-    hashed = hashlib.pbkdf2_hmac("sha512", login.password.encode(), salt, ROUNDS)
-    told = "$".join(("", "7", str(ROUNDS), base64.b64encode(salt).decode(), base64.b64encode(hashed).decode()))
-    return f"{login.username}:{told}\n"
-
-
-def _whose() -> str | None:
-    """As whom to run it. mosquitto gives up root by itself, but that would undo what `die_with_parent` asks for."""
+def _user() -> str | None:
+    """Return as whom to run it. If it gave up root by itself, that would undo what `die_with_parent` asks for."""
     if os.geteuid() != 0:
         return None
     names = {entry.pw_name for entry in pwd.getpwall()}
@@ -101,37 +75,29 @@ def _whose() -> str | None:
 
 
 @contextlib.asynccontextmanager
-async def mosquitto(at: Listeners) -> AsyncIterator[Heard]:
-    """Run mosquitto; yield what the gateway shall tell the guard before it. Raises: Unavailable: it does not start."""
+async def mosquitto(port: int, ws_host: str, ws_port: int) -> AsyncIterator[None]:
+    """Run mosquitto. Raises: PortTaken. Unavailable: it is not installed, or does not start."""
     program = find_mosquitto()
     if program is None:
-        raise Unavailable("mosquitto is not installed", "apt-get install mosquitto, or --broker amqtt")
+        raise Unavailable("mosquitto is not installed", "apt-get install mosquitto, or --broker URL")
+    for each, host in ((port, LOOPBACK), (ws_port, ws_host)):
+        if not is_free(each, host):
+            raise PortTaken(f"cannot listen on {host} port {each}: another program has it", "phalanx doctor")
+    url = BrokerUrl("mqtt", LOOPBACK, port)
     with private_folder() as folder:
-        user = _write(folder, at)
+        user = _write(folder, configuration(port, ws_host, ws_port))
         child = partial(a_child, program, "-c", str(folder / CONFIG), user=user, most_bytes=MEMORY_BYTES)
-        begins = partial(until_it_serves, "mosquitto", at.gateway)
-        async with (
-            kept("mosquitto", child, partial(serves, at.gateway), begins),
-            guarded(at, folder / SOCKET, folder) as heard,
-        ):
-            yield heard
+        async with kept("mosquitto", child, partial(serves, url), partial(_until_it_serves, url)):
+            yield
 
 
-def _write(folder: Path, at: Listeners) -> str | None:
-    """The broker's files, for the user it runs as and nobody else; that user, None for our own."""
-    files = {
-        CONFIG: configuration(at, folder),
-        "visitors.acl": visitors_acl(at.root),
-        "gateway.password": password_line(at.login),
-    }
-    for name, text in files.items():
-        (folder / name).touch(mode=0o600)
-        (folder / name).write_text(text)
-    (folder / SOCKET).parent.mkdir(mode=0o700)
-    if user := _whose():
+def _write(folder: Path, text: str) -> str | None:
+    """Write its configuration; return the user it runs as, None for our own."""
+    (folder / CONFIG).touch(mode=0o600)
+    (folder / CONFIG).write_text(text)
+    if user := _user():
         try:
-            for name in (*files, "run"):
-                shutil.chown(folder / name, user)
+            shutil.chown(folder / CONFIG, user)
         except OSError:
             return None
         folder.chmod(0o711)  # it may pass
@@ -140,13 +106,12 @@ def _write(folder: Path, at: Listeners) -> str | None:
 
 async def serves(url: BrokerUrl) -> bool | None:
     """Return whether the broker takes a connection and passes on a long message in time; None if we do not know."""
-    assert url.login is not None
     topic = _string(f"phalanx/probe/{os.urandom(8).hex()}")
-    hello = _string("MQTT") + b"\x04\xc2\x00\x0a" + b"".join(map(_string, ("", url.login.username, url.login.password)))
+    hello = _string("MQTT") + b"\x04\x02\x00\x0a" + _string("")
     message = _packet(0x30, topic + bytes(PROBE_BYTES))
     said = _packet(0x10, hello) + _packet(0x82, b"\x00\x01" + topic + b"\x00") + message
     # CONNACK, SUBACK and the message itself.
-    heard = await answer((url.host, url.port), said, 4 + 5 + len(message))
+    heard = await answer(url.host, url.port, said, 4 + 5 + len(message))
     return None if heard is None else heard.endswith(message)
 
 
@@ -162,7 +127,7 @@ def _packet(kind: int, body: bytes) -> bytes:
     return bytes((*head, left)) + body
 
 
-async def until_it_serves(name: str, url: BrokerUrl, process: asyncio.subprocess.Process) -> None:
+async def _until_it_serves(url: BrokerUrl, process: asyncio.subprocess.Process) -> None:
     """Wait until it serves: one that listens may yet end. Raises: PortTaken. Unavailable: it does not start."""
     deadline, does = asyncio.get_running_loop().time() + START_TIMEOUT_S, None
     while process.returncode is None and asyncio.get_running_loop().time() < deadline:
@@ -175,5 +140,6 @@ async def until_it_serves(name: str, url: BrokerUrl, process: asyncio.subprocess
         process.kill()
     assert process.stderr is not None
     said = (await process.stderr.read()).decode(errors="replace").strip().splitlines()
-    failure = PortTaken if said and said[-1].endswith(os.strerror(errno.EADDRINUSE)) else Unavailable
-    raise failure(f"{name} does not start: {said[-1] if said else 'no reason given'}", "phalanx doctor")
+    why = said[-1] if said else "no reason given"
+    failure = PortTaken if any(each in why for each in TAKEN) else Unavailable
+    raise failure(f"mosquitto does not start: {why}", "phalanx doctor")

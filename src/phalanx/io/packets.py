@@ -66,7 +66,7 @@ class Frames:
 
     def __init__(self, sock: Any) -> None:
         self._socket = sock._socket  # noqa: SLF001
-        self._websocket = Websocket(server=False)
+        self._websocket = Websocket()
         self._carried = bytearray()
         self._at = 0
         self.is_dry = True  # the last that was read was all there was

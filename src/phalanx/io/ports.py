@@ -6,8 +6,7 @@ import contextlib
 import errno
 import logging
 import socket
-from collections.abc import Awaitable, Callable, Iterator
-from pathlib import Path
+from collections.abc import Awaitable, Callable
 from random import SystemRandom  # whoever seeds the other one draws what all who do so draw
 from typing import TypeVar
 
@@ -78,16 +77,6 @@ def listen(host: str, port: int, if_taken: str = "phalanx doctor") -> socket.soc
             f"cannot listen on {host} port {port}: {why}",
             if_taken if is_taken else "--host is an address of this machine, and below port 1024 only root may listen",
         ) from error
-
-
-@contextlib.contextmanager
-def listening_to_us(path: Path) -> Iterator[socket.socket]:
-    """One that listens at a path in a folder of ours."""
-    with socket.socket(socket.AF_UNIX) as door:
-        door.bind(str(path))
-        path.chmod(0o600)
-        door.listen()
-        yield door
 
 
 def _family(host: str) -> socket.AddressFamily:

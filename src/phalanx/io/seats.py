@@ -1,7 +1,8 @@
 """Seats at a server: so many in all, and none that one address has to itself.
 
 When all are taken, one more takes that of one from where most are: so whoever has one address pushes out only who
-shares it. It is whoever was silent longest, of those first who never spoke. Who is known keeps its seat meanwhile.
+shares it. It is whoever was silent longest, of those first whom we served nothing. Who is known keeps its seat
+meanwhile.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ KNOWN_PERCENT = 90  # of the seats, at most, while there are others to push out
 
 
 class _Place(Generic[Who]):
-    """Who comes from one place: those whom we served nothing yet, those whom we did, and of those who ever spoke.
+    """Who comes from one place: those whom we served nothing yet, and those whom we did.
 
     In each row who was silent longest is first: so whoever comes by the thousand makes us search nothing.
     """
@@ -37,27 +38,25 @@ class _Place(Generic[Who]):
     def __init__(self) -> None:
         self.strangers: dict[Who, None] = {}
         self.served: dict[Who, None] = {}
-        self.spoke: dict[Who, None] = {}
 
     def __len__(self) -> int:
-        return len(self.strangers) + len(self.served) + len(self.spoke)
+        return len(self.strangers) + len(self.served)
 
     def __iter__(self) -> Iterator[Who]:
-        return itertools.chain(self.strangers, self.served, self.spoke)
+        return itertools.chain(self.strangers, self.served)
 
     def first(self, but: Who) -> Who:
         """Who should leave. Those who come and say nothing push out each other, once they are more than the others."""
-        known = itertools.chain(self.served, self.spoke)
-        row = itertools.chain(self.strangers, known) if 2 * len(self.strangers) > len(self) else known
+        row = self if 2 * len(self.strangers) > len(self) else self.served
         return next((who for who in row if who is not but), but)
 
-    def drop(self, who: Who) -> dict[Who, None] | None:
-        """It is in no row any more; in which it was."""
-        for row in (self.strangers, self.served, self.spoke):
+    def drop(self, who: Who) -> bool:
+        """It is in no row any more; whether it was in one."""
+        for row in (self.strangers, self.served):
             if who in row:
                 del row[who]
-                return row
-        return None
+                return True
+        return False
 
 
 class _Places(Generic[Who]):
@@ -98,20 +97,19 @@ class _Places(Generic[Who]):
         if self._crowd not in self._crowds or crowd > self._crowd:
             self._crowd = crowd
 
-    def heard(self, who: Who, *, speaks: bool) -> bool:
+    def heard(self, who: Who) -> bool:
         """Whether it is here."""
         place = self._from.get(who.place, _Place())
-        row = place.drop(who)
-        if row is None:
+        if not place.drop(who):
             return False
-        (place.spoke if speaks or row is place.spoke else place.served)[who] = None
+        place.served[who] = None
         self._is_now(who.place, len(place), len(place))
         return True
 
     def drop(self, who: Who) -> bool:
         """Whether it was here."""
         place = self._from.get(who.place, _Place())
-        if place.drop(who) is None:
+        if not place.drop(who):
             return False
         self._count -= 1
         self._is_now(who.place, len(place) + 1, len(place))
@@ -141,16 +139,16 @@ class Seats(Generic[Who]):
             crowded = 100 * len(self._known) > KNOWN_PERCENT * self._most
             (self._known if crowded else self._guests).first(who).leave()
 
-    def heard(self, who: Who, *, speaks: bool = False) -> None:
-        """It said something that we serve, just now; or what is for others, and `speaks`."""
-        if not self._guests.heard(who, speaks=speaks):
-            self._known.heard(who, speaks=speaks)
+    def heard(self, who: Who) -> None:
+        """It said something that we serve, just now."""
+        if not self._guests.heard(who):
+            self._known.heard(who)
 
     def know(self, who: Who) -> None:
         """It is known from now on."""
         if self._guests.drop(who):
             self._known.add(who)
-            self._known.heard(who, speaks=True)
+            self._known.heard(who)
 
     def gone(self, who: Who) -> None:
         """It has left."""

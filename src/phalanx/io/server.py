@@ -27,7 +27,6 @@ from phalanx.link.server_side import ServerSide
 from .answers import Answers
 from .broker_url import BrokerUrl, parse_broker_url, websocket_of
 from .connection import Connection
-from .heard import TELL_S, Heard
 from .incoming import STALE_S
 
 log = logging.getLogger(__name__)
@@ -49,10 +48,8 @@ class Server:
         config: the link's parameters.
         login: for a broker that asks for one.
         broker_for_visitors: websocket URL that browsers use; derived from `broker` if that is one.
-        login_for_visitors: goes into the link, for a broker that asks for one: it should allow visitors' topics only.
         pin: the first pin; a fresh one unless given.
         mqtt: protocol version to try first, 5 or 4.
-        heard: what the guard before a broker of ours is told, for it passes on what we keep up with.
         clock: seconds since 1970; for tests.
     Raises: UsageError: a bad URL. On entering or waiting, Unavailable: the broker refused the login.
     Source: Qrkey §III.
@@ -65,16 +62,13 @@ class Server:
         config: LinkConfig | None = None,
         login: Login | None = None,
         broker_for_visitors: str = "",
-        login_for_visitors: Login | None = None,
         pin: Pin | None = None,
         mqtt: int = 5,
-        heard: Heard | None = None,
         clock: Callable[[], float] = time.time,
     ) -> None:
         self.config = config or LinkConfig()
         self.broker = parse_broker_url(broker, login) if isinstance(broker, str) else broker
         self.broker_for_visitors = broker_for_visitors or websocket_of(self.broker)
-        self._login_for_visitors = login_for_visitors
         self.counters: Counter[str] = Counter()
         self.on_event: Callable[[Happening], None] = lambda _: None
         self._clock = clock
@@ -84,7 +78,6 @@ class Server:
         self._link: Connection | None = None
         self._answers = Answers[Request](self._deal_with)
         self._mqtt = mqtt
-        self._heard = heard
         self._tasks: list[asyncio.Task[None]] = []
         self._reached = asyncio.Event()
         self._sooner = asyncio.Event()
@@ -133,9 +126,8 @@ class Server:
 
     @property
     def rejected(self) -> Counter[str]:
-        """Refused messages by reason; what the guard dropped, as we were behind, was an overrun."""
-        overruns = (self._heard.dropped if self._heard else 0) + (self._link.overruns if self._link else 0)
-        return self._side.rejected + Counter(overrun=overruns)
+        """Refused messages by reason."""
+        return self._side.rejected + Counter(overrun=self._link.overruns if self._link else 0)
 
     @property
     def frame_bytes(self) -> int:
@@ -165,7 +157,7 @@ class Server:
     def qr(self) -> QrUrl:
         """What a QR code says now; it changes at every rotation. Source: docs/spec/link.md."""
         mqtt = self._link.mqtt if self._link else self._mqtt
-        return QrUrl(self._side.epoch.pin, self.broker_for_visitors, self.config.root, mqtt, self._login_for_visitors)
+        return QrUrl(self._side.epoch.pin, self.broker_for_visitors, self.config.root, mqtt)
 
     async def __aenter__(self) -> Self:
         self._link = Connection(
@@ -178,10 +170,7 @@ class Server:
             self._on_dropped,
             STALE_S,
         )
-        others = [self._rotate(), self._answers.run()]
-        if self._heard:
-            others.append(self._tell_the_guard(self._heard))
-        self._tasks = [self._link.start(), *map(asyncio.create_task, others)]
+        self._tasks = [self._link.start(), *map(asyncio.create_task, (self._rotate(), self._answers.run()))]
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -189,8 +178,6 @@ class Server:
             task.cancel()
         # A broker that hangs must not hold up the end.
         await asyncio.wait(self._tasks, timeout=CLOSE_TIMEOUT_S)
-        if self._heard:
-            self._heard.forget()
 
     async def wait_connected(self, timeout_s: float | None = None) -> None:
         """Wait for the broker. Raises: UsageError: not entered. TimeoutError; Unavailable: it refused us."""
@@ -241,13 +228,6 @@ class Server:
                 async with asyncio.timeout(max(0.01, self._side.next_due_s() - time.monotonic())):
                     await self._sooner.wait()
             await self._advance(self._side.advance)
-
-    async def _tell_the_guard(self, heard: Heard) -> None:
-        """How far behind we are; what holds this loop up holds that up too, which says as much."""
-        while True:
-            now_s = time.monotonic()
-            heard.tell(now_s, self._link.unread_since_s(now_s) if self._link else now_s, len(self._answers))
-            await asyncio.sleep(TELL_S)
 
     async def _advance(self, step: Callable[[float], tuple[Ask, ...]]) -> bool:
         before = self._side.epoch

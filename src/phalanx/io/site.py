@@ -1,8 +1,8 @@
 """A page over HTTP: who may connect, for how long, and with which headers it is served.
 
 The operator's is served beside the gateway's event loop (`beside`): what holds that up does not hold up an emergency
-stop. The visitors', which strangers reach, by a process of its own (`page_apart`): threads share one interpreter, and a
-few who asked for pages without end cost a third of all moves.
+stop. The visitors', which strangers reach, by a process of its own (`front`): threads share one interpreter, and a few
+who asked for pages without end cost a third of all moves.
 """
 
 from __future__ import annotations
@@ -10,13 +10,10 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import signal
 import socket
-import sys
 import threading
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, Self, TypeVar, cast
 
@@ -24,10 +21,8 @@ from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 from aiohttp.web_protocol import RequestHandler
 
-from .children import a_python_child, answer, end_with, kept
-from .ports import LOOPBACK, listen, listening_to_us
-from .private_file import private_folder
-from .seats import Seats, a_share, allow_files, place_of
+from .ports import LOOPBACK, listen
+from .seats import Seats, a_share, place_of
 
 # A page is some 600 KB: a phone that cannot load it within this cannot drive a robot either.
 HANG_UP_AFTER_S = 30.0
@@ -36,7 +31,6 @@ CHECK_S = 1.0
 LINE_BYTES, HEADERS, HEAD_BYTES = 4096, 64, 16 * 1024
 AT_ONCE = 100  # let in before any is heard: fewer than there are seats, or who just came is pushed out unheard
 FILES_EACH = 2  # a connection, and what is read for it
-QUESTION, WELL = b"GET / HTTP/1.1\r\nHost: us\r\nConnection: close\r\n\r\n", b"HTTP/1.1 "
 # aiohttp logs a trace for every request that is no HTTP, and quotes it; and for whoever goes before the file is sent.
 _FAULTS = logging.getLogger(f"{__name__}.aiohttp")
 _FAULTS.addFilter(lambda record: not (record.exc_info and _is_theirs(record.exc_info[1])))
@@ -82,7 +76,7 @@ class Site:
         headers = COMMON_HEADERS | {"Content-Security-Policy": policy}
 
         @web.middleware
-        async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
+        async def check(request: web.Request, handler: Handler) -> web.StreamResponse:
             connection_of(request).asks(asyncio.current_task())
             # A foreign page that rebinds its name to loopback sends its own.
             is_rebound = not doors and request.host.rsplit(":", 1)[0] not in (LOOPBACK, "localhost")
@@ -97,7 +91,7 @@ class Site:
                 response.headers.setdefault(name, value)
             return response
 
-        self.app = web.Application(middlewares=[guard], client_max_size=longest)
+        self.app = web.Application(middlewares=[check], client_max_size=longest)
         self._add_routes()
         self._add_files(folder)
         limits: dict[str, Any] = {
@@ -263,42 +257,3 @@ async def beside(pages: Served) -> AsyncIterator[Served]:
         loop.call_soon_threadsafe(loop.stop)
         await asyncio.to_thread(thread.join)
         await asyncio.to_thread(runner.close)  # what is under way there ends with it
-
-
-@contextlib.asynccontextmanager
-async def page_apart(
-    folder: Path, policy: str, host: str, port: int, *, connections: int, if_taken: str
-) -> AsyncIterator[int]:
-    """Serve the page in `folder` there, in a process of its own, while the context lasts; yield its port, for 0 is any.
-
-    The process is started again when it ends or serves no longer. We listen, not it: who comes while it starts waits.
-
-    Raises: PortTaken, with the hint `if_taken`. Unavailable: it cannot listen there.
-    """
-    with private_folder() as ours, listening_to_us(ours / "watched") as us, listen(host, port, if_taken) as door:
-        numbers = (door.fileno(), us.fileno())
-        words = ("phalanx.io.site", str(folder), policy, str(connections), *map(str, numbers))
-        child, serves = partial(a_python_child, *words, pass_fds=numbers), partial(_serves, ours / "watched")
-        async with kept("the page", child, serves):
-            yield int(door.getsockname()[1])
-
-
-async def _serves(watched: Path) -> bool | None:
-    """Return whether we are answered in time; None if we do not know."""
-    said = await answer(watched, QUESTION, len(WELL))
-    return None if said is None else said == WELL
-
-
-async def _serve_until_told(words: list[str]) -> None:
-    """Serve a page. `words` are its folder, policy and connections, and the numbers of sockets that listen."""
-    folder, policy, connections, *numbers = words
-    allow_files(4 * FILES_EACH * int(connections))
-    doors = [socket.socket(fileno=int(number)) for number in numbers]
-    async with Site(Path(folder), policy, connections=int(connections), doors=doors):
-        await asyncio.Event().wait()
-
-
-if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the gateway, which ends us
-    end_with(int(sys.argv[1]))
-    asyncio.run(_serve_until_told(sys.argv[2:]))

@@ -107,7 +107,6 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 @option("--broker", help="For --qrkey: mosquitto, or a mqtt(s):// or ws(s):// URL.", default="")
 @options.broker_ws_option
 @options.login_option
-@options.visitors_login_option
 @options.link_options
 @option(
     "--frontend",

@@ -50,7 +50,7 @@ async def measure(
     on_progress: Callable[[int, int], None] = lambda _sent, _of: None,
     *,
     duration: float = 60.0,
-    broker: str = "auto",
+    broker: str = "mosquitto",
     login: Login | None = None,
     interval_s: float = 0.5,
     lost_after_s: float = 10.0,
@@ -107,12 +107,11 @@ class _Probe:
         self._given_up: dict[tuple[Kind, str], tuple[int, float, float]] = {}
         self._sending: set[asyncio.Task[bool]] = set()
         self._link = Connection(
-            broker.gateway,
+            broker.url,
             f"phalanx-fig4-{os.urandom(8).hex()}",
             self._topics.values,
             self._on_message,
             self._on_connect,
-            broker.mqtt,
         )
 
     async def run(self) -> None:

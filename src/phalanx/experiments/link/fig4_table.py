@@ -47,7 +47,7 @@ Packets = dict[Kind, tuple[Row, ...]]
 def head(*, broker: str, interval_s: float, lost_after_s: float, version: str) -> Table:
     """Of the table. Another version of the program may go on with it: what is measured is the broker and the network.
 
-    `broker` is mosquitto or amqtt for an embedded one, else its URL; never a login.
+    `broker` is mosquitto for one of ours, else its URL; never a login.
     """
     origin = {"broker": broker, "interval_s": interval_s, "lost_after_s": lost_after_s, "version": version}
     return Table("link-fig4", origin, COLUMNS, by_line=True, free=frozenset({"version"}))

@@ -279,11 +279,11 @@ async def _text(socket: aiohttp.ClientWebSocketResponse) -> str:
 
 async def _hear_refusals(orders: aiohttp.ClientWebSocketResponse) -> None:
     """The controller answers an order only to refuse it."""
-    pace = Pace(*REFUSALS)
+    pace = Pace(*REFUSALS, time.monotonic())
     while True:
         words = await _text(orders)
         if not pace.wait_s(time.monotonic()):
-            pace.said()
+            pace.use()
             log.warning("the controller of the DotBots refused an order: %s", ascii(words[:200]))
 
 

@@ -13,10 +13,10 @@ import time
 from collections.abc import Callable
 
 from phalanx.config.front import FrontConfig
+from phalanx.io.pace import Pace, Paces
 from phalanx.io.seats import place_of
 
 from .newcomers import Newcomers
-from .pace import Pace, Paces
 from .turns import Turns
 
 OUT_OF_FILES_S = 1.0

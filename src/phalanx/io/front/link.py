@@ -9,10 +9,9 @@ import socket
 from collections.abc import Iterator
 
 from phalanx.config.front import FrontConfig
+from phalanx.io.pace import Pace
 from phalanx.io.site import Connection
 from phalanx.io.websocket import BINARY, CLOSE, frame_head
-
-from .pace import Pace
 
 READ_BYTES = 4 * 1024  # at once, of a connection: what it may have unread here; as frames of nothing 25 times as much
 SEND_BUFFER_BYTES = 32 * 1024  # of the system

@@ -15,13 +15,13 @@ from pathlib import Path
 from aiohttp import web
 
 from phalanx.config.front import FrontConfig
+from phalanx.io.pace import Pace, Paces
 from phalanx.io.seats import Seats, place_of
 from phalanx.io.site import Connection, Site, connection_of
 
 from .arrivals import Arrivals
 from .links import Links
 from .newcomers import Newcomers
-from .pace import Pace, Paces
 from .turns import Turns
 
 LINK = "/link"

@@ -8,7 +8,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from typing import Generic, TypeVar
 
-from .pace import Pace, Paces
+from phalanx.io.pace import Pace, Paces
 
 Item = TypeVar("Item")
 

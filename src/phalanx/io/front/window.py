@@ -14,8 +14,8 @@ from collections.abc import Callable, Sequence
 from typing import Generic, Protocol, TypeVar
 
 from phalanx.config.front import FrontConfig
+from phalanx.io.pace import Pace
 
-from .pace import Pace
 from .turns import Turns
 
 US = 1_000_000  # in a second
