@@ -168,7 +168,7 @@ def test_a_picture_is_painted_before_stylesheet_and_script_are_there(browser, ga
     _, ready = gateway
     with a_page(browser) as page:
         held = []
-        page.route("**/assets/*", lambda route: held.append(route))  # noqa: PLW0108 - playwright asks for its arguments
+        page.route("**/assets/*", lambda route: held.append(route))
         page.goto(insecure(ready["page_url"]), wait_until="commit")
         page.wait_for_function("performance.getEntriesByName('first-contentful-paint').length > 0")
         assert len(held) >= 2
