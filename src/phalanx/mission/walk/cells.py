@@ -222,6 +222,7 @@ def search_shapes(
         found = 0
         if kind == OWN:
             things[0, 0], things[0, 1], things[0, 2], things[0, 3] = doubt.x_m, doubt.y_m, np.nan, np.nan
+            which[0] = -1
             found = 1
         for k in range(len(seen)):
             if seen[k, 0] != kind or (oriented and np.isnan(seen[k, 3])) or (area and np.isnan(seen[k, 4])):
