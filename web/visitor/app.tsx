@@ -28,7 +28,8 @@ import {
 } from "./invitation_store";
 import { Join } from "./join";
 import { NoCode } from "./no_code";
-import { linkUrl, openQrkey, openSession, resumeStore } from "./open_link";
+import { linkUrl } from "./link_url";
+import { openQrkey, openSession, resumeStore } from "./open_link";
 import { Over, WaitingForApproval } from "./over";
 
 const storage = sessionStorageOrNone();
