@@ -39,7 +39,7 @@ async def driver(echo, address="127.0.0.1", **how) -> Raw:
 
 class TestWhoSaysNothing:
     async def test_half_open_connections_of_one_address_push_out_each_other_and_nobody_else(self, pages):
-        limits = {"newcomers_max_per_address": 10, "head_s": LONG_S, "first_message_s": LONG_S}
+        limits = {"newcomers_max_per_address": 10, "head_s": LONG_S, "first_message_s": LONG_S, "cost_of_silence": 0.01}
         async with echoing(pages, **limits) as echo:
             with closing([await driver(echo)]), closing([Raw(echo.front.port)]) as (quiet,):
                 before = files_of(the_child())
