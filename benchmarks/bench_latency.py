@@ -54,10 +54,9 @@ async def bench_latency(blocks: int, count: int) -> list[Row]:
 
 
 async def _bench_latency(broker: RunningBroker, blocks: int, count: int) -> list[Row]:
-    url, login = broker.gateway, broker.gateway.login
-    assert login is not None
+    url = broker.url
     ours, theirs = Arrival(), Arrival()
-    server = Server(url, mqtt=broker.mqtt)
+    server = Server(url)
     server.on_command("move_raw")(lambda _: ours.here())
     same_bytes = seal(encode_envelope(WHEELS, time.time()), fresh_epoch(), os.urandom(IV_BYTES))
 
@@ -67,13 +66,7 @@ async def _bench_latency(broker: RunningBroker, blocks: int, count: int) -> list
             theirs.here()
 
     def bare() -> aiomqtt.Client:
-        return aiomqtt.Client(
-            url.host,
-            url.port,
-            username=login.username,
-            password=login.password,
-            protocol=aiomqtt.ProtocolVersion.V5,
-        )
+        return aiomqtt.Client(url.host, url.port, protocol=aiomqtt.ProtocolVersion.V5)
 
     async with server:
         await server.wait_connected(PATIENCE_S)

@@ -227,7 +227,7 @@ class TestUp:
     @pytest.mark.parametrize("qrkey", [True, False])
     def test_unless_asked_nothing_is_open_to_other_machines(self, qrkey):
         with a_gateway(qrkey=qrkey) as (up, ready):
-            assert len(children_of(up.process.pid)) == (3 if qrkey else 1), "the front end; the broker and the guard"
+            assert len(children_of(up.process.pid)) == (2 if qrkey else 1), "the front end; the broker"
             assert not open_to_all(up.process.pid)
             if qrkey:
                 listed = called("link", "connect", ready["qr_url"], "--json")

@@ -60,6 +60,8 @@ def configuration(port: int, ws_host: str, ws_port: int) -> str:
             "max_qos 0",
             f"listener {ws_port}{'' if ws_host in EVERYWHERE else f' {ws_host}'}",
             "protocol websockets",
+            # Or 2.0.11 listens for websockets at every address.
+            *(() if ":" in ws_host else ("socket_domain ipv4",)),
             "max_qos 0",
             "",
         )
