@@ -97,7 +97,7 @@ def test_a_broker_that_wants_a_login_of_visitors(browser, tmp_path):
             visitor.goto(insecure(f"{ready['qr_url']}&user=all&password=wrong"))
             visitor.get_by_test_id("badge").get_by_text("name or password is wrong").wait_for()
             visitor.get_by_test_id("leave").click()
-            visitor.get_by_text("Type the pin instead").click()
+            visitor.get_by_text("pin instead").click()
             for field, said in (("pin", ready["pin"]), ("broker", there), ("user", "all"), ("password", "secret")):
                 visitor.get_by_test_id(field).fill(said)
             visitor.screenshot(path=tmp_path / "typed.png", full_page=True)

@@ -281,7 +281,7 @@ def test_axe_finds_no_barrier_in_any_state(browser, gateway, scheme):
         page.goto(insecure(ready["page_url"]))
         badge(page, "nocode")
         assert not barriers(page)
-        page.get_by_text("Type the pin instead").click()
+        page.get_by_text("pin instead").click()
         page.get_by_test_id("pin").fill("12")
         page.get_by_test_id("typed-join").click()
         page.get_by_text("That did not work").wait_for()
