@@ -17,6 +17,7 @@ from .sources import DECLARED, hash_of
 from .unit import Unit
 
 HERE = Path(__file__).parent
+PROFILES = ("bound", "paper")
 # A module with kernels imports one of the functions of phalanx.kernel that make them.
 MAKES_KERNELS = re.compile(r"^from [.\w]*\bkernel import (\([^)]*|.*)\b(kernel|linked|written)\b", re.MULTILINE)
 
@@ -25,12 +26,16 @@ def package_source(root: Path, nodes: Path | None = None) -> str:
     """Return the C of all kernels in the package at `root`.
 
     Args:
-        nodes: folder of the compiled trusted nodes, if they are not in the package yet.
+        nodes: folder of the compiled trusted nodes, which go before those that an older build left in the package.
     Raises: SubsetError: a kernel is outside the subset.
     """
     os.environ["PHALANX_PURE"] = "build"
     if nodes:
-        importlib.import_module("phalanx").__path__.append(str(nodes))
+        path = importlib.import_module("phalanx").__path__
+        path.insert(0, str(nodes))
+        for profile in PROFILES:
+            importlib.import_module(f"phalanx._firmware_{profile}")
+        path.remove(str(nodes))
     import_kernels(root)
     unit = Unit()
     text = unit.text(DECLARED)
