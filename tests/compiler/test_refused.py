@@ -376,6 +376,13 @@ def test_the_build_prints_one_line_and_a_hint(tmp_path):
 def test_nodes_that_were_just_built_go_before_older_ones_in_the_package(tmp_path):
     """Kernels have the sizes of nodes in them: with those of an older build every call would be refused."""
     (tmp_path / "_firmware_bound.py").write_text("raise SystemExit('just built')")
-    command = [sys.executable, "-m", "phalanx_compiler.generate", tmp_path / "out.c", ROOT / "src" / "phalanx", tmp_path]
+    command = [
+        sys.executable,
+        "-m",
+        "phalanx_compiler.generate",
+        tmp_path / "out.c",
+        ROOT / "src" / "phalanx",
+        tmp_path,
+    ]
     done = subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True)
     assert done.stderr.strip() == "just built"
