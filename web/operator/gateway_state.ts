@@ -195,7 +195,8 @@ export function parseState(json: unknown): GatewayState {
       trouble: typeof broker["trouble"] === "string" ? broker["trouble"] : "",
       phones: typeof broker["phones"] === "string" ? broker["phones"] : "",
     },
-    visitors: list(state["visitors"], "visitors").map(visitor),
+    // Those with sessions are in `session`.
+    visitors: list(state["visitors"], "visitors").flatMap((each) => (isOfSession(each) ? [] : [visitor(each)])),
     session: state["session"] === undefined ? undefined : session(state["session"]),
     robots: list(state["robots"], "robots").map(robot),
     shields: state["shields"] === null ? undefined : shields(state["shields"]),
@@ -206,6 +207,10 @@ export function parseState(json: unknown): GatewayState {
       Object.entries(record(state["rejected"], "rejected")).map(([reason, n]) => [reason, finite(n, reason)]),
     ),
   };
+}
+
+function isOfSession(json: unknown): boolean {
+  return record(json, "visitor")["visitor"] !== undefined;
 }
 
 function visitor(json: unknown): Visitor {

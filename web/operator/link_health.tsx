@@ -39,7 +39,7 @@ export function VisitorsCard({ visitors }: { readonly visitors: readonly Visitor
     <section className="card visitors" data-testid="visitors" aria-labelledby="visitors-title">
       <header>
         <h2 id="visitors-title">
-          <Term of="visitors">Visitors</Term> <span className="count">{visitors.length}</span>
+          <Term of="visitors">Shared code</Term> <span className="count">{visitors.length}</span>
         </h2>
       </header>
       {recent.length === 0 ? (
