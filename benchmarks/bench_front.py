@@ -172,6 +172,7 @@ class Visitors:
         self.port, self.code = port, code
         self.took_s: list[float] = []
         self.failed = 0
+        self.late_s = 0.0  # with a command, for want of a processor here
 
     async def run(self) -> None:
         tasks = [asyncio.create_task(self.drive(n)) for n in range(VISITORS)]
@@ -179,6 +180,8 @@ class Visitors:
         loop = asyncio.get_running_loop()
         while await loop.run_in_executor(None, sys.stdin.readline):
             found = {"join_s": max(self.took_s, default=0.0), "joins": len(self.took_s), "join_failed": self.failed}
+            found["sent_late_s"] = self.late_s
+            self.late_s = 0.0
             print(json.dumps(found), flush=True)
             self.took_s.clear()
             self.failed = 0
@@ -196,6 +199,7 @@ class Visitors:
                         client.transport.write(frame(client.session.command(f"R{n}").data))
                     due_s += 1 / PER_S
                     await asyncio.sleep(max(0.0, due_s - time.monotonic()))
+                    self.late_s = max(self.late_s, time.monotonic() - due_s)
             if asyncio.current_task().cancelling():
                 return
             await asyncio.sleep(0.1)
@@ -338,6 +342,7 @@ def measure(
                     "front_cpu": sum(used[pid] for pid in fronts),
                     "attackers_cpu": used[attacking.process.pid] if attacking else 0.0,
                     "waited": (in_line_s(ready["pid"]) - before[ready["pid"]][1]) / took_s,
+                    "front_waited": sum(in_line_s(pid) - before[pid][1] for pid in fronts) / took_s,
                     "front_mb": sum(map(rss_mb, fronts)),
                 }
                 if name in WITH_PHONES:
@@ -357,6 +362,7 @@ COLUMNS = (
     ("gap_s", "longest gap, s", "{:.2f}"),
     ("p99_s", "p99, s", "{:.3f}"),
     ("late_s", "tick late, s", "{:.3f}"),
+    ("sent_late_s", "sent late, s", "{:.3f}"),
     ("join_s", "newcomer in, s", "{:.2f}"),
     ("join_failed", "failed", "{}"),
     ("phones", "of 50 phones", "{}"),
@@ -365,7 +371,8 @@ COLUMNS = (
     ("front_cpu", "front end, core", "{:.2f}"),
     ("front_mb", "MB", "{:.0f}"),
     ("attackers_cpu", "attackers, core", "{:.2f}"),
-    ("waited", "waited", "{:.2f}"),
+    ("waited", "gateway waited", "{:.2f}"),
+    ("front_waited", "front end waited", "{:.2f}"),
 )
 
 

@@ -47,7 +47,7 @@ def profile(name: str, headers: list[str], more: list[str] | None = None) -> FFI
         # Relative to setup.py: absolute paths would end up in what is built.
         sources=[f"firmware/src/{source}.c" for source in [*SHARED, *PROFILES[name]]]
         + [f"firmware/port/host/{source}.c" for source in HOST]
-        + [f"firmware/port/{source}.c" for source in ["fleet", *(more or [])]],
+        + [f"firmware/port/{source}.c" for source in more or []],
         include_dirs=["firmware/include", "firmware/src", "firmware/port", "firmware/port/host"],
         depends=[str(path.relative_to(HERE.parent)) for path in sorted([*HERE.rglob("*.h"), *HERE.glob("src/*.c")])],
         extra_compile_args=FLAGS,
@@ -57,9 +57,9 @@ def profile(name: str, headers: list[str], more: list[str] | None = None) -> FFI
 
 def bound() -> FFI:
     """The default."""
-    return profile("bound", ["include/phx_seal.h", "port/fleet.h", "port/host/host.h", "port/order.h"], ORDERS)
+    return profile("bound", ["include/phx_seal.h", "port/host/host.h", "port/order.h"], ORDERS)
 
 
 def paper() -> FFI:
     """As printed, for experiments."""
-    return profile("paper", ["include/phx_paper.h", "port/fleet.h", "port/host/host.h"])
+    return profile("paper", ["include/phx_paper.h", "port/host/host.h"])

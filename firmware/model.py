@@ -49,7 +49,7 @@ class Search:
 
 
 SEARCHES = (
-    Search("P1: a liar with one accomplice", True, "-DLIAR=1"),
+    Search("P1: a liar beside another", True, "-DLIAR=1"),
     Search("P1, T_val is not looked at", False, "-DLIAR=1 -DTOKENS_LAST"),
     Search("P1, one auditor counts twice", False, "-DLIAR=1 -DANY_AUDITOR"),
     Search("P1, f_max tokens are enough", False, "-DLIAR=1 -DNEEDED=F_MAX"),

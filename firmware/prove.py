@@ -74,7 +74,7 @@ def proofs(everything: bool) -> Iterable[Proof]:
     (BUILD / "hash.c").write_text(text[:begin] + looked + text[begin:])
     bounds = f"f_max <= {f_max}; any frame, any time"
     # It goes over all tokens and no further, which takes a third of the time to prove where no more turns are laid out.
-    unwind = f"--unwind 35 --unwindsetname anode.c@keep_token:0:{2 * f_max + 3}"
+    unwind = f"--unwind 35 --unwindsetname bound.c@phx_keep_token:0:{f_max + 3}"
     for number, call in enumerate(CALLS):
         if call.startswith("SEALED") and not everything:
             continue

@@ -38,10 +38,11 @@ def lines(profile: str) -> Iterator[list[object]]:
         yield ["sha1", case["times"], case["message"], case["digest"]]
     for case in cases("lightmac"):
         yield ["lightmac", ERRORS.get(case["expect"], 0), case["key"], case["message"], case.get("mac", "")]
-    for case in [*cases("nodes"), *cases("sealed")]:
+    for case in [*cases("nodes"), *cases("sealed"), *cases("edges")]:
         if case["profile"] != profile:
             continue
         yield ["make", *case["limits"].values()]
+        yield from (["refused", *limits.values()] for limits in case.get("refused", []))
         for call in case["calls"]:
             code = ERRORS.get(call["expect"], call["code"])
             # Four numbers and four byte strings always: what a call has not got is zero, or empty.

@@ -17,6 +17,7 @@ from phalanx.sim.scenarios.run import Run
 
 RANGE_M = 116.0  # of the paper's radio
 STEP_S = 0.05
+RELAYED_NEAR = 10  # robots that hear the relayed HELLO, beside f_max
 
 Places = Callable[[float], NDArray[np.float64]]
 
@@ -58,9 +59,9 @@ def _around(chance: np.random.Generator, n: int, x_m: float, width_m: float) -> 
 
 
 def relayed(f_max: int, seed: int, _: float) -> Layout:
-    """f_max + 8 robots close together, the first two among them, and 20 to 40 that are far away."""
+    """f_max + 10 robots close together, the first two among them, and 20 to 40 that are far away."""
     chance = np.random.default_rng([seed, 2])
-    near = chance.uniform(-40, 40, (f_max + 8 + 2, 2))
+    near = chance.uniform(-40, 40, (f_max + RELAYED_NEAR, 2))
     far = chance.uniform(-60, 60, (20 + int(chance.integers(21)), 2))
     return _still(np.concatenate([near, far + np.array([1000.0, 0.0])]))
 

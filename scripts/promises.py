@@ -130,6 +130,8 @@ def _times(case: Case) -> dict[str, int]:
 def _placed(case: Case, bti: BtiConfig, at_s: float) -> Scenario:
     """Return the run of a case whose robots stand or drive as layouts.py says; some lie in `hidden` and `relayed`."""
     liars = {"hidden": case.f_max, "relayed": min(2, case.f_max)}.get(case.layout, 0)
+    # Lists of neighbours may be no longer than P2 wants: distant robots whose HELLO is relayed are not in range.
+    n_max = case.f_max + layouts.RELAYED_NEAR - 1 if case.layout == "relayed" and case.seed % 2 else None
     return replace(
         find_scenario("bti-fig9"),
         name=case.layout,
@@ -138,6 +140,7 @@ def _placed(case: Case, bti: BtiConfig, at_s: float) -> Scenario:
         seed=case.seed,
         duration_s=round(max(at_s + 2.5 * bti.t_val_ms / 1000 + 1.0, 60.0), 3),
         bti=bti,
+        n_max=n_max,
         radio=RadioConfig(loss=case.loss_pct / 100),
         attacks=tuple(AttackSpec(name=case.attack, at_s=at_s, robot=k + 1) for k in range(liars)),
     )

@@ -18,13 +18,8 @@ class Nodes(nodes.Nodes):
         self._lib.phx_anode_power_up(self._a(i))
 
     def check_all(self, now_ms):
-        """CheckTokens of every a-node; now_ms: (n,) uint32, each robot's own clock. (n,) uint8, 1 in Safe Mode."""
-        safe = np.zeros(len(self.anode), np.uint8)
-        give = self._ffi.from_buffer
-        self._lib.phx_anodes_check(
-            give("phx_anode *", self.anode), len(safe), give("uint32_t *", now_ms), give("uint8_t *", safe)
-        )
-        return safe
+        """CheckTokens of every a-node, each by its robot's own clock; 1 in Safe Mode."""
+        return [self._lib.phx_anode_check(self._a(i), int(now)) for i, now in enumerate(now_ms)]
 
     def is_safe(self, i):
         """Whether robot i is in Safe Mode."""

@@ -70,11 +70,12 @@ def audited(nodes, tee, tor, now):
 
 class TestVectors:
     def test_the_committed_vectors_are_what_the_oracle_writes(self):
-        spec = importlib.util.spec_from_file_location("make_firmware", VECTORS / "make_firmware.py")
-        make = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(make)
-        for name, write in make.VECTORS.items():
-            assert (VECTORS / f"{name}.json").read_text() == make.text(write()), name
+        for script in ("make_firmware", "make_edges"):
+            spec = importlib.util.spec_from_file_location(script, VECTORS / f"{script}.py")
+            make = importlib.util.module_from_spec(spec)
+            spec.loader.exec_module(make)
+            for name, write in make.VECTORS.items():
+                assert (VECTORS / f"{name}.json").read_text() == make.text(write()), name
 
     @each("present")
     def test_present_encrypts_as_published(self, case):
@@ -378,51 +379,16 @@ def told_apart(one, other):
     return found
 
 
-class TestWhatAKeyEnds:
-    """All that lies in a node's memory goes with its key, however it came there: here it is put there."""
-
-    def unkeyed(self, **more):
-        nodes = Nodes(3, trusted.BOUND, replace(LIMITS, **more))
-        for i in range(3):
-            nodes.load_master(i, MASTER, i + 1)
-        return nodes
-
-    @pytest.mark.parametrize("entries", [1, LIMITS.batch_size])
-    def test_a_chain_does_not_outlive_it(self, entries):
-        left, nodes, fresh = keyed(), self.unkeyed(), keyed()
-        for k in range(entries):  # in the batch, or in the top
-            left.poll(0, 10 + k, STATE)
-            left.actuate(0, 10 + k, STATE)
-        for name in ("snode", "anode"):
-            at = told_apart(getattr(left, name)[0], getattr(fresh, name)[0])
-            getattr(nodes, name)[0, at] = getattr(left, name)[0, at]
-        nodes.load_mission(0, 0, seal_mission_key(MASTER, MISSION, R, 1))
-        fresh.poll(0, 50, STATE)
-        nodes.poll(0, 50, STATE)
-        assert nodes.make_auth(0, bytes(8)) == fresh.make_auth(0, bytes(8))
-        assert nodes.token_request(0, 5000, 2) == fresh.token_request(0, 5000, 2)
-
-    def test_tokens_do_not_outlive_it(self):
-        kept, nodes, bare = keyed(f_max=1), self.unkeyed(f_max=1), keyed(f_max=1)
-        for tor in (1, 2):
-            t, mac = audited(kept, 0, tor, 9000)
-            audited(bare, 0, tor, 9000)
-            kept.install_token(0, 9000, tor + 1, t, HCKPT, mac)
-        at = told_apart(kept.anode[0], bare.anode[0])
-        nodes.anode[0, at] = kept.anode[0, at]
-        nodes.load_mission(0, 0, seal_mission_key(MASTER, MISSION, R, 1))
-        assert trusted.anode_check(trusted.BOUND, nodes.anode[0], LIMITS.t_val_ms - 1) == 0
-        assert trusted.anode_check(trusted.BOUND, nodes.anode[0], LIMITS.t_val_ms) == 1
-
-    @pytest.mark.parametrize("name", ["snode", "anode"])
-    def test_nothing_of_it_is_left_in_safe_mode(self, name):
-        nodes, others = keyed(), self.unkeyed()
-        others.load_mission(0, 0, seal_mission_key(MASTER, bytes(20), R, 1))
-        at = told_apart(getattr(nodes, name)[0], getattr(others, name)[0])
-        assert len(at) > 300, "what the key was expanded to"
-        with pytest.raises(Refused):
-            (nodes.poll if name == "snode" else nodes.recv)(0, 2**32 - 1, STATE)
-        assert not getattr(nodes, name)[0, at].any()
+@pytest.mark.parametrize("name", ["snode", "anode"])
+def test_nothing_of_a_key_is_left_in_safe_mode(name):
+    nodes, others = keyed(), Nodes(3, trusted.BOUND, LIMITS)
+    others.load_master(0, MASTER, 1)
+    others.load_mission(0, 0, seal_mission_key(MASTER, bytes(20), R, 1))
+    at = told_apart(getattr(nodes, name)[0], getattr(others, name)[0])
+    assert len(at) > 300, "what the key was expanded to"
+    with pytest.raises(Refused):
+        (nodes.poll if name == "snode" else nodes.recv)(0, 2**32 - 1, STATE)
+    assert not getattr(nodes, name)[0, at].any()
 
 
 def test_an_s_node_that_goes_on_after_safe_mode_helps_nobody():

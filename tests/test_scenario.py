@@ -59,7 +59,7 @@ class TestScenario:
         sparse = Scenario(robots=324, grid_step_m=64.0, bti=BtiConfig(f_max=2))
         assert sparse.bti.n_max == math.ceil(1.5 * math.pi * (116.33 / 64) ** 2) + 4
         assert Scenario(robots=1000, grid_step_m=2.0).bti.n_max == 340
-        assert Scenario(robots=2).bti.n_max == BtiConfig().f_max + 1
+        assert Scenario(robots=2).bti.n_max == BtiConfig().quorum == 5
         assert Scenario(n_max=9).bti.n_max == 9
 
     def test_the_flock_agrees_with_its_scenario(self):
@@ -95,7 +95,7 @@ class TestScenario:
             ({"seed": -1}, "seed is -1"),
             ({"seed": 1 << 32}, "seed is 4294967296"),
             ({"contact_m": -1.0}, "contact_m is -1"),
-            ({"n_max": 3}, "n_max is 3"),
+            ({"n_max": 4}, "n_max is 4, and a quorum with f_max 3 is 5 neighbours"),
             ({"attacks": (AttackSpec(name="spoof", robot=26),)}, "spoof in robot 26"),
             ({"attacks": (AttackSpec(name="spoof", robot=3),) * 2}, "two attacks in robot 3"),
             ({"attacks": (SPOOF,) * 3, "robots": 2}, "3 attacks and 2 robots"),
@@ -136,7 +136,7 @@ class TestOptions:
 
     def test_neighbours_are_worked_out_again(self):
         few = Scenario(robots=2)
-        assert few.with_options(f_max=8).bti.n_max == 9
+        assert few.with_options(f_max=8).bti.n_max == 10
         assert few.with_options(robots=200).bti.n_max == 107, "68.02 in range"
 
     def test_audits_too_rare_for_their_tokens_are_refused(self):

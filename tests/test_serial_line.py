@@ -113,7 +113,9 @@ class TestBoard:
             board.load_master(MASTER, 7)
         assert board.ask(lines.SEND, frame=b"\1hello")[0] == boards.CODES["NO_KEY"]
         board.make(LIMITS)
-        board.load_master(MASTER, 7)
+        with pytest.raises(Refused, match="arg"):
+            board.make(replace(LIMITS, t_val_ms=0))
+        board.load_master(MASTER, 7)  # limits that were refused take nothing away
         with pytest.raises(Refused, match="seq"):
             board.make(LIMITS)
         board.close()

@@ -24,6 +24,7 @@ from phalanx.link.session.events import (
     Commanded,
     Ended,
     Joined,
+    KeepSecret,
     Left,
     Replied,
     Requested,
@@ -631,3 +632,27 @@ def test_an_invitation_names_the_swarm_it_is_for():
     hello = phone.client.start(world.ms)[-1].data
     world.carry(world.server.receive(phone.connection, hello[: HELLO.size], world.now))
     assert phone.closed == "not_authentic"
+
+
+class TestAnOlderConnection:
+    def test_its_first_record_does_not_take_the_secret_that_the_visitor_has_stored(self):
+        """Found by spin: tests/model/session.pml."""
+        world = World()
+        visitor = world.join(name="Ada")
+        world.publish()
+        first = visitor.kept
+        old = world.dial(world.invitation(first))
+        (hello,) = old.client.start(world.ms)
+        (answer,) = world.server.receive(old.connection, hello.data, world.now)
+        (record,) = old.client.receive(answer.data, world.ms)  # held back on the way
+        newer = world.dial(world.invitation(first))
+        (hello,) = newer.client.start(world.ms)
+        (answer,) = world.server.receive(newer.connection, hello.data, world.now)
+        (ready,) = newer.client.receive(answer.data, world.ms)
+        told = world.server.receive(newer.connection, ready.data, world.now)
+        for event in told:
+            if isinstance(event, Send) and event.connection == newer.connection:
+                newer.events += newer.client.receive(event.data, world.ms)
+        kept = newer.last(KeepSecret).secret  # stored; what says so is on the way
+        world.server.receive(old.connection, record.data, world.now)
+        assert world.resume(kept).last(Admitted).visitor == visitor.last(Admitted).visitor

@@ -6,8 +6,11 @@ import pytest
 
 import traffic
 from phalanx.gateway import session_link
+from phalanx.gateway.trail import Trail
 from phalanx.io.session_client import SessionClient
-from phalanx.link.session import padding
+from phalanx.io.session_store import new_link_keys
+from phalanx.link.session import MemoryStore, padding
+from session_front import FakeFront
 from virtual_time import run_in_virtual_time
 
 CHANCE, MARGIN = 0.5, 0.05  # classes weigh the same
@@ -56,8 +59,18 @@ def test_without_an_update_each_tick_forward_is_told_from_stop(best, monkeypatch
     assert action > 0.9
 
 
-def test_without_updates_of_equal_size_forward_is_told_from_stop(best, monkeypatch):
-    monkeypatch.setattr(session_link, "EQUAL_BYTES", 0)
-    monkeypatch.setattr(padding, "SIZES", (64, 128, 512, 2048))  # as if the swarm were at a border of two sizes
-    action, _ = best(8, 8)
-    assert action > 0.7
+async def test_an_update_without_news_is_as_long_as_one_with():
+    sent = []
+    link = session_link.SessionLink(FakeFront(), MemoryStore(), new_link_keys(), list, Trail(None))
+    link.carry = lambda events: sent.extend(len(each.data) for each in events)
+    await link.notify({"seq": 1})
+    await link.notify({"seq": 2, "places": "x" * 400})
+    await link.notify({"seq": 3})
+    await link.notify({"seq": 4, "joined": "x" * 5000})
+    await link.notify({"seq": 5})
+    short, news, silent, long, after = sent
+    assert short < news == silent < after < long
+    assert after - news == 2048 - 512, "the equal length is bounded"
+    for _ in range(session_link.EQUAL_TICKS):
+        await link.notify({"seq": 6})
+    assert sent[-1] == short

@@ -107,6 +107,7 @@ CALLS: dict[str, tuple[str, Callable[..., Any]]] = {
     "snode_poll": ("s", lambda o, n, b: o.poll(n[0], b[0])),
     "anode_recv": ("a", lambda o, n, b: o.recv(n[0], b[0])),
     "anode_send": ("a", lambda o, n, b: o.send(n[0], b[0])),
+    "make_sealed": ("a", lambda o, n, b: o.sealed_make()),
     "sealed_send": ("a", lambda o, n, b: o.sealed_send(n[0], b[0])),
     "sealed_recv": ("a", lambda o, n, b: o.sealed_recv(n[0], b[0])),
     "anode_actuate": ("a", lambda o, n, b: o.actuate(n[0], b[0])),

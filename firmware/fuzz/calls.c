@@ -123,7 +123,7 @@ static void sound(const robot *r)
     stop_unless(r->a.send.level <= (uint64_t)limits->send_capacity_us * 1000u);
     stop_unless(r->a.audit.level <= (uint64_t)limits->audit_capacity_us * 1000u);
     for (unsigned i = 0; i < PHX_TOKENS; i++) {
-        stop_unless(r->a.tokens[i].tor == 0 || (i < 2u * limits->f_max + 1u && r->a.tokens[i].t <= r->now));
+        stop_unless(r->a.tokens[i].tor == 0 || (i <= limits->f_max && r->a.tokens[i].t <= r->now));
         for (unsigned k = 0; k < i; k++)
             stop_unless(r->a.tokens[i].tor == 0 || r->a.tokens[i].tor != r->a.tokens[k].tor);
     }

@@ -31,7 +31,7 @@ enum {
 };
 
 #define PHX_F_MAX 15u                      /* largest f_max */
-#define PHX_TOKENS (2u * PHX_F_MAX + 1u)   /* auditors remembered at most */
+#define PHX_TOKENS (PHX_F_MAX + 1u)        /* auditors remembered at most */
 #define PHX_ROUNDS 31u                     /* of PRESENT */
 #define PHX_SHA1_BLOCK 64u
 #define PHX_MAC_MESSAGE_MAX 1791u          /* 255 blocks of 7 bytes and 6 more */
@@ -159,8 +159,6 @@ int phx_anode_is_safe(const phx_anode *a);
 
 /* The primitives, for auditors, operators and tests. */
 int phx_sha1(const uint8_t *data, uint32_t len, uint8_t out[PHX_HASH_BYTES]);
-/* top becomes H(top | bytes): one flush of a chain. */
-int phx_chain_extend(uint8_t top[PHX_HASH_BYTES], const uint8_t *bytes, uint32_t len);
 int phx_lightmac(const uint8_t key[PHX_KEY_BYTES], const uint8_t *message, uint32_t len, uint8_t mac[PHX_MAC_BYTES]);
 int phx_present80(const uint8_t key[10], const uint8_t plain[8], uint8_t cipher[8]);
 

@@ -1,7 +1,7 @@
 /* Bounded-time interaction, as little of it as P1 and P2 need, for the model checker spin: `python firmware/model.py`.
 
    Four robots, f_max 1. Robot 0 is looked at; 1 to 3 audit it, and 1 of them, robot 1, is its enemy's.
-   LIAR 1: robot 0's c-node is the adversary's too, and robot 1 its accomplice. It asks whom it wants when it wants,
+   LIAR 1: robot 0's c-node is the adversary's too, and robot 1 a liar too. It asks whom it wants when it wants,
    keeps requests for as long as it likes and deviates when it wants. Its trusted nodes are right: a token request says
    when it was made and, in profile `bound`, what the log was then; a token needs a true request to its own auditor.
    P1: whoever deviates is in Safe Mode T_val later.
@@ -32,7 +32,7 @@
 #define NEEDED (F_MAX + 1)          /* good tokens */
 #endif
 #define AUDITORS 3
-#define SLOTS 3                     /* 2 f_max + 1 */
+#define SLOTS 2                     /* f_max + 1 */
 #define NONE (T_VAL + 1)            /* older than any that counts */
 
 /* Of robot 0's a-node: */
@@ -131,7 +131,7 @@ active proctype Correct() provided (!LIAR && !ticks)
 	od
 }
 
-/* Its a-node makes a request, now. Its accomplice signs without a log; who replays the log that the request binds and
+/* Its a-node makes a request, now. The other liar signs without a log; who replays the log that the request binds and
    finds a lie does not, so a request to such a one is nothing. */
 inline may_ask(j)
 {

@@ -4,7 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "fleet.h"
 #include "phx_seal.h"
 #include "profile.h"
 
@@ -81,7 +80,8 @@ static void check_present(void)
     uint32_t len;
     uint8_t *key = read_bytes(&len), *plain = read_bytes(&len), *wanted = read_bytes(&len), cipher[8];
 
-    phx_present80(key, plain, cipher);
+    if (phx_present80(key, plain, cipher))
+        fail("present", 1, 0);
     compare("present", cipher, wanted, 8);
     free(key);
     free(plain);
@@ -96,7 +96,8 @@ static void check_sha1(void)
 
     for (uint32_t i = 0; i < times; i++)
         memcpy(message + i * len, piece, len);
-    phx_sha1(message, times * len, digest);
+    if (phx_sha1(message, times * len, digest))
+        fail("sha1", 1, 0);
     compare("sha1", digest, wanted, wanted_len);
     free(piece);
     free(wanted);
@@ -118,7 +119,7 @@ static void check_lightmac(void)
     free(wanted);
 }
 
-static void make(void)
+static phx_limits read_limits(void)
 {
     uint32_t numbers[sizeof(phx_limits) / sizeof(uint32_t)];
     phx_limits limits;
@@ -126,11 +127,31 @@ static void make(void)
     for (unsigned i = 0; i < sizeof numbers / sizeof *numbers; i++)
         numbers[i] = read_number();
     memcpy(&limits, numbers, sizeof limits);
+    return limits;
+}
+
+static void make(void)
+{
+    phx_limits limits = read_limits();
+
     for (unsigned i = 0; i < ROBOTS; i++) {
         if (phx_snode_make(snodes + i, &limits) || phx_anode_make(anodes + i, &limits))
             stop("these limits are refused");
     }
     memset(seals, 0, ROBOTS * sizeof *seals);
+}
+
+/* No node is made with these, and a node that is there keeps what it has. */
+static void refuse(void)
+{
+    phx_limits limits = read_limits();
+    phx_snode s = *snodes;
+    phx_anode a = *anodes;
+
+    if (phx_snode_make(snodes, &limits) != PHX_E_ARG || phx_anode_make(anodes, &limits) != PHX_E_ARG)
+        fail("limits", 0, PHX_E_ARG);
+    compare("s-node", (const uint8_t *)snodes, (const uint8_t *)&s, sizeof s);
+    compare("a-node", (const uint8_t *)anodes, (const uint8_t *)&a, sizeof a);
 }
 
 /* One call: numbers n, byte strings b; entries have room for exactly what is forwarded, none if it is too long. */
@@ -163,6 +184,12 @@ static int call(const char *name, uint32_t robot, const uint32_t n[3], uint8_t *
         return phx_anode_recv(a, n[0], b[0], len, out);
     if (IS("anode_send"))
         return phx_anode_send(a, n[0], b[0], len, out);
+    if (IS("make_sealed")) {
+        int error = SEALED_MAKE(a);
+        if (error > 0)
+            fail(name, error, 0);
+        return error ? error : a->node.flash.sealed;
+    }
     if (IS("sealed_send"))
         return SEALED_SEND(seals + robot, a, n[0], b[0], len, out);
     if (IS("sealed_recv"))
@@ -185,12 +212,8 @@ static int call(const char *name, uint32_t robot, const uint32_t n[3], uint8_t *
         return phx_anode_check_token(a, (uint16_t)n[0], (uint16_t)n[1], n[2], b[0], b[1]);
     if (IS("anode_install_token"))
         return phx_anode_install_token(a, n[0], (uint16_t)n[1], n[2], b[0], b[1]);
-    if (IS("anode_check")) {
-        /* The batch call, for one. */
-        uint8_t safe;
-        phx_anodes_check(a, 1, n, &safe);
-        return safe;
-    }
+    if (IS("anode_check"))
+        return phx_anode_check(a, n[0]);
     if (IS("anode_is_safe"))
         return phx_anode_is_safe(a);
     stop(name);
@@ -210,14 +233,13 @@ static void check_call(const char *name)
     wanted = read_bytes(&out_len);
     size = out_len ? out_len : (len[0] <= PHX_FRAME_MAX ? PHX_ENTRY_HEADER_BYTES + len[0] : 0);
     out = room(size);
+    memset(out, 0xEE, size);
     got = call(name, robot, n, b, len[0], out);
-    if (got >= 0 && (IS("snode_poll") || IS("anode_recv") || IS("anode_send") || IS("anode_actuate") ||
-                     strncmp(name, "sealed_", 7) == 0)) {
-        if ((uint32_t)got != out_len)
-            fail(name, got, (long)out_len);
-    } else if (got != code) {
+    if (code >= 0 && (IS("snode_poll") || IS("anode_recv") || IS("anode_send") || IS("anode_actuate") ||
+                      strncmp(name, "sealed_", 7) == 0))
+        code = (int)out_len;
+    if (got != code)
         fail(name, got, code);
-    }
     compare(name, out, wanted, out_len);
     for (unsigned i = 0; i < 3u; i++)
         free(b[i]);
@@ -243,6 +265,8 @@ int main(void)
             check_lightmac();
         else if (IS("make"))
             make();
+        else if (IS("refused"))
+            refuse();
         else
             check_call(name);
     }

@@ -193,9 +193,8 @@ static int make(void)
 {
     uint8_t call[PHX_CALL_LIMITS_BYTES] = {PHX_CALL_LIMITS};
 
-    put32(call + PHX_CALL_LIMITS_F_MAX, 1);
-    put32(call + PHX_CALL_LIMITS_BATCH_SIZE, 1);
-    put32(call + PHX_CALL_LIMITS_BUCKET_PERIOD_MS, 1);
+    for (unsigned at = PHX_CALL_LIMITS_F_MAX; at < PHX_CALL_LIMITS_BYTES; at += 4u)
+        put32(call + at, 1);
     return ask(call, sizeof call);
 }
 

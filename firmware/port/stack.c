@@ -40,7 +40,7 @@ static int has_none(const phx_node *node)
 int main(void)
 {
     static phx_anode node;
-    static const phx_limits limits = {.f_max = 1, .t_val_ms = 10000, .batch_size = 10, .bucket_period_ms = 1};
+    static const phx_limits limits = {1, 10000, 10, 1, 1, 1, 1, 1, 1, 0, 0, 0};
     uint8_t message[PHX_MKEY_BYTES] = {PHX_MKEY}, blind[2 * PHX_KEY_BYTES] = {9}, mac[PHX_MAC_BYTES], k[PHX_HASH_BYTES];
     uint32_t last[4]; /* what the key's expansion ended with */
     unsigned after;

@@ -58,12 +58,12 @@ static int sound_buckets(const phx_anode *a)
            a->audit.level <= (uint64_t)limits->audit_capacity_us * 1000u;
 }
 
-/* Auditors lie from the first place on, at most 2 f_max + 1, none twice, and no token is of the future. */
+/* Auditors lie from the first place on, at most f_max + 1, none twice, and no token is of the future. */
 static int sound_tokens(const phx_anode *a, uint32_t now, unsigned i, unsigned j)
 {
     const phx_token *one = &a->tokens[i], *before = &a->tokens[j];
 
-    return one->tor == 0 || (i < 2u * a->node.flash.limits.f_max + 1u && one->t <= now &&
+    return one->tor == 0 || (i <= a->node.flash.limits.f_max && one->t <= now &&
                              (j >= i || (before->tor != 0 && before->tor != one->tor)));
 }
 
@@ -225,7 +225,7 @@ void prove(void)
             always(sound_times(&a, now), "nothing is later than now");
             for (unsigned i = 0; i < PHX_TOKENS; i++)
                 for (unsigned j = 0; j <= i; j++)
-                    always(sound_tokens(&a, now, i, j), "tokens: 2 f_max + 1 at most, no auditor twice, none of the future");
+                    always(sound_tokens(&a, now, i, j), "tokens: f_max + 1 at most, no auditor twice, none of the future");
         }
     }
     always(RESETS || !was.safe || node->safe, "Safe Mode is left by power-up only");

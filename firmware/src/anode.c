@@ -10,8 +10,11 @@ size_t phx_anode_size(void)
 
 int phx_anode_make(phx_anode *a, const phx_limits *limits)
 {
-    memset(a, 0, sizeof *a);
-    return phx_node_make(&a->node, limits);
+    int error = phx_node_make(&a->node, limits);
+
+    if (!error)
+        phx_anode_power_up(a);
+    return error;
 }
 
 void phx_anode_power_up(phx_anode *a)
@@ -132,30 +135,6 @@ int phx_anode_check_token(phx_anode *a, uint16_t tor, uint16_t tee, uint32_t t, 
     return phx_mac_check(&a->node.key, token, sizeof token, mac);
 }
 
-/* One token an auditor; when 2 f_max + 1 auditors have one, the oldest gives way to a newer. Slots fill in order. */
-static void keep_token(phx_anode *a, uint16_t tor, uint32_t t)
-{
-    unsigned place = 0, end = 2u * a->node.flash.limits.f_max + 1u;
-
-    for (unsigned i = 0; i < end; i++) {
-        if (a->tokens[i].tor == tor) {
-            if (phx_token_replaces(t, a->tokens[i].t))
-                a->tokens[i].t = t;
-            return;
-        }
-        if (a->tokens[i].tor == 0) {
-            place = i;
-            break;
-        }
-        if (a->tokens[i].t < a->tokens[place].t)
-            place = i;
-    }
-    if (a->tokens[place].tor != 0 && t <= a->tokens[place].t)
-        return;
-    a->tokens[place].tor = tor;
-    a->tokens[place].t = t;
-}
-
 int phx_anode_install_token(phx_anode *a, uint32_t now, uint16_t tor, uint32_t t, const uint8_t hckpt[PHX_HASH_BYTES],
                             const uint8_t mac[PHX_MAC_BYTES])
 {
@@ -163,14 +142,9 @@ int phx_anode_install_token(phx_anode *a, uint32_t now, uint16_t tor, uint32_t t
 
     if (!error)
         error = phx_anode_check_token(a, tor, a->node.flash.robot_id, t, hckpt, mac);
-    if (!error)
-        error = phx_token_time(now, t);
     if (!error && tor == 0)
         error = PHX_E_ARG;
-    if (error)
-        return error;
-    keep_token(a, tor, t);
-    return 0;
+    return error ? error : phx_keep_token(a, now, tor, t);
 }
 
 int phx_anode_check(phx_anode *a, uint32_t now)

@@ -28,26 +28,13 @@ int phx_may_load(const phx_node *node)
     return node->flash.has_master ? 0 : PHX_E_NO_KEY;
 }
 
-/* Without a key nothing is chained and nothing installed, so all of this is clear already; it stays so whatever else
-   changes. */
-void phx_mission_starts(phx_node *node)
-{
-    node->batched = 0;
-    memset(node->top, 0, sizeof node->top);
-}
-
-/* The first broadcast may be due at once, so airtime starts full; requests start empty, as printed. */
+/* Chain, tokens and buckets are still zero: without a key nothing is chained, installed or drawn. The first broadcast may
+   be due at once, so airtime starts full; requests start empty, as printed. */
 void phx_anode_mission_starts(phx_anode *a, uint32_t now)
 {
-    const phx_limits *limits = &a->node.flash.limits;
-
-    memset(a->tokens, 0, sizeof a->tokens);
-    a->requests.level = 0;
     a->requests.filled_at_ms = now;
-    a->send.level = (uint64_t)limits->send_capacity_us * 1000u;
-    a->send.filled_at_ms = now;
-    a->audit.level = (uint64_t)limits->audit_capacity_us * 1000u;
-    a->audit.filled_at_ms = now;
+    a->send.level = (uint64_t)a->node.flash.limits.send_capacity_us * 1000u;
+    a->audit.level = (uint64_t)a->node.flash.limits.audit_capacity_us * 1000u;
 }
 
 static uint64_t airtime_ns(const phx_limits *limits, int unicast, uint32_t len)
@@ -111,12 +98,25 @@ uint32_t phx_treq_bytes(uint8_t out[PHX_TREQ_BYTES], uint32_t t, uint16_t tee, u
     return PHX_TREQ_BYTES;
 }
 
-int phx_token_time(uint32_t now, uint32_t t)
+/* The newest token of each auditor; of more than f_max + 1 auditors those with the newest, as no check needs more.
+   Places fill in order. */
+int phx_keep_token(phx_anode *a, uint32_t now, uint16_t tor, uint32_t t)
 {
-    return t > now ? PHX_E_FUTURE : 0;
-}
+    unsigned place = 0;
 
-int phx_token_replaces(uint32_t t, uint32_t kept)
-{
-    return t > kept;
+    if (t > now)
+        return PHX_E_FUTURE;
+    for (unsigned i = 0; i <= a->node.flash.limits.f_max; i++) {
+        if (a->tokens[i].tor == tor || a->tokens[i].tor == 0) {
+            place = i;
+            break;
+        }
+        if (a->tokens[i].t < a->tokens[place].t)
+            place = i;
+    }
+    if (t >= a->tokens[place].t) {
+        a->tokens[place].tor = tor;
+        a->tokens[place].t = t;
+    }
+    return 0;
 }

@@ -98,14 +98,3 @@ int phx_sha1(const uint8_t *data, uint32_t len, uint8_t out[PHX_HASH_BYTES])
     phx_hash_end(&hash, out);
     return 0;
 }
-
-int phx_chain_extend(uint8_t top[PHX_HASH_BYTES], const uint8_t *bytes, uint32_t len)
-{
-    phx_hash hash;
-
-    phx_hash_start(&hash);
-    phx_hash_add(&hash, top, PHX_HASH_BYTES);
-    phx_hash_add(&hash, bytes, len);
-    phx_hash_end(&hash, top);
-    return 0;
-}

@@ -17,10 +17,12 @@ void phx_put32(uint8_t *at, uint32_t value)
 
 int phx_node_make(phx_node *node, const phx_limits *limits)
 {
-    if (limits->f_max > PHX_F_MAX || limits->batch_size == 0 || limits->bucket_period_ms == 0)
+    if (limits->f_max > PHX_F_MAX || !limits->t_val_ms || !limits->batch_size || !limits->bucket_capacity ||
+        !limits->bucket_period_ms || !limits->send_us_per_s || !limits->send_capacity_us || !limits->audit_us_per_s ||
+        !limits->audit_capacity_us)
         return PHX_E_ARG;
+    memset(&node->flash, 0, sizeof node->flash);
     node->flash.limits = *limits;
-    phx_no_key(node);
     return 0;
 }
 
@@ -80,7 +82,6 @@ int phx_node_load_mission(phx_node *node, uint32_t now, const uint8_t k[PHX_KEY_
     phx_hash_end(&hash, key);
     for (unsigned i = 0; i < PHX_KEY_BYTES; i++)
         key[i] ^= k[i];
-    phx_mission_starts(node);
     phx_mac_expand(&node->key, key);
     node->has_key = (uint8_t)phx_is_key(key);
     node->was_keyed = 1;

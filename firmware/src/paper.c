@@ -35,11 +35,6 @@ int phx_may_load(const phx_node *node)
     return 0;
 }
 
-void phx_mission_starts(phx_node *node)
-{
-    (void)node;
-}
-
 void phx_anode_mission_starts(phx_anode *a, uint32_t now)
 {
     (void)a;
@@ -99,16 +94,27 @@ uint32_t phx_treq_bytes(uint8_t out[PHX_TREQ_BYTES], uint32_t t, uint16_t tee, u
     return PHX_TREQ_PAPER_BYTES;
 }
 
-int phx_token_time(uint32_t now, uint32_t t)
+/* The last token to arrive of each auditor, whatever its time; of more than 2 f_max + 1 auditors the oldest gives way to a
+   newer. Places fill in order. */
+int phx_keep_token(phx_anode *a, uint32_t now, uint16_t tor, uint32_t t)
 {
-    (void)now;
-    (void)t;
-    return 0;
-}
+    uint32_t most = 2u * a->node.flash.limits.f_max + 1u, end = most < PHX_TOKENS ? most : PHX_TOKENS;
+    phx_token *oldest = a->tokens;
 
-int phx_token_replaces(uint32_t t, uint32_t kept)
-{
-    (void)t;
-    (void)kept;
-    return 1;
+    (void)now;
+    for (uint32_t i = 0; i < end; i++) {
+        phx_token *each = &a->tokens[i];
+        if (each->tor == tor || each->tor == 0) {
+            each->tor = tor;
+            each->t = t;
+            return 0;
+        }
+        if (each->t < oldest->t)
+            oldest = each;
+    }
+    if (t > oldest->t) {
+        oldest->tor = tor;
+        oldest->t = t;
+    }
+    return 0;
 }

@@ -62,20 +62,20 @@ static int64_t late_ms(const phx_source *of, uint32_t now, uint32_t t)
     return (int64_t)(since - (since >> PHX_SEAL_DRIFT_SHIFT)) - ((int64_t)t - of->quickest_t);
 }
 
-/* The sender's place, or a new one: a free one, or that of who was silent longest, and for as long as tokens count.
-   Places fill in order. */
+/* The sender's place, or a new one: a free one, or that of the sender whose newest frame is oldest, by its own time, and
+   older than a token may be. Places fill in order. */
 static phx_source *place_of(phx_seals *seals, uint32_t now, uint16_t src, uint32_t t_val_ms)
 {
     phx_source *place = 0;
-    int64_t longest = t_val_ms;
+    int64_t oldest = t_val_ms;
 
     for (unsigned i = 0; i < PHX_SOURCES; i++) {
         phx_source *each = &seals->sources[i];
-        int64_t silent = late_ms(each, now, each->newest);
+        int64_t age = late_ms(each, now, each->newest);
         if (each->src == src || each->src == 0)
             return each;
-        if (silent > longest) {
-            longest = silent;
+        if (age > oldest) {
+            oldest = age;
             place = each;
         }
     }

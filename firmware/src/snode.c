@@ -10,8 +10,11 @@ size_t phx_snode_size(void)
 
 int phx_snode_make(phx_snode *s, const phx_limits *limits)
 {
-    memset(s, 0, sizeof *s);
-    return phx_node_make(&s->node, limits);
+    int error = phx_node_make(&s->node, limits);
+
+    if (!error)
+        phx_snode_power_up(s);
+    return error;
 }
 
 void phx_snode_power_up(phx_snode *s)

@@ -92,6 +92,16 @@ def test_liars_who_have_others_answer_stop_nobody_either(attack, seeds):
         assert stopped(run) == 0, f"seed {seed}"
 
 
+@pytest.mark.parametrize("t_val_ms, alone", [(6000, [21]), (8000, [])])
+def test_a_t_val_of_a_round_and_a_half_lets_liars_that_audit_nobody_stop_one(t_val_ms, alone):
+    """Below 2 T_audit P2 promises nothing: see docs/promises.md."""
+    made = star(5, 7, "refuse-to-audit")
+    liars = tuple(replace(each, at_s=8.0) for each in made.attacks)
+    run = Run(replace(made, duration_s=27.0, bti=BtiConfig(f_max=5, t_val_ms=t_val_ms), attacks=liars))
+    run.advance(27.0)
+    assert run.summary()["correct_in_safe_mode"] == alone
+
+
 def test_where_nobody_answers_they_starve_most_of_a_hub(monkeypatch):
     made = star(2, 0)
     assert stopped(run_with(monkeypatch, replace(made, duration_s=11.0), DEAF)) >= 8
@@ -278,7 +288,7 @@ def test_a_robot_that_seeks_asks_first_whom_it_never_asked_in_vain(seeks, first)
     assert rounds.next_candidate(robot.fleet, VICTIM, robot.now_ms) == first
 
 
-@pytest.mark.parametrize("n_max", [4, 24, 100])
+@pytest.mark.parametrize("n_max", [5, 24, 100])
 @pytest.mark.parametrize("f_max", [1, 3])
 def test_an_a_node_lets_out_a_hello_to_each_neighbour_twice_in_a_round_beside_the_rest(n_max, f_max):
     bti = BtiConfig(n_max=n_max, f_max=f_max)

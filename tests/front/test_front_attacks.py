@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import itertools
+import socket
 
 import aiohttp
 import pytest
@@ -38,7 +39,7 @@ async def driver(echo, address="127.0.0.1", **how) -> Raw:
 
 class TestWhoSaysNothing:
     async def test_half_open_connections_of_one_address_push_out_each_other_and_nobody_else(self, pages):
-        limits = {"newcomers_max_per_address": 10, "head_s": LONG_S, "first_message_s": LONG_S}
+        limits = {"newcomers_max_per_address": 10, "head_s": LONG_S, "first_message_s": LONG_S, "cost_of_silence": 0.01}
         async with echoing(pages, **limits) as echo:
             with closing([await driver(echo)]), closing([Raw(echo.front.port)]) as (quiet,):
                 before = files_of(the_child())
@@ -141,6 +142,21 @@ class TestWhoSaysMuch:
                 assert await loud.push_on(b"\xff" * 16_000, 200) < 500_000
                 await echo.eventually(lambda: Closed(1) in echo.told)
 
+    async def test_a_message_that_waits_for_its_rate_does_not_follow_the_end_of_its_connection(self, pages):
+        async with echoing(pages, messages_per_s=2.0, messages_at_once=2.0) as echo:
+            client = await driver(echo)
+            for _ in range(3):
+                client.say(b"late")
+            await echo.eventually(lambda: echo.heard()[1] == 2)
+            client.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, bytes([1, 0, 0, 0, 0, 0, 0, 0]))
+            client.socket.close()
+            await echo.eventually(lambda: Closed(1) in echo.told)
+            with closing([await driver(echo)]) as (other,):
+                other.say(b"after it")
+                other.say(b"after that")
+                await echo.eventually(lambda: echo.heard()[2] == 3)
+            assert echo.front.restarts == 0, "what no honest front end sends"
+
     async def test_a_newcomer_that_waits_for_its_answer_is_held_back_too(self, pages):
         async with echoing(pages, admission_s=LONG_S, messages_at_once=1e9, bytes_at_once=1e9) as echo:
             echo.admits = echo.answers = False
@@ -238,7 +254,7 @@ class TestWhoReadsNothing:
                 assert echo.open() == {1}
 
     async def test_what_waits_for_one_is_limited(self, pages):
-        async with echoing(pages, unsent_bytes=500_000) as echo:
+        async with echoing(pages, unsent_bytes=500_000, unread_s=LONG_S) as echo:
             with Raw(echo.front.port, receive_bytes=4096) as slow:
                 (await slow.websocket()).say(b"hello")
                 await echo.eventually(lambda: echo.open() == {1})
@@ -247,7 +263,7 @@ class TestWhoReadsNothing:
                 await echo.eventually(lambda: Closed(1) in echo.told)
 
     async def test_what_waits_for_all_is_limited_and_who_has_most_goes_first(self, pages):
-        async with echoing(pages, unsent_bytes_in_all=1_000_000, unread_s=LONG_S) as echo:
+        async with echoing(pages, unsent_bytes_in_all=500_000, unread_s=LONG_S) as echo:
             slow = [Raw(echo.front.port, receive_bytes=4096) for _ in range(5)]
             with closing(slow):
                 for n, each in enumerate(slow, 1):

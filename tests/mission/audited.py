@@ -86,7 +86,7 @@ def imagined_store(pose) -> bytes:
 
 
 def all_gates(profile: Profile) -> Keyring:
-    """The keyring of an accomplice that has been everywhere."""
+    """The keyring of a colluding robot that has been everywhere."""
     return Recording.of(profile).controllers[-1].memory.walk.keys
 
 

@@ -56,6 +56,14 @@ class TestAudit:
         # Costs along a walk add and never multiply.
         assert report.core_s == pytest.approx(sum(r.core_s for r in report.nodes))
 
+    def test_near_places_first_is_cheaper_and_dearer_for_a_door_farther_away(self):
+        near, far = (rows(small(CodingConfig(), x=x), Profile.PAPER)[1]["door"] for x in (3.0, 6.0))
+        assert near.nearest < far.nearest < far.candidates
+        report = audit(replace(office(), coding=None), Profile.SEALED, open_start=True)
+        lone = [row for row in report.nodes if row.name[0] in "DC"]  # doors and corners
+        assert [round(sum(getattr(row, name) for row in lone)) for name in ("candidates", "nearest")] == [28_945, 5288]
+        assert report.nearest_core_s < report.core_s / 2
+
     def test_without_its_start_key_a_sealed_mission_cannot_be_guessed_at_all(self):
         report, row = rows(small(CHEAP), Profile.SEALED)
         assert row["start"].candidates >= OUT_OF_REACH

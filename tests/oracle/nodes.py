@@ -260,10 +260,10 @@ class ANode(Node):
     def install_token(self, now: int, tor: int, t: int, hckpt: bytes, mac: bytes) -> None:
         self.clock(now)
         self.check_token(tor, self.robot_id, t, hckpt, mac)
-        if self.bound and t > now:
-            raise No("FUTURE")
         if tor == 0:
             raise No("ARG")
+        if self.bound and t > now:
+            raise No("FUTURE")
         if tor in self.tokens:
             if not self.bound or t > self.tokens[tor]:
                 self.tokens[tor] = t

@@ -31,6 +31,11 @@ class SealedANode(ANode):
         self.sealed_t = 0
         self.sources: list[Source] = []
 
+    def sealed_make(self) -> int:
+        if self.master is not None:
+            raise No("SEQ")
+        return 1
+
     def seal(self, t: int, src: int, frame: bytes) -> bytes:
         return u32(t) + u16(src) + self.mac(b"\x15" + u32(t) + u16(src) + sha1(frame).digest())
 

@@ -312,6 +312,94 @@ describe("the operator page", () => {
     expect(part("broker")?.getAttribute("data-connected")).toBe("false");
   });
 
+  describe("of sessions", () => {
+    const ada = { visitor: 1, name: "Ada L.", role: "drive", waiting: false, present: true, robot: "", place: 0 };
+    const bob = { ...ada, visitor: 2, name: "Bob", robot: "B0B0F00D33333333" };
+    const eve = { ...ada, visitor: 3, name: "Eve", waiting: true };
+    const session = { room: null as string | null, open: true, visitors: [ada, bob, eve] };
+    const broker = { name: "direct", url: "", connected: true };
+    const row = (id: number) => document.querySelector(`[data-visitor="${id}"]`);
+    const click = async (where: Element | null | undefined, label: string) => {
+      const button = [...(where?.querySelectorAll("button") ?? [])].find(({ textContent }) => textContent === label);
+      await act(async () => button?.click());
+    };
+    const orders = () =>
+      asked.filter(({ url }) => url !== "/api/state").map(({ url, init }) => `${url} ${init.body as string}`);
+
+    beforeEach(() => {
+      answer = () => Response.json({ ...STATE, mode: "session", overlapping: true, broker, visitors: [], session });
+    });
+
+    it("lists who is here with what each may do, and shows no broker", async () => {
+      await open(`#token=${TOKEN}`);
+      expect(part("broker")).toBeNull();
+      expect(part("visitors")).toBeNull();
+      expect(row(1)?.textContent).toContain("Ada L.drive");
+      expect(row(3)?.textContent).toContain("Evewaits");
+      expect(row(3)?.querySelector("select")).toBeNull();
+      expect((row(2)?.querySelector("select") as HTMLSelectElement).value).toBe("B0B0F00D33333333");
+      // The one before is refused at once, so there is nothing to wait for.
+      expect((part("new-code") as HTMLButtonElement).disabled).toBe(false);
+    });
+
+    it("lets in, changes roles, shows a room code, and closes the door", async () => {
+      await open(`#token=${TOKEN}`);
+      await click(row(3), "Let in");
+      await click(row(1), "Watch only");
+      await click(part("session"), "Close the door");
+      await act(async () => (part("room-toggle") as HTMLButtonElement).click());
+      expect(orders()).toEqual([
+        '/api/link/approve {"visitor":3}',
+        '/api/link/role {"visitor":1,"role":"watch"}',
+        '/api/link/door {"open":false}',
+        '/api/link/room {"show":true}',
+      ]);
+      answer = () => Response.json({ ...STATE, broker, session: { ...session, room: "12345678" } });
+      await pass(1000);
+      expect(part("room-digits")?.textContent).toBe("1234 5678");
+    });
+
+    it("gives a robot that is free, takes it, and exchanges two", async () => {
+      const other = { ...STATE.robots[0], address: "B0B0F00D44444444", name: "Bo" };
+      const visitors = [{ ...ada, robot: other.address }, bob, eve];
+      const robots = [STATE.robots[0], other];
+      answer = () => Response.json({ ...STATE, robots, broker, session: { ...session, visitors } });
+      await open(`#token=${TOKEN}`);
+      const give = async (id: number, value: string) => {
+        const select = row(id)?.querySelector("select") as HTMLSelectElement;
+        await act(async () => {
+          select.value = value;
+          select.dispatchEvent(new Event("change", { bubbles: true }));
+        });
+      };
+      await give(1, "B0B0F00D33333333");
+      await give(1, "");
+      answer = () => Response.json({ ...STATE, robots, broker, session });
+      await pass(1000);
+      await give(1, "B0B0F00D44444444");
+      expect(orders()).toEqual([
+        '/api/link/swap {"robots":["B0B0F00D44444444","B0B0F00D33333333"]}',
+        '/api/link/take {"robot":"B0B0F00D44444444"}',
+        '/api/link/give {"visitor":1,"robot":"B0B0F00D44444444"}',
+      ]);
+    });
+
+    it("removes only at a second click, and forgets the first one after a while", async () => {
+      await open(`#token=${TOKEN}`);
+      await click(row(1), "Remove");
+      await click(part("session"), "Everybody out");
+      expect(orders()).toEqual([]);
+      await pass(5000);
+      await click(row(1), "Remove");
+      expect(orders()).toEqual([]);
+      answer = () => Response.json({ error: "no visitor 1" }, { status: 409 });
+      await click(row(1), "Really?");
+      await pass(0);
+      expect(orders()).toEqual(['/api/link/remove {"visitor":1}']);
+      expect(part("session")?.querySelector("[role=alert]")?.textContent).toBe("no visitor 1");
+    });
+  });
+
   it("does not break on an answer that it does not understand", async () => {
     answer = () => Response.json({ ...STATE, robots: [{ name: "half a robot" }] });
     await open(`#token=${TOKEN}`);

@@ -2,10 +2,10 @@
 
 import fc from "fast-check";
 import { afterEach, beforeEach, describe, expect, test, vi } from "vitest";
-import { type Area, Pin } from "../client";
+import { type Area, Pin, Secret, sessionFragment } from "../client";
 import { badgeWords, duration, hostOf, type Where } from "../visitor/badge";
 import { clampStick, Drive, stickOfKeys, type Wheels, wheels } from "../visitor/drive";
-import { keep, readTyped, type Surroundings, takeFromAddress, takeKept } from "../visitor/invitation_store";
+import { forgetCode, keep, keepCode, readTyped, type Surroundings, takeFromAddress, takeKept } from "../visitor/invitation_store";
 import { hexOf, rgbOf } from "../visitor/led";
 import { Motion } from "../map/motion";
 import { fitArea, gridStep, nearest, thresholdLength, toArea, toScreen } from "../map/projection";
@@ -224,6 +224,22 @@ describe("invitation", () => {
     expect(found?.to).toBeUndefined();
     expect(found?.problem).toMatch(/4 to 64 digits/);
     expect(`${location.href} ${found?.problem}`).not.toContain("12345x");
+  });
+
+  test("of a session is taken from the fragment, kept until it has admitted us, and not over a broker", () => {
+    const code = { fixed: new Uint8Array(32), secret: new Secret("open", new Uint8Array(16)), broker: "", root: "", mqtt: 0 };
+    const { at, location, stored } = tab(`http://swarm:8080/#${sessionFragment(code)}`);
+    const taken = takeFromAddress(at)?.code;
+    expect(taken?.secret.kind).toBe("open");
+    expect(location.href).toBe("http://swarm:8080/");
+    if (!taken) throw new Error("nothing taken");
+    keepCode(at, taken);
+    expect(takeKept(tab("http://swarm:8080/", stored).at).code?.fixed).toEqual(code.fixed);
+    forgetCode(at);
+    expect(takeKept(at)).toEqual({});
+    const brokered = sessionFragment({ ...code, broker: "ws://h:9001", root: "/r", mqtt: 5 });
+    expect(takeFromAddress(tab(`http://swarm:8080/#${brokered}`).at)?.problem).toMatch(/broker/);
+    expect(takeFromAddress(tab("http://swarm:8080/#j=cut").at)?.problem).toMatch(/cut off/);
   });
 
   test("an address without one is left alone", () => {

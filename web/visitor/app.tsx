@@ -5,7 +5,6 @@ import {
   fetchSwarmKey,
   type Invitation,
   type Kept,
-  type OverReason,
   type Pin,
   type Secret,
   SessionConnection,
@@ -29,9 +28,9 @@ import {
 } from "./invitation_store";
 import { Join } from "./join";
 import { NoCode } from "./no_code";
-import { linkUrl, openQrkey, openSession, resumeStore } from "./open_link";
+import { linkUrl } from "./link_url";
+import { openQrkey, openSession, resumeStore } from "./open_link";
 import { Over, WaitingForApproval } from "./over";
-import { overWords } from "./visit_words";
 
 const storage = sessionStorageOrNone();
 const browser: Surroundings = { location: window.location, history: window.history, storage };
@@ -103,7 +102,7 @@ export function App() {
     );
   }
   if (entry.kind === "none" || over === "code") {
-    const problem = entry.kind === "none" ? entry.problem : codeProblem(over);
+    const problem = entry.kind === "none" ? entry.problem : codeProblem(entry);
     return (
       <Frame state="nocode" text="No code yet">
         <NoCode problem={problem} storage={storage} onFound={(found) => setEntry(enter(found))} onRoom={joinRoom} />
@@ -112,7 +111,7 @@ export function App() {
   }
   if (over !== undefined)
     return (
-      <Frame state="over" text={overWords(over).title}>
+      <Frame state="over" text="Session ended">
         <Over reason={over} onAgain={again} onLeave={leave} />
       </Frame>
     );
@@ -153,8 +152,10 @@ function Frame({ state, text, children }: FrameProps) {
   );
 }
 
-function codeProblem(over: OverReason | undefined): string | undefined {
-  return over === "code" ? "this code is no longer valid. Scan the one on the screen now" : undefined;
+function codeProblem(entry: Entry): string {
+  const isRoom = entry.kind === "session" && entry.to.invitation?.kind === "room";
+  if (isRoom) return "the room code was wrong, or has changed. Type the one on the screen now";
+  return "this code is no longer valid. Scan the one on the screen now";
 }
 
 /** What to do with what was found: who was here before resumes, unless a ticket says more. */

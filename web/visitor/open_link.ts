@@ -17,12 +17,3 @@ export async function openQrkey(to: Invitation, onMoved: (pin: Pin) => void): Pr
 export function openSession(to: SessionTo): SessionConnection {
   return new SessionConnection(to, resumeStore);
 }
-
-/** The websocket beside this page, also below a path of a reverse proxy. */
-export function linkUrl(href: string): string {
-  const url = new URL("link", href);
-  url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
-  url.hash = "";
-  url.search = "";
-  return url.href;
-}

@@ -9,13 +9,11 @@
 #define phx_hash_add phx_plain_add
 #define phx_hash_end phx_plain_end
 #define phx_sha1 phx_plain_sha1
-#define phx_chain_extend phx_plain_chain_extend
 #include "../../src/hash.c"
 #undef phx_hash_start
 #undef phx_hash_add
 #undef phx_hash_end
 #undef phx_sha1
-#undef phx_chain_extend
 
 #if defined(__x86_64__)
 #include <cpuid.h>

@@ -5,5 +5,6 @@
 #define MAKE_AUTH_A phx_anode_make_auth
 #define CHECK_AUTH_A phx_snode_check_auth_a
 /* It has no sealed radio. */
+#define SEALED_MAKE(a) ((void)(a), PHX_E_ARG)
 #define SEALED_SEND(...) PHX_E_ARG
 #define SEALED_RECV(...) PHX_E_ARG

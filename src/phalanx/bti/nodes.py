@@ -158,7 +158,7 @@ class Nodes:
             raise UsageError(f"limits of the trusted nodes: {error}") from error
         for i in range(n):
             if self._lib.phx_snode_make(self._s(i), made) or self._lib.phx_anode_make(self._a(i), made):
-                raise UsageError("limits of the trusted nodes make no sense", "f_max at most 15; no zero periods")
+                raise UsageError("limits of the trusted nodes make no sense", "f_max at most 15; T_val, periods, rates and capacities above 0")
 
     def _s(self, i: int) -> Any:
         return self._ffi.from_buffer("phx_snode *", self.snode[i])

@@ -60,7 +60,7 @@ def mixed(one: int, other: int) -> int:
 
 @kernel
 def peer_at(f: Fleet, i: int, rob_id: int) -> int:
-    """The row of a robot in the table of peers, in the place of the one silent longest if it is new; -1 of none.
+    """Return the row of a robot in the table of peers; -1 of none. In a full table a new one replaces another.
 
     Source: docs/spec/rebound.md (constant memory).
     """
@@ -74,14 +74,29 @@ def peer_at(f: Fleet, i: int, rob_id: int) -> int:
     if at < f.peer.shape[1]:
         r.peers += 1
     else:
-        at = 0
-        for k in range(1, r.peers):
-            if f.peer[i, k].heard < f.peer[i, at].heard:
-                at = k
+        at = _replaceable(f, i)
     f.peer[i, at] = STRANGER[0]
     f.owed[i, at] = NOTHING_OWED[0]
     f.peer_id[i, at] = rob_id
     return int(at)
+
+
+@kernel
+def _replaceable(f: Fleet, i: int) -> int:
+    """Return the row of the robot that was heard longest ago, if possible of one that was heard and no more.
+
+    Liars that relay the HELLO of more distant robots than the table holds would otherwise push out all real neighbours.
+    So robots stay that in T_val gave a token, answered a SEEK or asked for an audit. Not as printed (`paper`).
+    """
+    r, s = f.robot[i], f.settings[0]
+    oldest, at = 1 << 60, 0
+    for k in range(r.peers):
+        p = f.peer[i, k]
+        known = s.profile != PAPER and max(p.token, p.here, p.took) >= r.round_at - s.t_val
+        last = p.heard + ((1 << 50) if known else 0)
+        if last < oldest:
+            oldest, at = last, k
+    return at
 
 
 @kernel

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from phalanx.errors import UsageError
 
-from .parameter import check_limits, check_within, within
+from .parameter import check_limits, within
 
 REQUEST_OVERHEAD_BYTES = 300
 CHECKPOINT_BYTES = 66
@@ -44,7 +44,9 @@ class BtiConfig:
     skew_ms: int = within(50, 1, 1000, "the log departs from the order of time by at most so much")
     retry_ms: int = within(50, 5, 10_000, "after so long without enough tokens, further robots are asked")
     batch_size: int = within(10, 1, 255, "entries that go into one link of a hash chain")
-    n_max: int = within(24, 1, 400, "neighbours that storage and airtime are provided for; more than f_max")
+    n_max: int = within(
+        24, 1, 400, "neighbours that storage and airtime are provided for; at least a quorum, f_max + 2"
+    )
     frame_max_bytes: int = within(2048, 256, 2048, "longest radio frame")
     reading_bytes: int = within(27, 1, 2048, "of a sensor reading as it is chained")
     command_bytes: int = within(19, 1, 2048, "of what goes to the actuators each control period")
@@ -57,7 +59,11 @@ class BtiConfig:
 
     def __post_init__(self) -> None:
         check_limits(self)
-        check_within("n_max", self.n_max, self.f_max + 1, 400)
+        if self.n_max < self.quorum:
+            raise UsageError(
+                f"n_max is {self.n_max}, and a quorum with f_max {self.f_max} is {self.quorum} neighbours",
+                f"n_max {self.quorum} or more, or a smaller f_max",
+            )
         if self.t_val_ms < self.t_audit_ms * 3 // 2:
             raise UsageError(
                 f"tokens count for {self.t_val_ms} ms and a round of audits comes every {self.t_audit_ms} ms",

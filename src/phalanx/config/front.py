@@ -19,15 +19,15 @@ class FrontConfig:
     # connections
     connections_max: int = 4096
     accepts_per_s: float = 4000.0  # taken from the system, and refused if too many wait
-    arrivals_per_s: float = 200.0  # connections that are served, of all addresses
+    arrivals_per_s: float = 300.0  # connections that are served, of all addresses
     arrivals_waiting_max: int = 1024  # accepted by the system, and not served yet
     # Of one address: enough at once for a class behind a router. An admission gives back what it used, and a connection
     # that comes to nothing costs more, so that addresses of attackers soon have nothing left.
     arrivals_at_once_per_address: float = 300.0
     arrivals_per_s_per_address: float = 5.0
-    given_back: float = 8.0  # with an admission, connections and requests
-    cost_of_silence: float = 5.0  # of a connection that asked nothing in time, or sent no message
-    cost_of_refusal: float = 20.0  # of one that the gateway refused
+    given_back: float = 12.0  # with an admission, connections and requests
+    cost_of_silence: float = 8.0  # of a connection that asked nothing in time, or sent no message
+    cost_of_refusal: float = 40.0  # of one that the gateway refused
     newcomers_max: int = 2048  # more push out the oldest of the address that has most
     newcomers_max_per_address: int = 128
     # requests for the page and its files
@@ -42,7 +42,7 @@ class FrontConfig:
     bytes_per_s: float = 64 * 1024.0
     bytes_at_once: float = 128 * 1024.0
     newcomers_share: float = 0.25  # of the gateway's time, for messages of all newcomers
-    in_flight: int = 64  # messages that the gateway has not processed yet
+    in_flight: int = 256  # messages that the gateway has not processed yet
     newcomers_in_flight: int = 4
     # messages to clients
     unsent_bytes: int = 2 * 1024 * 1024  # of a connection

@@ -71,8 +71,7 @@ class SessionClient:
         refusals: refused commands and requests, by reason.
         dropped: updates and notices that nobody read in time.
 
-    Raises: BadInvitation, UsageError: no such URL, or too long a name. On entering, Unavailable: no server within the
-        time; SessionOver: not admitted.
+    Raises: BadInvitation, UsageError: URL, name. On entering, Unavailable: no server; SessionOver: not admitted.
     Source: docs/spec/session.md.
     """
 

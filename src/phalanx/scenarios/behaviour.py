@@ -110,7 +110,7 @@ def plan_of(scenario: Scenario, spec: AttackSpec, boot_ms: int, chance: np.rando
     return Plan(
         ids=tuple(range(1, scenario.robots + 1)),
         goal_m=scenario.goal_m,
-        accomplices=tuple(int(each.robot or 0) for each in scenario.drawn_attacks() if each.robot != spec.robot),
+        colluding=tuple(int(each.robot or 0) for each in scenario.drawn_attacks() if each.robot != spec.robot),
         start_ms=boot_ms + round(spec.at_s * 1000),
         stop_ms=FOREVER_MS if spec.until_s is None else boot_ms + round(spec.until_s * 1000),
         chance=chance,

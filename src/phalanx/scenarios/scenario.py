@@ -213,7 +213,8 @@ class Scenario:
                 check_within(f"{name}_s", value, 0.0, LONGEST_S)  # before `round`, which raises for NaN
                 audits[f"{name}_ms"] = round(1000 * value)
         # The n_max that `_agree` gave `bti` before must not refuse a larger f_max.
-        bti = replace(self.bti, **audits, n_max=max(self.bti.n_max, (f_max or 0) + 1))
+        quorum = self.bti.quorum if f_max is None else f_max + 2
+        bti = replace(self.bti, **audits, n_max=max(self.bti.n_max, quorum))
         plain = _given(robots=robots, duration_s=duration_s, defence=defence, attacks=attacks, seed=seed)
         return replace(self, bti=bti, **plain, **_given(grid_step_m=spacing_m, d_m=spacing_m))
 
@@ -244,7 +245,7 @@ class Scenario:
     def _neighbours(self) -> int:
         provided = min(self.robots - 1, math.ceil(CLOSER * self.robots_in_range) + SPARE, MOST_NEIGHBOURS)
         orders = ORDERS_AS_NEIGHBOURS if self.controller == WHEELS else 0
-        return max(provided, self.bti.f_max + 1) + orders
+        return max(provided, self.bti.quorum) + orders
 
     def _flock(self, bti: BtiConfig) -> FlockConfig:
         obstacles = (

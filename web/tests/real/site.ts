@@ -34,7 +34,7 @@ export class Site {
     const vite = join(WEB, "node_modules/.bin/vite");
     execFileSync(vite, ["build", "--outDir", folder, "--logLevel", "warn"], {
       cwd: WEB,
-      env: { ...process.env, PAGE: "visitor" },
+      env: { ...process.env, NODE_ENV: "production", PAGE: "visitor" },
     });
     const server = createServer((request, response) => {
       const path = new URL(request.url ?? "/", "http://x").pathname;

@@ -89,6 +89,7 @@ def _show(report: Audit, rates: Rates) -> None:
         click.echo(f"{row.name:16}{''.join(f'{cell:>12}' for cell in cells)}{row.robot_ms:>7.1f} ms{problems}")
     for who, costs_s in (
         ("all that can be opened, at most", (report.core_s, report.gpu_s)),
+        ("likewise, nearest first", (report.nearest_core_s, report.nearest_gpu_s)),
         ("likewise with the map", (report.plan_core_s, report.plan_gpu_s)),
     ):
         cells = ["-" if cost_s is None else span(cost_s) if math.isfinite(cost_s) else "-" for cost_s in costs_s]

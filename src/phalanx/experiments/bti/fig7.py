@@ -1,6 +1,6 @@
 """RoboRebound Fig. 7: bandwidth and storage for denser flocks (a, b), and for larger ones at one spacing (c, d).
 
-f_max is 2: at 64 m a robot in the corner hears three others, and three tokens keep it alive.
+f_max is 2: at 64 m a robot in the corner hears three others. Their tokens keep it alive, though it has no quorum.
 """
 
 from __future__ import annotations

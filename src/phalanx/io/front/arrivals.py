@@ -21,7 +21,7 @@ from .turns import Turns
 
 OUT_OF_FILES_S = 1.0
 AT_ONCE = 32  # accepted before anybody else is served
-ARRIVALS_AT_ONCE = 32.0
+ARRIVALS_AT_ONCE = 8.0
 
 
 class Arrival:

@@ -34,6 +34,7 @@ REASON_BYTES = 64
 # A front end that takes nothing: updates are dropped first, then it is started again.
 UNSENT_UPDATES_BYTES = 1024 * 1024
 UNSENT_BYTES = 32 * 1024 * 1024
+AT_ONCE_S = 0.01  # for which messages are processed before anything else has its turn
 UNREAD_BYTES = 64 * 1024  # in the system, of a client that we hold back
 LONGEST_US = 1_000_000  # that a message counts for: who debugs a gateway stops it for minutes
 IF_TAKEN = "another program has it; choose another with --port, or --port 0 for any"
@@ -134,12 +135,17 @@ class Front:
     async def events(self) -> AsyncIterator[Event]:
         """Yield what happens; a message counts as processed when the next event is asked for."""
         while not self._over or self._events:
+            until_s = time.monotonic() + AT_ONCE_S
             while self._events:
                 event = self._events.popleft()
+                began_s = time.monotonic()
+                if began_s >= until_s:
+                    await asyncio.sleep(0)  # the robots' tick is due as well
+                    began_s = time.monotonic()
+                    until_s = began_s + AT_ONCE_S
                 if type(event) is not Received:
                     yield event
                     continue
-                began_s = time.monotonic()
                 if event.connection not in self._ending:
                     yield event
                 self._take(event.connection, time.monotonic() - began_s)

@@ -29,13 +29,16 @@ class Assignment:
     def __init__(self, config: SessionConfig) -> None:
         self._config = config
         self._robots: dict[str, _Hold | None] = {}  # in the order of their addresses
+        self._of: dict[int, list[str]] = {}  # robots of each visitor that has one: commands come in thousands
         self._queue: list[int] = []
 
     def set_robots(self, robots: Iterable[str], now_ms: int) -> None:
         """Take note of the robots that there are; who drove one that is gone queues first."""
-        there = sorted(set(robots))
+        there = set(robots)
         lost = [hold.visitor for robot, hold in self._robots.items() if hold and robot not in there]
-        self._robots = {robot: self._robots.get(robot) for robot in there}
+        for robot in self._robots.keys() - there:
+            self._put(robot, None)
+        self._robots = {robot: self._robots.get(robot) for robot in sorted(there)}
         if self._config.assign == "one-each":
             self._queue[:0] = [each for each in lost if self.robot_of(each) is None and each not in self._queue]
         self._serve(now_ms)
@@ -50,16 +53,15 @@ class Assignment:
     def leave(self, visitor: int, now_ms: int) -> None:
         """Free what a visitor has: it left, was removed, or may not drive any more."""
         self._queue = [each for each in self._queue if each != visitor]
-        for robot, hold in self._robots.items():
-            if hold and hold.visitor == visitor:
-                self._robots[robot] = None
+        for robot in list(self._of.get(visitor, ())):
+            self._put(robot, None)
         self._serve(now_ms)
 
     def tick(self, now_ms: int) -> None:
         """End leases that were not renewed, and turns while others queue."""
         for robot, hold in self._robots.items():
             if hold and hold.until_ms is not None and now_ms >= hold.until_ms:
-                self._robots[robot] = None
+                self._put(robot, None)
         over = [
             (hold.since_ms, robot)
             for robot, hold in self._robots.items()
@@ -68,7 +70,7 @@ class Assignment:
         for _, robot in sorted(over)[: len(self._queue)]:  # longest first; nobody gives way to nobody
             hold = self._robots[robot]
             if hold:
-                self._robots[robot] = None
+                self._put(robot, None)
                 self._queue.append(hold.visitor)
         self._serve(now_ms)
 
@@ -83,11 +85,12 @@ class Assignment:
             return
         if operates and hold and hold.until_ms is None:
             return  # an operator helps; the robot stays assigned
-        for other, its in self._robots.items():
-            if other != robot and its and its.visitor == visitor.id and its.until_ms is not None and not operates:
-                self._robots[other] = None
+        for other in list(self._of.get(visitor.id, ())):
+            its = self._robots[other]
+            if other != robot and its and its.until_ms is not None and not operates:
+                self._put(other, None)
         since_ms = hold.since_ms if hold and hold.visitor == visitor.id else now_ms
-        self._robots[robot] = _Hold(visitor.id, now_ms + self._config.lease_ms, since_ms)
+        self._put(robot, _Hold(visitor.id, now_ms + self._config.lease_ms, since_ms))
 
     def give(self, robot: str, visitor: int, now_ms: int) -> None:
         """Assign a robot to a visitor, until it is taken. Raises: NotAllowed: no such robot."""
@@ -95,7 +98,7 @@ class Assignment:
         self.leave(visitor, now_ms)
         self._queue = [each for each in self._queue if each != visitor]
         hold = self._robots[robot]
-        self._robots[robot] = _Hold(visitor, None, now_ms)
+        self._put(robot, _Hold(visitor, None, now_ms))
         if hold and self._config.assign == "one-each" and hold.visitor != visitor:
             self._queue.insert(0, hold.visitor)
         self._serve(now_ms)
@@ -103,7 +106,8 @@ class Assignment:
     def take(self, robot: str, now_ms: int) -> None:
         """Free a robot; its driver queues last, with one robot each. Raises: NotAllowed: no such robot."""
         self._known(robot)
-        hold, self._robots[robot] = self._robots[robot], None
+        hold = self._robots[robot]
+        self._put(robot, None)
         if hold and self._config.assign == "one-each":
             self._queue.append(hold.visitor)
         self._serve(now_ms)
@@ -112,7 +116,9 @@ class Assignment:
         """Exchange the drivers of two robots. Raises: NotAllowed: no such robot."""
         self._known(first)
         self._known(second)
-        self._robots[first], self._robots[second] = self._robots[second], self._robots[first]
+        hold = self._robots[first]
+        self._put(first, self._robots[second])
+        self._put(second, hold)
 
     def driver_of(self, robot: str, now_ms: int) -> int | None:
         """Return who drives a robot now."""
@@ -121,7 +127,7 @@ class Assignment:
 
     def robot_of(self, visitor: int) -> str | None:
         """Return the first robot that a visitor drives or is assigned to."""
-        return next((robot for robot, hold in self._robots.items() if hold and hold.visitor == visitor), None)
+        return min(self._of.get(visitor, ()), default=None)
 
     def place_of(self, visitor: int) -> int:
         """Return a visitor's place in the queue, from 1; 0: it is not in it."""
@@ -155,6 +161,18 @@ class Assignment:
             raise Busy("another visitor drives this robot")
         return None
 
+    def _put(self, robot: str, hold: _Hold | None) -> None:
+        """Let somebody have a robot, or nobody."""
+        before, self._robots[robot] = self._robots[robot], hold
+        if (before and before.visitor) == (hold and hold.visitor):
+            return
+        if before:
+            self._of[before.visitor].remove(robot)
+            if not self._of[before.visitor]:
+                del self._of[before.visitor]
+        if hold:
+            self._of.setdefault(hold.visitor, []).append(robot)
+
     def _known(self, robot: str) -> None:
         if robot not in self._robots:
             raise NotAllowed("no such robot")
@@ -165,4 +183,4 @@ class Assignment:
             return
         for robot, hold in self._robots.items():
             if hold is None and self._queue:
-                self._robots[robot] = _Hold(self._queue.pop(0), None, now_ms)
+                self._put(robot, _Hold(self._queue.pop(0), None, now_ms))

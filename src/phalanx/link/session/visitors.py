@@ -110,13 +110,17 @@ class Visitors:
     def renew(self, visitor_id: int, used: bytes, fresh: bytes, unix_s: int) -> Visitor:
         """Give a visitor the next secret to resume with; the one that it used stays valid until it has stored that.
 
+        A next one that was given before and not confirmed is given again: a client that has stored it, and whose word
+        is still on its way when an older connection's first record arrives, would have no valid secret else.
+
         Raises: UnknownSecret: it was removed.
         """
         visitor = self._all.get(visitor_id)
         if visitor is None:
             raise UnknownSecret("a visitor that was removed")
         expires_s = unix_s + self._config.resume_s
-        return self.change(replace(visitor, secret=used, pending=fresh, expires_s=expires_s))
+        given = visitor.pending if used == visitor.secret and visitor.pending != NO_SECRET else fresh
+        return self.change(replace(visitor, secret=used, pending=given, expires_s=expires_s))
 
     def stored(self, visitor_id: int, secret_id: bytes) -> None:
         """Drop the secret before, as the visitor has stored its successor."""

@@ -46,6 +46,7 @@ class NodeAudit:
 
     name: str
     candidates: float  # to try at most, for the alias that has fewest; in a better order fewer are enough
+    nearest: float  # likewise, in the order of distance from the node before
     by_plan: float | None  # likewise by who has the floor plan, which is tried best first; None: nobody has asked
     core_s: float  # what the candidates take
     gpu_s: float  # likewise
@@ -61,6 +62,8 @@ class Audit:
     nodes: tuple[NodeAudit, ...]
     core_s: float
     gpu_s: float
+    nearest_core_s: float  # in the order of distance
+    nearest_gpu_s: float  # likewise
     plan_core_s: float | None  # by who has the floor plan
     plan_gpu_s: float | None  # likewise
     robot_ms: float
@@ -114,6 +117,7 @@ def audit(
             NodeAudit(
                 node.name,
                 count,
+                guess.candidates(node, nearest=True),
                 guess.by_plan(node),
                 count / core,
                 count / gpu,
@@ -127,6 +131,7 @@ def audit(
     open_to_guess = {row.name for row in rows} - shut if paper else _reachable(mission, shut)
     within = [row for row in rows if row.name in open_to_guess]
     tries = sum(row.candidates for row in within) or math.inf
+    nearest = sum(row.nearest for row in within) or math.inf
     planned = None if plan is None else sum(row.by_plan or 0.0 for row in within) or math.inf
     general = []
     if paper:
@@ -136,7 +141,10 @@ def audit(
     else:
         general.append("without the start key no node can be opened; each row supposes that the node before is open")
     if not paper:
-        general.append("counts are upper bounds: with likelier places first, 1555 tries were enough of 28945 counted")
+        general.append(
+            "counts are upper bounds, nearest first too: of a mission with 28945 at most and 5288 nearest first, "
+            "1555 tries in a better order opened all"
+        )
         general.append(
             "with the floor plan and no key, the places of nearly all nodes can be found in seconds to a minute: "
             "repeat the survey of build --map, or match the file's graph with the plan"
@@ -147,6 +155,8 @@ def audit(
         tuple(rows),
         tries / core,
         tries / gpu,
+        nearest / core,
+        nearest / gpu,
         None if planned is None else planned / core,
         None if planned is None else planned / gpu,
         max(row.robot_ms for row in rows),

@@ -38,10 +38,17 @@ class Guess:
         self.actions = set(done)
         self.shapes = {shape_of(alias) for node in mission.nodes for alias in node.see}
 
-    def candidates(self, node: Node) -> float:
-        """At most, with a map's size alone: for the node's weakest alias, from the predecessor that says most."""
-        ways = self._ways(node)
-        counts = [self._places(alias, node, way) * self._rest(alias, node) for alias in node.see for way in ways]
+    def candidates(self, node: Node, *, nearest: bool = False) -> float:
+        """Return how many there are with a map's size alone, for the weakest alias, from the best predecessor.
+
+        Args:
+            nearest: count only those up to the true place, in the order of distance from the node before.
+        """
+        counts = [
+            self._places(alias, node, way, nearest=nearest) * self._rest(alias, node)
+            for alias in node.see
+            for way in self._ways(node)
+        ]
         return min([OUT_OF_REACH, *counts])
 
     def by_plan(self, node: Node) -> float | None:
@@ -81,7 +88,7 @@ class Guess:
         # A message is 32 bytes from a controller, or from a robot whose half was not captured.
         return count * (OUT_OF_REACH if node.wait else 1)
 
-    def _places(self, alias: Alias, node: Node, way: PlainWay | None) -> float:
+    def _places(self, alias: Alias, node: Node, way: PlainWay | None, *, nearest: bool = False) -> float:
         """Cells that the alias can be in, with their bins, given the direction that the node before reveals."""
         shape = shape_of(alias)
         if not shape.place:
@@ -97,6 +104,9 @@ class Guess:
         # The wedge of one sector out to the edge of the map, and at least one cell wide.
         half = math.pi / before.sectors
         reaches = [_to_edge(self.box, before[:2], before.direction_rad + k * half) for k in (-1.0, 0.0, 1.0)]
+        if nearest and (place := place_of(alias)):
+            far_m = math.dist(before[:2], (place.x_m, place.y_m)) + delta_m
+            reaches = [min(reach, far_m) for reach in reaches]
         wedge = (reaches[0] ** 2 + 4 * reaches[1] ** 2 + reaches[2] ** 2) / 6 * half
         return min(everywhere, max(1.0, wedge / delta_m**2 + reaches[1] / delta_m)) * bins * areas
 

@@ -101,12 +101,12 @@ class FrameFlood(Flood):
 
 
 class CovertTalk(Flood):
-    """Talks to an accomplice in AUDIT frames, which no log shows."""
+    """Talks to a colluding robot in AUDIT frames, which no log shows."""
 
     period_ms = 2
 
     def pour(self, now_ms: int) -> list[Action]:
-        others = self.plan.accomplices or tuple(sorted(self.seen))
+        others = self.plan.colluding or tuple(sorted(self.seen))
         if not others:
             return []
         return self.send(now_ms, audit_frame(self.id, others[0], 0x7E, bytes(1000)), others[0])
@@ -185,7 +185,7 @@ class TalkOver(Liar):
     """Talks while a robot that it does not hear asks for audits: whom both are near hears neither.
 
     It knows the mission, so when that robot's rounds begin and when it asks again, and is silent in between. What it
-    says are AUDIT frames of no meaning, which no log shows; accomplices take turns. It passes its own audits.
+    says are AUDIT frames of no meaning, which no log shows; colluding liars take turns. It passes its own audits.
     A hole of ours, closed in bti/request.py.
     """
 
@@ -211,8 +211,8 @@ class TalkOver(Liar):
             self.period_ms = (self._first_ms - now_ms - 1) % self._again_ms + 1  # when it is asked again
             return []
         self.period_ms = 1
-        turns = len(self.plan.accomplices) + 1
-        if asks_ms % turns != sum(other < self.id for other in self.plan.accomplices):
+        turns = len(self.plan.colluding) + 1
+        if asks_ms % turns != sum(other < self.id for other in self.plan.colluding):
             return []
         return talk(self, now_ms, self.AT_ONCE)
 

@@ -66,8 +66,8 @@ class Spoof(Liar):
         self._strong = bool(self.plan.options.get("strong")) and self.profile == PLAIN
 
     def saw(self, rob_id: int, motion: Motion) -> None:
-        """Note a state, unless its speed shows that it is an accomplice's lie."""
-        if not (self.plan.accomplices and abs(math.hypot(motion.vx_mps, motion.vy_mps) - LIES_MPS) < TOLD_APART_MPS):
+        """Note a state, unless its speed shows that a colluding robot lies."""
+        if not (self.plan.colluding and abs(math.hypot(motion.vx_mps, motion.vy_mps) - LIES_MPS) < TOLD_APART_MPS):
             super().saw(rob_id, motion)
 
     def on_wake(self, now_ms: int) -> list[Action]:

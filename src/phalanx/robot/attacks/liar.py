@@ -38,7 +38,7 @@ class Plan:
 
     ids: tuple[int, ...]  # every robot's id
     goal_m: tuple[float, float]  # where the swarm is going
-    accomplices: tuple[int, ...]  # ids of the other compromised robots
+    colluding: tuple[int, ...]  # ids of the other compromised robots
     start_ms: int  # it lies from here on, ms of the robot's own clock
     stop_ms: int  # and is honest again from here on
     chance: np.random.Generator  # the adversary's random source, seeded by the scenario
@@ -218,7 +218,7 @@ class Liar(Robot):
 
     def victims(self) -> list[int]:
         """Return the ids of all robots that are not compromised."""
-        return [rob_id for rob_id in self.others() if rob_id not in self.plan.accomplices]
+        return [rob_id for rob_id in self.others() if rob_id not in self.plan.colluding]
 
     def nearest(self, *, but: int = 0) -> Motion:
         """Return the motion of the nearest robot that it has heard of, except `but`."""

@@ -54,8 +54,8 @@ class TalkOverReplies(Liar):
 class RelayHello(Liar):
     """Sends again, byte for byte, the HELLO of robots out of its neighbours' range, so that these ask them in vain.
 
-    An accomplice near those robots hears them. Both have taken over their radios, and need no a-node for that: a sealed
-    packet counts for two seconds, wherever it is received. What the accomplice hears follows from the mission, as it
+    A second liar near those robots hears them. Both have taken over their radios, and need no a-node for that: a sealed
+    packet counts for two seconds, wherever it is received. What the second one hears follows from the mission, as it
     says when rounds begin. With option `both` they relay SEEK and its answers, too, without loss and in no more than
     100 ms: that is not stopped. Source: docs/spec/sealed-radio.md; docs/adr/0039.
     """

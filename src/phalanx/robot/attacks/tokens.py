@@ -126,7 +126,7 @@ class Collude(Hijack):
     """Issues tokens to the other compromised robots for whatever they show, and gets theirs."""
 
     def asked(self, now_ms: int, frame: bytes) -> list[Action]:
-        if self.profile == PLAIN or get_u16(row(frame), request.AT_SRC) not in self.plan.accomplices:
+        if self.profile == PLAIN or get_u16(row(frame), request.AT_SRC) not in self.plan.colluding:
             return super().asked(now_ms, frame)
         place = self.whole_request(now_ms, frame)
         return self.vouch(now_ms, place) if place >= 0 else []
@@ -214,7 +214,7 @@ class Drain(RefuseToAudit):
         for tor, asked_ms in zip(f.peer_id[i, :peers].tolist(), f.peer["asked_ms"][i, :peers].tolist(), strict=True):
             asked = now_ms - asked_ms < 2 * t_audit
             just_sent = now_ms - self._sent_ms.get(tor, 0) <= t_audit // 2
-            if tor in self.plan.accomplices or asked or just_sent:
+            if tor in self.plan.colluding or asked or just_sent:
                 continue
             if tor not in self.kept and not self._make(now_ms, tor):
                 continue

@@ -72,7 +72,7 @@ def audits_share(config: BtiConfig, radio: RadioConfig, robots: float, *, filled
     Each T_audit a robot sends f_max + 1 auditors a checkpoint and the log since. `filled`: f_max liars fill that log as
     fast as it has room. The result is up to a quarter below measurements of 25 to 120 honest robots, f_max 3 to 8.
     """
-    neighbours = min(max(math.ceil(robots) - 1, config.tokens_needed), config.n_max)
+    neighbours = min(max(math.ceil(robots) - 1, config.quorum), config.n_max)
     seen = replace(config, n_max=neighbours)
     grows = 1000 * seen.log_capacity_bytes / seen.t_val_ms if filled else seen.log_bytes_per_s
     shown = grows * seen.t_audit_ms / 1000 + seen.checkpoint_capacity_bytes + REQUEST_OVERHEAD_BYTES

@@ -113,7 +113,7 @@ class MissionWorld:
             self.building.eye,
             audited=run.audited,
         )
-        self.bti = BtiConfig(f_max=run.f_max, n_max=max(NEIGHBOURS_LEAST, run.f_max + 1, len(numbers)))
+        self.bti = BtiConfig(f_max=run.f_max, n_max=max(NEIGHBOURS_LEAST, run.f_max + 2, len(numbers)))
         if run.audited:
             self.bti = self.missions.audits(self.bti)
         else:

@@ -302,7 +302,7 @@ class ShieldedMissionSwarm(MissionSwarm):
         return audits
 
     def attacks(self) -> Sequence[AttackChoice]:
-        """The one that wants nothing beside the robot: the others need accomplices, or scans that were made up."""
+        """The one that wants nothing beside the robot: the others need colluding robots, or scans that were made up."""
         return [AttackChoice(ATTACK, ON_MISSIONS[ATTACK].does)]
 
     def compromise(self, address: str, attack: str) -> None:

@@ -328,7 +328,7 @@ class ProtectedSwarm(Ordered):
         plan = Plan(
             ids=tuple(range(1, len(self._members) + 1)),
             goal_m=(0.0, 0.0),
-            accomplices=tuple(other + 1 for other in self._liars),
+            colluding=tuple(other + 1 for other in self._liars),
             start_ms=now_ms,
             stop_ms=FOREVER_MS,
             chance=self._chance,

@@ -36,13 +36,13 @@ FULL_MMPS, MOST_MRADPS = 500, 1200
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheatPlan:
-    """What the adversary knows, when it takes a robot over: the floor plan, and what accomplices have opened."""
+    """What the adversary knows, when it takes a robot over: the floor plan, and what colluding robots have opened."""
 
     after_ms: int  # it begins so long after the mission key was loaded
     toward_m: tuple[float, float] = (0.0, 0.0)  # where it wants to be, map frame
     # A scan's bytes as the robot's lidar would make them, in a building of the adversary's choice
     imagine: Callable[[Pose], bytes] = lambda _pose: b""
-    # Gates that accomplices opened
+    # Gates that colluding robots opened
     keys: Keyring = Keyring()  # noqa: RUF009  # frozen
     node: int = 0  # to be skipped
     onward: int = 0  # the node behind it
