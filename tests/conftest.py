@@ -367,3 +367,12 @@ def browser():
         running = p.chromium.launch(executable_path=CHROMIUM, args=flags)
         yield running
         running.close()
+
+
+@pytest.fixture
+def pages(tmp_path):
+    """A folder with the page that a front end serves."""
+    folder = tmp_path / "pages"
+    folder.mkdir()
+    (folder / "index.html").write_text("<p>drive")
+    return folder
