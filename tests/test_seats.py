@@ -45,6 +45,26 @@ def test_among_who_was_served_it_is_who_was_silent_longest_of_where_most_are():
     assert list(map(len, seats._guests._from.values())) == [6, 3, 1]
 
 
+def test_who_has_just_come_is_not_pushed_out_by_the_next_one():
+    seats: Seats[Sitting] = Seats(10)
+    sit = [Sitting(seats, "here", float(n)) for n in range(10)]
+    for one in sit:
+        seats.heard(one)
+    come = [Sitting(seats, "here", 20.0) for _ in range(2)]
+    assert [one.left for one in (*sit, *come)] == [True] * 2 + [False] * 10
+
+
+def test_when_all_are_known_it_is_who_was_silent_longest():
+    seats: Seats[Sitting] = Seats(10)
+    sit = [Sitting(seats, "here", float(n)) for n in range(10)]
+    for one in sit:
+        seats.know(one)
+    for one in sit[:6]:
+        seats.heard(one)
+    Sitting(seats, "there", 20.0)
+    assert [one.left for one in sit] == [False] * 6 + [True] + [False] * 3
+
+
 def test_of_places_where_as_many_are_it_is_the_one_that_was_silent_longest():
     seats: Seats[Sitting] = Seats(100)
     sit = [Sitting(seats, f"place {n}", float(n)) for n in range(100)]

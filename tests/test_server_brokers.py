@@ -8,6 +8,7 @@ import errno
 import gc
 import os
 import re
+import signal
 import socket
 import time
 from pathlib import Path
@@ -101,6 +102,8 @@ class TestBrokersThatComeAndGo:
             monkeypatch.undo()
             assert the_process(broker.url.port) == before
             assert not server.reconnects
+            os.kill(before, signal.SIGSTOP)  # it is still watched
+            await eventually(lambda: server.reconnects, 40)
 
     async def test_without_a_broker_it_waits_says_so_and_comes_up(self, tmp_path, caplog):
         tcp, ws = free_port(), free_port()

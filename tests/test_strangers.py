@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import Self
 from urllib.parse import urlsplit
 
+import aiomqtt
 import pytest
 
-from conftest import Turns, a_gateway, a_server, bare_mosquitto, eventually
+from conftest import Turns, a_gateway, a_server, bare_mosquitto, eventually, somebody
 from phalanx.cli.terminal import EventLines
 from phalanx.gateway.gateway import Gateway, Told
 from phalanx.io import Client, Server
@@ -181,6 +182,9 @@ class TestOurBroker:
             await asyncio.sleep(0.5)
             for n in range(5):
                 await server.notify(n)
+            with contextlib.suppress(aiomqtt.MqttError):  # it takes none that it would have to keep
+                async with somebody(broker) as other:
+                    await other.publish(f"/qrkey/{server.epoch.topic}/notify", bytes(200), qos=1, timeout=2)
             await asyncio.sleep(0.5)
             async with sleeper:
                 sleeper.socket.settimeout(1)

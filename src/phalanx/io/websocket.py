@@ -95,7 +95,6 @@ class Websocket:
             # The last of many may be answered alone (§5.5.3): who asks and does not read leaves us nothing to keep.
             self.replies = self._control_frame(PONG)
         self._control.clear()
-        self._opcode = BINARY
 
     def _control_frame(self, opcode: int) -> bytes:
         told = bytes(self._control) if opcode == PONG else b""
