@@ -68,6 +68,8 @@ RULES: dict[str, list[tuple[str, str]]] = {
         (r"\((u?)int64_t\)", "(\\1int32_t)"),
         (r"\(uint32_t\)", "(uint16_t)"),
         (r"\(uint16_t\)", "(uint8_t)"),
+        (r"(= (?:now|seq|t));", "\\1 & 0xffffu;"),
+        (r"\bnow - [\w>.-]+", "(uint16_t)(\\g<0>)"),
         (r"(phx_put32\([^;]+)\);", "\\1 & 0xffffu);"),
         (r"(phx_put16\([^;]+)\);", "\\1 & 0xffu);"),
     ],

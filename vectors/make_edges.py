@@ -265,6 +265,24 @@ def any_tokens(profile: str, seed: int) -> Case:
     return tale.case()
 
 
+def late_keys(profile: str) -> Case:
+    """A key that comes when the clock has more than 16 bits is followed by grace, and so has its number."""
+    tale, t_val = Tale("keys that come late", profile, now=2**16 + 5), LIMITS["t_val_ms"]
+    for ms in (t_val - 1, t_val):
+        tale.call("anode_check", 0, (tale.now + ms,))
+    for ms in (LIMITS["bucket_period_ms"] - 1, LIMITS["bucket_period_ms"]):
+        tale.call("anode_token_request", 2, (tale.now + ms, IDS[0]))
+    for k in range(4):  # in free places, and in that of the oldest
+        tale.token(2, 0x300 + k, tale.now + k, now=tale.now + k)
+    tale.call("anode_check", 2, (tale.now + t_val + 2,))
+    tale.call("anode_check", 3, (tale.now + 2**16 + 1,))  # it has no token, and no grace again
+    for seq in (2**16 + 1, 2, 2**16 + 1, 2**16 + 2):
+        for kind in ("snode", "anode"):
+            tale.call(f"{kind}_power_up", 1)
+        tale.load_key(1, seq)
+    return tale.case()
+
+
 def places(f_max: int) -> Case:
     """In `paper` 2 f_max + 1 auditors are remembered, and an old token takes the place of its auditor's newer one."""
     tale, count = Tale(f"places, f_max {f_max}", "paper", f_max=f_max, t_val_ms=100), 2 * f_max + 1
@@ -294,6 +312,8 @@ def clock() -> Case:
         tale.token(robot, IDS[3], t, now=END - 10)
     for robot in (0, 1, 2):
         tale.call("anode_check", robot, (END - 1,))
+    tale.token(3, IDS[0], 4450, now=4500)
+    tale.call("anode_check", 3, (2**16 + 4460,))
     return tale.case()
 
 
@@ -318,6 +338,13 @@ def buckets() -> Iterator[Case]:
                 tale.call("anode_send", 0, (at,), (frame,))
         tale.call("anode_token_request", 0, (at, IDS[1]))
         tale.call("anode_token_request", 0, (at, IDS[1]))
+    yield tale.case()
+    # What is left after a draw has more than 32 bits.
+    wide = {"send_capacity_us": 10**7, "audit_capacity_us": 10**7, "airtime_fixed_us": 3 * 10**6}
+    tale = Tale("more than 2^32 ns left", "bound", **wide)
+    for frame in (b"\x01", b"\x80" * 6):
+        for _ in range(4):
+            tale.call("anode_send", 0, (0,), (frame,))
     yield tale.case()
     # Costs above 2^32 ns: 32 bits would let the second frame through.
     for name, costs in {
@@ -438,7 +465,7 @@ def refused(profile: str) -> Case:
 
 
 def edges() -> list[Case]:
-    both = [make(profile) for make in (macs, zeros, errors, refused) for profile in ("bound", "paper")]
+    both = [make(profile) for make in (macs, zeros, errors, refused, late_keys) for profile in ("bound", "paper")]
     kept = [tokens(profile, f_max) for f_max in (0, 1, 2, 15) for profile in ("bound", "paper") if f_max < 8]
     return [
         *both,

@@ -38,13 +38,13 @@ enum {
 #define PHX_AUTH_OUT_BYTES 30u             /* tHash, robot id, MAC */
 #define PHX_TREQ_OUT_BYTES 32u             /* t, tHash_a, MAC */
 
-/* What the paper calls parameters; set at manufacture. */
+/* What the paper calls parameters; set at manufacture. All but f_max and airtimes are at least 1. */
 typedef struct {
     uint32_t f_max;                        /* colluding robots that are survived, at most PHX_F_MAX */
     uint32_t t_val_ms;                     /* a token is good for so long */
-    uint32_t batch_size;                   /* entries hashed at once, at least 1 */
+    uint32_t batch_size;                   /* entries hashed at once */
     uint32_t bucket_capacity;              /* token requests in one burst */
-    uint32_t bucket_period_ms;             /* one more token request each such period, at least 1 */
+    uint32_t bucket_period_ms;             /* one more token request each such period */
     uint32_t send_us_per_s;                /* airtime of ordinary frames */
     uint32_t send_capacity_us;
     uint32_t audit_us_per_s;               /* airtime of AUDIT frames */

@@ -59,7 +59,7 @@ static int limits(phx_snode *s, phx_anode *a, work *w)
     phx_limits made;
     int error;
 
-    if (a->node.flash.has_master)
+    if (a->node.flash.has_master || a->node.flash.sealed)
         return PHX_E_SEQ;
     for (unsigned i = 0; i < LIMITS; i++)
         numbers[i] = phx_get32(w->call + PHX_CALL_LIMITS_F_MAX + i * sizeof *numbers);

@@ -46,7 +46,7 @@ def run() -> None:
     """Run SCENARIO, a built-in one's name or a YAML file, and sum it up.
 
     The same scenario and seed give the same digest. Ends with 1 if a correct robot was stopped though it had a quorum:
-    so many correct robots in range that they could vouch for it.
+    f_max + 2 correct robots in range. A run with a jammer, which nothing promises to survive, ends so too.
     """
 
 

@@ -65,9 +65,10 @@ class Guess:
 
     def _by_plan(self, plan: Shown, node: Node, way: PlainWay | None) -> float:
         before, tried = self._before(node, way), 0.0
-        for alias in node.see:
+        # Whoever guesses leaves out what it cannot try out, and begins with what costs least.
+        for alias in sorted(node.see, key=lambda each: self._rest(each, node)):
             place, shape, rest = place_of(alias), shape_of(alias), self._rest(alias, node)
-            if place is None:
+            if place is None or rest >= OUT_OF_REACH:
                 return tried + rest
             offset = alias_offset(self.coding, alias, plan.rounded_mm)
             wanted = cell_in(self.coding, shape, offset, place)
