@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from test_answers import VICTIM
 from test_refusals import Auditee
 
 from phalanx.bti import request, rounds, trusted
@@ -12,7 +13,6 @@ from phalanx.robot import actions, handlers
 from phalanx.robot.actions import Action, RetryAt, Transmit, Verdict
 from phalanx.wire.fields import row
 from phalanx.wire.table import AUDIT_SEEK
-from test_answers import VICTIM
 
 VICTIM_ID = VICTIM + 1
 STRANGER_ID = 8

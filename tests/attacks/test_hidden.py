@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from test_answers import BOOT_MS, GRANT_MS, VICTIM, Asking
 
 from phalanx.bti import rounds, seeking
 from phalanx.bti.fleet import BOUND, PAPER
@@ -13,7 +14,6 @@ from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
 from phalanx.wire.fields import row
 from phalanx.wire.table import AUDIT_HERE
-from test_answers import BOOT_MS, GRANT_MS, VICTIM, Asking
 
 T_AUDIT_MS = 4000
 # The longest pauses before a fragment is said again.

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from opened import Hole, run_with
+from test_answers import BOOT_MS, GRANT_MS, ROUND_MS, VICTIM, Asking
 
 from phalanx.bti import audit, log, request, rounds, seeking
 from phalanx.bti.fleet import BOUND, PAPER
@@ -22,7 +23,6 @@ from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.scenarios.run import Run
 from phalanx.wire.fields import row
 from phalanx.wire.table import AUDIT_HELLO, AUDIT_HERE, AUDIT_SEEK, AUDIT_TOKEN
-from test_answers import BOOT_MS, GRANT_MS, ROUND_MS, VICTIM, Asking
 
 DEAF = Hole(handlers, "hear_audit", "sub == seeking.SEEK", "False")
 ASKER = 5

@@ -11,6 +11,7 @@ import struct
 import numpy as np
 import pytest
 from caught import MARKS, Judge
+from test_answers import BOOT_MS, VICTIM, Asking
 
 from phalanx.bti import audit, log, request, rounds, trusted
 from phalanx.bti.audit import ACMD, INPUT, RECV, SEND
@@ -23,7 +24,6 @@ from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.python_controller import Act, unpack_outputs
 from phalanx.wire.fields import row
 from phalanx.wire.table import CHECKPOINT, KIND_SENSOR, KIND_STATE
-from test_answers import BOOT_MS, VICTIM, Asking
 
 DELTA_MS, SKEW_MS = 100, 50
 # From the first INPUT on, before which a-nodes make no request.

@@ -6,6 +6,7 @@ import hashlib
 import struct
 
 import pytest
+from test_answers import VICTIM
 from test_refusals import (
     CHECKED,
     DELTA_MS,
@@ -26,7 +27,6 @@ from phalanx.bti.refusal import Refusal
 from phalanx.robot.attacks.liar import MOTION
 from phalanx.wire.fields import row
 from phalanx.wire.table import KIND_STATE
-from test_answers import VICTIM
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from test_answers import VICTIM
 from test_refusals import Auditee, entry, parts, segment_at, with_segment
 from test_refusals_of_form import shown_of
 
@@ -17,7 +18,6 @@ from phalanx.robot.controllers.guard_law import guard_params
 from phalanx.wire import guarded
 from phalanx.wire.fields import row
 from phalanx.wire.table import KIND_SENSOR
-from test_answers import VICTIM
 
 EVIDENCE_MAX = 64
 SHOWS = BtiConfig(evidence_max_bytes=EVIDENCE_MAX, evidence_bytes_per_s=4000)
