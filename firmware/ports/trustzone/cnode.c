@@ -108,9 +108,9 @@ static void set_out(void)
     call[PHX_CALL_HELLO_VERSION] = PHX_LINE_VERSION;
     say("hello ", ask(PHX_CALL_HELLO, PHX_CALL_HELLO_BYTES));
     memset(call, 0, sizeof call);
+    for (unsigned at = PHX_CALL_LIMITS_BATCH_SIZE; at < PHX_CALL_LIMITS_AIRTIME_FIXED_US; at += 4u)
+        put32(call + at, 1);
     put32(call + PHX_CALL_LIMITS_T_VAL_MS, T_VAL_MS);
-    put32(call + PHX_CALL_LIMITS_BATCH_SIZE, 1);
-    put32(call + PHX_CALL_LIMITS_BUCKET_PERIOD_MS, 1);
     ask(PHX_CALL_LIMITS, PHX_CALL_LIMITS_BYTES);
     memcpy(call + PHX_CALL_LOAD_MASTER_KEY, master, sizeof master);
     call[PHX_CALL_LOAD_MASTER_ID] = 7;
