@@ -193,7 +193,8 @@ async def bench_fleet(fleet: Fleet, soak_s: float, say: Callable[[str], None]) -
     if not pages_are_built() or not CHROMIUM or not TSX.exists():
         raise RuntimeError("the pages, their tools or chromium are missing: make setup-dev")
     say(f"{fleet.robots} robots, {fleet.visitors} visitors and a page")
-    up = (sys.executable, "-m", "phalanx", "up", "--events", "--port", "0", "--robots", str(fleet.robots))
+    up = (sys.executable, "-m", "phalanx", "up", "--broker", "mosquitto", "--qrkey", "--events", "--port", "0")
+    up = (*up, "--robots", str(fleet.robots))
     async with contextlib.AsyncExitStack() as stack:
         gateway = await stack.enter_async_context(a_child(*up))
         ready = await gateway.hear()

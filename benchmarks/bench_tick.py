@@ -13,7 +13,7 @@ from rows import Row, timed
 from phalanx.crypto import IV_BYTES
 from phalanx.gateway.frames import Frames
 from phalanx.gateway.gateway import TICK_S
-from phalanx.gateway.up import WORLD_HZ
+from phalanx.gateway.running import WORLD_HZ
 from phalanx.link.envelope import encode_envelope, seal
 from phalanx.robot import Point
 from phalanx.sim.swarms.dotbots import Dotbots

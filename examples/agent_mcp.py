@@ -18,7 +18,7 @@ from mcp.server.mcpserver.exceptions import ToolError
 from pydantic import Field
 
 from phalanx.errors import PeerError, PhalanxError, Unavailable, UsageError
-from phalanx.io.session_client import Refused
+from phalanx.io.session_client import RequestRefused
 from phalanx.link import SessionClient
 
 LONGEST_S = 10.0  # of one drive: an agent that is slow to think must not leave a robot rolling
@@ -63,7 +63,7 @@ class Agent:
             found = _find(robots, robot)
             try:
                 area = await self._client.request("area")
-            except Refused:  # this swarm has none
+            except RequestRefused:  # this swarm has none
                 area = None
             return _shown(found) | {"near": _near(found, robots, area)}
 

@@ -20,7 +20,7 @@ from conftest import eventually
 from injected_agent import OPERATORS, attempts, raw_commands
 from phalanx.gateway.session_link import now
 from phalanx.gateway.trail import read_trail
-from phalanx.io.session_client import Refused, SessionClient, SessionOver
+from phalanx.io.session_client import RequestRefused, SessionClient, SessionOver
 from phalanx.link.session import Invitation, Kind, Role, Secret, Ticket
 from phalanx.sim import Dotbots
 from session_endpoint import Endpoint
@@ -189,11 +189,11 @@ async def test_a_stolen_ticket_allows_no_more_than_the_tools_do(tmp_path):
             assert len(thief.name) <= 32
             assert thief.name.isprintable()
             for name in OPERATORS:
-                with pytest.raises(Refused, match="not allowed"):
+                with pytest.raises(RequestRefused, match="not allowed"):
                     await thief.request(name, {"visitor": 1, "role": "operate", "robot": own, "uses": 9})
                 await asyncio.sleep(0.1)  # ten requests in a second
             for robot in (other, "FFFF"):
-                with pytest.raises(Refused, match="not allowed"):
+                with pytest.raises(RequestRefused, match="not allowed"):
                     await thief.command(robot, "move_raw", {"left_y": 1, "right_y": 1}, refused_within_s=1)
             for name, payload, why in raw_commands(own):
                 before = thief.refusals[why]

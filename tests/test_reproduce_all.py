@@ -120,7 +120,7 @@ def test_quick_is_less_of_what_is_not_said():
     assert fig9.asked({}) == {"seeds": 20}
     assert fig9.asked({}, quick=True) == {"seeds": 2}
     assert fig9.asked({"seeds": 5}, quick=True) == {"seeds": 5}
-    assert fig4.asked({}, quick=True) == {"broker": "auto", "duration": 10.0}
+    assert fig4.asked({}, quick=True) == {"broker": "mosquitto", "duration": 10.0}
 
 
 def test_every_figure_makes_statements_for_the_page():

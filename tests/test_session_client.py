@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from phalanx.config.session import SessionConfig
 from phalanx.errors import BadPayload, PeerError, Unavailable, UsageError
-from phalanx.io.session_client import Refused, SessionClient, SessionOver
+from phalanx.io.session_client import RequestRefused, SessionClient, SessionOver
 from phalanx.io.session_connection import websocket_url
 from phalanx.link.session import EndReason, Kind, Reason, Role, Secret
 from phalanx.link.session.invitation import BadInvitation
@@ -84,12 +84,12 @@ class TestVisiting:
         async with Endpoint() as swarm:
             url = swarm.ticket(robots=frozenset({"B2"}))
             async with SessionClient(url) as client:
-                with pytest.raises(Refused, match="not allowed") as refused:
+                with pytest.raises(RequestRefused, match="not allowed") as refused:
                     await client.drive("A1", 10, 10)
                 assert refused.value.why is Reason.NOT_ALLOWED
-                with pytest.raises(Refused):
+                with pytest.raises(RequestRefused):
                     await client.route("A1", [(1, 1)])
-                with pytest.raises(Refused, match="unknown"):
+                with pytest.raises(RequestRefused, match="unknown"):
                     await client.request("weather")
                 await client.drive("B2", 10, 10, for_s=0.2)
                 assert client.refusals["not_allowed"] >= 2

@@ -41,13 +41,14 @@ class TestWhoSaysNothing:
     async def test_half_open_connections_of_one_address_push_out_each_other_and_nobody_else(self, pages):
         limits = {"newcomers_max_per_address": 10, "head_s": LONG_S, "first_message_s": LONG_S, "cost_of_silence": 0.01}
         async with echoing(pages, **limits) as echo:
-            with closing([await driver(echo)]), closing([Raw(echo.front.port)]) as (quiet,):
+            with closing([await driver(echo)]):
                 before = files_of(the_child())
+                quiet = Raw(echo.front.port)
                 crowd = [Raw(echo.front.port, "127.0.0.9") for _ in range(60)]
                 for n, each in enumerate(crowd):
                     each.push((b"", HANDSHAKE[:60], HANDSHAKE + b"\r\n")[n % 3] or b"G", 1)
-                with closing(crowd):
-                    await echo.eventually(lambda: files_of(the_child()) == before + 10)
+                with closing([quiet, *crowd]):
+                    await echo.eventually(lambda: files_of(the_child()) == before + 1 + 10)
                     assert quiet.is_open
                     (await driver(echo)).socket.close()
                     await echo.eventually(lambda: sum(isinstance(each, Opened) for each in echo.told) == 2)

@@ -32,7 +32,7 @@ from phalanx.link.topics import ADDRESS, NAME
 from .session_connection import SessionConnection, SessionOver, websocket_url
 from .session_payloads import check_nickname, check_word, is_address, payload_bytes, wheels
 
-__all__ = ["Refused", "SessionClient", "SessionOver"]
+__all__ = ["RequestRefused", "SessionClient", "SessionOver"]
 
 SLOT_S = 0.1  # between two records while a robot is assigned or leased
 FIRST_UPDATE_S = 1.0
@@ -43,7 +43,7 @@ LOST = "the connection to the swarm is lost", "it is tried again"
 STILL_DRIVES = (Reason.LATE, Reason.TOO_MANY)  # one command was lost; the next may do
 
 
-class Refused(PeerError):
+class RequestRefused(PeerError):
     """The swarm refused a command or a request; `why` is its reason."""
 
     def __init__(self, what: str, why: Reason) -> None:
@@ -150,7 +150,7 @@ class SessionClient:
     async def request(self, name: str, payload: Any = None, *, timeout_s: float | None = None) -> Any:
         """Return the reply to a request.
 
-        Raises: Refused; BadPayload: the reply is not JSON; SessionOver; Unavailable: no reply, or the connection was
+        Raises: RequestRefused; BadPayload: the reply is not JSON; SessionOver; Unavailable: no reply, or the connection was
             lost; UsageError: not JSON, too long, or no such name.
         """
         check_word(NAME, name, "a request's name")
@@ -173,7 +173,7 @@ class SessionClient:
             answer.cancel()
             self._waiting = {number: each for number, each in self._waiting.items() if not each.done()}
         if isinstance(said, Reason):
-            raise Refused(f"request {name}", said)
+            raise RequestRefused(f"request {name}", said)
         return decode_json(said)
 
     async def robots(self) -> list[dict[str, Any]]:
@@ -203,21 +203,21 @@ class SessionClient:
     ) -> None:
         """Command a robot, by its address. Nothing confirms it: a refusal is awaited so long, else only counted.
 
-        Raises: Refused; SessionOver; Unavailable: the connection is lost; UsageError: not JSON, too long, no address.
+        Raises: RequestRefused; SessionOver; Unavailable: the connection is lost; UsageError: not JSON, too long, no address.
         """
         say = self._command(robot, name, payload, stop=stop)
         refused = self._next_refusal()
         try:
             await self._say(say, robot, stop=stop)
             if refused_within_s and (await asyncio.wait((refused,), timeout=refused_within_s))[0]:
-                raise Refused(f"{name} for {robot}", refused.result())
+                raise RequestRefused(f"{name} for {robot}", refused.result())
         finally:
             self._forget(refused)
 
     async def drive(self, robot: str, left_pct: float, right_pct: float, for_s: float = 1.0) -> bool:
         """Drive a robot for a time, and stop it; return false, and early, if `stop` or another `drive` took over.
 
-        Raises: Refused; else as `command`.
+        Raises: RequestRefused; else as `command`.
         """
         self._driving = say = self._command(robot, "move_raw", wheels(left_pct, right_pct))
         refused = self._next_refusal()
@@ -232,7 +232,7 @@ class SessionClient:
                 await asyncio.wait((refused,), timeout=min(SLOT_S, left_s))
                 if refused.done():
                     if refused.result() not in STILL_DRIVES:
-                        raise Refused(f"driving {robot}", refused.result())
+                        raise RequestRefused(f"driving {robot}", refused.result())
                     refused = self._next_refusal()
             return self._driving is say
         finally:
@@ -242,7 +242,7 @@ class SessionClient:
                     await self.stop(robot)
 
     async def route(self, robot: str, points_mm: Sequence[tuple[float, float]], threshold_mm: float = 100.0) -> None:
-        """Send a robot along points, each reached within the threshold. Raises: Refused; else as `command`."""
+        """Send a robot along points, each reached within the threshold. Raises: RequestRefused; else as `command`."""
         points = [{"x": x, "y": y, "z": 0} for x, y in points_mm]
         payload = {"threshold": threshold_mm, "waypoints": points}
         await self.command(robot, "waypoints", payload, refused_within_s=REFUSED_WITHIN_S)
