@@ -150,7 +150,7 @@ class SessionClient:
     async def request(self, name: str, payload: Any = None, *, timeout_s: float | None = None) -> Any:
         """Return the reply to a request.
 
-        Raises: RequestRefused; BadPayload: the reply is not JSON; SessionOver; Unavailable: no reply, or the connection was
+        Raises: RequestRefused; BadPayload: no JSON; SessionOver; Unavailable: no reply, or the connection was
             lost; UsageError: not JSON, too long, or no such name.
         """
         check_word(NAME, name, "a request's name")
@@ -203,7 +203,7 @@ class SessionClient:
     ) -> None:
         """Command a robot, by its address. Nothing confirms it: a refusal is awaited so long, else only counted.
 
-        Raises: RequestRefused; SessionOver; Unavailable: the connection is lost; UsageError: not JSON, too long, no address.
+        Raises: RequestRefused; SessionOver; Unavailable: connection lost; UsageError: not JSON, too long, no address.
         """
         say = self._command(robot, name, payload, stop=stop)
         refused = self._next_refusal()
