@@ -1,6 +1,6 @@
 // The virtual joystick: thumb, mouse or keyboard. Whatever takes the hand away from it stops the robot.
 
-import { type KeyboardEvent, type PointerEvent, useEffect, useRef, useState } from "react";
+import { type KeyboardEvent, type PointerEvent, useEffect, useLayoutEffect, useRef, useState } from "react";
 import { buzz } from "./buzz";
 import { clampStick, Drive, isDriveKey, type Stick, stickOfKeys, type Wheels } from "./drive";
 
@@ -23,7 +23,8 @@ export function Joystick({ send, isPaced = false, disabled, robotName }: Props) 
   const pointer = useRef<number>(undefined);
   const keys = useRef(new Set<string>());
 
-  useEffect(() => {
+  // At once: an effect that comes a frame later would let go of what was pressed in between.
+  useLayoutEffect(() => {
     const driving = new Drive(send, isPaced);
     drive.current = driving;
     const stop = () => {
