@@ -9,7 +9,6 @@ import os
 import re
 import secrets
 import ssl
-import stat
 import sys
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from cryptography.hazmat.primitives.serialization import load_pem_private_key, l
 from phalanx.config.written import file_meant, read_at_most
 from phalanx.errors import UsageError
 from phalanx.io import Login
+from phalanx.io.private_file import check_private
 
 SHORTEST = 12  # letters of a passphrase
 KEY_HINT = "openssl genpkey -algorithm ed25519 -out operator.pem makes one"
@@ -90,11 +90,7 @@ def kept_token(path: Path) -> str:
     try:
         # Opened once, and never followed elsewhere: between a look and a second opening somebody could swap it.
         with os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600), "r+") as file:
-            status = os.fstat(file.fileno())
-            if not stat.S_ISREG(status.st_mode):
-                raise UsageError(f"{path} is no file", "one that is not there is made")
-            if status.st_mode & 0o077 or status.st_uid != os.geteuid():
-                raise UsageError(f"others may read {path}", f"chmod 600 {path}, or another file of your own")
+            check_private(path, os.fstat(file.fileno()))
             token = file.read(256).strip()
             if not token:
                 token = secrets.token_hex(16)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ipaddress
 import logging
-import os
 import time
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from phalanx.bti.elsewhere import FORWARDED, Elsewhere
 from phalanx.bti.nodes import Limits, MissionKey, Refused
 from phalanx.errors import Unavailable, UsageError
 from phalanx.io.mission_key import read_board, read_mission_key
+from phalanx.io.private_file import is_ours_alone
 from phalanx.io.serial_line import open_line
 from phalanx.io.serial_node import SerialNode
 from phalanx.wire import Record, lines
@@ -100,18 +100,17 @@ def open_nodes(settings: RobotSettings) -> SerialNode:
         node.close()
         raise UsageError(f"{line.where} is a bench, which is told the time", "a board with a clock of its own")
     # Not before it was opened: in a folder that is shared somebody might lay one there just then.
-    if kind == "process" and not _is_ours_alone(settings.path(where)):
+    if kind == "process" and not _is_private(settings.path(where)):
         node.close()
         raise UsageError(f"{settings.path(where)} is another user's, or open to others", "another file, or chmod 600")
     return node
 
 
-def _is_ours_alone(path: Path) -> bool:
+def _is_private(path: Path) -> bool:
     try:
-        made = path.lstat()
+        return is_ours_alone(path.lstat())
     except OSError:
         return False
-    return made.st_uid == os.geteuid() and not made.st_mode & 0o077
 
 
 def _is_far(trusted: str) -> bool:

@@ -8,14 +8,13 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
-import os
 import stat
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from phalanx.errors import Unavailable, UsageError
-from phalanx.io.private_file import write_private
+from phalanx.io.private_file import is_ours_alone, write_private
 from phalanx.io.session_store import LinkKeys, SessionStore, new_link_keys
 from phalanx.link.session import MemoryStore, Store
 
@@ -85,7 +84,7 @@ def make_folder(folder: Path) -> None:
         raise Unavailable(f"cannot make {folder}: {error.strerror}", "--state FOLDER, one of your own") from error
     if not stat.S_ISDIR(made.st_mode):
         raise UsageError(f"{folder} is no folder", "--state FOLDER, one that is not there is made")
-    if made.st_mode & 0o077 or made.st_uid != os.geteuid():
+    if not is_ours_alone(made):
         raise UsageError(f"others may enter {folder}", f"chmod 700 {folder}, or another folder of your own")
 
 

@@ -47,11 +47,7 @@ def _write(path: Path, data: bytes, hint: str, mode: int, *, replace: bool = Tru
             os.link(beside, path)  # unlike a rename, not over what is there
             beside.unlink()
         if on_disk:
-            folder = os.open(path.parent, os.O_RDONLY)
-            try:
-                os.fsync(folder)
-            finally:
-                os.close(folder)
+            sync_name(path)
     except FileExistsError as error:
         raise UsageError(f"{path} is there already", "another name") from error
     except OSError as error:
@@ -59,6 +55,28 @@ def _write(path: Path, data: bytes, hint: str, mode: int, *, replace: bool = Tru
     finally:
         with contextlib.suppress(OSError):
             beside.unlink()
+
+
+def sync_name(path: Path) -> None:
+    """Return when the name of a file that was made is on disk. Raises: OSError."""
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def is_ours_alone(status: os.stat_result) -> bool:
+    """Return whether a file or folder is this user's, and closed to all others."""
+    return status.st_uid == os.geteuid() and not status.st_mode & 0o077
+
+
+def check_private(path: Path, status: os.stat_result) -> None:
+    """Raise UsageError if what was opened is no file, or not this user's alone."""
+    if not stat.S_ISREG(status.st_mode):
+        raise UsageError(f"{path} is no file", "one that is not there is made")
+    if not is_ours_alone(status):
+        raise UsageError(f"others may read {path}", f"chmod 600 {path}, or another file of your own")
 
 
 @contextlib.contextmanager

@@ -10,7 +10,6 @@ import contextlib
 import os
 import secrets
 import sqlite3
-import stat
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,6 +19,8 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 
 from phalanx.errors import Unavailable, UsageError
+
+from .private_file import check_private, sync_name
 
 APPLICATION_ID = 0x50484C58  # "PHLX": what `file` and we know it by
 FORMAT = 1
@@ -162,14 +163,7 @@ def _make_private(path: Path) -> None:
         finally:
             os.close(file)
         # Its name is on disk before anything that is acknowledged is in it.
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+        sync_name(path)
     except OSError as error:
         raise Unavailable(f"cannot open {path}: {error.strerror}", "a folder that is yours, with room in it") from error
-    if not stat.S_ISREG(status.st_mode):
-        raise UsageError(f"{path} is no file", "one that is not there is made")
-    if status.st_mode & 0o077 or status.st_uid != os.geteuid():
-        raise UsageError(f"others may read {path}", f"chmod 600 {path}, or another file of your own")
+    check_private(path, status)
