@@ -16,7 +16,7 @@ from phalanx.io.broker_url import BrokerUrl
 from phalanx.io.server import Happening
 from phalanx.link import Command, Pin, QrUrl, Request, parse_qr_url
 from phalanx.link.session import is_session_url
-from phalanx.link.topics import ADDRESS
+from phalanx.link.topics import is_address
 
 from .credentials import login_for, read_login
 from .options import link_config
@@ -53,7 +53,7 @@ def connect(
         raise UsageError("--drive and --watch", "give one of the two; two terminals can do both")
     if unlisted and drive is None:
         raise UsageError("--unlisted without a robot to drive", "say which: --drive ADDRESS")
-    if unlisted and not _is_address(drive):
+    if unlisted and not is_address(drive):
         raise UsageError(f"no robot has the address {drive!r}", "letters and digits, - and _, 64 at most")
     visitor = _visitor(qr_url, pin, broker, root, broker_login, name, keep, timeout)
 
@@ -122,7 +122,7 @@ class _Robots:
         if not isinstance(answer, list):
             raise Unavailable("the swarm's answer is not a list of robots", "--unlisted drives an address all the same")
         robots = [{"address": robot} if isinstance(robot, str) else robot for robot in answer]
-        known = [robot for robot in robots if isinstance(robot, dict) and _is_address(robot.get("address"))]
+        known = [robot for robot in robots if isinstance(robot, dict) and is_address(robot.get("address"))]
         if others := [plain(robot) for robot in robots if robot not in known]:
             talk(f"in the list, and no robot: {', '.join(others[:5])}{', …' if others[5:] else ''}")
         return [{key: value for key, value in robot.items() if key != "position_history"} for robot in known]
@@ -130,10 +130,6 @@ class _Robots:
     async def find(self, called: str) -> dict[str, Any]:
         """The robot of this address or name."""
         return {"address": called} if self.unlisted else _find(await self.listed(), called)
-
-
-def _is_address(said: object) -> bool:
-    return isinstance(said, str) and ADDRESS.fullmatch(said) is not None
 
 
 def _find(robots: list[dict[str, Any]], called: str) -> dict[str, Any]:

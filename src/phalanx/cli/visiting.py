@@ -14,6 +14,7 @@ from typing import Any
 from phalanx.errors import PeerError, Unavailable
 from phalanx.io import Client, Login, SessionClient
 from phalanx.io.broker_url import BrokerUrl
+from phalanx.io.session_payloads import wheels
 from phalanx.link import QrUrl
 
 DRIVE_EVERY_S = 0.1
@@ -52,15 +53,13 @@ def qrkey_visitor(qr: QrUrl, broker: BrokerUrl | None, login: Login | None, time
         return await client.request(0, timeout_s=timeout_s, frames=True)
 
     async def drive(address: str, application: str, wheels_pct: tuple[int, int], for_s: float) -> int:
-        wheels = {"left_x": 0, "left_y": wheels_pct[0], "right_x": 0, "right_y": wheels_pct[1]}
-        still = {"left_x": 0, "left_y": 0, "right_x": 0, "right_y": 0}
         sent = 0
         try:
             for _ in range(max(1, round(for_s / DRIVE_EVERY_S))):
-                sent += await client.command(address, "move_raw", wheels, application)
+                sent += await client.command(address, "move_raw", wheels(*wheels_pct), application)
                 await asyncio.sleep(DRIVE_EVERY_S)
         finally:
-            await client.command(address, "move_raw", still, application)
+            await client.command(address, "move_raw", wheels(0, 0), application)
         return sent
 
     return Visitor(client, robots, drive, client.notifications)

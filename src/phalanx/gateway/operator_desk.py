@@ -20,7 +20,7 @@ from phalanx.link.session.secret import INVITATION_BYTES
 from phalanx.robot import Swarm
 
 from .brakes import Brakes
-from .session_link import SessionLink, now
+from .session_link import SessionLink, check_words, now
 
 PAGE = 0  # who does it: the operator's page, or a terminal, of this machine
 VALID_S = 7 * 24 * 3600  # a ticket, if it does not say for how long
@@ -71,9 +71,7 @@ class OperatorDesk:
         act = self._acts.get(request)
         if act is None:
             raise Unknown(f"no request {request[:64]!r}")
-        if not isinstance(words, dict):
-            raise BadPayload("a request's payload is an object")
-        return act(words, by) or {}
+        return act(check_words(words), by) or {}
 
     def operate(self, request: str, words: dict[str, Any], by: int) -> dict[str, Any]:
         """Answer a visitor's request, as `SessionLink` asks. Raises: PeerError, whatever is wrong with it."""

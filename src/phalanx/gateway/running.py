@@ -87,7 +87,7 @@ class Running:
         """Return the numbers of a status line."""
         return {
             "robots": len(self.gateway.swarm.robots()),
-            "visitors": len(self._visitors(time.monotonic())),
+            "visitors": len(self._visitors(self.desk.visitors(), time.monotonic())),
             "commands": self._count("commands"),
             "refused": sum(self.rejected.values()),
             "rotates_in_s": self._rotates_in_s(),
@@ -102,7 +102,7 @@ class Running:
         robots = self.gateway.swarm.robots()
         names = {robot.address: robot.name for robot in robots}
         link = {vocabulary.Status.ACTIVE: "ok", vocabulary.Status.INACTIVE: "quiet", vocabulary.Status.LOST: "lost"}
-        door = self.link.server.door
+        door, sessions = self.link.server.door, self.desk.visitors()
         return {
             "mode": "qrkey" if shared else "session",
             "held": self.gateway.brakes.held,
@@ -115,13 +115,13 @@ class Running:
             "overlapping": shared.server.overlapping if shared else door.overlaps(now().ms),
             "uptime_s": round(uptime_s - self._started_at_s, 1),
             "broker": shared.broker_state() if shared else DIRECT,
-            "visitors": self._visitors(uptime_s),
+            "visitors": self._visitors(sessions, uptime_s),
             "session": {
                 "url": self.desk.code_url,
                 "room": door.room,
                 "open": not self.link.server.visitors.approval,
                 "assign": config.assign,
-                "visitors": self.desk.visitors(),
+                "visitors": sessions,
             },
             "robots": [
                 {
@@ -184,11 +184,11 @@ class Running:
     def _count(self, what: str) -> int:
         return self.link.counters[what] + (self.shared.count(what) if self.shared else 0)
 
-    def _visitors(self, uptime_s: float) -> list[dict[str, Any]]:
-        """Return those who are here, of all links."""
+    def _visitors(self, sessions: list[dict[str, Any]], uptime_s: float) -> list[dict[str, Any]]:
+        """Return those who are here, of all links; `sessions` are those of the desk."""
         here = [
             {"id": each["name"], "last_seen_s": each["silent_s"], "requests": 0, "visitor": each["visitor"]}
-            for each in self.desk.visitors()
+            for each in sessions
             if each["present"]
         ]
         shared = self.gateway.visitors

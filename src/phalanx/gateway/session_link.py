@@ -18,7 +18,7 @@ from phalanx.config.session import SessionConfig
 from phalanx.errors import BadPayload, HandlerFailed, Held, Late, Overrun, PeerError, Unknown, UsageError
 from phalanx.io.answers import Answers
 from phalanx.io.front import Closed, Event, Opened, Received
-from phalanx.io.server import call_handler, fault
+from phalanx.io.server import call_handler, handler_failed
 from phalanx.io.session_store import LinkKeys
 from phalanx.link import Command, Request, SharedAnswer
 from phalanx.link.envelope import decode_json, encode_json
@@ -300,9 +300,7 @@ class SessionLink:
         handler = self._requests.get(request.name)
         if handler is None:
             return self._operated(request)
-        words = parse_payload(request.payload) if request.payload else {}
-        if not isinstance(words, dict):
-            raise BadPayload("a request's payload is an object")
+        words = request_words(request.payload)
         data = await call_handler(handler, Request(request.number, "", words, len(request.payload)))
         if not isinstance(data, SharedAnswer):
             return encode_json(data)
@@ -317,10 +315,7 @@ class SessionLink:
         # Again: it may have been removed while this waited.
         if known is None or known.role is not Role.OPERATE or self.operate is None:
             raise NotAllowed("a request of operators")
-        words = parse_payload(request.payload) if request.payload else {}
-        if not isinstance(words, dict):
-            raise BadPayload("a request's payload is an object")
-        return encode_json(self.operate(request.name, words, request.visitor))
+        return encode_json(self.operate(request.name, request_words(request.payload), request.visitor))
 
     def _refuse_request(self, request: Requested, error: PeerError) -> None:
         reason = self._reject(error)
@@ -351,8 +346,19 @@ def call_now(handler: Callable[[Command], Any], command: Command) -> None:
     except PeerError:
         raise
     except Exception as error:
-        log.error("a command failed: %s", fault(error))  # noqa: TRY400  # no trace: see fault
-        raise HandlerFailed(type(error).__name__) from error
+        raise handler_failed(handler, error) from error
+
+
+def request_words(payload: bytes) -> dict[str, Any]:
+    """Return a request's words; without a payload there are none. Raises: BadPayload: as `parse_payload`; no object."""
+    return check_words(parse_payload(payload) if payload else {})
+
+
+def check_words(words: Any) -> dict[str, Any]:
+    """Return a request's words. Raises: BadPayload: they are no object."""
+    if not isinstance(words, dict):
+        raise BadPayload("a request's payload is an object")
+    return words
 
 
 def parse_payload(payload: bytes) -> Any:

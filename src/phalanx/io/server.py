@@ -304,9 +304,13 @@ async def call_handler(handler: Callable[[Any], Any], said: Command | Request) -
     except PeerError:
         raise
     except Exception as error:
-        name = getattr(handler, "__qualname__", "?")
-        log.error("handler %s failed: %s", name, fault(error))  # noqa: TRY400  # no trace: see fault
-        raise HandlerFailed(type(error).__name__) from error
+        raise handler_failed(handler, error) from error
+
+
+def handler_failed(handler: Callable[[Any], Any], error: Exception) -> HandlerFailed:
+    """Log what went wrong in a handler, and return what it counts as."""
+    log.error("handler %s failed: %s", getattr(handler, "__qualname__", "?"), fault(error))  # no trace: see fault
+    return HandlerFailed(type(error).__name__)
 
 
 def fault(error: Exception) -> str:

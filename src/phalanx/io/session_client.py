@@ -27,10 +27,10 @@ from phalanx.link.session.events import (
 from phalanx.link.session.invitation import BadInvitation
 from phalanx.link.session.messages import Standing
 from phalanx.link.session.slots import Say, Slots
-from phalanx.link.topics import ADDRESS, NAME
+from phalanx.link.topics import ADDRESS, NAME, is_address
 
-from .session_connection import SessionConnection, SessionOver, websocket_url
-from .session_payloads import check_nickname, check_word, is_address, payload_bytes, wheels
+from .session_connection import LOST, SessionConnection, SessionOver, websocket_url
+from .session_payloads import check_nickname, check_word, payload_bytes, wheels
 
 __all__ = ["RequestRefused", "SessionClient", "SessionOver"]
 
@@ -39,7 +39,6 @@ FIRST_UPDATE_S = 1.0
 REFUSED_WITHIN_S = 0.4  # a refusal of a command that comes later counts for a later command
 UNREAD, UNREAD_BYTES = 256, 4 * 1024 * 1024  # updates that wait for a reader
 NO_ANSWER = "no answer from the swarm", "is it up, and does this machine reach it?"
-LOST = "the connection to the swarm is lost", "it is tried again"
 STILL_DRIVES = (Reason.LATE, Reason.TOO_MANY)  # one command was lost; the next may do
 
 

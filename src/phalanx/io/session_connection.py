@@ -21,13 +21,13 @@ from phalanx.link.session import EndReason, Invitation, Secret, SessionClient
 from phalanx.link.session.events import Admitted, ClientEvent, Ended, KeepSecret, Transmit
 from phalanx.link.session.invitation import BadInvitation
 from phalanx.link.session.slots import Say
-from phalanx.wire.sessions import TAG_BYTES, UPDATE
+from phalanx.wire.sessions import LINK_PATH, TAG_BYTES, UPDATE
 
 from .resume_file import read_resume, write_resume
 
 log = logging.getLogger(__name__)
 
-PATH = "/link"  # of the websocket, at the origin of the page
+LOST = "the connection to the swarm is lost", "it is tried again"
 CONNECT_S = 10.0
 RETRY_S = (0.25, 4.0)  # pause before the next connection: the first, and the longest
 HEARTBEAT_S = 20.0
@@ -106,11 +106,11 @@ class SessionConnection:
         if self.failure:
             raise self.failure
         if self._socket is None or not self.is_joined:
-            raise Unavailable("the connection to the swarm is lost", "it is tried again")
+            raise Unavailable(*LOST)
         try:
             await self._socket.send_bytes(say(_now_ms()).data)
         except (OSError, aiohttp.ClientError) as error:
-            raise Unavailable("the connection to the swarm is lost", "it is tried again") from error
+            raise Unavailable(*LOST) from error
 
     async def leave(self) -> None:
         """End the session; the secret still resumes it."""
@@ -236,7 +236,7 @@ def websocket_url(url: str) -> str:
     if parts.scheme not in ("http", "https") or not host or parts.username is not None:
         raise BadInvitation("it begins with http://host or https://host")
     name = f"[{host}]" if ":" in host else host
-    return f"{'wss' if parts.scheme == 'https' else 'ws'}://{name}{f':{port}' if port else ''}{PATH}"
+    return f"{'wss' if parts.scheme == 'https' else 'ws'}://{name}{f':{port}' if port else ''}{LINK_PATH}"
 
 
 def _now_ms() -> int:

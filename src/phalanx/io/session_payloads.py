@@ -7,7 +7,6 @@ from typing import Any
 
 from phalanx.errors import UsageError
 from phalanx.link.envelope import encode_json
-from phalanx.link.topics import ADDRESS
 
 LONGEST = 16_000  # bytes of a payload: a record to the server has at most 16 KiB, with names and padding
 NAME_BYTES = 255
@@ -27,11 +26,6 @@ def payload_bytes(payload: Any) -> bytes:
 def wheels(left_pct: float, right_pct: float) -> dict[str, float]:
     """Return the payload of `move_raw`."""
     return {"left_x": 0, "left_y": left_pct, "right_x": 0, "right_y": right_pct}
-
-
-def is_address(value: object) -> bool:
-    """Return whether a peer's value is a robot's address."""
-    return isinstance(value, str) and ADDRESS.fullmatch(value) is not None
 
 
 def check_word(grammar: re.Pattern[str], word: str, what: str) -> None:

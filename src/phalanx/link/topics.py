@@ -18,6 +18,11 @@ NAME = re.compile(r"[0-9A-Za-z_-]{1,64}", re.ASCII)
 CLIENT_ID = re.compile(r"[0-9A-Za-z_.:-]{1,128}", re.ASCII)
 
 
+def is_address(value: object) -> bool:
+    """Return whether a peer's value is a robot's address."""
+    return isinstance(value, str) and ADDRESS.fullmatch(value) is not None
+
+
 @dataclass(frozen=True, slots=True)
 class CommandTopic:
     """Where a command for one robot goes."""

@@ -10,6 +10,7 @@ from .record import record
 VERSION = 1
 NOISE_BYTES = 48  # of a handshake message with an empty payload: an ephemeral public key, and a tag
 TAG_BYTES = 16  # of ChaCha20-Poly1305
+LINK_PATH = "/link"  # of the websocket, at the origin of the page
 
 # --- invitations ---------------------------------------------------------------------------------------------------
 

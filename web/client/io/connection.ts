@@ -12,14 +12,7 @@ import type { Invitation } from "../core/qrurl";
 import { REQUEST_AREA } from "../swarm";
 import { NO_VISIT, type Visit } from "../visit";
 import type { BrokerState } from "../watch";
-import { type Transport, type TransportEvent, Unanswered } from "./transport";
-
-interface Waiting {
-  readonly request: number;
-  readonly resolve: (data: Json) => void;
-  readonly reject: (error: Error) => void;
-  readonly timer: ReturnType<typeof setTimeout>;
-}
+import { type Transport, type TransportEvent, Unanswered, type Waiting } from "./transport";
 
 const KEEPALIVE_S = 60;
 const RECONNECT_MS = 1000;

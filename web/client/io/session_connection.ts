@@ -9,7 +9,7 @@ import { direct, type Reason, type Secret, Session, type SessionEvent, SLOT_MS, 
 import { NO_VISIT, type OverReason, type Visit } from "../visit";
 import type { BrokerState } from "../watch";
 import type { ResumeStore } from "./resume_store";
-import { type Transport, type TransportEvent, Unanswered } from "./transport";
+import { type Transport, type TransportEvent, Unanswered, type Waiting } from "./transport";
 
 /** Who wants to join which swarm, and where. */
 export interface SessionTo {
@@ -20,13 +20,6 @@ export interface SessionTo {
   /** Of a code; undefined to resume only. */
   readonly invitation: Secret | undefined;
   readonly name: string;
-}
-
-interface Waiting {
-  readonly request: number;
-  readonly resolve: (data: Json) => void;
-  readonly reject: (error: Error) => void;
-  readonly timer: ReturnType<typeof setTimeout>;
 }
 
 /** Names of requests 0 to 3 in a session. */

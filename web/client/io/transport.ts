@@ -36,6 +36,14 @@ export interface Transport {
   close(): void;
 }
 
+/** A request that waits for its answer. */
+export interface Waiting {
+  readonly request: number;
+  readonly resolve: (data: Json) => void;
+  readonly reject: (error: Error) => void;
+  readonly timer: ReturnType<typeof setTimeout>;
+}
+
 /** No answer: there is no connection, the swarm did not answer in time or refused, or the connection was closed. */
 export class Unanswered extends Error {
   override readonly name = "Unanswered";

@@ -18,14 +18,14 @@ from phalanx.config.front import FrontConfig
 from phalanx.io.pace import Pace, Paces
 from phalanx.io.seats import Seats, place_of
 from phalanx.io.site import Connection, Site, connection_of
+from phalanx.wire.sessions import LINK_PATH
 
 from .arrivals import Arrivals
 from .links import Links
 from .newcomers import Newcomers
 from .turns import Turns
 
-LINK = "/link"
-LINK_KEY = f"{LINK}-key"
+LINK_KEY = f"{LINK_PATH}-key"
 FORWARDED = "X-Forwarded-For"
 SWEEP_S, FORGET_S = 0.25, 1.0
 REQUESTS_AT_ONCE = 32.0
@@ -121,7 +121,7 @@ class FrontSite(Site):
         super().__init__(pages, policy, connections=limits.connections_max, doors=doors)
 
     def _add_routes(self) -> None:
-        self.app.router.add_get(LINK, self._link)
+        self.app.router.add_get(LINK_PATH, self._link)
         self.app.router.add_get(LINK_KEY, self._tell_key)
 
     def _add_files(self, folder: Path) -> None:
@@ -162,7 +162,7 @@ class FrontSite(Site):
         await super().__aexit__(*error)
 
     async def _pace(self, request: web.Request) -> None:
-        is_arrival = self._behind_proxy and request.path == LINK
+        is_arrival = self._behind_proxy and request.path == LINK_PATH
         turn: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
         (self._forwarded if is_arrival else self._requests).add(self._address(request), turn)
         if not await turn:
