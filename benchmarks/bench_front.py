@@ -126,8 +126,10 @@ class Gateway:
                     self.front.publish(connections, data)
                 case Close(connection, reason):
                     self.front.close(connection, reason)
-                case Commanded(visitor, robot) if robot != "NOBODY":
-                    self.gaps.command(visitor)
+                case Commanded(visitor, robot):
+                    self.carry(self.server.accept(event, now()))
+                    if robot != "NOBODY":
+                        self.gaps.command(visitor)
                 case Joined():
                     self.gaps.joined += 1
 

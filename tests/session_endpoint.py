@@ -124,6 +124,7 @@ class Endpoint:
                         asyncio.get_running_loop().create_task(self.sockets.pop(number).close())
                 case Commanded():
                     self.commands.append(event)
+                    await self.do(self.server.accept(event, self.now))
                 case Requested(visitor, number):
                     said = self.answer(event) if self.answer else self._answer(event)
                     if isinstance(said, Reason):

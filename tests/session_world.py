@@ -22,7 +22,7 @@ from phalanx.link.session import (
     SessionClient,
     SessionServer,
 )
-from phalanx.link.session.events import Close, KeepSecret, Publish, Send, Transmit
+from phalanx.link.session.events import Close, Commanded, KeepSecret, Publish, Send, Transmit
 
 STATIC = X25519PrivateKey.from_private_bytes(bytes(range(32)))
 PUBLIC = STATIC.public_key().public_bytes_raw()
@@ -130,6 +130,8 @@ class World:
                     self.deliver(number, event.data)
             elif isinstance(event, Close):
                 self.phones[event.connection].closed = event.reason
+            elif isinstance(event, Commanded):
+                self.carry(self.server.accept(event, self.now))
 
     def deliver(self, number: int, data: bytes) -> None:
         self.wire.append(("down", number, data))

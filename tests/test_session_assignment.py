@@ -80,7 +80,7 @@ def test_no_robot_that_there_is_not_is_driven():
     for who in (ADA, OPERATOR):
         with pytest.raises(NotAllowed):
             made.claim(who, "R9", 0)
-    for act in (lambda: made.give("R9", 1, 0), lambda: made.take("R9", 0), lambda: made.swap("R1", "R9")):
+    for act in (lambda: made.give("R9", ADA, 0), lambda: made.take("R9", 0), lambda: made.swap("R1", "R9")):
         with pytest.raises(NotAllowed):
             act()
     made.claim(ADA, "R2", 0)
@@ -105,7 +105,7 @@ def test_an_operator_takes_over_and_what_it_gives_lasts():
     made.claim(OPERATOR, "R1", 1)
     with pytest.raises(Busy):
         made.claim(ADA, "R1", 2)
-    made.give("R1", 2, 3)
+    made.give("R1", BEA, 3)
     made.tick(1_000_000)
     made.claim(OPERATOR, "R1", 1_000_000)
     assert made.driver_of("R1", 1_000_000) == 2
@@ -176,7 +176,8 @@ def test_with_one_robot_each_nobody_has_two_nobody_is_lost_and_no_robot_idles(da
             case 4:
                 made.set_robots(data.draw(st.sets(st.sampled_from(["R1", "R2", "R3", "R4"]), min_size=1)), now)
             case 5 if here and made._robots:
-                made.give(data.draw(st.sampled_from(list(made._robots))), data.draw(st.sampled_from(sorted(here))), now)
+                whose = visitor(data.draw(st.sampled_from(sorted(here))))
+                made.give(data.draw(st.sampled_from(list(made._robots))), whose, now)
             case 6 if made._robots:
                 made.take(data.draw(st.sampled_from(list(made._robots))), now)
         driven = [hold.visitor for hold in made._robots.values() if hold]

@@ -36,6 +36,8 @@ class Hostile(RuleBasedStateMachine):
         self.born: dict[int, int] = {}  # phone: updates that were published before
         self.removed: dict[int, int] = {}  # visitor: updates that were published before
         self.secrets: dict[int, list[Secret]] = defaultdict(list)  # of visitors
+        self.ticket = self.world.ticket().secret  # for one use, and everybody has it
+        self.stayed: set[int] = set()  # visitors by the ticket that confirmed a secret
         self.count = 0
 
     # --- carrying out ---
@@ -52,6 +54,7 @@ class Hostile(RuleBasedStateMachine):
                     assert visitor not in self.removed, "a removed visitor is back"
                 case Commanded(visitor, robot, _, payload, is_stop):
                     self.commanded(visitor, robot, payload, is_stop)
+                    self.serve(self.world.server.accept(event, self.world.now))
                 case Close(connection, reason):
                     self.world.phones[connection].closed = reason
 
@@ -119,6 +122,11 @@ class Hostile(RuleBasedStateMachine):
     @rule()
     def a_visitor_comes(self) -> None:
         self.dial(None)
+
+    @precondition(lambda self: len(self.phones) < 6)
+    @rule()
+    def somebody_comes_by_the_ticket(self) -> None:
+        self.dial(self.ticket)
 
     @precondition(lambda self: len(self.phones) < 10 and self.secrets)
     @rule(data=st.data())
@@ -218,6 +226,14 @@ class Hostile(RuleBasedStateMachine):
         assert len(self.world.server.visitors) + len(self.removed) <= len(self.phones)
         assert all(visitor.role is Role.DRIVE for visitor in self.world.server.visitors)
         assert not {visitor.id for visitor in self.world.server.visitors} & self.removed.keys()
+
+    @invariant()
+    def a_ticket_for_one_use_has_one_visitor(self) -> None:
+        here = [each for each in self.world.server.visitors if each.ticket == self.ticket.id]
+        self.stayed |= {each.id for each in here if not each.is_new}
+        assert len(here) <= 1
+        assert len(self.stayed) <= 1
+        assert not here or here[0].is_new == bool(self.world.server.door.tickets())
 
     @invariant()
     def memory_is_bounded(self) -> None:

@@ -17,10 +17,12 @@ BROKEN = {
     "ACK_FIRST": "REMOVED",
     "TICKET_LIVES": "REMOVED",
     "TWO_SESSIONS": "ONE",
-    "TICKET_LATE": "ONE",
+    "TICKET_LATE": "REMOVED",
     "AT_HELLO": "REPLAY",
     "SECRET_DIES": "KEPT",
     "RENEWED": "KEPT",
+    "SPENT": "KEPT",
+    "UNSPENT": "ONE",
 }
 
 

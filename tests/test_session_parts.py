@@ -15,7 +15,7 @@ from phalanx.link.session import BadInvitation, Invitation, Kind, Secret, parse_
 from phalanx.link.session.channel import Channel
 from phalanx.link.session.errors import UnknownEpoch
 from phalanx.link.session.invitation import new_room_code, shown_room_code
-from phalanx.link.session.messages import Epoch, NewSecret, clean_nickname
+from phalanx.link.session.messages import Epoch, NewSecret
 from phalanx.link.session.noise import Cipher, Keys
 from phalanx.link.session.padding import pad, padded_size, unpad
 from phalanx.link.session.secret import NO_ID, derive
@@ -395,10 +395,3 @@ def test_printing_shows_no_secret():
     for thing in things:
         assert "SECRET" not in repr(thing)
         assert "534543524554" not in repr(thing)
-
-
-def test_nicknames_keep_what_can_be_read():
-    assert clean_nickname("  Ada \u202e Love\nlace\t\x00 ") == "Ada Lovelace"
-    assert clean_nickname("Zoë 🤖") == "Zoë 🤖"
-    assert clean_nickname("x" * 99) == "x" * 32
-    assert clean_nickname("\u200b\ufeff") == ""

@@ -11,21 +11,23 @@
    Claims, each an assertion:
    RECORD   nobody is admitted without a first record that the client made for this very connection;
    REMOVED  who was removed has no session once that is acknowledged, whatever it resumes with;
-   ONE      a visitor has at most one session, and the ticket admits once;
+   ONE      there is at most one session, and the ticket has at most one visitor that confirmed a secret;
    REPLAY   a first message, also a repeated one, ends no session and admits nobody;
-   KEPT     the secret that the client keeps is one that the server accepts, until it is removed.
+   KEPT     the server accepts the secret that the client keeps, or the ticket, until it is removed.
 
    Broken on purpose, each must violate a claim: FORGED (the first record is not checked), NO_RECHECK (a secret to resume
    with is looked up with the first message only; with NOT_KEPT, which leaves that claim out), ACK_FIRST (removal is acknowledged before it is on disk), TICKET_LIVES (a removal
    leaves the ticket), TWO_SESSIONS (resuming leaves the session that was there), TICKET_LATE (the use of a ticket is not
    checked again), AT_HELLO (a first message ends the session that was there), SECRET_DIES (the secret before dies when
-   the next one is sent), RENEWED (a secret that was not confirmed is replaced by another one). */
+   the next one is sent), RENEWED (a secret that was not confirmed is replaced by another one), SPENT (the use of the
+   ticket counts with the first record, before its visitor has a secret), UNSPENT (it never counts). */
 
 #define HELLOS 3                    /* that the client makes; the network may deliver each again */
 #define CONNECTIONS 4
 #define SECRETS 4
 #define TICKET 1                    /* the secret of the ticket; those to resume with come after it */
 #define UNUSED 99                   /* a secret that nobody has */
+#define NEWCOMER (row && !secret)   /* it has confirmed no secret, and the ticket's use does not count yet */
 
 #define PENDING 1                   /* its first message was answered */
 #define OPEN 2
@@ -47,7 +49,7 @@ byte connections, secrets = TICKET;
 /* The operator: */
 byte removing;                      /* steps that are done */
 bool acknowledged, was_removed;
-byte admitted;                      /* by the ticket */
+byte confirmed;                     /* visitors by the ticket */
 /* The client: */
 bool had[SECRETS + 1];              /* secrets that it ever had */
 byte kept = TICKET;                 /* the newest */
@@ -106,7 +108,18 @@ inline answer(h)
 	n = 0
 }
 
-/* A first record comes. The store is written before the secret is sent. */
+/* A newcomer has confirmed its secret, with which it stays: the ticket's use counts. */
+inline confirm()
+{
+	confirmed++;
+	assert(confirmed <= 1);                                  /* ONE */
+#ifndef UNSPENT
+	ticket = false;
+	disk_ticket = false
+#endif
+}
+
+/* A first record comes. The store is written before the secret is sent. A newcomer takes another's place. */
 inline admit(c)
 {
 	named = hello[from[c]];
@@ -128,14 +141,18 @@ inline admit(c)
 #ifndef RENEWED
 		again = row && named == secret && pending;
 #endif
+		if
+		:: named != TICKET && NEWCOMER -> confirm()
+		:: else
+		fi;
 		secrets = secrets + !again;
 		pending = (again -> pending : secrets);
-		secret = (named == TICKET -> UNUSED : named);
-		admitted = admitted + (named == TICKET);
-		assert(admitted <= 1);                           /* ONE */
+		secret = (named == TICKET -> 0 : named);
+#ifdef SPENT
 		ticket = ticket && named != TICKET;
+#endif
 #ifdef SECRET_DIES
-		secret = UNUSED;
+		secret = (named == TICKET -> 0 : UNUSED);
 #endif
 		row = true;
 		disk_row = row;
@@ -184,6 +201,10 @@ active proctype World()
 			stored[kept] = true
 		/* that it is stored */
 		:: state[c] == OPEN && given[c] == pending && pending && stored[pending] ->
+			if
+			:: NEWCOMER -> confirm()
+			:: else
+			fi;
 			secret = pending;
 			pending = 0;
 			disk_secret = secret;
@@ -196,7 +217,7 @@ active proctype World()
 		assert(n <= 1);                                  /* ONE */
 		assert(!acknowledged || n == 0);                 /* REMOVED */
 #ifndef NOT_KEPT
-		assert(!row || was_removed || kept == TICKET || kept == secret || kept == pending); /* KEPT */
+		assert(was_removed || VALID(kept) || VALID(TICKET));     /* KEPT */
 #endif
 		c = 0;
 		n = 0
@@ -220,7 +241,7 @@ active proctype World()
 #else
 		disk_ticket = true;                      /* of several uses: one is left */
 		ticket = true;
-		admitted = 0;
+		confirmed = 0;
 #endif
 		was_removed = true;
 		removing = 1

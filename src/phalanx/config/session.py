@@ -40,13 +40,16 @@ class SessionConfig:
     assign: Assign = "free"
     commands_per_s: int = 20  # of a visitor
     requests_per_s: int = 10  # of a visitor
+    handshakes_at_once: int = 30  # of a visitor, for new keys or to resume
+    handshakes_per_min: int = 12
+    joins_per_address: int = 1024  # at once and an hour, without a ticket; on direct only
     connections_max: int = 4096
     visitors_max: int = 4096  # that may resume
     waiting_max: int = 256  # for approval
     tickets_max: int = 4096
     bad_records_max: int = 64  # of a direct connection, which then ends
     hellos_per_s: int = 500  # on a broker, of one kind of secret
-    room_tries: int = 120  # an hour
+    room_tries: int = 120  # an hour, for each code that an operator makes
     room_tries_per_address: int = 10
 
     def __post_init__(self) -> None:

@@ -261,6 +261,7 @@ class SessionLink:
             self.carry(self.server.refuse(said.visitor, 0, reason))
             self._refused(said.visitor, robot, reason)
             return
+        self.carry(self.server.accept(said, now()))
         self.counters["commands"] += 1
         self.trail.drives(said.visitor, robot, said.name, time.monotonic())
         self.say({"event": "command", "address": robot, "name": said.name, "visitor": said.visitor, "by": by})
@@ -268,9 +269,8 @@ class SessionLink:
     def _count_route(self, visitor: int, robot: str, payload: Any) -> None:
         """Raise TooMany for more routes or points than one visitor may send."""
         points = payload.get("waypoints") if isinstance(payload, dict) else None
-        connection = self.server.connections.of_visitor(visitor)
-        if connection and isinstance(points, list):
-            connection.caps.route(robot, len(points), now().ms)
+        if isinstance(points, list):
+            self.server.caps.of(visitor, now().ms).route(robot, len(points), now().ms)
 
     def _ask(self, request: Requested) -> None:
         known = self.server.visitors.find(request.visitor)

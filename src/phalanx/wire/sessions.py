@@ -150,7 +150,7 @@ VISITOR_ROW = record(
     "role u8",
     "waiting u8: 1: for approval",
     "ticket b8: that it joined with; zeros: none",
-    "secret b32: resume secret in use",
+    "secret b32: resume secret in use; zeros: a newcomer",
     "pending b32: its successor, not yet confirmed; zeros: none",
     "expires_s u64: Unix time",
     "name v8: UTF-8",

@@ -75,11 +75,11 @@ class Assignment:
         self._serve(now_ms)
 
     def claim(self, visitor: Visitor, robot: str, now_ms: int, *, is_stop: bool = False) -> None:
-        """Let a visitor command a robot now, or raise. A stop takes no lease, and renews none.
+        """Take or renew the lease of a command that was carried out, or raise. A stop takes none, and renews none.
 
         Raises: NotAllowed: its role, ticket or assignment; Busy: another visitor drives it.
         """
-        hold = self._check(visitor, robot, now_ms)
+        hold = self.check(visitor, robot, now_ms)
         operates = visitor.role is Role.OPERATE
         if is_stop or (hold and hold.visitor == visitor.id and hold.until_ms is None):
             return
@@ -92,14 +92,13 @@ class Assignment:
         since_ms = hold.since_ms if hold and hold.visitor == visitor.id else now_ms
         self._put(robot, _Hold(visitor.id, now_ms + self._config.lease_ms, since_ms))
 
-    def give(self, robot: str, visitor: int, now_ms: int) -> None:
-        """Assign a robot to a visitor, until it is taken. Raises: NotAllowed: no such robot."""
-        self._known(robot)
-        self.leave(visitor, now_ms)
-        self._queue = [each for each in self._queue if each != visitor]
+    def give(self, robot: str, visitor: Visitor, now_ms: int) -> None:
+        """Assign a robot to a visitor, until it is taken. Raises: NotAllowed: as `suits`."""
+        self.suits(visitor, robot)
+        self.leave(visitor.id, now_ms)
         hold = self._robots[robot]
-        self._put(robot, _Hold(visitor, None, now_ms))
-        if hold and self._config.assign == "one-each" and hold.visitor != visitor:
+        self._put(robot, _Hold(visitor.id, None, now_ms))
+        if hold and self._config.assign == "one-each" and hold.visitor != visitor.id:
             self._queue.insert(0, hold.visitor)
         self._serve(now_ms)
 
@@ -141,13 +140,17 @@ class Assignment:
             return 0
         return max(1, hold.since_ms + self._config.turn_ms - now_ms)
 
-    def _check(self, visitor: Visitor, robot: str, now_ms: int) -> _Hold | None:
-        """Return who has the robot, if this visitor may command it. Raises: NotAllowed; Busy."""
+    def suits(self, visitor: Visitor, robot: str) -> None:
+        """Raise NotAllowed: no such robot, or one that this visitor may never drive: its role, or its ticket."""
         if visitor.role < Role.DRIVE or visitor.waiting:
             raise NotAllowed("this visitor may only watch")
         self._known(robot)
         if visitor.robots and robot not in visitor.robots:
             raise NotAllowed("a robot that the ticket does not name")
+
+    def check(self, visitor: Visitor, robot: str, now_ms: int) -> _Hold | None:
+        """Return who has the robot, if this visitor may command it. Raises: NotAllowed; Busy."""
+        self.suits(visitor, robot)
         if self._config.assign == "tickets" and not visitor.robots and visitor.role is not Role.OPERATE:
             raise NotAllowed("a ticket names the robots of each visitor")
         hold = self._robots[robot]

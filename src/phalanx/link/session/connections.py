@@ -20,7 +20,7 @@ from phalanx.wire.sessions import ACCEPT, HELLO, RECORD, SIGNED_HELLO
 from .channel import Channel
 from .errors import TooMany, Unexpected
 from .events import Listen, Now, Send, ServerEvent
-from .limits import Bucket, Caps
+from .limits import Bucket
 from .messages import FromServer, encode
 from .noise import KEY_BYTES, respond
 from .secret import Kind, Secret, prologue, record_topic
@@ -37,7 +37,6 @@ class Connection:
     address: str
     on_broker: bool
     channel: Channel
-    caps: Caps
     heard_ms: int
     secret: Secret | None = field(default=None, repr=False)  # of the handshake that waits for its first record
     offered_ms: int = 0  # when that was answered
@@ -97,7 +96,7 @@ class Connections:
             max_send_bytes=self._config.max_to_client_bytes,
             overlap_ms=self._config.overlap_ms,
         )
-        self._all[number] = Connection(number, address, on_broker, channel, Caps(self._config, now.ms), now.ms)
+        self._all[number] = Connection(number, address, on_broker, channel, now.ms)
         return self._all[number]
 
     def drop(self, number: int) -> Connection | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 from phalanx.config.session import SessionConfig
@@ -38,13 +38,13 @@ class Ticket:
 
 @dataclass(frozen=True, slots=True)
 class Grant:
-    """What an invitation admits to, and what is written when it is used."""
+    """What an invitation admits to."""
 
     role: Role
     name: str = ""
     robots: frozenset[str] = frozenset()
     ticket: bytes = NO_ID
-    rows: Mapping[bytes, bytes | None] = field(default_factory=dict)
+    uses: int = 0  # left of that ticket
 
 
 class Door:
@@ -112,7 +112,8 @@ class Door:
             self.show_room()
 
     def show_room(self) -> str:
-        """Make a room code, which replaces the one before; return its digits."""
+        """Make a room code for an operator, with tries of its own; return its digits. The one before is refused."""
+        self._tries.begin()
         self._room = new_room_code(self._random_bytes)
         return self._room
 
@@ -150,7 +151,7 @@ class Door:
     def use(self, secret: Secret, now_ms: int, unix_s: int) -> Grant:
         """Return what a secret admits to, once its handshake is confirmed; it may have been revoked since.
 
-        The caller writes the grant's rows together with the visitor, and then calls `used`. Raises: UnknownSecret.
+        A ticket's use counts later: `spend`. Raises: UnknownSecret.
         """
         if secret.kind is Kind.ROOM:
             if self._room is None or secret.raw != self._room.encode():
@@ -160,21 +161,24 @@ class Door:
             ticket = self._tickets.get(secret.id)
             if ticket is None or ticket.expires_s <= unix_s:
                 raise UnknownSecret("the ticket is used up or revoked")
-            left = None if ticket.uses == 1 else _row(replace(ticket, uses=ticket.uses - 1))
-            return Grant(ticket.role, ticket.name, ticket.robots, secret.id, {_key(ticket): left})
+            return Grant(ticket.role, ticket.name, ticket.robots, secret.id, ticket.uses)
         if all(secret.raw != code.raw for code in self._codes(now_ms)):
             raise UnknownSecret("the code has changed")
         return Grant(self.open_role)
 
     def used(self, secret: Secret, address: str) -> None:
-        """Count the use of a secret that has admitted somebody."""
+        """Change a room code that has admitted somebody; those who try to guess it get no more tries by that."""
         if secret.kind is Kind.ROOM:
             self._tries.forgive(address)
-            self.show_room()
-        elif secret.kind is Kind.TICKET:
-            ticket = self._tickets.pop(secret.id)
-            if ticket.uses > 1:
-                self._tickets[secret.id] = replace(ticket, uses=ticket.uses - 1)
+            self._room = new_room_code(self._random_bytes)
+
+    def spend(self, ticket_id: bytes) -> dict[bytes, bytes | None]:
+        """Count a use of a ticket, whose visitor can resume now; return the rows that the caller writes."""
+        ticket = self._tickets.get(ticket_id)
+        if ticket is None or ticket.uses == 1:
+            return self.revoke_ticket(ticket_id)
+        self._tickets[ticket_id] = left = replace(ticket, uses=ticket.uses - 1)
+        return {_key(left): _row(left)}
 
     def _codes(self, now_ms: int) -> list[Secret]:
         overlaps = self._before is not None and now_ms - self._code_ms < self._config.code_overlap_ms

@@ -74,7 +74,10 @@ class Left:
 
 @dataclass(frozen=True, slots=True)
 class Commanded:
-    """A visitor that may drive this robot commands it. `is_stop`: stop it, whatever the payload says."""
+    """A visitor that may drive this robot commands it; call `accept` once that was carried out, or `refuse`.
+
+    `is_stop`: stop it, whatever the payload says.
+    """
 
     visitor: int
     robot: str

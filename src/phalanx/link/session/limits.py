@@ -1,4 +1,4 @@
-"""Limits: rates of one visitor, tries of room codes. Their memory is bounded, whatever comes."""
+"""Limits: rates of one visitor, joins and tries of one address. Their memory is bounded, whatever comes."""
 
 from __future__ import annotations
 
@@ -11,21 +11,24 @@ from .errors import TooMany, TriesUsedUp
 HOUR_MS = 3_600_000
 ROUTES_PER_S = 2  # of a visitor, for each robot
 ROUTE_POINTS = 64
+TRIES_REMEMBERED = 8  # times as many as all have for one room code
 ROBOTS_REMEMBERED = 64  # of a visitor's routes
+ADDRESSES_REMEMBERED = 4096  # whose joins are counted
 
 
 class Bucket:
-    """Tokens that come back at a rate, up to a burst of one second's."""
+    """Tokens that come back at a rate, up to so many at once: as a rule a second's."""
 
-    __slots__ = ("_per_s", "_then_ms", "_tokens")
+    __slots__ = ("_at_once", "_per_s", "_then_ms", "_tokens")
 
-    def __init__(self, per_s: int, now_ms: int) -> None:
-        self._per_s, self._tokens, self._then_ms = per_s, float(per_s), now_ms
+    def __init__(self, per_s: float, now_ms: int, at_once: int | None = None) -> None:
+        self._per_s, self._at_once, self._then_ms = per_s, float(at_once or per_s), now_ms
+        self._tokens = self._at_once
 
     def take(self, now_ms: int) -> bool:
         """Take a token; return whether there was one."""
         passed = max(0, now_ms - self._then_ms)
-        self._tokens = min(float(self._per_s), self._tokens + passed * self._per_s / 1000)
+        self._tokens = min(self._at_once, self._tokens + passed * self._per_s / 1000)
         self._then_ms = max(self._then_ms, now_ms)
         if self._tokens < 1:
             return False
@@ -34,13 +37,14 @@ class Bucket:
 
 
 class Caps:
-    """What one visitor may send."""
+    """What one visitor may send, whatever its connections."""
 
-    __slots__ = ("_commands", "_requests", "_routes")
+    __slots__ = ("_commands", "_handshakes", "_requests", "_routes")
 
     def __init__(self, config: SessionConfig, now_ms: int) -> None:
         self._commands = Bucket(config.commands_per_s, now_ms)
         self._requests = Bucket(config.requests_per_s, now_ms)
+        self._handshakes = Bucket(config.handshakes_per_min / 60, now_ms, config.handshakes_at_once)
         self._routes: OrderedDict[str, Bucket] = OrderedDict()
 
     def command(self, now_ms: int) -> None:
@@ -52,6 +56,11 @@ class Caps:
         """Count a request. Raises: TooMany."""
         if not self._requests.take(now_ms):
             raise TooMany("requests of this visitor")
+
+    def handshake(self, now_ms: int) -> None:
+        """Count new keys or a resumption, of which each is written to disk. Raises: TooMany."""
+        if not self._handshakes.take(now_ms):
+            raise TooMany("handshakes of this visitor")
 
     def route(self, robot: str, points: int, now_ms: int) -> None:
         """Count a route. Raises: TooMany: too many for this robot, or too many points."""
@@ -66,26 +75,77 @@ class Caps:
             raise TooMany("routes of this visitor for this robot")
 
 
-class RoomTries:
-    """Tries of room codes in the last hour. Those that admitted somebody do not count: fifty phones have one router."""
+class AllCaps:
+    """The caps of each visitor: they stay when it leaves, or each connection would bring a fresh burst."""
 
     def __init__(self, config: SessionConfig) -> None:
         self._config = config
-        self._tries: deque[tuple[int, str]] = deque()
+        self._of: OrderedDict[int, Caps] = OrderedDict()
+
+    def of(self, visitor: int, now_ms: int) -> Caps:
+        """Return a visitor's caps."""
+        if visitor not in self._of:
+            self.give(visitor, Caps(self._config, now_ms))
+        self._of.move_to_end(visitor)
+        return self._of[visitor]
+
+    def give(self, visitor: int, caps: Caps) -> None:
+        """Let a visitor have these caps, as it takes another's place."""
+        self._of[visitor] = caps
+        if len(self._of) > self._config.visitors_max:
+            self._of.popitem(last=False)
+
+
+class Joins:
+    """Joins without a ticket, of each address. An address that was forgotten may begin anew."""
+
+    def __init__(self, config: SessionConfig) -> None:
+        self._per_hour = config.joins_per_address
+        self._of: OrderedDict[str, Bucket] = OrderedDict()
+
+    def count(self, address: str, now_ms: int) -> None:
+        """Count a join. Raises: TooMany."""
+        if address not in self._of:
+            if len(self._of) >= ADDRESSES_REMEMBERED:
+                self._of.popitem(last=False)
+            self._of[address] = Bucket(self._per_hour * 1000 / HOUR_MS, now_ms, self._per_hour)
+        self._of.move_to_end(address)
+        if not self._of[address].take(now_ms):
+            raise TooMany("joins of this address")
+
+
+class RoomTries:
+    """Tries of room codes in the last hour. Those that admitted somebody do not count: fifty phones have one router.
+
+    The code that an operator makes has a budget of its own, or twelve addresses could keep all others out for an hour.
+    An address that has used up its own waits nevertheless.
+    """
+
+    def __init__(self, config: SessionConfig) -> None:
+        self._config = config
+        self._tries: deque[tuple[int, str]] = deque(maxlen=TRIES_REMEMBERED * config.room_tries)
+        self._of_code = 0  # the newest so many are of the code that is shown
+
+    def begin(self) -> None:
+        """Begin the budget of a code that an operator has made."""
+        self._of_code = 0
 
     def count(self, address: str, now_ms: int) -> None:
         """Count a try. Raises: TriesUsedUp."""
         while self._tries and now_ms - self._tries[0][0] >= HOUR_MS:
             self._tries.popleft()
-        if len(self._tries) >= self._config.room_tries:
+        self._of_code = min(self._of_code, len(self._tries))
+        if self._of_code >= self._config.room_tries:
             raise TriesUsedUp("room codes, from all addresses")
         if sum(each == address for _, each in self._tries) >= self._config.room_tries_per_address:
             raise TriesUsedUp("room codes, from this address")
         self._tries.append((now_ms, address))
+        self._of_code += 1
 
     def forgive(self, address: str) -> None:
         """Forget the last try of an address: it admitted somebody."""
         for at in range(len(self._tries) - 1, -1, -1):
             if self._tries[at][1] == address:
+                self._of_code -= len(self._tries) - at <= self._of_code
                 del self._tries[at]
                 return

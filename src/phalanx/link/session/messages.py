@@ -11,8 +11,6 @@ from phalanx.wire import MalformedRecord, Record, sessions
 
 from .errors import EndReason, Reason, Unexpected
 
-NICKNAME_CHARACTERS = 32
-
 
 class Role(IntEnum):
     """What a visitor may do; each includes those before."""
@@ -185,11 +183,6 @@ def decode_from_server(content: bytes) -> FromServer:
     """Return a server's message. Raises: Unexpected: no such message; MalformedRecord: it has another form."""
     message: FromServer = _decode(content, _FROM_SERVER)
     return message
-
-
-def clean_nickname(text: str) -> str:
-    """Return a nickname without what cannot be printed or turns text around, cut to its longest."""
-    return " ".join("".join(each for each in text if each.isprintable()).split())[:NICKNAME_CHARACTERS].strip()
 
 
 def _flag(value: int) -> bool:

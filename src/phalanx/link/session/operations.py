@@ -70,9 +70,8 @@ class Operations:
         return self._server.standings(now)
 
     def give(self, robot: str, visitor: int, now: Now) -> list[ServerEvent]:
-        """Assign a robot to a visitor. Raises: UsageError; NotAllowed: no such robot."""
-        self._known(visitor)
-        self._server.assignment.give(robot, visitor, now.ms)
+        """Assign a robot to a visitor. Raises: UsageError; NotAllowed: no such robot, or none that it may drive."""
+        self._server.assignment.give(robot, self._known(visitor), now.ms)
         return self._server.standings(now)
 
     def take(self, robot: str, now: Now) -> list[ServerEvent]:
@@ -81,8 +80,13 @@ class Operations:
         return self._server.standings(now)
 
     def swap(self, first: str, second: str, now: Now) -> list[ServerEvent]:
-        """Exchange the drivers of two robots. Raises: NotAllowed: no such robot."""
-        self._server.assignment.swap(first, second)
+        """Exchange the drivers of two robots. Raises: NotAllowed: no such robot, or none that a driver may have."""
+        assignment = self._server.assignment
+        for robot, other in ((first, second), (second, first)):
+            driver = self._server.visitors.find(assignment.driver_of(robot, now.ms) or 0)
+            if driver:
+                assignment.suits(driver, other)
+        assignment.swap(first, second)
         return self._server.standings(now)
 
     def _out(self, gone: set[int], reason: EndReason, now: Now) -> list[ServerEvent]:

@@ -29,6 +29,7 @@ from .events import (
     Requested,
     ServerEvent,
 )
+from .limits import AllCaps, Joins
 from .messages import (
     Command,
     End,
@@ -43,16 +44,16 @@ from .messages import (
     Reply,
     Request,
     Role,
-    Standing,
     Stored,
     Welcome,
-    clean_nickname,
     decode_from_client,
 )
-from .secret import RESUME_BYTES, Kind, Secret, topic_name
+from .nickname import clean_nickname, is_reserved
+from .secret import NO_ID, RESUME_BYTES, Kind, Secret, topic_name
+from .standings import Standings
 from .store import Store
 from .updates import UpdateWriter
-from .visitors import Visitor, Visitors
+from .visitors import NO_SECRET, Visitor, Visitors
 
 
 class SessionServer:
@@ -61,6 +62,7 @@ class SessionServer:
     Attributes:
         rejected: refused messages, by reason.
         door, visitors, assignment: what an operator changes through `Operations`.
+        caps: what each visitor may still send.
 
     Args:
         static: the swarm's key, whose public half stands in its codes.
@@ -84,16 +86,18 @@ class SessionServer:
         self.visitors = Visitors(config, store)
         self.door = Door(config, store, random_bytes, now.ms, open_role)
         self.assignment = Assignment(config)
+        self.caps = AllCaps(config)
         self.updates = UpdateWriter(config, signer, random_bytes, now.ms)
         self.connections = Connections(config, static, random_bytes, self._find_secret, now)
         self._random_bytes = random_bytes
         self._away: dict[int, int] = {}  # visitors that have just left, and when
-        self._standings: dict[int, tuple[object, ...]] = {}  # as visitors were told
+        self._joins = Joins(config)
+        self._standings = Standings(self.assignment)
 
     # --- connections -------------------------------------------------------------------------------------------------
 
     def opened(self, number: int, address: str, now: Now) -> list[ServerEvent]:
-        """Take note of a websocket; `number` is positive and new, `address` counts tries of room codes."""
+        """Take note of a websocket; `number` is positive and new, `address` counts joins and tries of room codes."""
         try:
             self.connections.open(number, address, now)
         except TooMany as error:
@@ -107,7 +111,7 @@ class SessionServer:
         if connection is None or not connection.visitor:
             return []
         self._away[connection.visitor] = now.ms
-        self._standings.pop(connection.visitor, None)
+        self._standings.forget(connection.visitor)
         return [Left(connection.visitor)]
 
     def receive(self, number: int, raw: bytes, now: Now) -> list[ServerEvent]:
@@ -159,6 +163,14 @@ class SessionServer:
         """Answer a request. Raises: UsageError: it is too long."""
         return self.tell(visitor, Reply(number, payload))
 
+    def accept(self, command: Commanded, now: Now) -> list[ServerEvent]:
+        """Take note that a command was carried out: now it takes or renews the lease."""
+        visitor, connection = self.visitors.find(command.visitor), self.connections.of_visitor(command.visitor)
+        if visitor is None or connection is None:
+            return []
+        self.assignment.claim(visitor, command.robot, now.ms, is_stop=command.is_stop)
+        return self._tell_standing(connection, now)
+
     def refuse(self, visitor: int, number: int, reason: Reason) -> list[ServerEvent]:
         """Refuse a request, or with number 0 a command."""
         return self.tell(visitor, Refused(number, reason))
@@ -194,20 +206,17 @@ class SessionServer:
 
     def _tell_standing(self, connection: Connection, now: Now) -> list[ServerEvent]:
         visitor = self.visitors.find(connection.visitor)
-        if visitor is None:
-            return []
-        standing = self._standing(visitor, now)
-        key = _without_time(standing)
-        if self._standings.get(visitor.id) == key:
-            return []
-        self._standings[visitor.id] = key
-        return self.connections.seal(connection, standing)
+        standing = self._standings.changed(visitor, now.ms) if visitor else None
+        return self.connections.seal(connection, standing) if standing else []
 
     # --- handshakes --------------------------------------------------------------------------------------------------
 
     def _hello(self, connection: Connection, raw: bytes, now: Now) -> list[ServerEvent]:
         if connection.on_broker or connection.is_pending:
             raise Unexpected("a first message")
+        # Of who is connected only: others repeat its first messages, and must not use up what it has.
+        if connection.visitor:
+            self.caps.of(connection.visitor, now.ms).handshake(now.ms)
         events = self.connections.answer(connection, raw, now)
         secret = connection.secret
         if connection.visitor and (
@@ -233,22 +242,21 @@ class SessionServer:
             raise Unexpected("a first record")
         try:
             if secret.kind is Kind.RESUME:
-                visitor, is_new = self._resume(secret, now), False
+                visitor, events = self._resume(secret, connection, now), list[ServerEvent]()
             else:
-                visitor, is_new = self._admit(secret, connection, message, now), True
+                visitor, events = self._admit(secret, connection, message, now)
         except (UnknownSecret, TooMany) as error:
             self._reject(error)
             full = isinstance(error, TooMany)
             return self.end(connection, EndReason.FULL if full else EndReason.NOT_ADMITTED, now)
-        events: list[ServerEvent] = []
         before = self.connections.of_visitor(visitor.id)
         if before and before is not connection:
             events += self.end(before, EndReason.REPLACED, now)
         if before is not connection:
-            events.append(Joined(visitor.id, visitor.name, visitor.role, is_new, visitor.waiting))
+            events.append(Joined(visitor.id, visitor.name, visitor.role, visitor.is_new, visitor.waiting))
         self.connections.attach(connection, visitor.id)
         self._away.pop(visitor.id, None)
-        self._standings.pop(visitor.id, None)
+        self._standings.forget(visitor.id)
         self.assignment.arrive(visitor, now.ms)
         welcome = Welcome(visitor.id, self.updates.public, visitor.name)
         secrets = NewSecret(visitor.pending, self.config.resume_s)
@@ -258,23 +266,39 @@ class SessionServer:
         # What this changes for others they are told with the next tick: a look at all costs as much as there are.
         return events + self._tell_standing(connection, now)
 
-    def _admit(self, secret: Secret, connection: Connection, message: FromClient, now: Now) -> Visitor:
+    def _admit(
+        self, secret: Secret, connection: Connection, message: FromClient, now: Now
+    ) -> tuple[Visitor, list[ServerEvent]]:
         if not isinstance(message, Join):
             raise Unexpected("a newcomer's first message is `join`")
         grant: Grant = self.door.use(secret, now.ms, now.unix_s)
         waiting = self.visitors.approval and grant.role is not Role.OPERATE
-        name = grant.name or clean_nickname(message.name)
-        # The secret in use is one that nobody has: a new visitor has nothing to fall back to.
-        unused, pending = self._random_bytes(RESUME_BYTES), self._random_bytes(RESUME_BYTES)
-        expires_s = now.unix_s + self.config.resume_s
-        made = Visitor(0, name, grant.role, waiting, grant.robots, grant.ticket, expires_s, unused, pending)
-        visitor = self.visitors.admit(made, self.connections.visitors(), now.unix_s, grant.rows)
+        wish = clean_nickname(message.name)
+        name = grant.name or ("" if is_reserved(wish) and grant.role is not Role.OPERATE else wish)
+        expires_s, pending = now.unix_s + self.config.resume_s, self._random_bytes(RESUME_BYTES)
+        made = Visitor(0, name, grant.role, waiting, grant.robots, grant.ticket, expires_s, NO_SECRET, pending)
+        if grant.ticket == NO_ID and not connection.on_broker:
+            self._joins.count(connection.address, now.ms)
+        connected = self.connections.visitors()
+        replaced = self.visitors.replaced(grant.ticket, grant.uses, connected)
+        caps = self.caps.of(replaced, now.ms) if replaced else None
+        if caps:
+            caps.handshake(now.ms)
+        visitor = self.visitors.admit(made, connected, now.unix_s, replaced)
         self.door.used(secret, connection.address)
-        return visitor
+        before = self.connections.of_visitor(replaced)
+        events = self.end(before, EndReason.REPLACED, now) if before else []
+        if caps:
+            self.caps.give(visitor.id, caps)
+            self.forget(replaced, now)
+        return visitor, events
 
-    def _resume(self, secret: Secret, now: Now) -> Visitor:
+    def _resume(self, secret: Secret, connection: Connection, now: Now) -> Visitor:
         visitor = self._resumes(secret.id, now)
-        return self.visitors.renew(visitor.id, secret.raw, self._random_bytes(RESUME_BYTES), now.unix_s)
+        if connection.on_broker or connection.visitor != visitor.id:  # else it was counted with its first message
+            self.caps.of(visitor.id, now.ms).handshake(now.ms)
+        fresh = self._random_bytes(RESUME_BYTES)
+        return self.visitors.renew(visitor.id, secret.raw, fresh, now.unix_s, self.door.spend)
 
     # --- records -----------------------------------------------------------------------------------------------------
 
@@ -297,16 +321,18 @@ class SessionServer:
         match message:
             case Command():
                 return self._command(visitor, connection, message, now, in_order=in_order)
+            case Request(number) if visitor.waiting:
+                return self._refused(connection, NotAllowed("a request before approval"), number, Reason.NOT_ALLOWED)
             case Request(number) if not in_order:
                 return self._refused(connection, Late("a request after later ones"), number, Reason.LATE)
             case Request(number, name, payload):
                 try:
-                    connection.caps.request(now.ms)
+                    self.caps.of(visitor.id, now.ms).request(now.ms)
                 except TooMany as error:
                     return self._refused(connection, error, number, Reason.TOO_MANY)
                 return [Requested(visitor.id, number, name, payload)]
             case Stored(secret_id):
-                self.visitors.stored(visitor.id, secret_id)
+                self.visitors.stored(visitor.id, secret_id, self.door.spend)
             case Leave():
                 return [*self.closed(connection.number, now), Close(connection.number, "leave")]
             case Join() | Ready():
@@ -317,13 +343,12 @@ class SessionServer:
         self, visitor: Visitor, connection: Connection, command: Command, now: Now, *, in_order: bool
     ) -> list[ServerEvent]:
         try:
-            connection.caps.command(now.ms)
+            self.caps.of(visitor.id, now.ms).command(now.ms)
             # One that was held back must not undo a later one, within the second in which its update is recent.
             if not command.stop and not (in_order and self.updates.is_recent(command.seen, command.digest, now.ms)):
                 raise Late("a command based on an old update, or after later ones")
-            self.assignment.claim(visitor, command.robot, now.ms, is_stop=command.stop)
-            told = self._tell_standing(connection, now)
-            return [Commanded(visitor.id, command.robot, command.name, command.payload, command.stop), *told]
+            self.assignment.check(visitor, command.robot, now.ms)
+            return [Commanded(visitor.id, command.robot, command.name, command.payload, command.stop)]
         except (TooMany, Late, NotAllowed, Busy) as error:
             self._reject(error)
             reasons = {TooMany: Reason.TOO_MANY, Late: Reason.LATE, Busy: Reason.BUSY}
@@ -355,11 +380,6 @@ class SessionServer:
         visitor = self.visitors.find(connection.visitor)
         return visitor is not None and not visitor.waiting
 
-    def _standing(self, visitor: Visitor, now: Now) -> Standing:
-        robot = self.assignment.robot_of(visitor.id) or ""
-        place, left_ms = self.assignment.place_of(visitor.id), self.assignment.left_ms(visitor.id, now.ms)
-        return Standing(visitor.role, visitor.waiting, place, left_ms, robot)
-
     def _reject(self, error: PeerError) -> None:
         self.rejected[error.reason] += 1
 
@@ -371,8 +391,3 @@ class SessionServer:
         if connection.visitor and connection.bad < self.config.bad_records_max:
             return []
         return [*self.closed(connection.number, now), Close(connection.number, error.reason)]
-
-
-def _without_time(standing: Standing) -> tuple[object, ...]:
-    """Return what a change of is told: whether a turn is limited, not how much of it is left."""
-    return standing.role, standing.waiting, standing.place, standing.left_ms > 0, standing.robot

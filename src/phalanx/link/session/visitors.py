@@ -5,20 +5,23 @@ Every change is written before its caller goes on, so that no removed visitor co
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import chain, count
+from itertools import count
 
 from phalanx.config.session import SessionConfig
 from phalanx.wire.sessions import DOOR_KEY, DOOR_ROW, VISITOR_KEY, VISITOR_ROW
 
 from .errors import TooMany, UnknownSecret
-from .messages import NICKNAME_CHARACTERS, Role
+from .messages import Role
+from .nickname import NICKNAME_CHARACTERS, looks
 from .secret import NO_ID, RESUME_BYTES, Kind, Secret
 from .store import Store
 
 NO_SECRET = bytes(RESUME_BYTES)
 LINE = "\n"
+Rows = Mapping[bytes, bytes | None]
+Spend = Callable[[bytes], Rows]  # a use of this ticket; returns what is written with it
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +35,13 @@ class Visitor:
     robots: frozenset[str]  # that it may drive; empty: any
     ticket: bytes  # id of the ticket that it joined with; zeros: none
     expires_s: int  # Unix time until which it may resume
-    secret: bytes = field(repr=False)  # with which it resumes
+    secret: bytes = field(repr=False)  # with which it resumes; zeros: a newcomer, which has confirmed none yet
     pending: bytes = field(default=NO_SECRET, repr=False)  # its successor, not yet confirmed; zeros: none
+
+    @property
+    def is_new(self) -> bool:
+        """Return whether it may not have read its first secret: it may come again as it came."""
+        return self.secret == NO_SECRET
 
     def secrets(self) -> list[Secret]:
         """Return the secrets that are valid now."""
@@ -48,6 +56,7 @@ class Visitors:
         self._config, self._store = config, store
         self._all: dict[int, Visitor] = {}
         self._by_secret: dict[bytes, tuple[int, Secret]] = {}
+        self._by_look: dict[str, int] = {}
         self.approval, self._next = False, 1
         for key, row in store.load().items():
             if key == DOOR_KEY.encode():
@@ -74,22 +83,20 @@ class Visitors:
             raise UnknownSecret("no such resume secret")
         return visitor, known[1]
 
-    def admit(
-        self,
-        made: Visitor,
-        connected: Mapping[int, object],
-        unix_s: int,
-        beside: Mapping[bytes, bytes | None] | None = None,
-    ) -> Visitor:
-        """Write a new visitor, under an id that nobody had and a nickname that nobody has, with the rows `beside`.
+    def replaced(self, ticket: bytes, uses: int, connected: Mapping[int, object]) -> int:
+        """Return whose place the next newcomer by a ticket takes, if all its uses have newcomers; 0: nobody's."""
+        new = [each.id for each in self._all.values() if each.is_new and each.ticket == ticket]
+        return min(new, key=lambda each: (each in connected, each)) if len(new) >= uses > 0 else 0
 
-        Raises: TooMany: all who may be remembered are connected, or too many wait for approval.
+    def admit(self, made: Visitor, connected: Mapping[int, object], unix_s: int, replaced: int = 0) -> Visitor:
+        """Write a new visitor, under an id that nobody had and a nickname like nobody's, in place of another or none.
+
+        Raises: TooMany: no place is free, and none may be taken; or too many wait for approval.
         """
-        if made.waiting and sum(each.waiting for each in self._all.values()) >= self._config.waiting_max:
+        if made.waiting and sum(each.waiting for each in self if each.id != replaced) >= self._config.waiting_max:
             raise TooMany("visitors that wait for approval")
-        rows: dict[bytes, bytes | None] = dict(beside or {})
-        gone = self._room(connected, unix_s)
-        rows |= {_key(each): None for each in gone}
+        gone = [replaced] if replaced else self._room(made, connected, unix_s)
+        rows: dict[bytes, bytes | None] = {_key(each): None for each in gone}
         visitor = replace(made, id=self._next, name=self._free_name(made.name, gone))
         self._next += 1
         self._store.write(rows | {_key(visitor.id): _row(visitor), DOOR_KEY.encode(): self._door()})
@@ -98,16 +105,16 @@ class Visitors:
         self._keep(visitor)
         return visitor
 
-    def change(self, visitor: Visitor) -> Visitor:
+    def change(self, visitor: Visitor, beside: Rows | None = None) -> Visitor:
         """Write what has changed of a visitor, and return it. Raises: UnknownSecret: it was removed."""
         if visitor.id not in self._all:
             raise UnknownSecret("a visitor that was removed")
-        self._store.write({_key(visitor.id): _row(visitor)})
+        self._store.write({**(beside or {}), _key(visitor.id): _row(visitor)})
         self._forget(visitor.id)
         self._keep(visitor)
         return visitor
 
-    def renew(self, visitor_id: int, used: bytes, fresh: bytes, unix_s: int) -> Visitor:
+    def renew(self, visitor_id: int, used: bytes, fresh: bytes, unix_s: int, spend: Spend) -> Visitor:
         """Give a visitor the next secret to resume with; the one that it used stays valid until it has stored that.
 
         A next one that was given before and not confirmed is given again: a client that has stored it, and whose word
@@ -120,15 +127,17 @@ class Visitors:
             raise UnknownSecret("a visitor that was removed")
         expires_s = unix_s + self._config.resume_s
         given = visitor.pending if used == visitor.secret and visitor.pending != NO_SECRET else fresh
-        return self.change(replace(visitor, secret=used, pending=given, expires_s=expires_s))
+        renewed = replace(visitor, secret=used, pending=given, expires_s=expires_s)
+        return self.change(renewed, spend(visitor.ticket) if visitor.is_new else None)
 
-    def stored(self, visitor_id: int, secret_id: bytes) -> None:
-        """Drop the secret before, as the visitor has stored its successor."""
+    def stored(self, visitor_id: int, secret_id: bytes, spend: Spend) -> None:
+        """Drop the secret before, as the visitor has stored its successor. A newcomer's ticket is used with that."""
         visitor = self._all.get(visitor_id)
         if visitor and visitor.pending != NO_SECRET and Secret(Kind.RESUME, visitor.pending).id == secret_id:
-            self.change(replace(visitor, secret=visitor.pending, pending=NO_SECRET))
+            beside = spend(visitor.ticket) if visitor.is_new else None
+            self.change(replace(visitor, secret=visitor.pending, pending=NO_SECRET), beside)
 
-    def remove(self, ids: set[int], beside: Mapping[bytes, bytes | None] | None = None, *, approval: bool) -> None:
+    def remove(self, ids: set[int], beside: Rows | None = None, *, approval: bool) -> None:
         """Remove visitors, with the rows `beside`; newcomers wait for approval from now on, or not."""
         self.approval = approval
         gone: dict[bytes, bytes | None] = {_key(each): None for each in sorted(ids)}
@@ -140,36 +149,56 @@ class Visitors:
         """Write whether newcomers wait for approval."""
         self.remove(set(), approval=approval)
 
-    def _room(self, connected: Mapping[int, object], unix_s: int) -> list[int]:
-        """Return whom to forget for a newcomer: those whose time is over, or who would be first."""
+    def _room(self, made: Visitor, connected: Mapping[int, object], unix_s: int) -> list[int]:
+        """Return whom to forget for a newcomer: those whose time is over, or who would be first.
+
+        Who came without a ticket takes no place of one who came with one: anybody can do so as often as he likes.
+        """
         if len(self._all) < self._config.visitors_max:
             return []
         away = [each for each in self._all.values() if each.id not in connected]
         over = [each.id for each in away if each.expires_s <= unix_s]
         if over:
             return over
+        if made.ticket == NO_ID:
+            away = [each for each in away if each.ticket == NO_ID]
         if not away:
             raise TooMany("visitors")
-        return [min(away, key=lambda each: (each.role, each.expires_s, each.id)).id]
+        first = min(away, key=lambda each: (not each.is_new, each.ticket != NO_ID, each.role, each.expires_s, each.id))
+        return [first.id]
 
     def _free_name(self, wish: str, gone: list[int]) -> str:
-        """Return a nickname that no visitor has: it says who drives, and nobody shall drive under another's name."""
-        taken = {each.name.casefold() for each in self._all.values() if each.id not in gone}
-        if not wish:
-            wish = f"Visitor {self._next}"
-        numbered = (f"{wish[: NICKNAME_CHARACTERS - 6].strip()} {number}" for number in count(2))
-        return next(name for name in chain([wish], numbered) if name.casefold() not in taken)
+        """Return a nickname that looks like no visitor's: it says who drives."""
+        wish = wish or f"Visitor {self._next}"
+        if self._is_free(looks(wish), gone):
+            return wish
+        short = wish[: NICKNAME_CHARACTERS - 6].strip()
+        seen = looks(short)  # once: of a thousand with one name each tries all numbers before its own
+        return next(
+            f"{short} {number}"
+            for number in count(2)
+            if self._is_free({each + digits for each in seen for digits in looks(str(number))}, gone)
+        )
+
+    def _is_free(self, seen: set[str], gone: list[int]) -> bool:
+        return all(self._by_look.get(each) in (None, *gone) for each in seen)
 
     def _door(self) -> bytes:
         return DOOR_ROW.encode(approval=self.approval, next_visitor=self._next)
 
     def _keep(self, visitor: Visitor) -> None:
         self._all[visitor.id] = visitor
+        for each in looks(visitor.name):
+            self._by_look.setdefault(each, visitor.id)
         for secret in visitor.secrets():
             self._by_secret[secret.id] = visitor.id, secret
 
     def _forget(self, visitor_id: int) -> None:
-        for secret in self._all.pop(visitor_id).secrets():
+        visitor = self._all.pop(visitor_id)
+        for each in looks(visitor.name):
+            if self._by_look.get(each) == visitor_id:
+                del self._by_look[each]
+        for secret in visitor.secrets():
             self._by_secret.pop(secret.id, None)
 
 
