@@ -19,6 +19,7 @@ from phalanx.gateway.trail import LINES_AT_ONCE, Trail, read_trail
 from phalanx.io.session_store import new_link_keys
 from phalanx.link.session import Invitation, MemoryStore, Reason, Role, parse_invitation
 from phalanx.link.session.errors import EndReason
+from phalanx.link.session.events import Transmit
 from phalanx.robot import Led
 from phalanx.sim import Dotbots
 from session_front import FakeFront, visiting
@@ -296,3 +297,77 @@ def test_a_trail_adds_up_refusals_and_drives_and_goes_on_after_a_line_that_was_c
     trail.close()
     assert len(list(read_trail(path))) == 6
     assert path.stat().st_mode & 0o777 == 0o600
+
+
+async def test_who_waits_sees_no_robots_and_asks_again_once_approved():
+    swarm = Dotbots(2, 1, time.time)
+    async with serving(swarm) as link:
+        link.operations.close_door()
+        async with visiting(link.port, link.invitation, "Eve") as eve:
+            await eventually(lambda: eve.standing and eve.standing.waiting)
+            for request in ("robots", "area", "walls", "lit", "visitors"):
+                with pytest.raises(PermissionError, match="NOT_ALLOWED"):
+                    await eve.request(request)
+            assert not eve.frames
+            link.carry(link.operations.approve(eve.visitor, now()))
+            assert len(await eve.request("robots")) == 2
+
+
+async def test_a_refused_command_takes_no_robot_and_a_resumed_visitor_has_no_more_routes():
+    swarm = Dotbots(2, 1, time.time)
+    robot = swarm.robots()[0].address
+    route = {"threshold": 60, "waypoints": [{"x": 1000, "y": 1000}]}
+    async with serving(swarm) as link, visiting(link.port, link.invitation, "Bob") as bob:
+        async with visiting(link.port, link.invitation, "Ada") as ada:
+            await eventually(lambda: ada.frames and bob.frames)
+            for name, payload in (
+                ("move_raw", {"left_y": "fast"}),
+                ("dance", {}),
+                ("waypoints", {"waypoints": [0] * 65}),
+            ):
+                await ada.command(robot, name, payload)
+            await eventually(lambda: len(ada.refused) == 3)
+            assert link.server.assignment.robot_of(ada.visitor) is None
+            await bob.command(robot, "rgb_led", {"red": 1, "green": 2, "blue": 3})
+            await eventually(lambda: swarm.robots()[0].led == Led(1, 2, 3))
+            assert link.server.assignment.robot_of(bob.visitor) == robot
+            link.carry(link.operations.give(robot, ada.visitor, now()))
+            await eventually(lambda: ada.standing.robot == robot)
+            caps = link.server.caps.of(ada.visitor, now().ms)
+            await ada.command(robot, "waypoints", route)
+            await eventually(lambda: swarm.robots()[0].route)
+            secret = ada.secret
+        async with visiting(link.port, Invitation(link.invitation.static, secret)) as ada:
+            await eventually(lambda: ada.frames)
+            assert link.server.caps.of(ada.visitor, now().ms) is caps
+            for _ in range(40):
+                await ada.command(robot, "waypoints", route)
+            await eventually(lambda: ada.refused and ada.refused[-1] == (0, Reason.TOO_MANY))
+
+
+async def test_a_ticket_whose_connection_died_before_the_secret_came_admits_again():
+    swarm = Dotbots(1, 1, time.time)
+    async with serving(swarm) as link:
+        desk = OperatorDesk(link, swarm, link.gateway.brakes, "http://x/", lambda _: None)
+        ticket = parse_invitation(desk.do("invite", {"role": "drive", "name": "Ada"})["url"])
+        async with visiting(link.port, ticket) as lost:
+            lost.client.stored = lambda *_: Transmit(b"")  # what says that it has the secret gets lost
+            await eventually(lambda: len(link.server.visitors) == 1)
+        async with visiting(link.port, ticket) as ada:
+            await eventually(lambda: ada.frames and ada.secret)
+            assert (ada.name, len(link.server.visitors)) == ("Ada", 1)
+            await ada.request("area")
+            async with visiting(link.port, ticket) as third:
+                await eventually(lambda: third.ws.closed)
+                assert third.visitor is None
+            assert ada.ended is None
+
+
+async def test_a_tickets_name_is_one_that_can_be_read():
+    swarm = Dotbots(1, 1, time.time)
+    async with serving(swarm) as link:
+        desk = OperatorDesk(link, swarm, link.gateway.brakes, "http://x/", lambda _: None)
+        for name in ("\u3164", "A\u202eda", "A" + "\u0316" * 9, "x" * 33):
+            with pytest.raises(BadPayload, match="name"):
+                desk.do("invite", {"role": "drive", "name": name})
+        assert desk.do("invite", {"role": "drive", "name": "Zoë"})["url"]

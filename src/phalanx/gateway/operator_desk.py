@@ -16,6 +16,7 @@ import segno
 
 from phalanx.errors import BadPayload, PeerError, Unknown, UsageError
 from phalanx.link.session import Invitation, Kind, Role, Secret, Ticket
+from phalanx.link.session.nickname import NICKNAME_CHARACTERS, clean_nickname
 from phalanx.link.session.secret import INVITATION_BYTES
 from phalanx.robot import Swarm
 
@@ -26,7 +27,6 @@ PAGE = 0  # who does it: the operator's page, or a terminal, of this machine
 VALID_S = 7 * 24 * 3600  # a ticket, if it does not say for how long
 VALID_MOST_S = 366 * 24 * 3600
 USES_MOST = 1000
-NAME_CHARACTERS = 32
 ROLES = {role.name.lower(): role for role in Role}
 
 Act = Callable[[dict[str, Any], int], dict[str, Any] | None]
@@ -200,8 +200,8 @@ class OperatorDesk:
     def _invite(self, words: dict[str, Any], by: int) -> dict[str, Any]:
         role, name = _role(words), words.get("name", "")
         uses, valid_s = _number(words, "uses", 1, USES_MOST, 1), _number(words, "valid_s", 1, VALID_MOST_S, VALID_S)
-        if not isinstance(name, str) or len(name) > NAME_CHARACTERS or not (name == "" or name.isprintable()):
-            raise BadPayload(f"'name' has at most {NAME_CHARACTERS} characters")
+        if not isinstance(name, str) or clean_nickname(name) != name:
+            raise BadPayload(f"'name' has at most {NICKNAME_CHARACTERS} characters, all of which are seen")
         robots = words.get("robots", [])
         if not isinstance(robots, list):
             raise BadPayload("'robots' is a list")
