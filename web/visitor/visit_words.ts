@@ -45,7 +45,7 @@ export function overWords(reason: OverReason): OverWords {
 const REFUSED: Readonly<Record<Reason, string>> = {
   late: "Your command arrived too late: the connection is slow",
   not_allowed: "You may not drive this robot",
-  busy: "Another visitor drives this robot",
+  busy: "Another visitor drives this robot: only that one and the operator stop it",
   too_many: "Too many commands at once",
   bad: "The robot cannot do that",
   unknown: "This robot is not there any more",

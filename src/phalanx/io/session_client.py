@@ -47,7 +47,8 @@ class RequestRefused(PeerError):
 
     def __init__(self, what: str, why: Reason) -> None:
         self.why, self.reason = why, why.name.lower()  # type: ignore[misc]
-        super().__init__(f"{what} was refused: {self.reason.replace('_', ' ')}")
+        hint = "; another visitor drives it, and only that one and operators stop it" if why is Reason.BUSY else ""
+        super().__init__(f"{what} was refused: {self.reason.replace('_', ' ')}{hint}")
 
 
 class SessionClient:

@@ -5,9 +5,10 @@
 import { bytesToHex, randomBytes, utf8ToBytes } from "@noble/hashes/utils.js";
 import { PeerError, UsageError } from "../core/errors";
 import { type Json, type JsonObject, parseJson } from "../core/json";
-import { direct, type Reason, type Secret, Session, type SessionEvent, SLOT_MS, Slots } from "../session";
+import { type Command, direct, type Reason, type Secret, Session, type SessionEvent } from "../session";
 import { NO_VISIT, type OverReason, type Visit } from "../visit";
 import type { BrokerState } from "../watch";
+import { Beat } from "./beat";
 import type { ResumeStore } from "./resume_store";
 import { type Transport, type TransportEvent, Unanswered, type Waiting } from "./transport";
 
@@ -31,8 +32,6 @@ const RETRY_MS = [300, 1000, 2000, 4000];
 const SAID_INVALID = ["unknown_secret", "not_authentic"];
 const SAID_TOO_MANY = ["tries_used_up", "too_many"];
 const REFUSALS = 2;
-/** Whoever says nothing more frees its place in the rate. */
-const LINGER_MS = 1000;
 
 export class SessionConnection implements Transport {
   readonly isPaced = true;
@@ -40,7 +39,11 @@ export class SessionConnection implements Transport {
   readonly #store: ResumeStore;
   readonly #listeners = new Set<(event: TransportEvent) => void>();
   readonly #waiting = new Map<number, Waiting>();
-  readonly #slots = new Slots();
+  readonly #beat = new Beat({
+    isJoined: () => this.#session?.isJoined === true,
+    holds: () => (this.#visit.standing?.robot ?? "") !== "",
+    say: (command, now_ms) => this.#say(command, now_ms),
+  });
   readonly #ticking: ReturnType<typeof setInterval>;
   /** What to try in turn, the first one now. */
   #secrets: Secret[];
@@ -48,8 +51,6 @@ export class SessionConnection implements Transport {
   #retries = 0;
   #retrying: ReturnType<typeof setTimeout> | undefined;
   #opening: ReturnType<typeof setTimeout> | undefined;
-  #beating: ReturnType<typeof setInterval> | undefined;
-  #saidAt_ms = 0;
   #socket: WebSocket | undefined;
   #session: Session | undefined;
   #state: BrokerState = "connecting";
@@ -95,11 +96,13 @@ export class SessionConnection implements Transport {
     const stop = name === "move_raw" && isRest(payload);
     const command = { robot: address, name, payload: utf8ToBytes(JSON.stringify(payload)), stop };
     const now_ms = performance.now();
-    if (stop) this.#slots.stop(command);
-    else if (name === "move_raw") this.#slots.hold(command, now_ms);
-    else if (!this.#slots.put(command)) return false;
+    const { slots } = this.#beat;
+    if (stop) slots.stop(command);
+    else if (name === "move_raw") slots.hold(command, now_ms);
+    else if (!slots.put(command)) return false;
     // A page that is put aside may never have another slot.
-    if (this.#beating === undefined || (stop && this.#isHidden)) this.#beat();
+    if (stop && this.#isHidden) this.#beat.take();
+    else this.#beat.start();
     return true;
   }
 
@@ -126,7 +129,7 @@ export class SessionConnection implements Transport {
 
   hide(): void {
     this.#isHidden = true;
-    if (this.#slots.hasStop) this.#beat();
+    if (this.#beat.slots.hasStop) this.#beat.take();
   }
 
   leave(): void {
@@ -233,9 +236,8 @@ export class SessionConnection implements Transport {
   #hangUp(): void {
     clearTimeout(this.#retrying);
     clearTimeout(this.#opening);
-    this.#stopBeating();
+    this.#beat.stop();
     this.#retrying = undefined;
-    this.#slots.clear();
     for (const number of [...this.#waiting.keys()]) this.#settle(number)?.reject(new Unanswered("the connection was lost"));
     const socket = this.#socket;
     this.#socket = undefined;
@@ -247,29 +249,11 @@ export class SessionConnection implements Transport {
     if (this.#session && this.#socket?.readyState === WebSocket.OPEN) this.#carry(this.#session.tick(performance.now()));
   }
 
-  /** One slot of the constant rate. */
-  #beat(): void {
+  #say(command: Command | undefined, now_ms: number): void {
     const session = this.#session;
-    if (session?.isJoined !== true) {
-      this.#stopBeating();
-      return;
-    }
-    const now_ms = performance.now();
-    const command = this.#slots.take(now_ms);
-    const { robot = "" } = this.#visit.standing ?? {};
-    if (command) this.#saidAt_ms = now_ms;
-    else if (robot === "" && now_ms - this.#saidAt_ms > LINGER_MS) {
-      this.#stopBeating();
-      return;
-    }
-    this.#beating ??= setInterval(() => this.#beat(), SLOT_MS);
+    if (session === undefined) return;
     if (command) this.#carry([session.command(command.robot, command.name, command.payload, now_ms, command.stop)]);
     else this.#carry([session.alive(now_ms)]);
-  }
-
-  #stopBeating(): void {
-    clearInterval(this.#beating);
-    this.#beating = undefined;
   }
 
   #carry(events: readonly SessionEvent[]): void {
@@ -293,7 +277,7 @@ export class SessionConnection implements Transport {
       case "stands":
         this.#show({ standing: event.standing, standingAt_ms: performance.now() });
         this.#setState(event.standing.waiting ? "waiting" : "online");
-        if (event.standing.robot !== "" && this.#beating === undefined) this.#beat();
+        if (event.standing.robot !== "") this.#beat.start();
         return;
       case "updated":
         this.#read(event.state, (payload) => this.#emit({ kind: "notified", timestamp_s: 0, payload }));

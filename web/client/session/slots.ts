@@ -24,11 +24,6 @@ export class Slots {
   readonly #waiting = new Map<string, Command>();
   #steadyInARow = 0;
 
-  /** Whether anything but `alive` is to be said. */
-  get isEmpty(): boolean {
-    return this.#steady === undefined && this.#stops.size === 0 && this.#waiting.size === 0;
-  }
-
   /** Whether a stop waits for its slot. */
   get hasStop(): boolean {
     return this.#stops.size > 0;
