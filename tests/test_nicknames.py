@@ -39,6 +39,8 @@ def named(*wishes: str) -> list[str]:
         ("محمد ٣", "محمد 3"),
         ("\u0301Ada", "Ada"),
         ("Ada\u20dd", "Ada"),
+        ("A\u034fda", "Ada"),
+        ("محـمد", "محمد"),
         ("ᎪᎠᎪ", ""),  # Cherokee, which looks like ADA
         ("\U0001d159Ada", "Ada"),
     ],

@@ -7,7 +7,7 @@ export const TERMS = {
   code: "It holds a secret that admits newcomers. It changes by itself from time to time; the one before it works for two minutes more.",
   newCode: "The code before is refused at once, also where somebody has scanned it and not joined yet. Who is here stays.",
   sharedCode: "Changes the code at once. Nobody is logged out: phones that are in get the new one. Mode qrkey can remove nobody.",
-  room: "For people without a camera: they open the address and type these digits. Each room code admits one visitor, then another one is shown.",
+  room: "For people without a camera: they open the address and type these digits. Each room code admits one visitor, then another one is shown. When strangers have used up its 120 tries, hide it and show a new one.",
   session: "Everybody who has joined. Who is away can come back with the same name and role for eight hours, or one hour on plain http.",
   role: "watch: sees everything. drive: commands robots as well. operate: may do what this page does.",
   assigned: "The robot that a visitor drives, or was given. A robot that you give stays until you take it. Choose a robot of another visitor to exchange the two.",

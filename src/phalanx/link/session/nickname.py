@@ -20,14 +20,14 @@ _LETTERS = (
 )
 _BEGINS = [begin for begin, _ in _LETTERS]
 _DRAWN = ((0x2600, 0x27BF), (0x1F300, 0x1FAFF))  # pictures
-_IGNORED = "\u034f\u1160\u115f\u17b4\u17b5\u3164"  # in those ranges, and shown as nothing
+_IGNORED = "\u034f\u0640\u17b4\u17b5"  # in those ranges, and shown as nothing or as a longer line
 _AS_TYPED = str.maketrans("‘’ʼ“”–—", "'''\"\"--")  # what phones make of it
 
 # Letters that look the same, of the scripts above and without their marks: Unicode's confusables.txt (UTS #39).
 _GROUPS = """
     O0ΟОՕଠዐ 2ƧϨ 3ƷȜЗӠ 5Ƽ 6б 8Ȣȣ AΑА BΒВ CС EΕЕ FϜ HΗН JͿЈ KΚК MΜϺМ NΝ PΡР RƦ SЅՏ TΤТ UՍሀ VѴ XΧХ YΥУҮ ZΖ
     aαа bƄЬƅь cсϲ eеҽ fքẝ gƍց hһհ lιıіӏ1|ƖǀΙІӀi jϳјȷյ nոռ oοσоօഠဝჿ pρр qգզ rг sƽѕ uυս vνѵ xх yγуүყỿ
-    ßβ ĸκк ƆϽ ƨϩ ƩΣ þƿϸ ǝә ȝӡჳ ɅΛЛ ΓГ ΠП ΦФՓቀ ΨѰ πп ψѱ ςϛ ÞϷ ͶИ ҶӋ ҷӌ ƏӘ Իኮ Մሆ Ոበ Պጣ Ռቡ δծẟ ձኔ
+    يیى كک هہە ßβ ĸκк ƆϽ ƨϩ ƩΣ þƿϸ ǝә ȝӡჳ ɅΛЛ ΓГ ΠП ΦФՓቀ ΨѰ πп ψѱ ςϛ ÞϷ ͶИ ҶӋ ҷӌ ƏӘ Իኮ Մሆ Ոበ Պጣ Ռቡ δծẟ ձኔ
     ॱൎ ऽઽ உഉ ஐஜജ ஈర అಅ ఆಆ ఇಇ ఒಒ జಜ ఞಞ ణಣ యಯ ఱಱ లಲ ணണ രറ ழഴ ஶശ ഞൡ རཪ អឣ
     ขฃ ชซ ฎฏ คดต ฑท ฆม ภฦ าๅ จຈ ยຍ บບ ปປ ฝຝ พພ ฟຟ イ亻 エ工 カ力 タ夕 ト卜 ニ二 ハ八 へヘ ロ口囗 ー一
 """
