@@ -124,6 +124,18 @@ def test_who_waits_for_approval_asks_nothing_and_commands_nothing():
     assert isinstance(world.happened[-1], Requested)
 
 
+def test_places_of_those_who_wait_are_not_kept_by_who_is_away():
+    world = World(waiting_max=3)
+    driver = world.join()
+    leave(world, driver)
+    world.operations.close_door()
+    leave(world, *(world.join() for _ in range(3)))
+    honest = [world.join() for _ in range(3)]
+    assert all(each.last(Stands).standing.waiting for each in honest)
+    assert world.join().last(Ended) == Ended(EndReason.FULL)
+    assert world.resume(driver.kept).client.is_joined, "who does not wait is not forgotten for it"
+
+
 # --- room codes ---
 
 

@@ -91,10 +91,8 @@ class Visitors:
     def admit(self, made: Visitor, connected: Mapping[int, object], unix_s: int, replaced: int = 0) -> Visitor:
         """Write a new visitor, under an id that nobody had and a nickname like nobody's, in place of another or none.
 
-        Raises: TooMany: no place is free, and none may be taken; or too many wait for approval.
+        Raises: TooMany: no place is free, and none may be taken.
         """
-        if made.waiting and sum(each.waiting for each in self if each.id != replaced) >= self._config.waiting_max:
-            raise TooMany("visitors that wait for approval")
         gone = [replaced] if replaced else self._room(made, connected, unix_s)
         rows: dict[bytes, bytes | None] = {_key(each): None for each in gone}
         visitor = replace(made, id=self._next, name=self._free_name(made.name, gone))
@@ -154,9 +152,12 @@ class Visitors:
 
         Who came without a ticket takes no place of one who came with one: anybody can do so as often as he likes.
         """
-        if len(self._all) < self._config.visitors_max:
-            return []
-        away = [each for each in self._all.values() if each.id not in connected]
+        rivals = [each for each in self._all.values() if each.waiting]
+        if not made.waiting or len(rivals) < self._config.waiting_max:
+            if len(self._all) < self._config.visitors_max:
+                return []
+            rivals = list(self._all.values())
+        away = [each for each in rivals if each.id not in connected]
         over = [each.id for each in away if each.expires_s <= unix_s]
         if over:
             return over
