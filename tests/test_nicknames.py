@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from phalanx.link.session import Role
 from phalanx.link.session.events import Admitted
 from phalanx.link.session.nickname import MARKS_IN_A_ROW, clean_nickname, is_reserved, looks
+from phalanx.link.session.visitors import FEW
 from session_world import World
 
 
@@ -86,6 +87,19 @@ def test_who_looks_like_another_gets_a_number(other):
     first, second = named("Alice", other)
     assert first == "Alice"
     assert second.endswith(" 2")
+
+
+def test_a_name_that_many_have_costs_each_newcomer_as_much(monkeypatch):
+    world, asked = World(), []
+    visitors = world.server.visitors
+    is_free = visitors._is_free
+    monkeypatch.setattr(visitors, "_is_free", lambda seen, gone: bool(asked.append(seen)) or is_free(seen, gone))
+    for n in range(250):
+        assert world.join(name="x").last(Admitted).name == (f"x {n + 1}" if n else "x")
+        assert len(asked) <= FEW
+        asked.clear()
+    world.operations.remove(7, world.now)
+    assert world.join(name="x").last(Admitted).name == "x 7"
 
 
 def test_names_that_differ_by_case_alone_are_one_in_every_script():

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import count
+from itertools import chain, count
 
 from phalanx.config.session import SessionConfig
 from phalanx.wire.sessions import DOOR_KEY, DOOR_ROW, VISITOR_KEY, VISITOR_ROW
@@ -20,6 +20,7 @@ from .store import Store
 
 NO_SECRET = bytes(RESUME_BYTES)
 LINE = "\n"
+FEW = 100  # with one name: so many numbers are tried each time, those above once
 Rows = Mapping[bytes, bytes | None]
 Spend = Callable[[bytes], Rows]  # a use of this ticket; returns what is written with it
 
@@ -57,6 +58,7 @@ class Visitors:
         self._all: dict[int, Visitor] = {}
         self._by_secret: dict[bytes, tuple[int, Secret]] = {}
         self._by_look: dict[str, int] = {}
+        self._number = FEW  # behind the next name of which there are many
         self.approval, self._next = False, 1
         for key, row in store.load().items():
             if key == DOOR_KEY.encode():
@@ -174,12 +176,14 @@ class Visitors:
         if self._is_free(looks(wish), gone):
             return wish
         short = wish[: NICKNAME_CHARACTERS - 6].strip()
-        seen = looks(short)  # once: of a thousand with one name each tries all numbers before its own
-        return next(
-            f"{short} {number}"
-            for number in count(2)
+        seen = looks(short)
+        number = next(
+            number
+            for number in chain(range(2, FEW), count(self._number))
             if self._is_free({each + digits for each in seen for digits in looks(str(number))}, gone)
         )
+        self._number = max(self._number, number + 1)
+        return f"{short} {number}"
 
     def _is_free(self, seen: set[str], gone: list[int]) -> bool:
         return all(self._by_look.get(each) in (None, *gone) for each in seen)
