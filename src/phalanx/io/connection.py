@@ -27,7 +27,7 @@ from phalanx.link.messages import Ask, Publish, Subscribe
 
 from .broker_packets import MAX_PACKET_BYTES, Arrived
 from .broker_url import BrokerUrl
-from .incoming import INCOMING_MESSAGES, LONG_BYTES, Incoming
+from .incoming import INCOMING_MESSAGES, Incoming
 from .packets import READ_FOR_S, CheckedClient, Emptied
 
 log = logging.getLogger(__name__)
@@ -73,7 +73,7 @@ class Connection:
         on_connect: called after each connect and subscribe; true for a reconnect.
         mqtt: protocol version to begin with, 5 or 4; the other is tried if the broker refuses it.
         on_dropped: called for every message that was dropped unread, for it is too large, say; overruns are counted.
-        stale_s: what waits longer, with many behind it, is dropped; then short messages are read before long ones.
+        stale_s: what waits longer, with many behind it, is dropped.
     """
 
     def __init__(
@@ -185,10 +185,7 @@ class Connection:
 
     async def _live(self) -> None:
         emptied = Emptied()
-        long_bytes = math.inf if math.isinf(self._stale_s) else LONG_BYTES
-        incoming = Incoming(
-            self._overrun, emptied, self._note_wait, INCOMING_MESSAGES, stale_s=self._stale_s, long_bytes=long_bytes
-        )
+        incoming = Incoming(self._overrun, emptied, self._note_wait, INCOMING_MESSAGES, stale_s=self._stale_s)
         client = CheckedClient(
             self.broker.host,
             self.broker.port,
