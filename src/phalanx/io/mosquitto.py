@@ -28,7 +28,7 @@ MEMORY_BYTES = 256 * 1024 * 1024  # mosquitto ends at more, and is started again
 QUEUED_MESSAGES = 500  # a thousand robots' list is 167 parts, twice in an overlap
 MAX_KEEPALIVE_S = 120
 CONFIG = "mosquitto.conf"
-CONNECT, CONNACK = b"\x10\x0c\x00\x04MQTT\x04\x02\x00\x0a\x00\x00", b"\x20\x02\x00\x00"  # of MQTT 3.1.1
+PROBE_BYTES = 64 * 1024
 TAKEN = (os.strerror(errno.EADDRINUSE), "Unable to create websockets listener")
 START_TIMEOUT_S = 20.0  # one that fails ends by itself
 
@@ -107,9 +107,26 @@ def _write(folder: Path, text: str) -> str | None:
 
 
 async def serves(url: BrokerUrl) -> bool | None:
-    """Return whether the broker takes a connection in time; None if we do not know."""
-    heard = await answer(url.host, url.port, CONNECT, len(CONNACK))
-    return None if heard is None else heard == CONNACK
+    """Return whether the broker takes a connection and passes on a long message in time; None if we do not know."""
+    topic = _string(f"phalanx/probe/{os.urandom(8).hex()}")
+    hello = _string("MQTT") + b"\x04\x02\x00\x0a" + _string("")
+    message = _packet(0x30, topic + bytes(PROBE_BYTES))
+    said = _packet(0x10, hello) + _packet(0x82, b"\x00\x01" + topic + b"\x00") + message
+    # CONNACK, SUBACK and the message itself.
+    heard = await answer(url.host, url.port, said, 4 + 5 + len(message))
+    return None if heard is None else heard.endswith(message)
+
+
+def _string(text: str) -> bytes:
+    return len(text).to_bytes(2, "big") + text.encode()
+
+
+def _packet(kind: int, body: bytes) -> bytes:
+    head, left = bytearray([kind]), len(body)
+    while left >= 128:
+        head.append(left & 127 | 128)
+        left >>= 7
+    return bytes((*head, left)) + body
 
 
 async def _until_it_serves(url: BrokerUrl, process: asyncio.subprocess.Process) -> None:
