@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 import random
-import time
 from types import SimpleNamespace
 
 import pytest
 
 from phalanx.io import incoming as where
 from phalanx.io.broker_packets import Arrived
-from phalanx.io.incoming import BACKLOG, LONG_BYTES, STALE_S, Incoming
+from phalanx.io.incoming import BACKLOG, STALE_S, Incoming
 
 ARRIVE, READ_MS, SECONDS = 2, 1, 10  # twice as many come as can be read
 
@@ -69,18 +68,3 @@ def test_a_hiccup_costs_nothing(monkeypatch):
     for _ in range(BACKLOG):
         incoming.get_nowait()
     assert (len(waited), dropped) == (BACKLOG, [])
-
-
-def test_long_messages_wait_until_no_others_do_and_take_no_room_of_them():
-    waited, dropped, long = [], [], bytes(LONG_BYTES)
-    emptied = SimpleNamespace(at_s=time.monotonic())
-    incoming = Incoming(lambda: dropped.append(1), emptied, waited.append, 10, 100_000, math.inf, LONG_BYTES)
-    for n in range(20):
-        incoming.put_nowait(Arrived("long", long))
-        incoming.put_nowait(Arrived("short", bytes([n])))
-    assert incoming.qsize() == 20
-    assert len(dropped) == 20
-    read = [incoming.get_nowait() for _ in range(20)]
-    assert [message.topic for message in read] == ["short"] * 10 + ["long"] * 10
-    assert [message.payload[0] for message in read[:10]] == list(range(10))
-    assert incoming.empty()

@@ -86,8 +86,7 @@ class TestMistakes:
             (["link", "connect", "http://x/#v=1&pin=123456&broker=ws://x", "--left", "0"], 2, "without a robot"),
             (["link", "connect", "http://x/#v=1&pin=123456&broker=ws://x", "--for", "1"], 2, "without a robot"),
             (["link", "connect", "http://x/#v=1&pin=123456&broker=ws://x", "--drive", "A", "--watch"], 2, "--watch"),
-            (["link", "serve", "--broker", "mqtt://h/path"], 2, "has no path"),
-            (["link", "serve", "--broker", "mqtt://127.0.0.1:1", "--wait", "0.5"], 1, "no broker at"),
+            (["up", "--qrkey", "--broker", "mqtt://h/path"], 2, "has no path"),
             (
                 ["up", "--qrkey", "--broker", "mqtt://localhost:1", "--wait", "0.5", "--defence", "none"],
                 1,
@@ -142,7 +141,6 @@ class TestMistakes:
             login = {"PHALANX_BROKER_USERNAME": "me", "PHALANX_BROKER_PASSWORD": "hunter2"}
             for arguments in (
                 ["up", "--port", "0", "--defence", "none", "--qrkey"],
-                ["link", "serve"],
                 ["link", "connect", "--pin", "123456"],
             ):
                 done = run(*arguments, "--broker", f"mqtt://127.0.0.1:{tcp}", env=login)
@@ -160,7 +158,7 @@ class TestMistakes:
         (tmp_path / "lab.crt").write_text("no certificate\n")
         for name, why in (("lab.crt", "no certificate in it"), ("lab.ctr", "No such file or directory")):
             monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / name))
-            for command in ("doctor", "up --qrkey", "link serve", "link connect --pin 123456"):
+            for command in ("doctor", "up --qrkey", "link connect --pin 123456"):
                 assert run_command([*command.split(), "--broker", "mqtts://127.0.0.1:1"]) == 2
                 told = capsys.readouterr().err
                 assert f"SSL_CERT_FILE is {tmp_path / name}: {why}" in told

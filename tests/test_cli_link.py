@@ -1,18 +1,16 @@
-"""`phalanx link` as people run it: beside a server of its own, and against one that says what it likes."""
+"""`phalanx link` as people run it, against a server that says what it likes."""
 
 from __future__ import annotations
 
 import asyncio
 import json
-import re
-import time
 
 import pytest
 
 from conftest import child, run
 from phalanx.cli.link import _find
 from phalanx.errors import Unavailable, UsageError
-from phalanx.io import Client, Server
+from phalanx.io import Server
 from session_endpoint import Endpoint
 
 pytestmark = pytest.mark.waits
@@ -26,39 +24,6 @@ class TestConnect:
             _find(swarm[:2], "Ada")
         with pytest.raises(Unavailable, match="no robot None"):
             _find([{"address": "A1", "name": None}], "None")
-
-
-class TestLinkServe:
-    def test_it_echoes(self):
-        with child("link", "serve", "--events") as serve:
-            ready = serve.wait_for("ready")
-            with child("link", "connect", ready["qr_url"], "--watch") as watch:
-                time.sleep(1.5)
-                done = run("link", "connect", ready["qr_url"], "--timeout", "3")
-                assert "not a list of robots" in done.stderr
-                assert serve.wait_for("request")["request"] == 0
-                assert watch.stop() == 0
-            assert serve.stop() == 0
-
-    def test_what_visitors_say_does_not_command_the_terminal_nor_end_the_server(self):
-        with child("link", "serve") as serve:
-            deadline = time.monotonic() + 20
-            while not serve.out:
-                assert time.monotonic() < deadline
-                time.sleep(0.05)
-            url = re.search(r"phalanx:#\S+", serve.out[0]).group()
-
-            async def attack():
-                async with Client(url) as client:
-                    for payload in ("\x1b]0;owned\x07", "\ud800", "a\nb", "\u202eabc"):
-                        await client.command("AB", "x", payload)
-                    assert (await client.request(7))["request"] == 7
-
-            asyncio.run(attack())
-            assert serve.stop() == 0
-            text = "\n".join(serve.out)
-            assert "?]0;owned?" in text
-            assert not set(text) & set("\x1b\x07\u202e")
 
 
 class TestHostileSwarms:
@@ -84,6 +49,17 @@ class TestHostileSwarms:
             assert "\x1b" not in done.stdout
             done = await asyncio.to_thread(run, "link", "connect", url, "--json")
             assert all(isinstance(robot["address"], str) for robot in json.loads(done.stdout)["robots"])
+
+    async def test_what_a_swarm_tells_everybody_is_printed_as_it_comes_and_commands_no_terminal(self, broker):
+        async with Server(broker.url, broker_for_visitors=broker.websocket) as server:
+            await server.wait_connected(10)
+            with child("link", "connect", server.qr().for_page("phalanx:"), "--watch") as watch:
+                while not watch.out:
+                    await server.notify({"said": "\x1b]0;owned\x07"})
+                    await asyncio.sleep(0.1)
+                assert await asyncio.to_thread(watch.stop) == 0
+            assert json.loads(watch.out[0]) == {"said": "\x1b]0;owned\x07"}
+            assert "\x1b" not in watch.out[0]
 
 
 class TestSessions:

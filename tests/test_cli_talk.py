@@ -139,7 +139,6 @@ class TestWhere:
                 ["up", "--qrkey", "--broker", "mosquitto", "--broker-login", "nowhere"],
                 "a login for a broker of our own",
             ),
-            (["link", "serve", "--broker-login", "nowhere"], "a login for a broker of our own"),
             (["doctor", "--broker-login", "{login}"], "no broker to try"),
             (["doctor", "--broker", "localhost", "--broker-ws", "localhost:9001"], "browsers cannot use mqtt://"),
         ],

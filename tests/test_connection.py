@@ -7,16 +7,14 @@ import time
 
 import pytest
 
-from conftest import bare_mosquitto, eventually
-from phalanx.io.broker_url import parse_broker_url
+from conftest import eventually
 from phalanx.io.connection import Connection
-from ports import free_port
 from test_strangers import Stranger
 
 pytestmark = pytest.mark.waits
 
 
-async def test_what_comes_at_once_does_not_wait_for_turns_of_the_loop(tmp_path):
+async def test_what_comes_at_once_does_not_wait_for_turns_of_the_loop(broker):
     """Some turns for each message, in which as many more are read, left a gateway no time to hear any."""
     turns, heard_in = 0, []
 
@@ -31,17 +29,14 @@ async def test_what_comes_at_once_does_not_wait_for_turns_of_the_loop(tmp_path):
             turns += 1
             await asyncio.sleep(0)
 
-    tcp = free_port()
-    with bare_mosquitto(tcp, free_port(), tmp_path) as (start, _):
-        start()
-        link = Connection(parse_broker_url(f"mqtt://127.0.0.1:{tcp}"), "test", lambda: ["x"], hear, ignore)
-        living, counting = link.start(), asyncio.create_task(count())
-        await link.wait_connected(10)
-        async with Stranger(tcp, 4) as stranger:
-            for _ in range(300):
-                stranger.publish("x", b"rubbish")
-            time.sleep(0.5)  # in this very thread: they come together
-            await eventually(lambda: len(heard_in) == 300)
-        for task in (living, counting):
-            task.cancel()
+    link = Connection(broker.url, "test", lambda: ["x"], hear, ignore)
+    living, counting = link.start(), asyncio.create_task(count())
+    await link.wait_connected(10)
+    async with Stranger(broker.url.port, 4) as stranger:
+        for _ in range(300):
+            stranger.publish("x", b"rubbish")
+        time.sleep(0.5)  # in this very thread: they come together
+        await eventually(lambda: len(heard_in) == 300)
+    for task in (living, counting):
+        task.cancel()
     assert len(set(heard_in)) < 150, "each had turns of its own"

@@ -26,8 +26,8 @@ from phalanx.io.broker_packets import (
     BrokerFaultError,
     BrokerPackets,
 )
+from phalanx.io.front.link import frame_head
 from phalanx.io.site import HEADERS, LINE_BYTES, Site, beside
-from phalanx.io.websocket import frame_head
 from phalanx.link.envelope import open_envelope, seal
 from phalanx.link.pin import Pin, derive_epoch
 from phalanx.link.replay import ReplayCache

@@ -15,17 +15,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import eventually
-from phalanx.errors import TooLarge
 from phalanx.gateway import Gateway, vocabulary
 from phalanx.gateway.brakes import EXPIRES_S, Joysticks
 from phalanx.gateway.gateway import TICK_S, UPDATES_PER_TICK
 from phalanx.gateway.missions.watch import MOST_THINGS, WorkWatch
-from phalanx.gateway.serving import tell_event
 from phalanx.gateway.visitors import FORGET_AFTER_S, FORGET_OLDER_AFTER_S, LIMIT, MOST_DRIVERS, Drivers, Visitors
 from phalanx.io import Client, Server
-from phalanx.link import Command, Pin, Request, derive_epoch
 from phalanx.link.envelope import encode_envelope, seal
-from phalanx.link.messages import Publish, Rejected
+from phalanx.link.messages import Publish
 from phalanx.link.topics import CommandTopic, full_topic
 from phalanx.robot import Led, Point
 from phalanx.robot.swarm import Done
@@ -365,16 +362,3 @@ async def test_who_has_read_no_frame_and_would_say_so_moves_nothing(broker):
             await eventually(lambda: 50 in driven)
         job.cancel()
     assert 70 not in driven
-
-
-def test_no_link_is_written_for_what_comes_in_thousands():
-    """That of the QR code was, for every message that was refused: most of what it cost."""
-
-    def link() -> str:
-        raise AssertionError("a link")
-
-    assert tell_event(Rejected(TooLarge("no")), link) == {"event": "rejected", "reason": "too_large"}
-    assert tell_event(Command(CommandTopic("AB", "0", "move_raw"), 1, None), link)["name"] == "move_raw"
-    assert tell_event(Request(0, "one", {}), link)["client"] == "one"
-    with pytest.raises(AssertionError, match="a link"):
-        tell_event(derive_epoch(Pin("1" * 12)), link)

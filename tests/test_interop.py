@@ -17,12 +17,10 @@ from pathlib import Path
 
 import pytest
 
-from conftest import bare_mosquitto, eventually, with_an_old_pin
+from conftest import eventually, with_an_old_pin
 from phalanx.config import LinkConfig
-from phalanx.io import ANY, BrokerUrl, Client, Server
-from phalanx.io.broker import RunningBroker
+from phalanx.io import ANY, Client, Server
 from phalanx.link import Pin, QrUrl
-from ports import free_port
 
 pytestmark = [pytest.mark.waits, pytest.mark.peers, pytest.mark.timeout(120)]
 
@@ -98,16 +96,6 @@ async def a_peer(*command: str, env: dict[str, str] | None = None, cwd: Path = H
         await asyncio.gather(*peer.readers, process.wait(), return_exceptions=True)
 
 
-@pytest.fixture
-def foreign(tmp_path):
-    """A broker of somebody else's: on ours nobody but our gateway may speak as a swarm."""
-    tcp, ws = free_port(), free_port()
-    with bare_mosquitto(tcp, ws, tmp_path) as (start, _):
-        start()
-        url = BrokerUrl("mqtt", "127.0.0.1", tcp)
-        yield RunningBroker("external", url, f"ws://127.0.0.1:{ws}/mqtt")
-
-
 def published_server(broker, mqtt: int, *arguments: str, **env: str):
     settings = {
         "MQTT_HOST": broker.url.host,
@@ -179,10 +167,10 @@ async def test_our_server_and_the_published_hook(broker, mqtt):
 
 
 @pytest.mark.parametrize("mqtt", [5, 4])
-async def test_our_python_client_and_the_published_server(foreign, mqtt):
-    async with published_server(foreign, mqtt) as server:
+async def test_our_python_client_and_the_published_server(broker, mqtt):
+    async with published_server(broker, mqtt) as server:
         pin = (await server.wait("ready"))["pin"]
-        async with Client(link_to(foreign, pin, mqtt)) as client:
+        async with Client(link_to(broker, pin, mqtt)) as client:
             notes = client.notifications()
 
             async def a_round(n: int):
@@ -204,10 +192,10 @@ async def test_our_python_client_and_the_published_server(foreign, mqtt):
 
 
 @pytest.mark.parametrize("mqtt", [5, 4])
-async def test_our_typescript_client_and_the_published_server(foreign, mqtt):
-    async with published_server(foreign, mqtt) as server:
+async def test_our_typescript_client_and_the_published_server(broker, mqtt):
+    async with published_server(broker, mqtt) as server:
         pin = (await server.wait("ready"))["pin"]
-        async with our_typescript(link_to(foreign, pin, mqtt).for_page("http://page/")) as client:
+        async with our_typescript(link_to(broker, pin, mqtt).for_page("http://page/")) as client:
             await client.wait("ready")
 
             async def a_round(n: int):

@@ -271,7 +271,10 @@ class TestRotation:
         server, phone = pair()
         assert server.reconnected(10.0) == ()
         server.advance(900.0)
-        assert isinstance(deliver(phone, published(server.reconnected(910.0))[0]), Moved)
+        told = published(server.reconnected(910.0))
+        server.advance(1020.0)
+        assert published(server.reconnected(1030.0)), "who slept through all of it"
+        assert isinstance(deliver(phone, told[0]), Moved)
 
     def test_subscriptions_follow_the_state(self):
         server, _ = pair()

@@ -145,49 +145,41 @@ class TestHostileMessages:
         assert connects
         assert "\x1b" not in caplog.text
 
-    async def test_a_forged_rotation_moves_visitors_but_not_the_server(self, tmp_path):
-        # On somebody else's broker. What can and what cannot be refused in this mode: docs/threat-model.md.
-        tcp, ws = free_port(), free_port()
-        with bare_mosquitto(tcp, ws, tmp_path) as (start, _):
-            start()
-            async with Server(f"mqtt://127.0.0.1:{tcp}", broker_for_visitors=f"ws://127.0.0.1:{ws}/mqtt") as server:
-                server.on_request(0)(lambda request: [1, 2])
-                await server.wait_connected(10)
-                before = server.epoch
-                async with Client(server.qr()) as client:
-                    token = seal_jwe(b'{"cmd":255,"pin_code":"666666666666"}', before.key, os.urandom(12))
-                    async with aiomqtt.Client("127.0.0.1", tcp) as visitor:
-                        for sub in ("request", "notify", "command/0000/A/0/x"):
-                            await visitor.publish(f"/qrkey/{before.topic}/{sub}", token)
-                    await eventually(lambda: client.moves and server.rejected.total() >= 2)
-                    # Nobody speaks there. Who asks, and is not answered, goes back.
-                    assert client.epoch_topic != before.topic
-                    assert await client.request(0) == [1, 2]
-                    assert client.epoch_topic == before.topic
-                assert server.epoch is before
-                assert server.rejected == {"malformed_envelope": 2}
+    async def test_a_forged_rotation_moves_visitors_but_not_the_server(self, broker):
+        # What can and what cannot be refused in this mode: docs/threat-model.md.
+        async with Server(broker.url, broker_for_visitors=broker.websocket) as server:
+            server.on_request(0)(lambda request: [1, 2])
+            await server.wait_connected(10)
+            before = server.epoch
+            async with Client(server.qr()) as client:
+                token = seal_jwe(b'{"cmd":255,"pin_code":"666666666666"}', before.key, os.urandom(12))
+                async with somebody(broker) as visitor:
+                    for sub in ("request", "notify", "command/0000/A/0/x"):
+                        await visitor.publish(f"/qrkey/{before.topic}/{sub}", token)
+                await eventually(lambda: client.moves and server.rejected.total() >= 2)
+                # Nobody speaks there. Who asks, and is not answered, goes back.
+                assert client.epoch_topic != before.topic
+                assert await client.request(0) == [1, 2]
+                assert client.epoch_topic == before.topic
+            assert server.epoch is before
+            assert server.rejected == {"malformed_envelope": 2}
 
-    async def test_secrets_are_not_logged(self, caplog, tmp_path):
+    async def test_secrets_are_not_logged(self, broker, caplog):
         caplog.set_level(logging.DEBUG)
-        tcp, ws = free_port(), free_port()
         login = Login("ferris", "hunter2-and-more")
-        with bare_mosquitto(tcp, ws, tmp_path) as (start, _):
-            start()
-            config = LinkConfig(rotate_s=1.5, overlap_s=0.8)
-            server = Server(
-                f"mqtt://127.0.0.1:{tcp}", login=login, broker_for_visitors=f"ws://127.0.0.1:{ws}/mqtt", config=config
-            )
-            pins = {server.epoch.pin.digits}
-            keys = {server.epoch.key.raw.hex()}
-            server.on_event = lambda said: (
-                (pins.add(said.pin.digits), keys.add(said.key.raw.hex())) if hasattr(said, "pin") else None
-            )
-            async with server:
-                await server.wait_connected(10)
-                async with Client(server.qr(), login=login) as client:
-                    await client.command("AB", "x", {"payload": "of the visitor"})
-                    await eventually(lambda: client.moves >= 2, 15)
-            assert len(pins) >= 3
+        config = LinkConfig(rotate_s=1.5, overlap_s=0.8)
+        server = Server(str(broker.url), login=login, broker_for_visitors=broker.websocket, config=config)
+        pins = {server.epoch.pin.digits}
+        keys = {server.epoch.key.raw.hex()}
+        server.on_event = lambda said: (
+            (pins.add(said.pin.digits), keys.add(said.key.raw.hex())) if hasattr(said, "pin") else None
+        )
+        async with server:
+            await server.wait_connected(10)
+            async with Client(server.qr(), login=login) as client:
+                await client.command("AB", "x", {"payload": "of the visitor"})
+                await eventually(lambda: client.moves >= 2, 15)
+        assert len(pins) >= 3
         assert "connected to" in caplog.text, "the log was really taken at DEBUG"
         for secret in (*pins, *keys, "hunter2", "of the visitor"):
             assert secret not in caplog.text

@@ -22,8 +22,8 @@ from phalanx.cli.terminal import EventLines
 from phalanx.gateway.gateway import Gateway, Told
 from phalanx.io import Client, Server
 from phalanx.io.broker import open_broker
+from phalanx.io.front.link import frame_head
 from phalanx.io.private_file import private_folder
-from phalanx.io.websocket import frame_head
 from phalanx.link.envelope import encode_envelope, seal
 from phalanx.link.messages import Publish
 from phalanx.link.topics import CommandTopic, full_topic

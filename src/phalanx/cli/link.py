@@ -1,4 +1,4 @@
-"""`phalanx link`: a visitor and a server without a browser."""
+"""`phalanx link connect`: a visitor without a browser."""
 
 from __future__ import annotations
 
@@ -10,18 +10,15 @@ from typing import Any
 import click
 
 from phalanx.errors import Unavailable, UsageError, did_you_mean
-from phalanx.io import ANY, Login, Server, parse_broker_url
-from phalanx.io.broker import open_broker
+from phalanx.io import Login, parse_broker_url
 from phalanx.io.broker_url import BrokerUrl
-from phalanx.io.server import Happening
-from phalanx.link import Command, Pin, QrUrl, Request, parse_qr_url
+from phalanx.link import Pin, QrUrl, parse_qr_url
 from phalanx.link.session import is_session_url
 from phalanx.link.topics import is_address
 
-from .credentials import login_for, read_login
-from .options import link_config
+from .credentials import read_login
 from .run import run
-from .terminal import counted, plain, print_json, talk, timed
+from .terminal import counted, plain, print_json, talk
 from .visiting import Visitor, qrkey_visitor, refusals_for_people, session_visitor
 
 STATUS = ("active", "quiet", "lost")
@@ -196,63 +193,3 @@ async def _drive(robots: _Robots, called: str, wheels_pct: tuple[int, int], for_
         click.echo(f"{counted(sent, 'command')} to {plain(address)}; nobody says whether there is such a robot")
     else:
         click.echo(f"before  {_row(before)}\nafter   {_row(after)}")
-
-
-def serve(
-    broker: str,
-    broker_ws: str,
-    broker_login: Path | None,
-    frontend: str,
-    wait_s: float,
-    duration_s: float | None,
-    events: bool,
-    **said: Any,
-) -> None:
-    """Serves the link until it is stopped: every request is its own answer, and every command is told to everybody."""
-    # Here, for it brings pages and missions along: a visitor need not wait for that.
-    from phalanx.gateway.serving import connected_within, for_at_most  # noqa: PLC0415
-
-    config, login = link_config(said), login_for(broker, broker_login)
-    where = open_broker(broker, login=login, websocket=broker_ws)
-
-    async def echo() -> None:
-        async with where as running:
-            server = Server(running.url, config=config, broker_for_visitors=running.websocket)
-            _echo(server)
-
-            def url() -> str:
-                return server.qr().for_foreign_page(frontend) if frontend else server.qr().for_page("phalanx:")
-
-            server.on_event = lambda said: _tell(said, url(), events)
-            async with server:
-                await connected_within(server, wait_s)
-                _tell(server.epoch, url(), events, ready=True)
-                async with for_at_most(duration_s):
-                    await server.run()
-
-    run(echo())
-
-
-def _echo(server: Server) -> None:
-    @server.on_command(ANY)
-    async def tell(command: Command) -> None:
-        await server.notify({"echo": {"address": command.address, "name": command.name, "payload": command.payload}})
-
-    @server.on_request(ANY)
-    def repeat(request: Request) -> Any:
-        return request.words
-
-
-def _tell(said: Happening, url: str, events: bool, *, ready: bool = False) -> None:
-    from phalanx.gateway.serving import tell_event  # noqa: PLC0415  # as in serve
-
-    told = tell_event(said, lambda: url)
-    if told is None:
-        return
-    if ready:
-        told["event"] = "ready"
-    if events:
-        print_json(timed(told))
-    else:
-        words = (plain(value, 1000) for key, value in told.items() if key not in ("pin", "topic"))
-        click.echo("  ".join(words))

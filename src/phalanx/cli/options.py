@@ -104,12 +104,6 @@ login_option = option(
     type=FILE,
     help="File with user:password for the broker; or set PHALANX_BROKER_USERNAME and PHALANX_BROKER_PASSWORD.",
 )
-# For commands that send visitors to the broker.
-broker_options = together(
-    option("--broker", default="mosquitto", help="mosquitto, or a mqtt(s):// or ws(s):// URL."),
-    broker_ws_option,
-    login_option,
-)
 state_option = option(
     "--state",
     help="The folder of a gateway, as it was given to phalanx up.  [default: ~/.local/state/phalanx]",

@@ -1,4 +1,4 @@
-"""What every command that serves a link shares: its events, how long it waits for a broker, and how long it lives."""
+"""How long a gateway waits for a broker, and how long it lives."""
 
 from __future__ import annotations
 
@@ -9,9 +9,6 @@ from typing import Any
 
 from phalanx.errors import Unavailable
 from phalanx.io import Server
-from phalanx.io.server import Happening
-from phalanx.link import Command, Epoch, Request
-from phalanx.link.messages import Rejected
 
 WAIT_QUIETLY_S = 1.5
 
@@ -28,16 +25,8 @@ async def for_at_most(duration_s: float | None) -> AsyncIterator[None]:
             raise
 
 
-async def connected_within(server: Server, wait_s: float) -> None:
-    """Wait for a server's broker. Raises: Unavailable: it does not answer in time, or refuses us."""
-    try:
-        await server.wait_connected(wait_s)
-    except TimeoutError as error:
-        raise Unavailable(str(error), "phalanx doctor --broker URL; to wait longer for it, --wait") from error
-
-
 async def until_connected(server: Server, say: Callable[[dict[str, Any]], None], wait_s: float) -> None:
-    """The same; what takes long is said."""
+    """Wait for a server's broker; what takes long is said. Raises: Unavailable: it does not come, or refuses us."""
 
     async def tell() -> None:
         await asyncio.sleep(WAIT_QUIETLY_S)
@@ -45,19 +34,8 @@ async def until_connected(server: Server, say: Callable[[dict[str, Any]], None],
 
     telling = asyncio.ensure_future(tell())
     try:
-        await connected_within(server, wait_s)
+        await server.wait_connected(wait_s)
+    except TimeoutError as error:
+        raise Unavailable(str(error), "phalanx doctor --broker URL; to wait longer for it, --wait") from error
     finally:
         telling.cancel()
-
-
-def tell_event(said: Happening, qr_url: Callable[[], str]) -> dict[str, Any] | None:
-    """The event in JSON's types; None for what is no event. A rotation has the pin in it."""
-    if isinstance(said, Epoch):
-        return {"event": "rotation", "pin": said.pin.digits, "topic": said.topic, "qr_url": qr_url()}
-    if isinstance(said, Command):
-        return {"event": "command", "address": said.address, "name": said.name, "payload": said.payload}
-    if isinstance(said, Request):
-        return {"event": "request", "request": said.number, "client": said.client_id}
-    if isinstance(said, Rejected):
-        return {"event": "rejected", "reason": said.reason}
-    return None

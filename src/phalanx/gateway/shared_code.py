@@ -12,10 +12,8 @@ from phalanx.io import Server, parse_broker_url
 from phalanx.io.broker import RunningBroker, open_broker
 from phalanx.io.broker_url import no_way_from, on_host
 from phalanx.io.server import Happening
-from phalanx.link import Request
+from phalanx.link import Command, Epoch
 from phalanx.link.messages import Rejected
-
-from .serving import tell_event
 
 if TYPE_CHECKING:
     from .up import UpOptions
@@ -72,13 +70,17 @@ class SharedCode:
         return self.server.counters[what]
 
     def event(self, said: Happening) -> dict[str, Any] | None:
-        """Return what happened, in JSON's types; None for what is nobody's business: pages ask all the time."""
-        told = tell_event(said, lambda: self.qr_url)
-        if told is None or isinstance(said, Request):
-            return None
+        """Return what happened, in JSON's types; None for what is nobody's business: pages ask all the time.
+
+        A rotation has the pin in it.
+        """
+        if isinstance(said, Epoch):
+            return {"event": "rotation", "pin": said.pin.digits, "topic": said.topic, "qr_url": self.qr_url}
+        if isinstance(said, Command):
+            return {"event": "command", "address": said.address, "name": said.name, "payload": said.payload}
         if isinstance(said, Rejected):
-            told["count"] = self.server.rejected[said.reason]
-        return told
+            return {"event": "rejected", "reason": said.reason, "count": self.server.rejected[said.reason]}
+        return None
 
     async def run(self, say: Callable[[dict[str, Any]], None]) -> None:
         """Serve until cancelled; `say` is told when the broker goes and comes."""

@@ -7,11 +7,13 @@ nothing, and the published server, which does not ask again, stays deaf from the
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import math
 import os
 import random
 import re
+import socket
 import ssl
 import time
 from collections.abc import Awaitable, Callable, Iterable
@@ -27,8 +29,9 @@ from phalanx.link.messages import Ask, Publish, Subscribe
 
 from .broker_packets import MAX_PACKET_BYTES, Arrived
 from .broker_url import BrokerUrl
-from .incoming import INCOMING_MESSAGES, LONG_BYTES, Incoming
+from .incoming import INCOMING_MESSAGES, Incoming
 from .packets import READ_FOR_S, CheckedClient, Emptied
+from .websocket import by_websocket
 
 log = logging.getLogger(__name__)
 _SILENT = logging.getLogger(f"{__name__}.paho")
@@ -48,7 +51,6 @@ _MISTRUST = re.compile(r"certificate verify failed: (.*?)\.?(?: \(_ssl|$)")
 # What libraries say that only they understand.
 _PLAIN = {
     "WRONG_VERSION_NUMBER": "no TLS there",
-    "WebSocket handshake error": "no websocket there",
     "Disconnected during message iteration": "it hung up",
 }
 DENIED = 0x80  # SUBACK codes from here on are refusals, in 3.1.1 and 5
@@ -73,7 +75,7 @@ class Connection:
         on_connect: called after each connect and subscribe; true for a reconnect.
         mqtt: protocol version to begin with, 5 or 4; the other is tried if the broker refuses it.
         on_dropped: called for every message that was dropped unread, for it is too large, say; overruns are counted.
-        stale_s: what waits longer, with many behind it, is dropped; then short messages are read before long ones.
+        stale_s: what waits longer, with many behind it, is dropped.
     """
 
     def __init__(
@@ -184,11 +186,18 @@ class Connection:
         return True
 
     async def _live(self) -> None:
+        # paho connects in a thread that nothing can stop: an unreachable host would block Ctrl-C.
+        await self._reach()
+        async with contextlib.AsyncExitStack() as stack:
+            way = None
+            if self.broker.websockets:
+                async with asyncio.timeout(CONNECT_TIMEOUT_S):
+                    way = await stack.enter_async_context(by_websocket(self.broker))
+            await self._speak(way)
+
+    async def _speak(self, way: socket.socket | None) -> None:
         emptied = Emptied()
-        long_bytes = math.inf if math.isinf(self._stale_s) else LONG_BYTES
-        incoming = Incoming(
-            self._overrun, emptied, self._note_wait, INCOMING_MESSAGES, stale_s=self._stale_s, long_bytes=long_bytes
-        )
+        incoming = Incoming(self._overrun, emptied, self._note_wait, INCOMING_MESSAGES, stale_s=self._stale_s)
         client = CheckedClient(
             self.broker.host,
             self.broker.port,
@@ -196,20 +205,17 @@ class Connection:
             username=self.broker.login.username if self.broker.login else None,
             password=self.broker.login.password if self.broker.login else None,
             protocol=ProtocolVersion.V5 if self.mqtt == 5 else ProtocolVersion.V311,
-            transport="websockets" if self.broker.websockets else "tcp",
-            websocket_path=self.broker.path or None,
-            tls_context=ssl.create_default_context() if self.broker.tls else None,
+            tls_context=ssl.create_default_context() if self.broker.tls and not way else None,
             keepalive=KEEPALIVE_S,
             timeout=CONNECT_TIMEOUT_S,
             queue_type=cast("type[asyncio.Queue[aiomqtt.Message]]", lambda maxsize: incoming),  # noqa: ARG005
             properties=_connect_properties() if self.mqtt == 5 else None,
             logger=_SILENT,
+            way=way,
             arrived=incoming.put_nowait,
             on_dropped=self._on_dropped,
             emptied=emptied,
         )
-        # paho connects in a thread that nothing can stop: an unreachable host would block Ctrl-C.
-        await self._reach()
         async with client, asyncio.timeout(None) as self._lifetime:
             await self._subscribe_to_all(client)
             _heed_cancelling()

@@ -17,14 +17,12 @@ INCOMING_MESSAGES = 2000  # under a second of work: what waits longer is stale n
 # late, and so would all behind it: a server that works through a backlog in its order obeys nobody.
 BACKLOG, STALE_S = 50, 0.2
 INCOMING_BYTES = 64 * 1024 * 1024
-LONG_BYTES = 8 * 1024  # no command to our robots is as long: a route of 64 points is half of it
 
 
 class Incoming(asyncio.Queue[Arrived]):
     """Messages that wait to be read, bounded in number and in bytes of topic and payload; the newest are dropped.
 
-    Of more than a few those that have waited longer than `stale_s` are dropped as well, whosesoever they are. Those
-    longer than `long_bytes` are read when no others wait: one takes as long as a hundred commands.
+    Of more than a few those that have waited longer than `stale_s` are dropped as well, whosesoever they are.
 
     `on_overrun` is called for every message that is dropped, `on_read` for every one that is read, with the seconds it
     has waited here; `emptied` tells since when a message that comes now may have waited.
@@ -38,42 +36,37 @@ class Incoming(asyncio.Queue[Arrived]):
         maxsize: int = INCOMING_MESSAGES,
         max_bytes: int = INCOMING_BYTES,
         stale_s: float = math.inf,
-        long_bytes: float = math.inf,
     ) -> None:
         super().__init__()
-        self._most, self._stale_s, self._long_bytes = maxsize, stale_s, long_bytes
+        self._most, self._stale_s = maxsize, stale_s
         self._emptied = emptied
         self._on_read = on_read
         self._on_overrun = on_overrun
         self._room_bytes = max_bytes
-        # Since when they may have waited, and they; whoever says long ones takes no room of others.
-        self._rows: tuple[deque[tuple[float, Arrived]], ...] = (deque(), deque())
+        self._row: deque[tuple[float, Arrived]] = deque()  # since when they may have waited, and they
 
     def qsize(self) -> int:
         """How many wait."""
-        return sum(map(len, self._rows))
+        return len(self._row)
 
     def empty(self) -> bool:
         """Whether none waits."""
-        return not any(self._rows)
+        return not self._row
 
     def put_nowait(self, message: Arrived) -> None:
         """Take the message or drop it; never `QueueFull`."""
-        if len(self._row(message)) >= self._most or message.size > self._room_bytes:
+        if len(self._row) >= self._most or message.size > self._room_bytes:
             self._on_overrun()
         else:
             super().put_nowait(message)
 
-    def _row(self, message: Arrived) -> deque[tuple[float, Arrived]]:
-        return self._rows[message.size > self._long_bytes]
-
     def _put(self, message: Arrived) -> None:
         self._room_bytes -= message.size
-        self._row(message).append((self._emptied.at_s, message))
+        self._row.append((self._emptied.at_s, message))
 
     def _get(self) -> Arrived:
         while True:
-            since_s, message = next(row for row in self._rows if row).popleft()
+            since_s, message = self._row.popleft()
             self._room_bytes += message.size
             waited_s = time.monotonic() - since_s
             if waited_s <= self._stale_s or self.qsize() < BACKLOG:

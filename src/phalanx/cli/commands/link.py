@@ -10,7 +10,7 @@ from phalanx.cli.options import option, runs
 
 @click.group(epilog="Example: phalanx link connect 'http://192.168.1.7:8080/#j=…'")
 def link() -> None:
-    """Who may command: visit a swarm from a terminal, or serve the link alone."""
+    """Who may command: visit a swarm from a terminal, invite others, see who drove."""
 
 
 @link.command(
@@ -37,18 +37,6 @@ def connect() -> None:
 
     QR_URL is the link under the QR code, in quotes; - reads it from standard input, where nobody else sees it.
     """
-
-
-@link.command(epilog="Example: phalanx link serve --broker mqtt://localhost:1883 --events")
-@options.link_options
-@options.broker_options
-@option("--frontend", help="Page of the published kind to make the link for; its host reads the pin.", default="")
-@options.wait_option
-@options.duration_option
-@option("--events", help="Print one JSON object a line.", is_flag=True)
-@runs("link", "serve")
-def serve() -> None:
-    """Serve the link alone: answer every request with itself, tell every command to everybody."""
 
 
 @link.command(epilog="Example: phalanx link invite --robot Ada --role driver --uses 1")

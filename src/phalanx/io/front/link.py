@@ -11,12 +11,12 @@ from collections.abc import Iterator
 from phalanx.config.front import FrontConfig
 from phalanx.io.pace import Pace
 from phalanx.io.site import Connection
-from phalanx.io.websocket import BINARY, CLOSE, frame_head
 
 READ_BYTES = 4 * 1024  # at once, of a connection: what it may have unread here; as frames of nothing 25 times as much
 SEND_BUFFER_BYTES = 32 * 1024  # of the system
 SIOCOUTQNSD = 0x894B  # linux/sockios.h: bytes in a socket's send buffer that were not sent yet
 CLOSE_NORMAL = (1000).to_bytes(2, "big")
+BINARY, CLOSE, PONG = 2, 8, 10  # RFC 6455
 
 
 class Link:
@@ -127,3 +127,11 @@ class Link:
         if isinstance(transport, asyncio.WriteTransport) and not transport.is_closing():
             transport.write(frame)
             self._written += len(frame)
+
+
+def frame_head(opcode: int, length: int) -> bytes:
+    """Return what comes before `length` bytes of a server's frame."""
+    head = bytes([0x80 | opcode])
+    if length < 126:
+        return head + bytes([length])
+    return head + (b"\x7e" + length.to_bytes(2, "big") if length < 65536 else b"\x7f" + length.to_bytes(8, "big"))

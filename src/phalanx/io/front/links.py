@@ -14,10 +14,9 @@ from aiohttp import WSMsgType, web
 
 from phalanx.config.front import FrontConfig
 from phalanx.io.site import Connection, connection_of
-from phalanx.io.websocket import BINARY, CLOSE, PONG, frame_head
 from phalanx.wire.front import FromFront, ToFront, unpack_numbers
 
-from .link import CLOSE_NORMAL, Link
+from .link import BINARY, CLOSE, CLOSE_NORMAL, PONG, Link, frame_head
 from .newcomers import Newcomers
 from .pipe import Pipe
 from .window import Window
