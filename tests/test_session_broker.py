@@ -113,6 +113,7 @@ class Broker:
             self.world.ms += step_ms
             self.world.unix_s += step_ms // 1000
             self.carry(self.server.tick(self.world.now))
+            self.state()
             for visitor in self.visitors:
                 self.do(visitor, visitor.client.tick(self.world.ms))
 

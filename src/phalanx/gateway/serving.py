@@ -10,6 +10,7 @@ from typing import Any
 from phalanx.errors import Unavailable
 from phalanx.io import Server
 from phalanx.io.server import Happening
+from phalanx.io.session_broker import SessionBroker
 from phalanx.link import Command, Epoch, Request
 from phalanx.link.messages import Rejected
 
@@ -28,7 +29,7 @@ async def for_at_most(duration_s: float | None) -> AsyncIterator[None]:
             raise
 
 
-async def connected_within(server: Server, wait_s: float) -> None:
+async def connected_within(server: Server | SessionBroker, wait_s: float) -> None:
     """Wait for a server's broker. Raises: Unavailable: it does not answer in time, or refuses us."""
     try:
         await server.wait_connected(wait_s)
@@ -36,7 +37,7 @@ async def connected_within(server: Server, wait_s: float) -> None:
         raise Unavailable(str(error), "phalanx doctor --broker URL; to wait longer for it, --wait") from error
 
 
-async def until_connected(server: Server, say: Callable[[dict[str, Any]], None], wait_s: float) -> None:
+async def until_connected(server: Server | SessionBroker, say: Callable[[dict[str, Any]], None], wait_s: float) -> None:
     """The same; what takes long is said."""
 
     async def tell() -> None:
