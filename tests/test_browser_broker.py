@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import threading
+from contextlib import contextmanager
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+
 import pytest
 
 from chromium import a_page, badge, barriers_in_both_schemes, choose, wait_until
 from conftest import a_gateway, bare_mosquitto
+from phalanx.gateway.serve_pages import PAGES
 from ports import free_port
 from test_browser_sessions import ask, join, visitors
 
@@ -45,12 +51,23 @@ def test_a_phone_joins_by_a_broker_drives_stops_resumes_and_is_removed(browser, 
             badge(page, "live")
 
 
-def test_a_broker_that_is_lost_is_said_and_the_session_goes_on_when_it_is_back(browser, state, tmp_path):
+@contextmanager
+def a_web_server(folder):
+    """Files somewhere else than at the gateway."""
+    handler = partial(SimpleHTTPRequestHandler, directory=folder)
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}/visitor/"
+        server.shutdown()
+
+
+def test_a_page_elsewhere_says_that_the_broker_is_lost_and_goes_on_when_it_is_back(browser, state, tmp_path):
     tcp, ws = free_port(), free_port()
-    with bare_mosquitto(tcp, ws, tmp_path) as (start, kill):
+    with bare_mosquitto(tcp, ws, tmp_path) as (start, kill), a_web_server(PAGES) as url:
         start()
-        where = ("--broker", f"mqtt://127.0.0.1:{tcp}", "--broker-ws", f"ws://127.0.0.1:{ws}/mqtt")
+        where = ("--broker", f"mqtt://127.0.0.1:{tcp}", "--broker-ws", f"ws://127.0.0.1:{ws}/mqtt", "--page-url", url)
         with a_gateway("--robots", "2", *where, qrkey=False) as (_, ready), a_page(browser) as page:
+            assert ready["qr_url"].startswith(f"{url}#j=")
             join(page, ready["qr_url"], "Ada")
             badge(page, "live")
             known = visitors()["Ada"]["visitor"]

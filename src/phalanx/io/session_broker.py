@@ -23,7 +23,8 @@ from .connection import Connection
 from .front import Received
 
 KNOCKS = 0  # the connection of first messages, which have none yet
-ROW = 64  # messages of one connection that may wait to be read
+ROW_BYTES = 64 * 1024  # of one connection, that may wait to be read; each message takes some more
+MORE_BYTES = 64
 AT_ONCE_S = 0.01  # for which messages are processed before anything else has its turn
 UNSENT_BYTES = 32 * 1024 * 1024  # towards a broker that takes nothing
 CLOSE_TIMEOUT_S = 1.0
@@ -49,6 +50,7 @@ class SessionBroker:
         self._topics: dict[int, tuple[str, ...]] = {}
         self._of: dict[str, int] = {}  # whose topic it is
         self._rows: OrderedDict[int, deque[bytes]] = OrderedDict()  # unread messages, whose turn it is first
+        self._unread_bytes: Counter[int] = Counter()
         self._unsent: deque[Ask] = deque()
         self._unsent_bytes = 0
         self._update: Publish | None = None  # the one that waits
@@ -97,8 +99,11 @@ class SessionBroker:
             while self._rows:
                 connection, row = self._rows.popitem(last=False)
                 data = row.popleft()
+                self._unread_bytes[connection] -= len(data) + MORE_BYTES
                 if row:
                     self._rows[connection] = row
+                else:
+                    del self._unread_bytes[connection]
                 yield Received(connection, data)
                 if time.monotonic() >= until_s:
                     await asyncio.sleep(0)  # the robots' tick is due as well
@@ -137,6 +142,7 @@ class SessionBroker:
             self._topics[connection] = new
         else:
             self._rows.pop(connection, None)
+            self._unread_bytes.pop(connection, None)
 
     # --- the broker --------------------------------------------------------------------------------------------------
 
@@ -172,17 +178,17 @@ class SessionBroker:
         connection = self._of.get(topic)
         if connection is None:
             return  # of a connection that is over
-        longest = SIGNED_HELLO.size if connection == KNOCKS else self._longest
-        row = self._rows.setdefault(connection, deque())
-        if len(payload) > longest:
+        size = len(payload) + MORE_BYTES
+        if len(payload) > self._longest:
             self.rejected["too_large"] += 1
-        elif len(row) >= ROW:
+        elif connection == KNOCKS and len(payload) != SIGNED_HELLO.size:
+            self.rejected["malformed_record"] += 1
+        elif self._unread_bytes[connection] + size > ROW_BYTES:
             self.rejected["overrun"] += 1
         else:
-            row.append(payload)
+            self._unread_bytes[connection] += size
+            self._rows.setdefault(connection, deque()).append(payload)
             self._reads.set()
-        if not row:
-            del self._rows[connection]
 
     def _dropped(self, error: PeerError) -> None:
         self.rejected[error.reason] += 1
