@@ -12,7 +12,7 @@ import aiomqtt
 import pytest
 from aiomqtt.client import ProtocolVersion
 
-from conftest import a_broker, a_gateway, bare_mosquitto, eventually
+from conftest import a_broker, a_gateway, bare_mosquitto, eventually, run
 from phalanx.config.session import SessionConfig
 from phalanx.errors import PeerError, Unavailable
 from phalanx.gateway import Gateway, UpOptions, up
@@ -113,6 +113,10 @@ async def test_a_visitor_joins_by_the_code_drives_and_sees_it():
                 await ada.stop(robot["address"])
                 assert ada.rejected == {}
                 assert ada.refusals == {}
+        drive = ("--drive", robot["address"], "--left", "30", "--for", "0.5")
+        visited = await asyncio.to_thread(run, "link", "connect", "-", *drive, input=ready["session_url"])
+        assert visited.returncode == 1
+        assert "busy" in visited.stderr  # it is leased for a while yet
 
 
 async def test_who_is_removed_learns_so_and_the_old_code_admits_nobody():
