@@ -57,7 +57,7 @@ def test_a_phone_joins_without_a_broker_drives_at_a_constant_rate_and_resumes(br
         page.get_by_test_id("join").click()
         assert badge(page, "live") == "Live · 6 robots"
         assert page.get_by_test_id("me").inner_text() == "Grace"
-        assert not [each for each in loaded if "connection" in each], "the MQTT client is not needed"
+        assert not [each for each in loaded if "mqtt" in each or "broker" in each], "the MQTT client is not needed"
         choose(page, "Ada")
         page.get_by_test_id("joystick").focus()
         page.keyboard.down("KeyW")

@@ -53,6 +53,7 @@ class Broker:
         self.happened: list[Any] = []
         self.seen: list[tuple[str, bytes]] = []
         self.loses = lambda topic, data: False
+        self.makes: Any = SessionClient
 
     def publish(self, topic: str, data: bytes) -> None:
         self.seen.append((topic, data))
@@ -95,7 +96,7 @@ class Broker:
 
     def join(self, secret: Secret | None = None) -> Visitor:
         invitation = Invitation(PUBLIC, secret or self.server.door.code, WHERE["broker"], WHERE["root"], 5)
-        client = SessionClient(self.world.config, invitation, random_source(f"v{len(self.visitors)}"))
+        client = self.makes(self.world.config, invitation, random_source(f"v{len(self.visitors)}"))
         self.visitors.append(Visitor(client))
         self.do(self.visitors[-1], client.start(self.world.ms))
         return self.visitors[-1]
@@ -108,11 +109,13 @@ class Broker:
         self.do(visitor, [visitor.client.command("R1", "move_raw", payload, self.world.ms)])
         return [event for event in self.happened[before:] if isinstance(event, Commanded)]
 
-    def wait(self, ms: int, step_ms: int = 1000) -> None:
+    def wait(self, ms: int, step_ms: int = 1000, *, updates: bool = True) -> None:
         for _ in range(0, ms, step_ms):
             self.world.ms += step_ms
             self.world.unix_s += step_ms // 1000
             self.carry(self.server.tick(self.world.now))
+            if updates:
+                self.state()
             for visitor in self.visitors:
                 self.do(visitor, visitor.client.tick(self.world.ms))
 
@@ -288,6 +291,7 @@ def test_first_messages_have_a_budget_for_each_kind_and_bounded_memory():
         broker.loses = lambda topic, data: data[:1] == b"\x02"
         broker.join()
     assert len(list(broker.server.connections)) <= 8
+    assert len(broker.listens) <= 8
     assert len(broker.server.connections._hellos) <= HELLOS_REMEMBERED
 
 
@@ -300,3 +304,41 @@ def test_who_is_removed_learns_so_and_hears_nothing_more():
     assert eve.last(Updated) is None
     assert ada.last(Updated) == Updated(b"after")
     assert not broker.join(eve.kept).client.is_joined
+
+
+def test_who_hears_nothing_for_long_begins_anew_and_who_waits_for_approval_is_patient():
+    broker = Broker()
+    ada = broker.join()
+    broker.server.visitors.set_approval(approval=True)
+    bob = broker.join()
+    broker.wait(4000, updates=False)
+    assert ada.client.is_joined
+    broker.wait(2000, updates=False)
+    assert ada.last(Ended) == Ended(None)
+    assert bob.last(Ended) is None
+    assert broker.join(ada.kept).client.is_joined
+    broker.wait(50_000)
+    assert bob.client.is_joined
+    broker.wait(10_000)
+    assert bob.last(Ended) == Ended(None)
+
+
+def test_forged_updates_and_records_are_not_taken_for_a_sign_of_life():
+    broker = Broker()
+    ada = broker.join()
+    broker.state()
+    heard = [(topic, data) for topic, data in broker.seen if topic in ada.topics]
+    assert len(heard) > 1
+    for _ in range(6):
+        broker.wait(1000, updates=False)
+        for topic, data in heard:
+            broker.publish(topic, data)
+            broker.publish(topic, data[:-1] + bytes([data[-1] ^ 1]))
+    assert ada.last(Ended) == Ended(None)
+
+
+def test_websockets_of_a_server_on_a_broker_are_direct():
+    broker = Broker()
+    ada = broker.world.join(Invitation(PUBLIC, broker.server.door.code))
+    assert ada.client.is_joined
+    assert not broker.listens

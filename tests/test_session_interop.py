@@ -6,14 +6,28 @@ import json
 import random
 import subprocess
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from phalanx.link.session import Invitation, Role, Secret
-from phalanx.link.session.events import Close, Commanded, Joined, Publish, Requested, Send
+from phalanx.link.session import EndReason, Invitation, Kind, Role, Secret
+from phalanx.link.session.events import (
+    Close,
+    Commanded,
+    Ended,
+    Hear,
+    Joined,
+    KeepSecret,
+    Publish,
+    Requested,
+    Send,
+    Transmit,
+    Updated,
+)
 from session_world import World
+from test_session_broker import Broker
 
 WEB = Path(__file__).parent.parent / "web"
 
@@ -208,3 +222,87 @@ def test_the_secret_that_a_page_keeps_is_the_servers(node):
     (valid,) = crossing.world.server.visitors.find(1).secrets()
     assert isinstance(valid, Secret)
     assert valid.raw.hex() == kept
+
+
+class Page:
+    """A client in TypeScript, as one in Python."""
+
+    def __init__(self, node: Node, _config: Any, invitation: Invitation, _random: Any) -> None:
+        Crossing.ids += 1
+        self.node, self.id, self.is_joined = node, Crossing.ids, False
+        words = {"static": invitation.static.hex(), "kind": invitation.secret.kind.name.lower()}
+        words |= {"secret": invitation.secret.raw.hex(), "broker": invitation.broker, "root": invitation.root}
+        node.ask(do="new", id=self.id, name="Zoë", now=0, mqtt=invitation.mqtt, **words)
+
+    def ask(self, do: str, now_ms: int, **words: Any) -> list[Any]:
+        answer = self.node.ask(do=do, id=self.id, now=now_ms, **words)
+        self.is_joined = not answer["over"] and (
+            self.is_joined or any(each["kind"] == "admitted" for each in answer["events"])
+        )
+        return [event for each in answer["events"] if (event := self.event(each))]
+
+    def event(self, said: dict[str, Any]) -> Any:
+        match said["kind"]:
+            case "transmit":
+                return Transmit(bytes.fromhex(said["data"]), said["topic"])
+            case "hear":
+                return Hear(tuple(said["topics"]))
+            case "updated":
+                return Updated(bytes.fromhex(said["state"]))
+            case "keep":
+                return KeepSecret(Secret(Kind.RESUME, bytes.fromhex(said["secret"])), said["lifetime_s"])
+            case "ended":
+                return Ended(EndReason[said["reason"].upper()] if said.get("reason") else None)
+        return None
+
+    def start(self, now_ms: int) -> list[Any]:
+        return self.ask("start", now_ms)
+
+    def receive(self, raw: bytes, now_ms: int) -> list[Any]:
+        return self.ask("receive", now_ms, data=raw.hex())
+
+    def tick(self, now_ms: int) -> list[Any]:
+        return self.ask("tick", now_ms)
+
+    def command(self, robot: str, name: str, payload: bytes, now_ms: int) -> Any:
+        return self.ask("command", now_ms, robot=robot, name=name, payload=payload.hex())[0]
+
+    def stored(self, _secret: Secret, now_ms: int) -> Any:
+        return self.ask("stored", now_ms)[0]
+
+
+def test_a_page_on_a_broker_changes_topics_with_its_keys_and_begins_anew_when_it_hears_nothing(node):
+    broker = Broker()
+    broker.makes = partial(Page, node)
+    zoe = broker.join()
+    broker.state(b"one")
+    assert zoe.last(Updated) == Updated(b"one")
+    assert broker.drive(zoe)
+    before = {topic for topic, _ in broker.seen}
+    broker.wait(1_800_000, 2000)
+    broker.seen.clear()
+    broker.state(b"two")
+    assert zoe.last(Updated) == Updated(b"two")
+    assert broker.drive(zoe)
+    assert not {topic for topic, _ in broker.seen} & before
+    assert len([event for event in broker.happened if isinstance(event, Joined)]) == 1
+    broker.wait(4000, updates=False)
+    assert zoe.client.is_joined
+    broker.wait(2000, updates=False)
+    assert zoe.last(Ended) == Ended(None)
+    again = broker.join(zoe.kept)
+    assert again.client.is_joined
+    broker.carry(broker.world.operations.remove(1, broker.world.now))
+    assert again.last(Ended) == Ended(EndReason.REMOVED)
+    assert not broker.join(again.kept).client.is_joined
+
+
+def test_a_page_on_a_broker_that_waits_for_approval_is_patient(node):
+    broker = Broker()
+    broker.makes = partial(Page, node)
+    broker.server.visitors.set_approval(approval=True)
+    zoe = broker.join()
+    broker.wait(50_000)
+    assert zoe.client.is_joined
+    broker.wait(12_000)
+    assert zoe.last(Ended) == Ended(None)

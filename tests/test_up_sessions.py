@@ -165,8 +165,8 @@ def test_no_gateway_no_ticket(state):
     [
         (("--broker", "auto"), "phalanx up needs none"),
         (("--broker", "amqtt", "--qrkey"), "--broker mosquitto"),
-        (("--broker", "mosquitto"), "--qrkey"),
-        (("--broker", "mqtt://x"), "--qrkey"),
+        (("--broker-ws", "ws://x"), "--broker mosquitto|URL"),
+        (("--root", "/lab"), "--broker mosquitto|URL"),
         (("--qrkey",), "--broker URL, or --broker mosquitto"),
         (("--rotate-s", "600"), "--qrkey"),
         (("--pin-digits", "12"), "--qrkey"),

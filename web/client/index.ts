@@ -4,6 +4,7 @@ export * from "./core";
 export { MOST_ROBOTS } from "./frame";
 export {
   BadInvitation,
+  DIRECT,
   parseInvitation,
   parseRoomCode,
   type Reason,
@@ -12,6 +13,7 @@ export {
   fragmentOf as sessionFragment,
   type Invitation as SessionInvitation,
   type Standing,
+  type Where as SessionWhere,
 } from "./session";
 export { ResumeStore, browserStores, type Kept } from "./io/resume_store";
 export { SessionConnection, type SessionTo } from "./io/session_connection";

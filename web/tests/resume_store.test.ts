@@ -1,7 +1,7 @@
 // Where the secret to resume with is kept, how long, and what a spoilt storage costs.
 
 import { describe, expect, test } from "vitest";
-import { ResumeStore, Secret } from "../client";
+import { DIRECT, ResumeStore, Secret } from "../client";
 
 const SWARM = new Uint8Array(32).fill(7);
 const OTHER = new Uint8Array(32).fill(8);
@@ -30,7 +30,7 @@ class Memory implements Storage {
 }
 
 function kept(n: number, fixed = SWARM) {
-  return { fixed, secret: new Secret("resume", new Uint8Array(32).fill(n)), name: "Ada", tab: "t" };
+  return { fixed, at: DIRECT, secret: new Secret("resume", new Uint8Array(32).fill(n)), name: "Ada", tab: "t" };
 }
 
 describe("a resume secret", () => {

@@ -1,7 +1,8 @@
 // A session's websocket: what is tried when, what ends it for good, and the constant rate.
 
 import { afterEach, beforeEach, describe, expect, test, vi } from "vitest";
-import { type BrokerState, ResumeStore, Secret, SessionConnection, type Standing, type TransportEvent, Unanswered } from "../client";
+import { type BrokerState, DIRECT, ResumeStore, Secret, SessionConnection, type Standing, type TransportEvent, Unanswered } from "../client";
+import type { Way } from "../client/io/websocket_way";
 import type { SessionEvent } from "../client/session";
 
 const A = "DECAFBAD00000001";
@@ -117,7 +118,7 @@ const states = () => heard.flatMap((event): BrokerState[] => (event.kind === "br
 const over = () => connection.visit.over;
 
 function begin(invitation: Secret | undefined = secret("open", 1)): void {
-  connection = new SessionConnection({ url: "ws://h/link", fixed: SWARM, invitation, name: "Ada" }, store);
+  connection = new SessionConnection({ url: "ws://h/link", at: DIRECT, fixed: SWARM, invitation, name: "Ada" }, store);
   heard = [];
   connection.listen((event) => heard.push(event));
 }
@@ -185,7 +186,7 @@ describe("joining", () => {
   });
 
   test("who was here resumes; a ticket and a room code say more than that", () => {
-    const kept = { fixed: SWARM, secret: secret("resume", 5), name: "Ada", tab: "other" };
+    const kept = { fixed: SWARM, at: DIRECT, secret: secret("resume", 5), name: "Ada", tab: "other" };
     for (const [invitation, first] of [
       [secret("open", 1), "resume 5"],
       [secret("ticket", 2), "ticket 2"],
@@ -225,7 +226,7 @@ describe("joining", () => {
   });
 
   test("a secret that is refused gives way to the code, and is forgotten", () => {
-    store.keep({ fixed: SWARM, secret: secret("resume", 5), name: "Ada", tab: "other" }, 3600, Date.now() / 1000);
+    store.keep({ fixed: SWARM, at: DIRECT, secret: secret("resume", 5), name: "Ada", tab: "other" }, 3600, Date.now() / 1000);
     begin();
     refuse();
     refuse();
@@ -279,7 +280,7 @@ describe("the end", () => {
     expect(over()).toBe("replaced");
     vi.advanceTimersByTime(60_000);
     expect(FakeSocket.all).toHaveLength(1);
-    store.keep({ fixed: SWARM, secret: secret("resume", 6), name: "Ada", tab: "other" }, 3600, Date.now() / 1000);
+    store.keep({ fixed: SWARM, at: DIRECT, secret: secret("resume", 6), name: "Ada", tab: "other" }, 3600, Date.now() / 1000);
     connection.again();
     socket().open();
     expect([hellos().at(-1), over()]).toEqual(["resume 6", undefined]);
@@ -336,7 +337,7 @@ describe("a lost connection", () => {
   test("leaves its visitor to another tab that has taken over meanwhile", () => {
     join();
     socket().end();
-    store.keep({ fixed: SWARM, secret: secret("resume", 11), name: "Ada", tab: "other" }, 3600, Date.now() / 1000);
+    store.keep({ fixed: SWARM, at: DIRECT, secret: secret("resume", 11), name: "Ada", tab: "other" }, 3600, Date.now() / 1000);
     vi.advanceTimersByTime(5000);
     expect([over(), FakeSocket.all.length]).toEqual(["replaced", 1]);
     expect(store.find(SWARM, Date.now() / 1000)).toMatchObject({ tab: "other" });
@@ -448,5 +449,63 @@ describe("the constant rate", () => {
     join();
     session().hasSeen = false;
     expect(drive(10)).toBe(false);
+  });
+});
+
+describe("a broker", () => {
+  const AT = { broker: "ws://b:9001/mqtt", root: "/r", mqtt: 5 };
+  const sent: string[] = [];
+  let ways: Way[] = [];
+  const way = () => ways.at(-1) as Way;
+
+  function dial(): Way {
+    const made: Way = {
+      onOpen: () => {},
+      onMessage: () => {},
+      onClose: () => {},
+      isOpen: true,
+      send: (data, topic) => void sent.push(`${topic} ${new TextDecoder().decode(data)}`),
+      hear: (topics) => void sent.push(`hear ${topics.join(" ")}`),
+      close: () => {},
+    };
+    ways.push(made);
+    return made;
+  }
+
+  function beginThere(): void {
+    sent.length = 0;
+    ways = [];
+    connection = new SessionConnection({ url: "", at: AT, fixed: SWARM, invitation: secret("open", 1), name: "Ada" }, store, dial);
+    way().onOpen();
+  }
+
+  function tell(...events: SessionEvent[]): void {
+    session().events.push(...events);
+    way().onMessage(new Uint8Array(0));
+  }
+
+  test("gets each message by its topic, and is told which to hear; a reload finds it again", () => {
+    beginThere();
+    session().isJoined = true;
+    tell({ kind: "hear", topics: ["a", "b"] }, { kind: "transmit", data: new Uint8Array([65]), topic: "t" });
+    expect(sent.slice(-2)).toEqual(["hear a b", "t A"]);
+    tell({ kind: "admitted", visitor: 1, name: "Ada" }, { kind: "keep", secret: secret("resume", 4), lifetime_s: 60 });
+    expect(store.find(SWARM, Date.now() / 1000)?.at).toEqual(AT);
+    way().onClose("login refused");
+    expect(connection.state).toBe("refused");
+  });
+
+  test("that does not answer may mean that a secret is void: the other one is tried, and none is thrown away", () => {
+    store.keep({ fixed: SWARM, at: AT, secret: secret("resume", 5), name: "Ada", tab: "other" }, 3600, Date.now() / 1000);
+    beginThere();
+    const tried = [session().secret.kind];
+    for (let i = 0; i < 3; i += 1) {
+      tell({ kind: "ended", reason: undefined });
+      expect(connection.state).toBe("no_answer");
+      vi.advanceTimersByTime(5000);
+      tried.push(session().secret.kind);
+    }
+    expect(tried).toEqual(["resume", "open", "resume", "open"]);
+    expect(store.find(SWARM, Date.now() / 1000)).toBeDefined();
   });
 });

@@ -2,6 +2,7 @@
 
 import { type ReactNode, useCallback, useEffect, useMemo, useState } from "react";
 import {
+  DIRECT,
   fetchSwarmKey,
   type Invitation,
   type Kept,
@@ -10,6 +11,7 @@ import {
   SessionConnection,
   type SessionInvitation,
   type SessionTo,
+  type SessionWhere,
   type Transport,
   useLink,
   useSwarm,
@@ -82,7 +84,7 @@ export function App() {
   async function joinRoom(secret: Secret, nickname: string): Promise<string | undefined> {
     const fixed = await fetchSwarmKey(location.href);
     if (!fixed) return "The swarm does not answer, or takes no room codes.";
-    setEntry({ kind: "session", to: { url: linkUrl(location.href), fixed, invitation: secret, name: nickname } });
+    setEntry({ kind: "session", to: sessionTo(DIRECT, fixed, secret, nickname) });
     return undefined;
   }
 
@@ -96,7 +98,7 @@ export function App() {
       <Frame state="nocode" text="Ready to join">
         <Join
           storage={storage}
-          onJoin={(nickname) => setEntry({ kind: "session", to: sessionTo(code.fixed, code.secret, nickname) })}
+          onJoin={(nickname) => setEntry({ kind: "session", to: sessionTo(code, code.fixed, code.secret, nickname) })}
         />
       </Frame>
     );
@@ -121,13 +123,14 @@ export function App() {
         <WaitingForApproval name={name} />
       </Frame>
     );
+  const broker = entry.kind === "qrkey" ? entry.to.broker : entry.to.at.broker;
   const where =
-    entry.kind === "qrkey"
-      ? { via: "broker" as const, host: hostOf(entry.to.broker), named: entry.to.login !== undefined }
+    broker !== "" || entry.kind === "qrkey"
+      ? { via: "broker" as const, host: hostOf(broker), named: entry.kind === "qrkey" && entry.to.login !== undefined }
       : { via: "direct" as const, host: hostOf(entry.to.url), named: false };
   return (
     <div className="page">
-      <Cockpit where={where} link={link} onLeave={leave} />
+      <Cockpit where={where} isSession={isSession} link={link} onLeave={leave} />
     </div>
   );
 }
@@ -162,7 +165,7 @@ function codeProblem(entry: Entry): string {
 function enter({ code, to, problem }: Found): Entry {
   if (code) {
     const kept = resumeStore.find(code.fixed, Date.now() / 1000);
-    if (kept && code.secret.kind === "open") return { kind: "session", to: sessionTo(code.fixed, code.secret, kept.name) };
+    if (kept && code.secret.kind === "open") return { kind: "session", to: sessionTo(code, code.fixed, code.secret, kept.name) };
     keepCode(browser, code);
     return { kind: "naming", code };
   }
@@ -171,11 +174,11 @@ function enter({ code, to, problem }: Found): Entry {
     return { kind: "qrkey", to };
   }
   const kept: Kept | undefined = problem === undefined ? resumeStore.newest(Date.now() / 1000) : undefined;
-  return kept ? { kind: "session", to: sessionTo(kept.fixed, undefined, kept.name) } : { kind: "none", problem };
+  return kept ? { kind: "session", to: sessionTo(kept.at, kept.fixed, undefined, kept.name) } : { kind: "none", problem };
 }
 
-function sessionTo(fixed: Uint8Array, invitation: Secret | undefined, name: string): SessionTo {
-  return { url: linkUrl(location.href), fixed, invitation, name };
+function sessionTo(at: SessionWhere, fixed: Uint8Array, invitation: Secret | undefined, name: string): SessionTo {
+  return { url: linkUrl(location.href), at, fixed, invitation, name };
 }
 
 function opener(entry: Entry): (() => Transport | Promise<Transport>) | undefined {

@@ -16,13 +16,14 @@ import { mayDrive, refusedWords } from "./visit_words";
 
 interface Props {
   readonly where: Where;
+  readonly isSession: boolean;
   readonly link: SwarmLink | undefined;
   readonly onLeave: () => void;
 }
 
 const NO_POINTS: readonly Point[] = [];
 
-export function Cockpit({ where, link, onLeave }: Props) {
+export function Cockpit({ where, isSession, link, onLeave }: Props) {
   const [chosen, setChosen] = useState<string>();
   const [routing, setRouting] = useState(false);
   const [draft, setDraft] = useState(NO_POINTS);
@@ -38,7 +39,6 @@ export function Cockpit({ where, link, onLeave }: Props) {
   const selected = entry?.address;
   const stopped = useSwarm(link, ({ swarm }) => swarm.robots.get(selected ?? "")?.shield?.safeMode === true);
   const held = useSwarm(link, ({ swarm }) => swarm.held);
-  const isSession = where.via === "direct";
   const drives = useSwarm(link, ({ visit }) => !isSession || mayDrive(visit));
   const name = useSwarm(link, ({ visit }) => visit.name);
   const own = useSwarm(link, ({ visit }) => visit.standing?.robot ?? "");

@@ -5,7 +5,6 @@
 // and the visitors' login, so that a reload goes on after rotations.
 
 import {
-  BadInvitation,
   type BrokerLogin,
   checkedLogin,
   DEFAULT_ROOT,
@@ -64,7 +63,7 @@ export function takeFromAddress(at: Surroundings): Found | undefined {
 /** The invitation in a link that somebody pasted. `root` is for the published form, which does not name one. */
 export function readLink(text: string, root: string = DEFAULT_ROOT): Found {
   try {
-    return text.includes("#j=") ? { code: parseCode(text) } : { to: parseQrUrl(text.trim(), root) };
+    return text.includes("#j=") ? { code: parseInvitation(text) } : { to: parseQrUrl(text.trim(), root) };
   } catch (error) {
     // Only our own messages are shown: they never repeat the link.
     return { problem: error instanceof UsageError ? error.message : "this is not a swarm's link" };
@@ -79,13 +78,6 @@ export function readTyped(pin: string, broker: string, root: string, mqtt: strin
   } catch (error) {
     return { problem: error instanceof UsageError ? error.message : "these words do not make an invitation" };
   }
-}
-
-/** The invitation to a session at this page's own origin. @throws BadInvitation */
-function parseCode(text: string): SessionInvitation {
-  const code = parseInvitation(text);
-  if (code.broker !== "") throw new BadInvitation("this page joins no session over a broker");
-  return code;
 }
 
 /** Keep a session's code until it has admitted us. */
@@ -126,7 +118,7 @@ export function forget(at: Surroundings): void {
 export function takeKept(at: Surroundings): Found {
   try {
     const code = at.storage?.getItem(CODE_KEY);
-    if (typeof code === "string") return { code: parseCode(code) };
+    if (typeof code === "string") return { code: parseInvitation(code) };
     const words = JSON.parse(at.storage?.getItem(KEY) ?? "null") as Kept | null;
     return words ? { to: invitation(words.pin, words.broker, words.root, String(words.mqtt), words.login) } : {};
   } catch {

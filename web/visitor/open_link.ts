@@ -14,6 +14,8 @@ export async function openQrkey(to: Invitation, onMoved: (pin: Pin) => void): Pr
   return connection;
 }
 
-export function openSession(to: SessionTo): SessionConnection {
-  return new SessionConnection(to, resumeStore);
+export async function openSession(to: SessionTo): Promise<SessionConnection> {
+  if (to.at.broker === "") return new SessionConnection(to, resumeStore);
+  const { BrokerWay } = await import("../client/io/broker_way");
+  return new SessionConnection(to, resumeStore, () => new BrokerWay(to.at));
 }

@@ -78,7 +78,7 @@ def up(
     token = kept_token(operator_token_file) if operator_token_file else ""
     link = link_config(served)
     login = login_for(served["broker"], broker_login)
-    _refuse_without_qrkey(link, served, broker_login)
+    _refuse_without_broker(link, served, broker_login)
     options = UpOptions(
         link=link,
         login=login,
@@ -120,19 +120,18 @@ def up(
             _run_for_people(options, swarm)
 
 
-def _refuse_without_qrkey(link: LinkConfig, served: dict[str, Any], broker_login: Path | None) -> None:
-    """Refuse options of mode qrkey without it. Raises: UsageError."""
-    if served["qrkey"]:
-        return
-    given = {name: served[name] for name in ("broker", "broker_ws", "frontend")} | {"broker_login": broker_login}
+def _refuse_without_broker(link: LinkConfig, served: dict[str, Any], broker_login: Path | None) -> None:
+    """Refuse options of a broker or of mode qrkey without it. Raises: UsageError."""
     default = LinkConfig()
-    for name in ("pin_digits", "rotate_s", "overlap_s", "root"):
-        given[name] = getattr(link, name) != getattr(default, name)
-    for name, said in given.items():
-        if said:
-            option = f"--{name.replace('_', '-')}"
-            hint = "leave it out: visitors reach this machine itself; or --broker mosquitto|URL --qrkey"
-            raise UsageError(f"{option} without --qrkey", hint)
+    changed = {name: getattr(link, name) != getattr(default, name) for name in ("pin_digits", "rotate_s", "overlap_s")}
+    of_qrkey = {"frontend": served["frontend"], **changed}
+    of_broker = {"broker_ws": served["broker_ws"], "broker_login": broker_login, "root": link.root != default.root}
+    for needed, given in (("broker", of_broker), ("qrkey", of_qrkey)):
+        for name, said in given.items():
+            if said and not served[needed]:
+                option = f"--{name.replace('_', '-')}"
+                hint = "leave it out: visitors reach this machine itself; or --broker mosquitto|URL"
+                raise UsageError(f"{option} without --{needed}", hint + " --qrkey" * (needed == "qrkey"))
 
 
 def _as_is(swarm: Swarm) -> Swarm:

@@ -10,12 +10,13 @@ import io
 import os
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import segno
 
 from phalanx.errors import BadPayload, PeerError, Unknown, UsageError
-from phalanx.link.session import Invitation, Kind, Role, Secret, Ticket
+from phalanx.link.session import Kind, Role, Secret, Ticket
 from phalanx.link.session.nickname import NICKNAME_CHARACTERS, clean_nickname
 from phalanx.link.session.secret import INVITATION_BYTES
 from phalanx.robot import Swarm
@@ -210,7 +211,7 @@ class OperatorDesk:
         self._link.server.door.add_ticket(Ticket(secret, role, uses, int(time.time()) + valid_s, name, named))
         words = {"role": role.name.lower(), "uses": uses, "valid_s": valid_s, "name": name, "robots": sorted(named)}
         self._link.trail.write("invited", **words, ticket=secret.id.hex(), by=by)
-        return {"url": self._page_url + "#" + Invitation(self._link.invitation.static, secret).fragment()}
+        return {"url": self._page_url + "#" + replace(self._link.invitation, secret=secret).fragment()}
 
     def _stop(self, *, held: bool, by: int) -> None:
         self._hold(held)

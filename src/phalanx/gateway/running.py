@@ -15,6 +15,7 @@ from phalanx.robot import Swarm
 from phalanx.robot.swarm import Stepped
 
 from . import vocabulary
+from .at_broker import AtBroker
 from .brakes import KeptStop
 from .gateway import Gateway
 from .links import Link
@@ -39,13 +40,21 @@ class Running:
 
     Args:
         shared: mode qrkey, if it is served as well; then its code is the one that is shown.
+        broker: that visitors are served at.
     """
 
     def __init__(
-        self, options: UpOptions, page_url: str, link: SessionLink, swarm: Swarm, say: Say, shared: SharedCode | None
+        self,
+        options: UpOptions,
+        page_url: str,
+        link: SessionLink,
+        swarm: Swarm,
+        say: Say,
+        shared: SharedCode | None,
+        broker: AtBroker | None = None,
     ) -> None:
         self.page_url = page_url
-        self.link, self.shared = link, shared
+        self.link, self.shared, self._broker = link, shared, broker
         links: list[Link] = [link, *([shared.server] if shared else [])]
         self.gateway = Gateway(swarm, *links, say=say)
         self.desk = OperatorDesk(link, swarm, self.gateway.brakes, page_url, self.hold)
@@ -71,7 +80,7 @@ class Running:
     @property
     def connected(self) -> bool:
         """Return whether visitors are reached: on the direct transport always."""
-        return self.shared is None or self.shared.server.connected
+        return self._broker is None or self._broker.connected
 
     @property
     def rejected(self) -> Counter[str]:
@@ -114,7 +123,7 @@ class Running:
             "overlap_s": shared.server.config.overlap_s if shared else config.code_overlap_ms / 1000,
             "overlapping": shared.server.overlapping if shared else door.overlaps(now().ms),
             "uptime_s": round(uptime_s - self._started_at_s, 1),
-            "broker": shared.broker_state() if shared else DIRECT,
+            "broker": self._broker.state() if self._broker else DIRECT,
             "visitors": self._visitors(sessions, uptime_s),
             "session": {
                 "url": self.desk.code_url,
@@ -169,8 +178,10 @@ class Running:
     async def run(self) -> None:
         """Let the world turn, tell visitors, report refusals, until cancelled."""
         work = [self._turn(), self.gateway.run(), self.link.run(), self._report()]
+        if self._broker:
+            work.append(self._broker.report(self._say))
         if self.shared:
-            work.append(self.shared.run(self._say))
+            work.append(self.shared.server.run())
         tasks = [asyncio.ensure_future(job) for job in work]
         try:
             await asyncio.gather(*tasks)  # not a TaskGroup: the one error that ends it should arrive as itself

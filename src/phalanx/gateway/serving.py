@@ -9,6 +9,7 @@ from typing import Any
 
 from phalanx.errors import Unavailable
 from phalanx.io import Server
+from phalanx.io.session_broker import SessionBroker
 
 WAIT_QUIETLY_S = 1.5
 
@@ -25,7 +26,7 @@ async def for_at_most(duration_s: float | None) -> AsyncIterator[None]:
             raise
 
 
-async def until_connected(server: Server, say: Callable[[dict[str, Any]], None], wait_s: float) -> None:
+async def until_connected(server: Server | SessionBroker, say: Callable[[dict[str, Any]], None], wait_s: float) -> None:
     """Wait for a server's broker; what takes long is said. Raises: Unavailable: it does not come, or refuses us."""
 
     async def tell() -> None:

@@ -1,4 +1,4 @@
-"""Mode session: visitors with keys of their own, on the front end's websockets.
+"""Mode session: visitors with keys of their own, on the front end's websockets and on a broker.
 
 Who commands is known here, so a payload says no name. Nothing of a client is parsed before it is authentic.
 """
@@ -11,14 +11,15 @@ import logging
 import os
 import time
 from collections import Counter, deque
-from collections.abc import AsyncIterator, Callable, Iterable, Sequence
-from typing import Any, Protocol
+from collections.abc import AsyncIterator, Callable, Iterable
+from typing import Any
 
 from phalanx.config.session import SessionConfig
 from phalanx.errors import BadPayload, HandlerFailed, Held, Late, Overrun, PeerError, Unknown, UsageError
 from phalanx.io.answers import Answers
 from phalanx.io.front import Closed, Event, Opened, Received
 from phalanx.io.server import call_handler, handler_failed
+from phalanx.io.session_broker import KNOCKS, SessionBroker
 from phalanx.io.session_store import LinkKeys
 from phalanx.link import Command, Request, SharedAnswer
 from phalanx.link.envelope import decode_json, encode_json
@@ -30,6 +31,7 @@ from phalanx.link.session.events import (
     CommandRefused,
     Joined,
     Left,
+    Listen,
     Publish,
     Requested,
     Send,
@@ -39,6 +41,7 @@ from phalanx.link.topics import CommandTopic
 
 from . import vocabulary
 from .trail import Trail
+from .ways import FrontEnd, Ways
 
 log = logging.getLogger(__name__)
 
@@ -64,25 +67,6 @@ Say = Callable[[dict[str, Any]], None]
 Operate = Callable[[str, dict[str, Any], int], dict[str, Any]]
 
 
-class FrontEnd(Protocol):
-    """What is needed of `phalanx.io.front.Front`."""
-
-    def events(self) -> AsyncIterator[Event]:
-        """Yield what happens to connections."""
-
-    def send(self, connection: int, data: bytes) -> None:
-        """Send a message to one client."""
-
-    def publish(self, connections: Sequence[int], data: bytes) -> None:
-        """Send an update to many; one that has not taken the last one misses this one."""
-
-    def admitted(self, connection: int) -> None:
-        """Count a connection no longer as an unfinished handshake."""
-
-    def close(self, connection: int, reason: str) -> None:
-        """End a connection after what was sent to it."""
-
-
 class SessionLink:
     """A `Link` over sessions.
 
@@ -95,6 +79,7 @@ class SessionLink:
 
     Args:
         robots: returns the addresses of the robots that there are.
+        broker: for visitors who do not reach the front end; invitations name it.
     """
 
     frame_bytes = None
@@ -108,6 +93,7 @@ class SessionLink:
         trail: Trail,
         config: SessionConfig | None = None,
         open_role: Role = Role.DRIVE,
+        broker: SessionBroker | None = None,
     ) -> None:
         self.config = config or SessionConfig()
         self.server = SessionServer(self.config, keys.static, keys.signer, store, os.urandom, now(), open_role)
@@ -117,13 +103,12 @@ class SessionLink:
         self.operate: Operate | None = None
         self.trail = trail
         self._static = keys.static.public_key().public_bytes_raw()
-        self._front = front
+        self._ways = Ways(front, broker)
         self._robots = robots
         self._commands: dict[str, Callable[[Command], Any]] = {}
         self._requests: dict[str, Callable[[Request], Any]] = {}
         self._answers = Answers[Requested](self._answer)
         self._encoded: dict[str, tuple[SharedAnswer, bytes]] = {}  # by the request's name
-        self._admitted: set[int] = set()
         self._lengths: deque[int] = deque(maxlen=EQUAL_TICKS)  # of updates
 
     @property
@@ -134,12 +119,13 @@ class SessionLink:
     @property
     def rejected(self) -> Counter[str]:
         """Return how many messages were refused, by reason."""
-        return self.server.rejected
+        return self.server.rejected + self._ways.rejected
 
     @property
     def invitation(self) -> Invitation:
         """Return the invitation of the open code."""
-        return Invitation(self._static, self.server.door.code)
+        mqtt = self._ways.broker.mqtt if self._ways.broker else 0
+        return Invitation(self._static, self.server.door.code, self.config.broker, self.config.root, mqtt)
 
     def on_command(self, name: str, /) -> Callable[[Callable[[Command], Any]], Any]:
         """Decorate the handler of a command."""
@@ -163,7 +149,10 @@ class SessionLink:
 
     async def run(self) -> None:
         """Serve until cancelled."""
-        await asyncio.gather(self._read(), self._tick(), self._answers.run())
+        work = [self._tick(), self._answers.run(), *map(self._read, self._ways.events())]
+        if self._ways.broker:
+            work.append(self._ways.broker.run())
+        await asyncio.gather(*work)
 
     async def close(self) -> None:
         """End all sessions: visitors may resume when the gateway runs again."""
@@ -177,13 +166,8 @@ class SessionLink:
         """Carry out what the server or an operation asks for, and report what happened."""
         for event in events:
             match event:
-                case Send(connection, data):
-                    self._front.send(connection, data)
-                case Publish(connections, data):
-                    self._front.publish(connections, data)
-                case Close(connection, reason):
-                    self._admitted.discard(connection)
-                    self._front.close(connection, reason)
+                case Send() | Publish() | Listen() | Close():
+                    self._ways.carry(event)
                 case Joined():
                     self._joined(event)
                 case Left(visitor):
@@ -198,28 +182,28 @@ class SessionLink:
 
     # --- what comes --------------------------------------------------------------------------------------------------
 
-    async def _read(self) -> None:
-        async for event in self._front.events():
+    async def _read(self, events: AsyncIterator[Event]) -> None:
+        async for event in events:
             try:
                 self._on_event(event)
             except Exception as error:
                 # Whatever one connection did, the others are served.
                 log.exception("a connection is closed (%s)", type(error).__name__)
-                self._front.close(event.connection, "failed")
-                self.carry(self.server.closed(event.connection, now()))
+                self.carry([Close(event.connection, "failed"), *self.server.closed(event.connection, now())])
 
     def _on_event(self, event: Event) -> None:
         match event:
             case Opened(connection, address):
                 self.carry(self.server.opened(connection, address, now()))
+            case Received(connection, data) if connection == KNOCKS:
+                self.carry(self.server.receive_hello(data, now()))
             case Received(connection, data):
                 self.carry(self.server.receive(connection, data, now()))
                 its = self.server.connections.find(connection)
-                if its and its.visitor and connection not in self._admitted:
-                    self._admitted.add(connection)
-                    self._front.admitted(connection)
+                if its and its.visitor:
+                    self._ways.admit(connection)
             case Closed(connection):
-                self._admitted.discard(connection)
+                self._ways.forget(connection)
                 self.carry(self.server.closed(connection, now()))
 
     async def _tick(self) -> None:

@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
-import logging
-from collections.abc import AsyncIterator, Callable
 from typing import TYPE_CHECKING, Any
 
 from phalanx.io import Server, parse_broker_url
-from phalanx.io.broker import RunningBroker, open_broker
-from phalanx.io.broker_url import no_way_from, on_host
+from phalanx.io.broker import RunningBroker
 from phalanx.io.server import Happening
 from phalanx.link import Command, Epoch
 from phalanx.link.messages import Rejected
 
 if TYPE_CHECKING:
     from .up import UpOptions
-
-log = logging.getLogger(__name__)
-
-REPORT_S = 1.0
 
 
 class SharedCode:
@@ -29,14 +20,15 @@ class SharedCode:
     Attributes:
         server: the `Link`.
         broker: that it is connected to.
+
+    Args:
+        for_visitors: the broker's URL for browsers.
     """
 
-    def __init__(self, options: UpOptions, broker: RunningBroker, server: Server, page_url: str) -> None:
-        self.broker, self.server = broker, server
+    def __init__(self, options: UpOptions, broker: RunningBroker, for_visitors: str, page_url: str) -> None:
+        self.broker = broker
+        self.server = Server(broker.url, config=options.link, broker_for_visitors=for_visitors)
         self._options, self._page_url = options, page_url
-        self._no_phone = no_way_from(options.frontend or page_url, server.broker_for_visitors)
-        if self._no_phone:
-            log.warning("%s; hint: a wss:// one, with --broker URL --broker-ws", self._no_phone)
 
     @property
     def qr_url(self) -> str:
@@ -55,16 +47,6 @@ class SharedCode:
             "broker_ws_port": parse_broker_url(self.broker.websocket).port,
         }
 
-    def broker_state(self) -> dict[str, Any]:
-        """Return what the operator's page shows of the broker."""
-        return {
-            "name": self.broker.name,
-            "url": str(self.broker.url),
-            "connected": self.server.connected,
-            "trouble": self.server.trouble,
-            "phones": self._no_phone,
-        }
-
     def count(self, what: str) -> int:
         """Return how often that came."""
         return self.server.counters[what]
@@ -81,25 +63,3 @@ class SharedCode:
         if isinstance(said, Rejected):
             return {"event": "rejected", "reason": said.reason, "count": self.server.rejected[said.reason]}
         return None
-
-    async def run(self, say: Callable[[dict[str, Any]], None]) -> None:
-        """Serve until cancelled; `say` is told when the broker goes and comes."""
-        await asyncio.gather(self.server.run(), self._report(say))
-
-    async def _report(self, say: Callable[[dict[str, Any]], None]) -> None:
-        connected = True
-        while True:
-            await asyncio.sleep(REPORT_S)
-            if self.server.connected != connected:
-                connected = self.server.connected
-                say({"event": "broker", "connected": connected, "trouble": self.server.trouble})
-
-
-@contextlib.asynccontextmanager
-async def shared_code(options: UpOptions, page_url: str, advertised: str, ws_host: str) -> AsyncIterator[SharedCode]:
-    """Start a broker of ours or use another; the server is not connected yet. Raises: UsageError, Unavailable."""
-    where = open_broker(options.broker, login=options.login, websocket=options.broker_ws, ws_host=ws_host)
-    async with where as broker:
-        for_visitors = on_host(broker.websocket, advertised)
-        server = Server(broker.url, config=options.link, broker_for_visitors=for_visitors)
-        yield SharedCode(options, broker, server, page_url)

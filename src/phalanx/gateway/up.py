@@ -6,6 +6,7 @@ import contextlib
 import logging
 import secrets
 from collections.abc import Callable
+from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -16,20 +17,25 @@ from phalanx.config.session import Assign, SessionConfig
 from phalanx.crypto.jwe import encode_base64url
 from phalanx.errors import UsageError
 from phalanx.io import Login
+from phalanx.io.broker import RunningBroker, open_broker
+from phalanx.io.broker_url import on_host
 from phalanx.io.front import Front
 from phalanx.io.ports import EVERYWHERE, LOOPBACK, at_a_free_port, free_port, lan_address
 from phalanx.io.seats import allow_files
+from phalanx.io.session_broker import SessionBroker
 from phalanx.io.session_store import LinkKeys
 from phalanx.io.site import beside
+from phalanx.link.session.secret import hello_topic
 from phalanx.robot import Swarm
 from phalanx.robot.on_mission import OnMission
 
+from .at_broker import AtBroker
 from .missions.desk import MissionDesk
 from .running import Running
 from .serve_pages import PAGES, VISITOR_POLICY, OperatorPages
 from .serving import for_at_most, until_connected
 from .session_link import Say, SessionLink
-from .shared_code import SharedCode, shared_code
+from .shared_code import SharedCode
 from .state_folder import Kept, kept_in
 
 log = logging.getLogger(__name__)
@@ -58,14 +64,14 @@ class UpOptions:
     operator_token: str = field(default="", repr=False)  # of the operator's page; "" for a new one
     stop_file: Path | None = None  # is there while the operator has stopped all robots: a restart does not free them
     duration_s: float | None = None  # end by itself after so long
-    # --- mode qrkey ---
-    qrkey: bool = False  # serve published pages and programs as well, at a broker
-    broker: str = ""  # mosquitto or a URL
+    # --- a broker ---
+    broker: str = ""  # for visitors who do not reach this machine: mosquitto or a URL
     broker_ws: str = ""  # websocket URL of a broker elsewhere, where it is not one port further
     login: Login | None = None  # for a broker elsewhere
-    frontend: str = ""  # page of the published form to send visitors to, instead of ours
     wait_s: float = 30.0  # for the broker
-    link: LinkConfig = field(default_factory=LinkConfig)  # the parameters of mode qrkey
+    qrkey: bool = False  # serve published pages and programs there as well
+    frontend: str = ""  # page of the published form to send visitors to, instead of ours
+    link: LinkConfig = field(default_factory=LinkConfig)  # the parameters of mode qrkey; root: of sessions as well
 
     def __post_init__(self) -> None:
         for page in (self.frontend, self.page_url):
@@ -75,15 +81,16 @@ class UpOptions:
             raise UsageError(f"port {self.port} for both pages", "--port and --operator-port are two")
         if self.qrkey and not self.broker:
             raise UsageError("--qrkey without a broker", "--broker URL, or --broker mosquitto")
-        if self.broker and not self.qrkey:
-            hint = "--qrkey serves published pages there; without both, visitors reach this machine itself"
-            raise UsageError("--broker without --qrkey", hint)
 
-    def session_config(self) -> SessionConfig:
-        """Return the parameters of sessions."""
+    def session_config(self, broker: str = "") -> SessionConfig:
+        """Return the parameters of sessions, with a broker's URL for visitors if there is one."""
         is_safe = self.tls is not None or urlsplit(self.page_url).scheme == "https"
         return SessionConfig(
-            assign=self.assign, turn_ms=round(self.turn_s * 1000), resume_s=RESUME_S if is_safe else RESUME_PLAIN_S
+            root=self.link.root if broker else "",
+            broker=broker,
+            assign=self.assign,
+            turn_ms=round(self.turn_s * 1000),
+            resume_s=RESUME_S if is_safe else RESUME_PLAIN_S,
         )
 
     def page_at(self, port: int) -> str:
@@ -121,9 +128,17 @@ async def up(
         front = await _front(options, stack, kept.keys)
         page_url = options.page_at(front.port)
         shared: SharedCode | None = None
-        if options.qrkey:
-            ws_host = LOOPBACK if options.host in (LOOPBACK, "localhost") else options.host
-            shared = await stack.enter_async_context(shared_code(options, page_url, options.advertised, ws_host))
+        sessions: SessionBroker | None = None
+        at: AtBroker | None = None
+        config = options.session_config()
+        if options.broker:
+            broker = await stack.enter_async_context(_broker(options))
+            for_visitors = on_host(broker.websocket, options.advertised)
+            config = options.session_config(for_visitors)
+            knocks = hello_topic(kept.keys.static.public_key())
+            sessions = SessionBroker(broker.url, config.root, knocks, config.max_to_server_bytes)
+            at = AtBroker(broker, sessions, options.frontend or page_url, for_visitors)
+            shared = SharedCode(options, broker, for_visitors, page_url) if options.qrkey else None
         robots = swarm()
         link = SessionLink(
             front,
@@ -131,10 +146,10 @@ async def up(
             kept.keys,
             lambda: [robot.address for robot in robots.robots()],
             kept.trail,
-            options.session_config(),
+            config,
+            broker=sessions,
         )
-        stack.push_async_callback(link.close)
-        running = Running(options, page_url, link, robots, say, shared)
+        running = Running(options, page_url, link, robots, say, shared, at)
         if running.was_held:
             log.warning("all robots stay stopped, as before this start; hint: go and Enter, or the operator's page")
         desk = MissionDesk(robots) if isinstance(robots, OnMission) else None
@@ -147,14 +162,22 @@ async def up(
         operator_url = f"http://{LOOPBACK}:{operator.port}/#token={token}"
         stack.enter_context(kept.found_at(operator_url))
         started(running)
-        if shared:
-            await stack.enter_async_context(shared.server)
-            await until_connected(shared.server, say, options.wait_s)
+        for server in (sessions, shared.server if shared else None):
+            if server:
+                await stack.enter_async_context(server)
+                await until_connected(server, say, options.wait_s)
+        stack.push_async_callback(link.close)
         async with for_at_most(options.duration_s):
             say(running.ready(operator_url))
             if running.gateway.brakes.held:
                 say({"event": "held"})
             await running.run()
+
+
+def _broker(options: UpOptions) -> AbstractAsyncContextManager[RunningBroker]:
+    """Start a broker of ours, or use another. Raises, when entered: UsageError, Unavailable."""
+    host = LOOPBACK if options.host == "localhost" else options.host
+    return open_broker(options.broker, login=options.login, websocket=options.broker_ws, ws_host=host)
 
 
 async def _front(options: UpOptions, stack: contextlib.AsyncExitStack, keys: LinkKeys) -> Front:

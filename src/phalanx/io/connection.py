@@ -252,12 +252,11 @@ class Connection:
         """The broker knows what should be subscribed to now, which may have changed while it was told."""
         known: tuple[str, ...] = ()
         while (wanted := tuple(self._subscriptions())) != known:
-            for topic in wanted:
-                if topic not in known:
-                    await _subscribe(client, topic)
-            for topic in known:
-                if topic not in wanted:
-                    await client.unsubscribe(topic)
+            # All at once: on a broker there are topics of a thousand sessions, and it may be far.
+            await asyncio.gather(
+                *(_subscribe(client, topic) for topic in wanted if topic not in known),
+                *(client.unsubscribe(topic) for topic in known if topic not in wanted),
+            )
             known = wanted
 
     async def _reach(self) -> None:

@@ -1,4 +1,4 @@
-"""A visitor's end of a session over a websocket, for programs. Use it as `phalanx.link.SessionClient`."""
+"""A visitor's end of a session, for programs. Use it as `phalanx.link.SessionClient`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,6 @@ from phalanx.link.session.events import (
     Updated,
     WasRefused,
 )
-from phalanx.link.session.invitation import BadInvitation
 from phalanx.link.session.messages import Standing
 from phalanx.link.session.slots import Say, Slots
 from phalanx.link.topics import ADDRESS, NAME, is_address
@@ -38,7 +37,7 @@ SLOT_S = 0.1  # between two records while a robot is assigned or leased
 FIRST_UPDATE_S = 1.0
 REFUSED_WITHIN_S = 0.4  # a refusal of a command that comes later counts for a later command
 UNREAD, UNREAD_BYTES = 256, 4 * 1024 * 1024  # updates that wait for a reader
-NO_ANSWER = "no answer from the swarm", "is it up, and does this machine reach it?"
+NO_ANSWER = "no answer from the swarm", "is it up, does this machine reach it, and is the code still valid?"
 STILL_DRIVES = (Reason.LATE, Reason.TOO_MANY)  # one command was lost; the next may do
 
 
@@ -87,8 +86,6 @@ class SessionClient:
     ) -> None:
         check_nickname(name)
         invitation = parse_invitation(url)
-        if invitation.broker:
-            raise BadInvitation("it names a broker, and this client has a websocket only")
         self.name, self.visitor = name, 0
         self.standing: Standing | None = None
         self.commands = 0
@@ -96,7 +93,7 @@ class SessionClient:
         self.dropped = 0
         self._timeout_s = timeout_s
         self._connection = SessionConnection(
-            websocket_url(url),
+            "" if invitation.broker else websocket_url(url),
             invitation,
             name=name,
             config=config or SessionConfig(),

@@ -1,4 +1,4 @@
-"""Keep a session up over a websocket: connect, resume, make new keys, and store the secret to resume with."""
+"""Keep a session up, on either way: connect, resume, make new keys, and store the secret to resume with."""
 
 from __future__ import annotations
 
@@ -10,28 +10,25 @@ import random
 import time
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import urlsplit
-
-import aiohttp
 
 from phalanx.config.session import SessionConfig
 from phalanx.errors import PeerError, Unavailable
 from phalanx.link.session import EndReason, Invitation, Secret, SessionClient
-from phalanx.link.session.events import Admitted, ClientEvent, Ended, KeepSecret, Transmit
+from phalanx.link.session.events import Admitted, ClientEvent, Ended, Hear, KeepSecret, Transmit
 from phalanx.link.session.invitation import BadInvitation
 from phalanx.link.session.slots import Say
 from phalanx.wire.sessions import LINK_PATH, TAG_BYTES, UPDATE
 
 from .resume_file import read_resume, write_resume
+from .session_ways import AWAY, CLOSE_S, BrokerWay, Way, WebsocketWay
 
 log = logging.getLogger(__name__)
 
 LOST = "the connection to the swarm is lost", "it is tried again"
-CONNECT_S = 10.0
 RETRY_S = (0.25, 4.0)  # pause before the next connection: the first, and the longest
-HEARTBEAT_S = 20.0
-CLOSE_S = 1.0
 REFUSALS = 3  # first messages without an answer, before a session that was up counts as over
 RESUMED = (EndReason.OLD_KEYS, EndReason.CLOSING)  # ends after which a client resumes
 
@@ -49,6 +46,7 @@ class SessionConnection:
     """One visitor's connection, made again when it is lost.
 
     Args:
+        url: of the websocket; not used if the invitation names a broker.
         secret_file: keeps the secret to resume with; None: memory does.
         away_s: how long a lost connection is tried again.
         on_event: is called with the protocol's events, in order.
@@ -75,16 +73,16 @@ class SessionConnection:
         self._config, self._file, self._away_s = config, secret_file, away_s
         self._on_event, self._on_lost = on_event, on_lost
         self._secret: Secret | None = read_resume(secret_file, invitation) if secret_file else None
-        self._was_admitted = False
+        self._was_admitted = self._spares_secret = False
         self._rejected: Counter[str] = Counter()
-        self._socket: aiohttp.ClientWebSocketResponse | None = None
+        self._way: Way | None = None
         self.protocol: SessionClient | None = None
         self.failure: PeerError | Unavailable | None = None
 
     @property
     def is_joined(self) -> bool:
         """Return whether records can be sent now."""
-        return self._socket is not None and self.protocol is not None and self.protocol.is_joined
+        return self._way is not None and self.protocol is not None and self.protocol.is_joined
 
     @property
     def rejected(self) -> Counter[str]:
@@ -105,74 +103,70 @@ class SessionConnection:
         """Seal a record, and send it. Raises: SessionOver; Unavailable: the connection is lost."""
         if self.failure:
             raise self.failure
-        if self._socket is None or not self.is_joined:
+        if self._way is None or not self.is_joined:
             raise Unavailable(*LOST)
         try:
-            await self._socket.send_bytes(say(_now_ms()).data)
-        except (OSError, aiohttp.ClientError) as error:
+            await self._way.send(say(_now_ms()))
+        except AWAY as error:
             raise Unavailable(*LOST) from error
 
     async def leave(self) -> None:
         """End the session; the secret still resumes it."""
         self.fail(SessionOver(None, "this client has left"))
-        with contextlib.suppress(OSError, aiohttp.ClientError, TimeoutError):
+        with contextlib.suppress(*AWAY):
             async with asyncio.timeout(CLOSE_S):
                 if self.protocol and not self.protocol.is_over:
                     await self._carry_out(self.protocol.leave(_now_ms()))
-                if self._socket:
-                    await self._socket.close()
+                if self._way:
+                    await self._way.close()
 
     async def run(self) -> None:
         """Keep the session up, until it is over."""
         pause_s, refusals, lost_s = RETRY_S[0], 0, time.monotonic()
-        async with aiohttp.ClientSession() as http:
-            while not self.failure:
-                why = ""
-                try:
-                    admitted = await self._connect(http)
-                except PeerError as error:
-                    self.fail(error)
-                except (OSError, aiohttp.ClientError, TimeoutError) as error:
-                    why = f": {error}" if str(error) else ""
+        while not self.failure:
+            why = ""
+            try:
+                admitted = await self._connect()
+            except (PeerError, Unavailable) as error:
+                self.fail(error)
+            except AWAY as error:
+                why = f": {error}" if str(error) else ""
+            else:
+                if admitted:
+                    pause_s, refusals, lost_s = RETRY_S[0], 0, time.monotonic()
                 else:
-                    if admitted:
-                        pause_s, refusals, lost_s = RETRY_S[0], 0, time.monotonic()
-                    else:
-                        refusals += 1
-                        self._refused(refusals)
-                self._socket = None
-                self._on_lost()
-                if time.monotonic() - lost_s > self._away_s:
-                    self.fail(Unavailable(f"no connection to the swarm for {self._away_s:g} s{why}"))
-                if not self.failure:
-                    log.info("connecting again%s", why)
-                    await asyncio.sleep(pause_s * random.uniform(0.75, 1.25))  # noqa: S311  # spreads, hides nothing
-                    pause_s = min(2 * pause_s, RETRY_S[1])
+                    refusals += 1
+                    self._refused(refusals)
+            self._way = None
+            self._on_lost()
+            if time.monotonic() - lost_s > self._away_s:
+                self.fail(Unavailable(f"no connection to the swarm for {self._away_s:g} s{why}"))
+            if not self.failure:
+                log.info("connecting again%s", why)
+                await asyncio.sleep(pause_s * random.uniform(0.75, 1.25))  # noqa: S311  # spreads, hides nothing
+                pause_s = min(2 * pause_s, RETRY_S[1])
 
-    async def _connect(self, http: aiohttp.ClientSession) -> bool:
+    async def _connect(self) -> bool:
         """Hold one connection until its end; return whether the server admitted this visitor."""
-        config = self._config
-        invitation = Invitation(self.invitation.static, self._secret) if self._secret else self.invitation
+        config, invitation = self._config, self.invitation
+        if self._secret and not self._spares_secret:
+            invitation = replace(invitation, secret=self._secret)
         self._rejected = self.rejected
         self.protocol = protocol = SessionClient(config, invitation, os.urandom, self._name)
-        async with asyncio.timeout(CONNECT_S):
-            socket = await http.ws_connect(
-                self.url,
-                max_msg_size=UPDATE.size + config.max_to_client_bytes + TAG_BYTES,
-                heartbeat=HEARTBEAT_S,
-                timeout=aiohttp.ClientWSTimeout(ws_close=CLOSE_S),
-            )
+        longest = UPDATE.size + config.max_to_client_bytes + TAG_BYTES
+        way: Way = (
+            BrokerWay(invitation, self._rejected)
+            if invitation.broker
+            else WebsocketWay(self.url, longest, self._rejected)
+        )
         admitted = False
-        async with socket:
-            self._socket = socket
+        async with way:
+            self._way = way
             await self._carry_out(protocol.start(_now_ms()))
-            ticks = asyncio.create_task(self._tick(socket, protocol))
+            ticks = asyncio.create_task(self._tick(way, protocol))
             try:
-                async for message in socket:
-                    if message.type is aiohttp.WSMsgType.BINARY:
-                        await self._carry_out(protocol.receive(message.data, _now_ms()))
-                    else:
-                        self._rejected["unexpected"] += 1
+                async for data in way.messages():
+                    await self._carry_out(protocol.receive(data, _now_ms()))
                     admitted = admitted or protocol.is_joined
                     if protocol.is_over:
                         break
@@ -180,19 +174,20 @@ class SessionConnection:
                 ticks.cancel()
         return admitted
 
-    async def _tick(self, socket: aiohttp.ClientWebSocketResponse, protocol: SessionClient) -> None:
-        with contextlib.suppress(OSError, aiohttp.ClientError):  # the reader sees that as well
-            while not protocol.is_over:
-                await asyncio.sleep(1)
+    async def _tick(self, way: Way, protocol: SessionClient) -> None:
+        while not protocol.is_over:
+            await asyncio.sleep(1)
+            with contextlib.suppress(*AWAY):  # the reader sees that as well
                 await self._carry_out(protocol.tick(_now_ms()))
-            await socket.close()
+        await way.close()
 
     async def _carry_out(self, events: list[ClientEvent]) -> None:
         for event in events:
             match event:
-                case Transmit(data):
-                    if self._socket:
-                        await self._socket.send_bytes(data)
+                case Transmit() if self._way:
+                    await self._way.send(event)
+                case Hear(topics) if self._way:
+                    await self._way.hear(topics)
                 case KeepSecret(secret, lifetime_s):
                     await self._keep(secret, lifetime_s)
                 case Ended(why):
@@ -219,8 +214,10 @@ class SessionConnection:
             self.fail(SessionOver(why))
 
     def _refused(self, times: int) -> None:
-        """Decide what it means that the server closed before it admitted this visitor."""
-        if self._secret and not self._was_admitted:
+        """Decide what it means that the server did not admit this visitor. On a broker it may be away as well."""
+        if self.invitation.broker:
+            self._spares_secret = not self._was_admitted and not self._spares_secret
+        elif self._secret and not self._was_admitted:
             self._secret = None
         elif times >= REFUSALS or not self._was_admitted:
             self.fail(SessionOver(None))

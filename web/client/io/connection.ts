@@ -3,7 +3,7 @@
 // Nothing is queued while the broker is away: a joystick command that arrives late is worse than none.
 
 import { bytesToHex, randomBytes } from "@noble/hashes/utils.js";
-import mqtt, { type MqttClient } from "mqtt";
+import type { MqttClient } from "mqtt";
 import { UsageError } from "../core/errors";
 import type { Json, JsonObject } from "../core/json";
 import { IV_BYTES } from "../core/jwe";
@@ -12,14 +12,11 @@ import type { Invitation } from "../core/qrurl";
 import { REQUEST_AREA } from "../swarm";
 import { NO_VISIT, type Visit } from "../visit";
 import type { BrokerState } from "../watch";
+import { connectTo, ignore, isLoginRefused } from "./mqtt_client";
 import { type Transport, type TransportEvent, Unanswered, type Waiting } from "./transport";
 
-const KEEPALIVE_S = 60;
 const RECONNECT_MS = 1000;
-const CONNECT_TIMEOUT_MS = 5000;
 const inBrowser = typeof window !== "undefined";
-/** Reasons of a CONNACK, of MQTT 3.1.1 and of MQTT 5: a bad name or password, and not allowed. */
-const LOGIN_REFUSED: readonly unknown[] = [4, 5, 134, 135];
 
 export class Connection implements Transport {
   readonly isPaced = false;
@@ -35,26 +32,15 @@ export class Connection implements Transport {
   /** Connects at once, and again whenever the broker is lost, until close(). */
   constructor(to: Invitation) {
     this.#link = new Link(to.root, to.pin, this.clientId);
-    this.#mqtt = mqtt.connect(to.broker, {
-      // Not the client id that answers are addressed to: that one is in a topic, and a broker closes the older of two
-      // connections of one name, so whoever read it there could push this visitor off.
-      clientId: `phalanx${bytesToHex(randomBytes(8))}`,
-      protocolVersion: to.mqtt,
+    // Its name there is not the client id that answers are addressed to: that one is in a topic.
+    this.#mqtt = connectTo(to.broker, to.mqtt, {
       ...to.login,
-      clean: true,
-      keepalive: KEEPALIVE_S,
       reconnectPeriod: RECONNECT_MS,
-      connectTimeout: CONNECT_TIMEOUT_MS,
       // A broker that is full, or learns a new password, may take us later.
       reconnectOnConnackError: true,
-      // Ours: after a rotation the topics to resubscribe to are others than those first asked for.
-      resubscribe: false,
-      queueQoSZero: false,
       ...(inBrowser && {
         createWebsocket: (url: string, protocols: string[]) => (this.#socket = new WebSocket(url, protocols)),
       }),
-      // The default runs its timers in a Worker made from a blob: URL, which a strict content security policy refuses.
-      timerVariant: "native",
     });
     this.#mqtt.on("connect", () => {
       // Online means that what is said from now on is heard.
@@ -69,7 +55,7 @@ export class Connection implements Transport {
     this.#mqtt.on("close", () => this.#setState(this.#refused ? "refused" : "offline"));
     // mqtt.js goes on trying by itself; without a listener the event would be thrown.
     this.#mqtt.on("error", (error) => {
-      this.#refused = "code" in error && LOGIN_REFUSED.includes(error.code);
+      this.#refused = isLoginRefused(error);
       if (!this.#mqtt.connected) this.#setState(this.#refused ? "refused" : "offline");
     });
     this.#mqtt.on("message", (topic, bytes) => this.#receive(topic, bytes));
@@ -219,6 +205,3 @@ function publishPacket(topic: string, bytes: Uint8Array, hasProperties: boolean)
 function now_s(): number {
   return Date.now() / 1000;
 }
-
-/** A failure shows as silence or as a lost connection, and both are seen elsewhere. */
-function ignore(): void {}

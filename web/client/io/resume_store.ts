@@ -4,7 +4,7 @@
 // another network may use the same address for another machine, whose page could read it.
 
 import { decodeBase64url, encodeBase64url } from "../core/base64url";
-import { Secret } from "../session";
+import { checkWhere, Secret, type Where } from "../session";
 
 const PREFIX = "phalanx.session.";
 const HTTP_MAX_S = 3600;
@@ -14,6 +14,7 @@ const CLOCK_S = 60;
 
 export interface Kept {
   readonly fixed: Uint8Array;
+  readonly at: Where;
   readonly secret: Secret;
   readonly name: string;
   /** Which tab has kept it. */
@@ -36,9 +37,10 @@ export class ResumeStore {
     this.#max_s = isSecure ? Number.POSITIVE_INFINITY : HTTP_MAX_S;
   }
 
-  keep({ fixed, secret, name, tab }: Kept, lifetime_s: number, now_s: number): void {
+  keep({ fixed, at: { broker, root, mqtt }, secret, name, tab }: Kept, lifetime_s: number, now_s: number): void {
     const words = {
       secret: encodeBase64url(secret.reveal()),
+      at: { broker, root, mqtt },
       name,
       tab,
       kept_s: now_s,
@@ -74,11 +76,13 @@ export class ResumeStore {
       const { kept_s, until_s, name, tab } = words;
       const secret = bytesOf(words["secret"]);
       const fixed = bytesOf(key.slice(PREFIX.length));
+      const at = words["at"] as Where;
+      checkWhere(at);
       const isTime = typeof kept_s === "number" && typeof until_s === "number";
       // A clock that was set back must not make it live longer than it may.
       const isValid = isTime && kept_s <= now_s + CLOCK_S && now_s < until_s;
       if (isValid && secret?.length === SECRET_BYTES && fixed?.length === SECRET_BYTES)
-        return { kept: { fixed, secret: new Secret("resume", secret), name: String(name), tab: String(tab) }, kept_s };
+        return { kept: { fixed, at, secret: new Secret("resume", secret), name: String(name), tab: String(tab) }, kept_s };
     } catch {
       // Spoilt: as below.
     }

@@ -1,21 +1,23 @@
-// A session over a websocket: connects, joins or resumes, renews keys, and says commands at a constant rate.
+// A session over a websocket or a broker: connects, joins or resumes, renews keys, and says commands at a constant rate.
 //
 // While the connection is away nothing is queued: a joystick's command that arrives late is worse than none.
 
 import { bytesToHex, randomBytes, utf8ToBytes } from "@noble/hashes/utils.js";
 import { PeerError, UsageError } from "../core/errors";
 import { type Json, type JsonObject, parseJson } from "../core/json";
-import { type Command, direct, type Reason, type Secret, Session, type SessionEvent } from "../session";
+import { type Command, type Reason, type Secret, Session, type SessionEvent, type Where } from "../session";
 import { NO_VISIT, type OverReason, type Visit } from "../visit";
 import type { BrokerState } from "../watch";
 import { Beat } from "./beat";
 import type { ResumeStore } from "./resume_store";
 import { type Transport, type TransportEvent, Unanswered, type Waiting } from "./transport";
+import { REFUSED_LOGIN, type Way, WebsocketWay } from "./websocket_way";
 
 /** Who wants to join which swarm, and where. */
 export interface SessionTo {
-  /** Of the websocket. */
+  /** Of the websocket, unless `at` names a broker. */
   readonly url: string;
+  readonly at: Where;
   /** The swarm's public key. */
   readonly fixed: Uint8Array;
   /** Of a code; undefined to resume only. */
@@ -51,7 +53,8 @@ export class SessionConnection implements Transport {
   #retries = 0;
   #retrying: ReturnType<typeof setTimeout> | undefined;
   #opening: ReturnType<typeof setTimeout> | undefined;
-  #socket: WebSocket | undefined;
+  readonly #dial: () => Way;
+  #way: Way | undefined;
   #session: Session | undefined;
   #state: BrokerState = "connecting";
   #visit: Visit = NO_VISIT;
@@ -61,9 +64,10 @@ export class SessionConnection implements Transport {
   #wasHere = false;
 
   /** Connects at once, and again whenever the connection is lost, until it is over or close(). */
-  constructor(to: SessionTo, store: ResumeStore) {
+  constructor(to: SessionTo, store: ResumeStore, dial: () => Way = () => new WebsocketWay(to.url)) {
     this.#to = to;
     this.#store = store;
+    this.#dial = dial;
     this.#secrets = this.#known();
     this.#ticking = setInterval(() => this.#tick(), TICK_MS);
     this.#connect();
@@ -177,27 +181,25 @@ export class SessionConnection implements Transport {
       this.#end("code");
       return;
     }
-    const socket = new WebSocket(this.#to.url);
-    socket.binaryType = "arraybuffer";
-    const session = new Session(direct(this.#to.fixed, secret), randomBytes, this.#to.name);
-    this.#socket = socket;
+    const way = this.#dial();
+    const session = new Session({ ...this.#to.at, fixed: this.#to.fixed, secret }, randomBytes, this.#to.name);
+    this.#way = way;
     this.#session = session;
     this.#opening = setTimeout(() => this.#lost("offline"), OPEN_MS);
     // What a connection says that was given up means nothing any more.
-    socket.onopen = () => {
-      if (this.#socket !== socket) return;
+    way.onOpen = () => {
+      if (this.#way !== way) return;
       clearTimeout(this.#opening);
       this.#carry(session.start(performance.now()));
     };
-    socket.onmessage = ({ data }: MessageEvent) => {
-      if (this.#socket !== socket || !(data instanceof ArrayBuffer)) return;
-      this.#carry(session.receive(new Uint8Array(data), performance.now()));
+    way.onMessage = (data) => {
+      if (this.#way === way) this.#carry(session.receive(data, performance.now()));
     };
-    socket.onclose = ({ reason }: CloseEvent) => {
-      if (this.#socket !== socket) return;
+    way.onClose = (reason) => {
+      if (this.#way !== way) return;
       if (!session.isJoined && SAID_INVALID.includes(reason)) this.#refuse();
       else if (!session.isJoined && SAID_TOO_MANY.includes(reason)) this.#end("too_many");
-      else this.#lost("offline");
+      else this.#lost(reason === REFUSED_LOGIN ? "refused" : "offline");
     };
   }
 
@@ -239,14 +241,14 @@ export class SessionConnection implements Transport {
     this.#beat.stop();
     this.#retrying = undefined;
     for (const number of [...this.#waiting.keys()]) this.#settle(number)?.reject(new Unanswered("the connection was lost"));
-    const socket = this.#socket;
-    this.#socket = undefined;
+    const way = this.#way;
+    this.#way = undefined;
     this.#session = undefined;
-    socket?.close();
+    way?.close();
   }
 
   #tick(): void {
-    if (this.#session && this.#socket?.readyState === WebSocket.OPEN) this.#carry(this.#session.tick(performance.now()));
+    if (this.#session && this.#way?.isOpen === true) this.#carry(this.#session.tick(performance.now()));
   }
 
   #say(command: Command | undefined, now_ms: number): void {
@@ -263,7 +265,10 @@ export class SessionConnection implements Transport {
   #on(event: SessionEvent): void {
     switch (event.kind) {
       case "transmit":
-        if (this.#socket?.readyState === WebSocket.OPEN) this.#socket.send(event.data as Uint8Array<ArrayBuffer>);
+        this.#way?.send(event.data, event.topic);
+        return;
+      case "hear":
+        this.#way?.hear(event.topics);
         return;
       case "admitted":
         this.#refusals = 0;
@@ -292,13 +297,12 @@ export class SessionConnection implements Transport {
         this.#ended(event.reason);
         return;
       case "noticed":
-      case "hear":
     }
   }
 
   #keep(secret: Secret, lifetime_s: number): void {
-    const { fixed } = this.#to;
-    this.#store.keep({ fixed, secret, name: this.#visit.name, tab: this.#tab }, lifetime_s, now_s());
+    const { fixed, at } = this.#to;
+    this.#store.keep({ fixed, at, secret, name: this.#visit.name, tab: this.#tab }, lifetime_s, now_s());
     const invitation = this.#secrets.find(({ kind }) => kind === "open");
     this.#secrets = invitation ? [secret, invitation] : [secret];
     if (this.#session?.isJoined === true) this.#carry([this.#session.stored(secret, performance.now())]);
@@ -333,6 +337,8 @@ export class SessionConnection implements Transport {
         else this.#end("code");
         return;
       case undefined:
+        // On a broker nobody says that a secret is void: it may be the other one.
+        if (this.#to.at.broker !== "" && !this.#wasHere) this.#secrets.push(...this.#secrets.splice(0, 1));
         this.#lost("no_answer");
         return;
       default:

@@ -1,5 +1,5 @@
 export { type EndReason, BadInvitation, type Reason } from "./errors";
-export { direct, fragmentOf, type Invitation, parseInvitation, parseRoomCode } from "./invitation";
+export { checkWhere, DIRECT, fragmentOf, type Invitation, parseInvitation, parseRoomCode, type Where } from "./invitation";
 export type { Role, Standing } from "./messages";
 export { type Kind, Secret } from "./secret";
 export { Session, type SessionEvent } from "./session";

@@ -16,20 +16,22 @@ const ROOM = /^[0-9]{8}$/;
 const bytes = new TextEncoder();
 const text = new TextDecoder("utf-8", { fatal: true, ignoreBOM: true });
 
-/** All that a visitor needs to join; with an empty broker it is direct, and root and mqtt are empty and 0. */
-export interface Invitation {
-  /** The swarm's X25519 public key. */
-  readonly fixed: Uint8Array;
-  readonly secret: Secret;
+/** A broker and the first part of every topic there; with an empty broker it is direct, and the others are empty and 0. */
+export interface Where {
   readonly broker: string;
   readonly root: string;
   readonly mqtt: number;
 }
 
-/** The invitation of a swarm on the page's own origin. */
-export function direct(fixed: Uint8Array, secret: Secret): Invitation {
-  return { fixed, secret, broker: "", root: "", mqtt: 0 };
+/** All that a visitor needs to join. */
+export interface Invitation extends Where {
+  /** The swarm's X25519 public key. */
+  readonly fixed: Uint8Array;
+  readonly secret: Secret;
 }
+
+/** The swarm is at the page's own origin. */
+export const DIRECT: Where = { broker: "", root: "", mqtt: 0 };
 
 /** The invitation in a URL, or in its fragment. @throws BadInvitation */
 export function parseInvitation(given: string): Invitation {
@@ -38,7 +40,7 @@ export function parseInvitation(given: string): Invitation {
   const { kind, fixed, secret, mqtt, root, broker } = read(word.slice(WORD.length));
   if (kind !== "open" && kind !== "ticket") throw new BadInvitation("of another kind");
   const invitation = { fixed, secret: new Secret(kind, secret), broker, root, mqtt };
-  check(invitation);
+  checkWhere(invitation);
   return invitation;
 }
 
@@ -69,7 +71,7 @@ function read(word: string): { kind: string; fixed: Uint8Array; secret: Uint8Arr
 }
 
 /** @throws BadInvitation */
-function check({ broker, root, mqtt }: Invitation): void {
+export function checkWhere({ broker, root, mqtt }: Where): void {
   if (broker === "") {
     if (root !== "" || mqtt !== 0) throw new BadInvitation("a root or MQTT version without a broker");
     return;

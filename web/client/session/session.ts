@@ -21,6 +21,9 @@ export const HANDSHAKE_MS = 5_000;
 export const REKEY_MS = 600_000;
 /** On a broker something is said as often. */
 export const ALIVE_MS = 20_000;
+/** Nothing on a broker tells that the server is gone, or has forgotten us. Who waits for approval gets no updates. */
+const QUIET_MS = 5_000;
+const QUIET_WAITING_MS = 60_000;
 const EPOCHS_KEPT = 2;
 
 export type SessionEvent =
@@ -67,6 +70,8 @@ export class Session {
   #earlySecret: readonly SessionEvent[] = [];
   #requests = 0;
   #said_ms = 0;
+  #heard_ms = 0;
+  #isWaiting = false;
 
   /** `random` makes n bytes from a cryptographic source; the server may choose another nickname. */
   constructor(invitation: Invitation, random: (length: number) => Uint8Array, name = "") {
@@ -110,7 +115,7 @@ export class Session {
     if (this.#over) return [];
     try {
       if (raw[0] === RECORD.tag) return this.#record(raw, now_ms);
-      if (raw[0] === UPDATE.tag) return this.#update(raw);
+      if (raw[0] === UPDATE.tag) return this.#update(raw, now_ms);
       return this.#accept(raw, now_ms);
     } catch (error) {
       if (!(error instanceof PeerError)) throw error;
@@ -122,6 +127,8 @@ export class Session {
   /** Do what is due; call it once a second, and after sleep before anything else. */
   tick(now_ms: number): SessionEvent[] {
     if (this.#over) return [];
+    const quiet_ms = now_ms - this.#heard_ms;
+    if (this.isJoined && this.#onBroker && quiet_ms >= (this.#isWaiting ? QUIET_WAITING_MS : QUIET_MS)) return this.#end(undefined);
     this.#channel.expire(now_ms);
     const since = [this.#adopted_ms, this.#handshake?.begun_ms].filter((each) => each !== undefined);
     if (since.length > 0 && now_ms - Math.min(...since) >= HANDSHAKE_MS) {
@@ -185,6 +192,7 @@ export class Session {
   #record(raw: Uint8Array, now_ms: number): SessionEvent[] {
     if (!this.#channel.isOpen) throw new Unexpected("a record before the handshake");
     const { content, inOrder } = this.#channel.open(raw, now_ms);
+    this.#heard_ms = now_ms;
     const message = decodeMessage(content);
     // Held back on the way, these would undo what the server has said since.
     const settles = message.kind === "secret" || message.kind === "standing";
@@ -211,6 +219,7 @@ export class Session {
         this.#reader.learn(message.epoch);
         return this.#hear();
       case "standing":
+        this.#isWaiting = message.standing.waiting;
         return [{ ...message, kind: "stands" }];
       case "reply":
         return [{ ...message, kind: "replied" }];
@@ -238,9 +247,11 @@ export class Session {
     return [...this.#hear(), { kind: "admitted", visitor, name }, ...keep];
   }
 
-  #update(raw: Uint8Array): SessionEvent[] {
+  #update(raw: Uint8Array, now_ms: number): SessionEvent[] {
     if (this.#reader === undefined) throw new Unexpected("an update before admission");
-    return [{ kind: "updated", state: this.#reader.open(raw) }];
+    const state = this.#reader.open(raw);
+    this.#heard_ms = now_ms;
+    return [{ kind: "updated", state }];
   }
 
   #ready(): UpdateReader {

@@ -99,14 +99,20 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 )
 @option("--page-url", help="Where visitors find our page, if not here: behind an https proxy, say.", default="")
 @option(
-    "--qrkey",
-    help="Serve published pages and programs, too: all who have one code share it. Needs --broker; for this mode are"
-    " all options below.",
-    is_flag=True,
+    "--broker",
+    help="For visitors who do not reach this machine: mosquitto, which is started, or a mqtt(s):// or ws(s):// URL."
+    " Whoever runs it reads and drives nothing.",
+    default="",
+    metavar="mosquitto|URL",
 )
-@option("--broker", help="For --qrkey: mosquitto, or a mqtt(s):// or ws(s):// URL.", default="")
 @options.broker_ws_option
 @options.login_option
+@option(
+    "--qrkey",
+    help="Serve published pages and programs at the broker, too: all who have one code share it. For this mode are the"
+    " options below, but --root, --wait, --duration and --events.",
+    is_flag=True,
+)
 @options.link_options
 @option(
     "--frontend",

@@ -58,6 +58,8 @@ from .secret import Kind, Secret, hello_topic, prologue, record_topic, topic_nam
 from .updates import UpdateReader, is_update
 
 ALIVE_MS = 20_000  # on a broker something is said as often
+# Nothing on a broker tells that the server is gone, or has forgotten us. Who waits for approval gets no updates.
+QUIET_MS, QUIET_WAITING_MS = 5_000, 60_000
 EPOCHS_KEPT = 2  # that come before `welcome` does
 
 
@@ -105,7 +107,8 @@ class SessionClient:
         self._early: list[Epoch] = []
         self._early_secret: list[ClientEvent] = []  # that came before `welcome`: it cannot be confirmed yet
         self._requests = 0
-        self._said_ms = 0
+        self._said_ms = self._heard_ms = 0
+        self._is_waiting = False
 
     @property
     def is_joined(self) -> bool:
@@ -135,7 +138,7 @@ class SessionClient:
             if is_record(raw):
                 return self._record(raw, now_ms)
             if is_update(raw):
-                return self._update(raw)
+                return self._update(raw, now_ms)
             return self._accept(raw, now_ms)
         except PeerError as error:
             self.rejected[error.reason] += 1
@@ -146,6 +149,9 @@ class SessionClient:
         if self.is_over:
             return []
         config = self.config
+        quiet_ms = QUIET_WAITING_MS if self._is_waiting else QUIET_MS
+        if self._is_joined and self._on_broker and now_ms - self._heard_ms >= quiet_ms:
+            return self._end(None)
         self._channel.expire(now_ms)
         begun_ms = self._handshake.begun_ms if self._handshake else None
         since = [each for each in (self._adopted_ms, begun_ms) if each is not None]
@@ -203,6 +209,7 @@ class SessionClient:
         if not self._channel.is_open:
             raise Unexpected("a record before the handshake")
         content, _, in_order = self._channel.open(raw, now_ms)
+        self._heard_ms = now_ms
         message = decode_from_server(content)
         # Held back on the way, these would undo what the server has said since.
         if isinstance(message, NewSecret | Standing) and not in_order:
@@ -222,6 +229,7 @@ class SessionClient:
                 self._reader.learn(message)
                 return self._hear()
             case Standing():
+                self._is_waiting = message.waiting
                 return [Stands(message)]
             case Reply(number, payload):
                 return [Replied(number, payload)]
@@ -249,10 +257,12 @@ class SessionClient:
         self._early_secret = keep
         return []
 
-    def _update(self, raw: bytes) -> list[ClientEvent]:
+    def _update(self, raw: bytes, now_ms: int) -> list[ClientEvent]:
         if self._reader is None:
             raise Unexpected("an update before admission")
-        return [Updated(self._reader.open(raw))]
+        state = self._reader.open(raw)
+        self._heard_ms = now_ms
+        return [Updated(state)]
 
     def _joined(self) -> UpdateReader:
         if self._reader is None or not self.is_joined:

@@ -19,7 +19,7 @@ from phalanx.wire.sessions import ACCEPT, HELLO, RECORD, SIGNED_HELLO
 
 from .channel import Channel
 from .errors import TooMany, Unexpected
-from .events import Listen, Now, Send, ServerEvent
+from .events import Close, Listen, Now, Send, ServerEvent
 from .limits import Bucket
 from .messages import FromServer, encode
 from .noise import KEY_BYTES, respond
@@ -140,12 +140,13 @@ class Connections:
         if len(self._hellos) > HELLOS_REMEMBERED:
             self._hellos.popitem(last=False)
         connection = self.of_visitor(known(fields["id"])) if kind is Kind.RESUME else None
+        dropped: list[ServerEvent] = []
         if connection is None or not connection.on_broker:
-            self._make_room()
+            dropped = self._make_room()
             self._on_broker -= 1
             connection = self.open(self._on_broker, "", now, on_broker=True)
         topic = secret.accept_topic(hello)
-        return self._accept(connection, secret, fields["noise"], now, topic)
+        return [*dropped, *self._accept(connection, secret, fields["noise"], now, topic)]
 
     def seal(self, connection: Connection, *messages: FromServer) -> list[ServerEvent]:
         """Return the records of messages to a connection with keys."""
@@ -161,8 +162,8 @@ class Connections:
     def _accept(
         self, connection: Connection, secret: Secret, noise: bytes, now: Now, topic: str = ""
     ) -> list[ServerEvent]:
-        config = self._config
-        opening = prologue(secret.kind, secret.id, config.root, config.broker)
+        where = (self._config.root, self._config.broker) if connection.on_broker else ("", "")
+        opening = prologue(secret.kind, secret.id, *where)
         _, answer, keys = respond(opening, self._static, secret.psk, self._random_bytes(KEY_BYTES), noise)
         generation = connection.channel.next_generation
         connection.channel.offer(keys, now.ms)
@@ -171,12 +172,15 @@ class Connections:
         # First the subscription: the client's first record follows at once.
         return [*self.listen(connection), Send(connection.number, accept, topic)]
 
-    def _make_room(self) -> None:
+    def _make_room(self) -> list[ServerEvent]:
         """Drop the oldest handshake on the broker that was not confirmed, rather than refuse a newcomer."""
         if len(self._all) >= self._config.connections_max:
             waiting = [each for each in self._all.values() if each.on_broker and not each.visitor]
             if waiting:
-                self.drop(min(waiting, key=lambda each: each.offered_ms).number)
+                oldest = min(waiting, key=lambda each: each.offered_ms)
+                self.drop(oldest.number)
+                return [Close(oldest.number, "handshake")]
+        return []
 
 
 def is_record(raw: bytes) -> bool:

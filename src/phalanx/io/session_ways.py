@@ -1,0 +1,155 @@
+"""How a client of sessions reaches the swarm: a websocket at the origin of its page, or a broker that nobody trusts."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from collections.abc import AsyncIterator
+from typing import Protocol, Self
+
+import aiohttp
+
+from phalanx.errors import PeerError
+from phalanx.link.messages import Ask, Publish, Subscribe, Unsubscribe
+from phalanx.link.session import Invitation
+from phalanx.link.session.events import Transmit
+
+from .broker_url import parse_broker_url
+from .connection import Connection
+
+CONNECT_S = 10.0
+HEARTBEAT_S = 20.0
+CLOSE_S = 1.0
+UNREAD = 256  # messages; the broker's connection drops those that come then
+# What is raised while there is no connection, or none any more.
+AWAY = (OSError, aiohttp.ClientError, TimeoutError)
+
+
+class Way(Protocol):
+    """One connection. Use as `async with`: entered once it is there."""
+
+    async def __aenter__(self) -> Self:
+        """Connect. Raises: AWAY; Unavailable: the broker refuses us."""
+
+    async def __aexit__(self, *_: object) -> None:
+        """Hang up."""
+
+    def messages(self) -> AsyncIterator[bytes]:
+        """Yield what comes, until the connection is over."""
+
+    async def send(self, told: Transmit) -> None:
+        """Send a message. Raises: AWAY."""
+
+    async def hear(self, topics: tuple[str, ...]) -> None:
+        """Receive by these topics, and by no others."""
+
+    async def close(self) -> None:
+        """End `messages`."""
+
+
+class WebsocketWay:
+    """A websocket. `max_bytes`: of a message; `rejected` counts messages that are none of ours."""
+
+    def __init__(self, url: str, max_bytes: int, rejected: Counter[str]) -> None:
+        self._url, self._max_bytes, self._rejected = url, max_bytes, rejected
+        self._http = aiohttp.ClientSession()
+        self._socket: aiohttp.ClientWebSocketResponse | None = None
+
+    async def __aenter__(self) -> Self:
+        try:
+            async with asyncio.timeout(CONNECT_S):
+                self._socket = await self._http.ws_connect(
+                    self._url,
+                    max_msg_size=self._max_bytes,
+                    heartbeat=HEARTBEAT_S,
+                    timeout=aiohttp.ClientWSTimeout(ws_close=CLOSE_S),
+                )
+        except BaseException:
+            await self._http.close()
+            raise
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.close()
+        await self._http.close()
+
+    async def messages(self) -> AsyncIterator[bytes]:
+        """Yield binary messages until the socket is closed."""
+        assert self._socket is not None, "it is entered first"
+        async for message in self._socket:
+            if message.type is aiohttp.WSMsgType.BINARY:
+                yield message.data
+            else:
+                self._rejected["unexpected"] += 1
+
+    async def send(self, told: Transmit) -> None:
+        """Send a message. Raises: AWAY."""
+        assert self._socket is not None, "it is entered first"
+        await self._socket.send_bytes(told.data)
+
+    async def hear(self, topics: tuple[str, ...]) -> None:
+        """Do nothing: there are no topics here."""
+
+    async def close(self) -> None:
+        """Close the socket."""
+        if self._socket:
+            await self._socket.close()
+
+
+class BrokerWay:
+    """Topics on an invitation's broker. Whether the swarm is there, only its messages tell."""
+
+    def __init__(self, invitation: Invitation, rejected: Counter[str]) -> None:
+        self._root, self._rejected = invitation.root, rejected
+        self._topics: tuple[str, ...] = ()
+        self._came: asyncio.Queue[bytes | None] = asyncio.Queue(UNREAD)
+        where = parse_broker_url(invitation.broker)
+        self._link = Connection(
+            where, "visitor", lambda: self._topics, self._on_message, None, invitation.mqtt, self._dropped
+        )
+        self._running: asyncio.Task[None] | None = None
+
+    async def __aenter__(self) -> Self:
+        self._running = self._link.start()
+        try:
+            await self._link.wait_connected(CONNECT_S)
+        except BaseException:
+            await self.__aexit__()
+            raise
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        if self._running:
+            self._running.cancel()
+            await asyncio.wait((self._running,), timeout=CLOSE_S)
+
+    async def messages(self) -> AsyncIterator[bytes]:
+        """Yield what comes by topics that are heard, until `close`; a lost broker is connected to again."""
+        while (data := await self._came.get()) is not None:
+            yield data
+
+    async def send(self, told: Transmit) -> None:
+        """Send a message. Raises: AWAY."""
+        if not await self._link.send((Publish(f"{self._root}/{told.topic}", told.data),)):
+            raise ConnectionError("the broker is away")
+
+    async def hear(self, topics: tuple[str, ...]) -> None:
+        """Subscribe to these topics, and to no others; what fails is made good by connecting."""
+        wanted, before = tuple(f"{self._root}/{each}" for each in topics), self._topics
+        self._topics = wanted
+        asks: list[Ask] = [Subscribe(each) for each in wanted if each not in before]
+        asks += [Unsubscribe(each) for each in before if each not in wanted]
+        await asyncio.gather(*(self._link.send((ask,)) for ask in asks))
+
+    async def close(self) -> None:
+        """End `messages`, whatever waits to be read."""
+        while self._came.full():
+            self._came.get_nowait()
+        self._came.put_nowait(None)
+
+    async def _on_message(self, topic: str, payload: bytes) -> None:
+        if topic in self._topics:
+            await self._came.put(payload)
+
+    def _dropped(self, error: PeerError) -> None:
+        self._rejected[error.reason] += 1

@@ -1,0 +1,58 @@
+// A session's topics on a broker that nobody trusts. Loaded only if a code names one: mqtt.js is larger than all the rest.
+
+import type { MqttClient } from "mqtt";
+import type { Where } from "../session";
+import { connectTo, ignore, isLoginRefused } from "./mqtt_client";
+import { REFUSED_LOGIN, type Way } from "./websocket_way";
+
+export class BrokerWay implements Way {
+  onOpen = (): void => {};
+  onMessage: Way["onMessage"] = () => {};
+  onClose: Way["onClose"] = () => {};
+  readonly #mqtt: MqttClient;
+  readonly #root: string;
+  #topics: readonly string[] = [];
+  #reason = "";
+
+  /** Connects once: a session that lost it dials again, and resumes. */
+  constructor({ broker, root, mqtt }: Where) {
+    this.#root = root;
+    this.#mqtt = connectTo(broker, mqtt, { reconnectPeriod: 0 });
+    this.#mqtt.on("connect", () => this.onOpen());
+    this.#mqtt.on("message", (topic, data) => {
+      if (this.#topics.includes(topic)) this.onMessage(new Uint8Array(data));
+    });
+    this.#mqtt.on("close", () => this.onClose(this.#reason));
+    // Without a listener the event would be thrown; "close" follows.
+    this.#mqtt.on("error", (error) => {
+      if (isLoginRefused(error)) this.#reason = REFUSED_LOGIN;
+    });
+  }
+
+  get isOpen(): boolean {
+    return this.#mqtt.connected;
+  }
+
+  send(data: Uint8Array, topic: string): void {
+    if (this.isOpen) this.#mqtt.publish(`${this.#root}/${topic}`, data as Buffer, { qos: 0, retain: false }, ignore);
+  }
+
+  hear(topics: readonly string[]): void {
+    const wanted = topics.map((each) => `${this.#root}/${each}`);
+    const [added, left] = [difference(wanted, this.#topics), difference(this.#topics, wanted)];
+    this.#topics = wanted;
+    // A broker works off what one client asks in its order: what is published next finds these.
+    if (added.length > 0) this.#mqtt.subscribe(added, { qos: 0 }, (denied) => denied && this.#mqtt.stream.destroy());
+    if (left.length > 0) this.#mqtt.unsubscribe(left, ignore);
+  }
+
+  close(): void {
+    this.onOpen = this.onMessage = this.onClose = () => {};
+    // What was said last shall leave.
+    this.#mqtt.end();
+  }
+}
+
+function difference(all: readonly string[], without: readonly string[]): string[] {
+  return all.filter((each) => !without.includes(each));
+}
