@@ -37,6 +37,8 @@ NEEDS := venv=python3-venv gcc=gcc libc=libc6-dev headers=python3-dev node=nodej
 ifneq ($(filter test% check-long coverage lint% bench docs %-dev,$(MAKECMDGOALS)),)
 NEEDED := .venv/needs-dev
 NEEDS += mosquitto=mosquitto browser=chromium-headless-shell valgrind=valgrind spin=spin
+# What stands before a gateway: 20 MB to fetch.
+NEEDS += caddy=caddy nginx=nginx-light sshd=openssh-server ssh=openssh-client
 # The only compiler with a fuzzer: 50 MB to fetch.
 NEEDS += clang=clang fuzzer=libclang-rt-14-dev
 # What the firmware is compiled with for microcontrollers: 70 MB to fetch.
@@ -212,6 +214,7 @@ bench: setup-dev
 	$(BIN)/python benchmarks/bench_bti.py
 	$(BIN)/python benchmarks/bench_radio.py
 	$(BIN)/python benchmarks/bench_link.py --soak-minutes 10
+	$(BIN)/python benchmarks/bench_wheels.py
 	$(BIN)/python benchmarks/bench_attacks.py
 	$(BIN)/python benchmarks/bench_sweep.py
 	$(BIN)/python benchmarks/bench_mission.py

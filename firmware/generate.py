@@ -67,19 +67,23 @@ def line_header() -> str:
 
 def for_pages() -> str:
     """The TypeScript module: what pages read of records."""
-    place = table.ROBOT_PLACE
-    where = ", ".join(f"{field.name}: {place.at(field.name)}" for field in place.fields)
+    shown = {"PLACE": table.ROBOT_PLACE, "POINT": table.ROUTE_POINT}
     return "\n".join(
         [
             "// Made by firmware/generate.py from src/phalanx/wire/table.py.",
             "",
-            f"/** {place.doc}. */",
-            f"export const PLACE = {{ bytes: {place.size}, {where} }};",
+            *(line for name, record in shown.items() for line in layout(name, record)),
             f"export const TURN_DEG = {table.TURN_DEG};",
             f"export const PASS_BY = {table.PASS_BY};",
             "",
         ]
     )
+
+
+def layout(name: str, record: Record) -> list[str]:
+    """Return lines of TypeScript: where a record's fields are."""
+    where = ", ".join(f"{field.name}: {record.at(field.name)}" for field in record.fields)
+    return [f"/** {record.doc}. */", f"export const {name} = {{ bytes: {record.size}, {where} }};"]
 
 
 # Dataclasses for controllers. `id` and `t` of what a robot sends may be left out.
@@ -182,7 +186,7 @@ BLOCKS = {
         "walked": markdown(missions.WALKED),
     },
     "orders.md": {"orders": markdown(driven.ORDERS)},
-    "vocabulary.md": {"places": markdown([table.ROBOT_PLACE])},
+    "vocabulary.md": {"places": markdown([table.ROBOT_PLACE]), "routes": markdown([table.ROUTE_POINT])},
 }
 
 

@@ -25,6 +25,7 @@ import aiomqtt
 import pytest
 from hypothesis import HealthCheck, settings
 
+from certificates import make_certificate
 from chromium import CHROMIUM, FLAGS
 from phalanx.cli.main import run_command
 from phalanx.gateway.serve_pages import PAGES, VISITOR_POLICY, OperatorPages
@@ -376,3 +377,9 @@ def pages(tmp_path):
     folder.mkdir()
     (folder / "index.html").write_text("<p>drive")
     return folder
+
+
+@pytest.fixture
+def tls(tmp_path):
+    """Files of a certificate for localhost and its key."""
+    return make_certificate(tmp_path)

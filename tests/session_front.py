@@ -142,9 +142,11 @@ def ms():
 
 
 @asynccontextmanager
-async def visiting(port: int, invitation: Invitation, name: str = "", host: str = "127.0.0.1"):
-    """A visitor that tries to join."""
-    async with aiohttp.ClientSession() as http, http.ws_connect(f"http://{host}:{port}/link") as ws:
+async def visiting(port: int, invitation: Invitation, name: str = "", host: str = "127.0.0.1", source="", **more):
+    """A visitor at address `source` that tries to join; `ssl` is for https, as the rest of `more` for aiohttp."""
+    url = f"http{'s' if 'ssl' in more else ''}://{host}:{port}/link"
+    at = aiohttp.TCPConnector(local_addr=(source, 0)) if source else None
+    async with aiohttp.ClientSession(connector=at) as http, http.ws_connect(url, **more) as ws:
         visit = Visit(ws, SessionClient(SessionConfig(), invitation, os.urandom, name))
         reading = asyncio.create_task(visit.read())
         try:

@@ -109,16 +109,20 @@ class TestVisitors:
         done = None
         assert watch.news(dict, 14.0) == {}
 
-    def test_drivers_are_told_twice_a_second_while_they_drive_and_so_many_only(self):
-        drivers = Drivers()
+    def test_drivers_are_told_when_they_change_and_so_many_only(self):
+        drivers, number = Drivers(), {"A": 1, "B": 2}.__getitem__
         for i in range(100):
             drivers.drives("A", f"{i:02}", 10.0)
         drivers.drives("B", "", 10.2)
-        assert drivers.news({"A": 1, "B": 2}.__getitem__, 10.3) == {
-            "drivers": [[1, [f"{i:02}" for i in range(MOST_DRIVERS)]], [2, [""]]]
-        }
-        assert drivers.news({"A": 1, "B": 2}.__getitem__, 10.4) == {}
-        assert drivers.news({"B": 2}.__getitem__, 10.8) == {"drivers": []}
+        some = [f"{i:02}" for i in range(MOST_DRIVERS)]
+        assert drivers.news(number, 10.3) == {"drivers": [[1, some], [2, [""]]]}
+        assert drivers.in_list() == {"A": {"drivers": some}, "B": {"drivers": [""]}}
+        assert drivers.news(number, 10.4) == {"drivers": []}
+        drivers.drives("B", "b", 10.5)
+        assert drivers.news(number, 10.6) == {"drivers": [[2, ["", "b"]], [1, []]]}
+        assert drivers.news(number, 11.1) == {"drivers": [[2, []]]}
+        assert drivers.in_list() == {}
+        assert drivers.news(number, 11.2) == {"drivers": []}
 
     def test_inventing_names_does_not_grow_it_without_end(self):
         visitors = Visitors()

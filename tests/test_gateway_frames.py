@@ -19,7 +19,7 @@ from phalanx.link.envelope import encode_json
 from phalanx.link.messages import Reply
 from phalanx.robot import Led, Point
 from phalanx.sim import Dotbots
-from test_gateway_places import read_places
+from test_gateway_places import read_places, read_route
 
 NOW = 1_700_000_000.0
 
@@ -49,6 +49,17 @@ class Mirror:
             known |= {key: value for key, value in change.items() if key not in ("history_cleared", "battery_mv")}
             if "battery_mv" in change:
                 known["battery"] = change["battery_mv"] / 1000
+        for number, *route in data.get("routes", ()):
+            by_number[number] |= {"waypoints": read_route(route), "mode": int(bool(route[-1]))}
+        for number, names in data.get("drivers", ()):
+            if number in by_number:  # else it left in this frame
+                by_number[number]["drivers"] = names
+
+
+def are_near(told, route):
+    """Return whether a route that was read is the one that a list tells, but for rounding."""
+    pairs = zip(told, route, strict=True)
+    return all(abs(one[axis] - other[axis]) <= 0.6 for one, other in pairs for axis in "xy")
 
 
 FRAME_BYTES = LinkConfig().part_plaintext_bytes
@@ -98,8 +109,9 @@ class TestFrames:
                 mirror.read(json.loads(json.dumps(frame)))
             for robot in told:
                 known = mirror.robots[robot["address"]]
-                for key in ("direction", "status", "mode", "rgb_led", "waypoints", "waypoints_threshold"):
+                for key in ("direction", "status", "mode", "rgb_led", "waypoints_threshold"):
                     assert known[key] == robot[key], key
+                assert are_near(known["waypoints"], robot["waypoints"])
                 for axis in "xy":
                     assert abs(known["lh2_position"][axis] - robot["lh2_position"][axis]) <= 0.6
                 assert abs(known["battery"] - robot["battery"]) <= 0.021

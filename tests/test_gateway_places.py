@@ -13,10 +13,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phalanx.gateway.places import Places, in_places
+from phalanx.gateway.places import NOWHERE, Places, in_places, tell_route
+from phalanx.robot import Point
 
 VECTORS = Path(__file__).parent.parent / "vectors"
-CASES = json.loads((VECTORS / "places.json").read_text())["cases"]
+CASES, ROUTES = (json.loads((VECTORS / name).read_text())["cases"] for name in ("places.json", "routes.json"))
 
 
 def read_places(pieces) -> list[tuple[int, int, int, int]]:
@@ -32,6 +33,13 @@ def read_places(pieces) -> list[tuple[int, int, int, int]]:
     return rows
 
 
+def read_route(route) -> list[dict[str, int]]:
+    """Return the points of `[x, y, step, points]`, as a list tells them."""
+    left, top, step, text = route
+    points = struct.iter_unpack("<HH", urlsafe_b64decode(text + "=" * (-len(text) % 4)))
+    return [{"x": left + step * x, "y": top + step * y, "z": 0} for x, y in points]
+
+
 def table(rows) -> np.ndarray:
     return np.array(rows, np.int64).reshape(-1, 4)
 
@@ -40,7 +48,8 @@ def test_the_committed_vectors_are_what_the_oracle_writes():
     spec = importlib.util.spec_from_file_location("make_places", VECTORS / "make_places.py")
     make = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(make)
-    assert (VECTORS / "places.json").read_text() == make.text()
+    for name, text in make.texts().items():
+        assert (VECTORS / name).read_text() == text
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if "rows" in case], ids=lambda case: case["name"])
@@ -87,3 +96,16 @@ def test_what_swarms_that_come_and_go_leave_out_costs_a_piece_and_no_more():
 
 def test_nobody_is_packed_as_nothing():
     assert in_places(table([])) == []
+
+
+@pytest.mark.parametrize("case", [case for case in ROUTES if "points" in case], ids=lambda case: case["name"])
+def test_routes_are_packed_as_the_oracle_does_it(case):
+    assert tell_route(7, [Point(float(x), float(y)) for x, y in case["points"]]) == case["route"]
+
+
+@given(st.lists(st.builds(Point, st.floats(), st.floats()), max_size=70))
+def test_a_route_is_told_as_far_as_its_points_are_somewhere(route):
+    _, *told = tell_route(0, route)
+    somewhere = [point for point in route if abs(point.x_mm) < NOWHERE and abs(point.y_mm) < NOWHERE][:65]
+    for point, read in zip(somewhere, read_route(told), strict=True):
+        assert max(abs(point.x_mm - read["x"]), abs(point.y_mm - read["y"])) <= told[2] / 2 + 0.5

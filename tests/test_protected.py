@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 import json
 import math
+import resource
 import subprocess
-import time
 import urllib.error
 import urllib.request
 from pathlib import Path
@@ -16,6 +16,7 @@ import pytest
 
 from chromium import wait_until
 from conftest import a_gateway, child, eventually
+from conftest import run as run_phalanx
 from phalanx.cli.main import run_command
 from phalanx.demo.simulated import choose_protection
 from phalanx.errors import Unknown, UsageError
@@ -29,6 +30,7 @@ DT = 0.02
 T_VAL_S = 10.0
 # It lies from the first broadcast on that it leaves out: at most so long after the operator's word, and δ is due to it.
 FIRST_LIE_S = {"omit-sends": 1.5 + 0.15}
+MOST_OF_A_START = 60  # times what --help takes: 10 with robots that flock, 20 on a mission
 
 
 def a_swarm(count: int = 12, seed: int = 0, **more) -> ProtectedSwarm:
@@ -40,6 +42,12 @@ def run(swarm: ProtectedSwarm, seconds: float, each_100_ms=lambda: None) -> None
         if k % 5 == 0:
             each_100_ms()
         swarm.step(DT)
+
+
+def worked_s() -> float:
+    """Return the processor time of all children that have ended, and of theirs."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def stopped(swarm) -> list[str]:
@@ -409,13 +417,13 @@ class TestUp:
         assert area["unprotected"] == choose_protection(101, None, None).note
         assert "t_val_ms" not in area
 
-    @pytest.mark.alone
     @pytest.mark.parametrize("words", [[], ["--mission", "office"]])
-    def test_the_code_is_shown_within_seconds_and_robots_have_shields_from_the_first(self, words):
-        began_s = time.monotonic()
+    def test_a_start_and_an_end_take_little_work_and_robots_have_shields_from_the_first(self, words):
+        before_s = worked_s()
+        assert run_phalanx("up", "--help", fresh=True).returncode == 0
+        help_s = worked_s() - before_s
         with child("up", "--events", "--port", "0", *words, fresh=True) as running:
             ready = running.wait_for("ready", timeout_s=60)
-            took_s = time.monotonic() - began_s
             state = state_of(ready)
             assert {robot["address"] for robot in state["robots"]} == state["shields"]["robots"].keys()
             assert not state["unprotected"]
@@ -423,12 +431,11 @@ class TestUp:
             children = [int(pid) for pid in own.stdout.split()]
             more = ["robots on a mission", "multiprocessing's tracker"] if words else []
             assert len(children) == len(["the front end", *more])
-            began_s = time.monotonic()
             assert running.stop() == 0
-            assert time.monotonic() - began_s < 2
             wait_until(lambda: not [pid for pid in children if Path(f"/proc/{pid}").exists()], 5)
         assert not [line for line in running.err if "Traceback" in line]
-        assert took_s < 5
+        # In processor time, which no load changes much. To compile, or to draw keys for each robot, takes 200 times.
+        assert worked_s() - before_s - help_s < MOST_OF_A_START * help_s
 
     async def test_frames_alone_tell_all_that_a_page_needs(self):
         frames: list[dict] = []

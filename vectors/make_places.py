@@ -1,4 +1,4 @@
-"""Writes vectors/places.json: where robots are, as frames tell it, which Python writes and TypeScript reads.
+"""Writes vectors/places.json and routes.json: where robots are and go, as frames tell it; TypeScript reads them.
 
 Packed here record by record, as docs/spec/vocabulary.md says it, not by the code under test. Run it as
 `python vectors/make_places.py`; a test checks that what is committed is what it writes.
@@ -13,7 +13,7 @@ import struct
 from pathlib import Path
 from typing import Any
 
-FILE = Path(__file__).parent / "places.json"
+FOLDER = Path(__file__).parent
 
 Row = tuple[int, int, int, int]
 
@@ -91,10 +91,42 @@ def cases() -> list[dict[str, Any]]:
     ]
 
 
-def text() -> str:
-    """The file, with a case on each line."""
-    return '{"cases": [\n' + ",\n".join(json.dumps(case, ensure_ascii=True) for case in cases()) + "\n]}\n"
+def route_cases() -> list[dict[str, Any]]:
+    good = {
+        "where it stood, and one point": [(100, 200), (300, 50)],
+        "no route": [],
+        "exact up to 65 m": [(-5, 0), (65530, 65535)],
+        "in steps of 2 mm beyond": [(0, 0), (65536, 30000)],
+        "as many points as a server takes": [(n * 7 % 2000, n * 13 % 2000) for n in range(65)],
+    }
+    packed_points = {}
+    for name, points in good.items():
+        left, top = (min((point[axis] for point in points), default=0) for axis in (0, 1))
+        step = max(1, -(-max((max(x - left, y - top) for x, y in points), default=0) // 65535))
+        raw = b"".join(struct.pack("<HH", (x - left) // step, (y - top) // step) for x, y in points)
+        packed_points[name] = [7, left, top, step, b64(raw).rstrip("=")]
+    one = packed_points["where it stood, and one point"]
+    bad: dict[str, Any] = {
+        "no list": "route",
+        "too short": one[:4],
+        "no number": ["7", *one[1:]],
+        "no text": [*one[:4], 5],
+        "half a point": [*one[:4], "AAA"],
+        "more points than anybody gives": [*one[:4], b64(bytes(4 * 66)).rstrip("=")],
+    }
+    return [
+        {"name": name, "points": points, "route": packed_points[name], "read": points} for name, points in good.items()
+    ] + [{"name": name, "route": route, "read": None} for name, route in bad.items()]
+
+
+def texts() -> dict[str, str]:
+    """Return both files by name, with a case on each line."""
+    return {
+        name: '{"cases": [\n' + ",\n".join(json.dumps(case, ensure_ascii=True) for case in made) + "\n]}\n"
+        for name, made in (("places.json", cases()), ("routes.json", route_cases()))
+    }
 
 
 if __name__ == "__main__":
-    FILE.write_text(text())
+    for name, text in texts().items():
+        (FOLDER / name).write_text(text)

@@ -2,9 +2,9 @@
 
 import type { Json, JsonObject } from "./core/json";
 import { readWalk } from "./mission";
-import type { Place } from "./places";
+import { type Place, readRoute } from "./places";
 import { objectsOf, readNumber, readPointXy } from "./reading";
-import { type Robot, readMode, readRgb, readRobot, readStatus, readThreshold, readWaypoints } from "./robot";
+import { type Robot, readDrivers, readRgb, readRobot, readStatus, readThreshold } from "./robot";
 import { type Audit, readAudit, readShield } from "./shield";
 import { type Point, Trail } from "./trail";
 
@@ -25,6 +25,8 @@ export function lastingInFrame(
   at_ms: number,
 ): readonly Audit[] {
   for (const words of objectsOf(list(frame["changed"]))) changeInFrame(robots, words);
+  for (const words of list(frame["routes"])) routeInFrame(robots, numbers, words);
+  for (const words of list(frame["drivers"])) driversInFrame(robots, numbers, words);
   for (const words of list(frame["shields"])) shieldInFrame(robots, numbers, words, at_ms);
   for (const words of list(frame["walks"])) walkInFrame(robots, numbers, words);
   const audits = list(frame["audits"]).flatMap((words) => readAudit(words, numbers, at_ms) ?? []);
@@ -71,21 +73,35 @@ function walkInFrame(robots: Map<string, Robot>, numbers: ReadonlyMap<number, st
   if (address !== undefined && walk) change(robots, address, { walk });
 }
 
+/** `[number, left, top, step, points]`. */
+function routeInFrame(robots: Map<string, Robot>, numbers: ReadonlyMap<number, string>, words: Json): void {
+  const route = readRoute(words);
+  if (!route) return;
+  const address = numbers.get(route.number);
+  if (address === undefined) return;
+  change(robots, address, { waypoints: route.points, mode: route.points.length > 0 ? 1 : 0 });
+}
+
+/** `[number, names]`. */
+function driversInFrame(robots: Map<string, Robot>, numbers: ReadonlyMap<number, string>, words: Json): void {
+  if (!Array.isArray(words)) return;
+  const [number, names] = words as readonly Json[];
+  const address = typeof number === "number" ? numbers.get(number) : undefined;
+  const drivers = readDrivers(names);
+  if (address !== undefined && drivers) change(robots, address, { drivers });
+}
+
 function changeInFrame(robots: Map<string, Robot>, words: JsonObject): void {
   const { address } = words;
   if (typeof address !== "string") return;
   const led = readRgb(words["rgb_led"]);
-  const waypoints = readWaypoints(words["waypoints"]);
   const threshold = readThreshold(words["waypoints_threshold"]);
   const millivolts = readNumber(words["battery_mv"], 0, 100_000);
   const status = readStatus(words["status"]);
-  const mode = readMode(words["mode"]);
   change(robots, address, {
     ...(millivolts !== undefined && { battery_v: millivolts / 1000 }),
     ...(status !== undefined && { status }),
-    ...(mode !== undefined && { mode }),
     ...(led && { led }),
-    ...(waypoints && { waypoints }),
     ...(threshold !== undefined && { threshold }),
     ...(words["history_cleared"] === true && { trail: Trail.EMPTY }),
   });

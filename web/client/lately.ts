@@ -10,7 +10,7 @@ export interface Said {
   readonly at_ms: number;
 }
 
-const LASTING = ["joined", "changed", "shields", "walks", "audits", "left"] as const;
+const LASTING = ["joined", "changed", "routes", "shields", "walks", "audits", "drivers", "left"] as const;
 /** A list that takes longer is asked for again long before. */
 const KEPT_MS = 30_000;
 /** As text, which takes no more room than it is long: a thousand robots' busiest half a minute, or a peer's nonsense. */

@@ -3,6 +3,7 @@
 import { isObject, type Json } from "./core/json";
 import { isAddress } from "./core/topics";
 import type { Walk } from "./mission";
+import { MOST_WAYPOINTS } from "./places";
 import { readNumber, readPoint, readText } from "./reading";
 import type { Audit, Shield } from "./shield";
 import { type Point, Trail } from "./trail";
@@ -40,11 +41,14 @@ export interface Robot {
   readonly audited: Audit | undefined;
   /** Undefined where robots live no missions. */
   readonly walk: Walk | undefined;
+  /** Who drives it by joystick: names that pages made up, or nicknames; "" for those who say none. */
+  readonly drivers: readonly string[];
 }
 
-// 64 that a server takes, and where the robot stood.
-const MOST_WAYPOINTS = 65;
 const LONGEST_NAME = 32;
+const MOST_DRIVERS = 4;
+/** A nickname of a session. */
+const LONGEST_DRIVER = 32;
 export const DEFAULT_THRESHOLD = 40;
 export const UNNAMED = "Robot";
 
@@ -68,7 +72,13 @@ export function readRobot(words: Json | undefined): Robot | undefined {
     shield: undefined,
     audited: undefined,
     walk: undefined,
+    drivers: readDrivers(words["drivers"]) ?? [],
   };
+}
+
+export function readDrivers(words: Json | undefined): readonly string[] | undefined {
+  if (!Array.isArray(words)) return undefined;
+  return (words as readonly Json[]).slice(0, MOST_DRIVERS).map((name) => readText(name, LONGEST_DRIVER) ?? "");
 }
 
 export function readDirection(word: unknown): number | undefined {

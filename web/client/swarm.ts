@@ -35,11 +35,6 @@ const UNIT_SQUARE_LIMIT = 1.5;
 const AUDITS_FOR_MS = 3000;
 const MOST_AUDITS = 256;
 const LONGEST_NOTE = 160;
-/** Who drives is told twice a second. */
-const DRIVES_FOR_MS = 1200;
-const MOST_DRIVERS = 8;
-/** A nickname of a session. */
-const LONGEST_DRIVER = 32;
 
 /** The ground under the swarm, in the unit of the positions. */
 export interface Area {
@@ -75,8 +70,6 @@ export interface Swarm {
   readonly unprotected: string;
   /** Those that ended lately, oldest first. */
   readonly audits: readonly Audit[];
-  /** Who drives a robot by joystick, by its address: names that pages made up, and when they were told. */
-  readonly drivers: ReadonlyMap<string, { readonly names: readonly string[]; readonly at_ms: number }>;
   /** The operator has stopped all robots. */
   readonly held: boolean;
   /** Undefined where robots live no missions. */
@@ -106,7 +99,6 @@ export const NO_SWARM: Swarm = {
   terms: undefined,
   unprotected: "",
   audits: [],
-  drivers: new Map(),
   held: false,
   missions: undefined,
   work: undefined,
@@ -257,34 +249,14 @@ function framed(swarm: Swarm, frame: JsonObject, at_ms: number): Swarm {
   if (told?.another === true) missed = true;
   const recent = swarm.audits.filter((audit) => at_ms - audit.at_ms < AUDITS_FOR_MS);
   const audits = [...recent, ...ended].slice(-MOST_AUDITS);
-  const drivers = driversInFrame(swarm.drivers, numbers, frame, at_ms);
   const held = frame["held"] === true;
   const work = workInFrame(swarm.work, frame);
-  return { ...next, numbers, seq, audits, drivers, held, work, missions: told?.missions, at_ms, missed: next.missed + (missed ? 1 : 0) };
-}
-
-function driversInFrame(
-  known: Swarm["drivers"],
-  numbers: ReadonlyMap<number, string>,
-  frame: JsonObject,
-  at_ms: number,
-): Swarm["drivers"] {
-  const rows = list(frame["drivers"]);
-  if (rows.length === 0 && known.size === 0) return known;
-  const drivers = new Map([...known].filter(([, told]) => at_ms - told.at_ms < DRIVES_FOR_MS));
-  for (const row of rows) {
-    const [number, names] = Array.isArray(row) ? (row as readonly Json[]) : [];
-    const address = typeof number === "number" ? numbers.get(number) : undefined;
-    if (address === undefined || !Array.isArray(names)) continue;
-    const read = (names as readonly Json[]).slice(0, MOST_DRIVERS).map((name) => readText(name, LONGEST_DRIVER) ?? "");
-    drivers.set(address, { names: read, at_ms });
-  }
-  return drivers;
+  return { ...next, numbers, seq, audits, held, work, missions: told?.missions, at_ms, missed: next.missed + (missed ? 1 : 0) };
 }
 
 /** Who drives this robot, but for `me`. */
 export function driversOf(swarm: Swarm, address: string | undefined, me: string): readonly string[] {
-  const names = address === undefined ? undefined : swarm.drivers.get(address)?.names;
+  const names = address === undefined ? undefined : swarm.robots.get(address)?.drivers;
   return names?.filter((name) => name !== me) ?? [];
 }
 

@@ -140,13 +140,13 @@ describe("frames", () => {
   test("move robots, and grow their trails by steps that can be seen", () => {
     const swarm = play(
       [
-        frame(1, { robots: [[1, 110, 200, 270]], changed: [{ address: A, battery_mv: 3100, status: 1, mode: 1 }] }),
+        frame(1, { robots: [[1, 110, 200, 270]], changed: [{ address: A, battery_mv: 3100, status: 1 }] }),
         frame(2, { robots: [[1, 400, 200, 270]] }),
-        frame(3, { robots: [[1, 401, 200, 90]], changed: [{ address: A, battery_mv: 3000, status: 0, mode: 0 }] }),
+        frame(3, { robots: [[1, 401, 200, 90]], changed: [{ address: A, battery_mv: 3000, status: 0 }] }),
       ],
       START,
     );
-    expect(of(swarm)).toMatchObject({ position: { x: 401, y: 200 }, direction: 90, battery_v: 3, status: 0, mode: 0 });
+    expect(of(swarm)).toMatchObject({ position: { x: 401, y: 200 }, direction: 90, battery_v: 3, status: 0 });
     const { trail } = of(swarm);
     expect(Array.from({ length: trail.length }, (_, i) => trail.x(i))).toEqual([90, 110, 400]);
     expect(swarm.missed).toBe(0);
@@ -157,14 +157,12 @@ describe("frames", () => {
       {
         address: A,
         rgb_led: { red: 1, green: 2, blue: 3 },
-        waypoints: [
-          { x: 1, y: 2 },
-          { x: 3, y: 4 },
-        ],
         waypoints_threshold: 70,
       },
     ];
-    const swarm = play([frame(1, { changed, joined: [robot("C", { name: "Cy" })], left: [B] })], START);
+    const points = encodeBase64url(new Uint8Array(Uint16Array.from([0, 0, 2, 2]).buffer));
+    const routes = [[1, 1, 2, 1, points], [99, 1, 2, 1, points], [1], null];
+    const swarm = play([frame(1, { changed, routes, joined: [robot("C", { name: "Cy" })], left: [B] })], START);
     expect(of(swarm)).toMatchObject({
       led: { red: 1, green: 2, blue: 3 },
       waypoints: [
@@ -172,7 +170,9 @@ describe("frames", () => {
         { x: 3, y: 4 },
       ],
       threshold: 70,
+      mode: 1,
     });
+    expect(of(play([frame(2, { routes: [[1, 0, 0, 1, ""]] })], swarm))).toMatchObject({ waypoints: [], mode: 0 });
     expect(swarm.roster.map(({ address }) => address)).toEqual([A, "C"]);
     expect(of(play([frame(2, { changed: [{ address: A, history_cleared: true }] })], swarm)).trail.length).toBe(0);
   });
@@ -278,6 +278,8 @@ describe("hostile peers", () => {
     {
       seq: fc.oneof(fc.nat(5), number),
       places: fc.oneof(places, number),
+      routes: fc.oneof(places, number),
+      drivers: fc.oneof(fc.array(fc.tuple(number, fc.array(number))), number),
       changed: fc.oneof(fc.array(aRobot), number),
       joined: fc.oneof(fc.array(aRobot), number),
       left: fc.oneof(fc.array(address), number),

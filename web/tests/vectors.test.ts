@@ -23,7 +23,7 @@ import {
   sealJwe,
   splitTopic,
 } from "../client/core";
-import { readPlaces } from "../client/places";
+import { readPlaces, readRoute } from "../client/places";
 
 interface Case {
   readonly name: string;
@@ -193,6 +193,12 @@ describe("parts", () => {
 describe("places", () => {
   test.each(load<Case & { places: Json; read: number[][] }>("places"))("$name", (c) => {
     expect(readPlaces(c.places).map(({ number, x, y, direction }) => [number, x, y, direction])).toEqual(c.read);
+  });
+});
+
+describe("routes", () => {
+  test.each(load<Case & { route: Json; read: number[][] | null }>("routes"))("$name", (c) => {
+    expect(readRoute(c.route)?.points.map(({ x, y }) => [x, y]) ?? null).toEqual(c.read);
   });
 });
 

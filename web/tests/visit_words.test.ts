@@ -1,7 +1,7 @@
 // What a visitor reads of its own session.
 
 import { describe, expect, test } from "vitest";
-import { NO_SWARM, NO_VISIT, type Standing, type Visit } from "../client";
+import { NO_SWARM, NO_VISIT, type Standing, swarmReducer, type Visit } from "../client";
 import { othersWords } from "../visitor/robot_picker";
 import { lastNickname, madeUp } from "../visitor/nickname";
 import { linkUrl } from "../visitor/link_url";
@@ -43,7 +43,8 @@ describe("a visitor reads", () => {
   });
 
   test("who else drives, by name in a session", () => {
-    const swarm = { ...NO_SWARM, drivers: new Map([[A, { names: ["Eve", "Ada"], at_ms: 0 }]]) };
+    const data = [{ address: A, drivers: ["Eve", "Ada"] }];
+    const swarm = swarmReducer(NO_SWARM, { kind: "replied", request: 0, data, at_ms: 0 });
     const view = { swarm, health: { state: "live" } as const, visit: here({}) };
     expect(othersWords(view, A, "Ada")).toBe("Eve drives it");
     expect(othersWords({ ...view, visit: NO_VISIT }, A, "Ada")).toBe("Another visitor drives it");

@@ -164,6 +164,7 @@ export class Run {
         shield,
         audited: undefined,
         walk: undefined,
+        drivers: [],
       });
     });
     const lit = this.#marks.filter(({ t }) => t <= t_s).map(({ x, y, type }) => ({ ...this.#shown(x, y), type }));

@@ -1,46 +1,62 @@
 """Frames: everything that happened in one tick, for all robots at once (docs/spec/vocabulary.md).
 
-A tick is one frame if that fits a small message, and several frames otherwise; each can be read without the others.
+A tick has at most 2 KiB for a hundred robots and 16 KiB for a thousand, with padding; what has no room waits for a
+later one. For a broker a tick is cut into several frames, each of which can be read without the others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from itertools import count
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.link.envelope import encode_json
-from phalanx.robot import Led, Point, Robot
+from phalanx.robot import Point, Robot
+from phalanx.wire.sessions import PADDED
 
-from .places import AROUND_CHARS, RECORD_CHARS, Places, in_places
-from .vocabulary import Notice, status, tell_led, tell_places, tell_robot
+from .outbox import KEY_BYTES, Batch, Entry, Outbox
+from .places import AROUND_CHARS, NOWHERE, RECORD_CHARS, Places, in_places, tell_route
+from .robot_changes import Slow, change_of, slow_of
+from .shields import MOST_AUDITS
+from .vocabulary import Notice, tell_robot
 
 FULL_EVERY_S = 1.0
 QUIET_S = 0.25  # with the tick that follows: a page that hears nothing for 0.8 s tells its visitor
-BATTERY_STEP_MV = 20  # a fifth of what a page shows
 FRAME_BYTES = 60  # of a frame without its lists
-# Of what changed of robots, in a tick: with places two kilobytes for a hundred robots, sixteen for a thousand.
-CHANGES_BYTES, CHANGES_BYTES_EACH = 1000, 7
-KEY_BYTES = 6  # of a list besides its name and elements
-NOWHERE = 1e7  # mm: pages show no robot beyond
+# Of a tick as JSON, for every so many robots. Half of it is places, if all robots move.
+UNIT_BYTES, UNIT_ROBOTS = 2048, 125
+CHANGES_BYTES = 900  # of a unit: what places leave to all else, if there is so much of it
+# Of these lists the newest element of a robot counts, and of those the newest of all.
+BY_ROBOT = frozenset({"shields", "walks", "drivers"})
+NEWEST = frozenset({"mission", "work", "things"})
+
+
+def tick_bytes(robots: int) -> int:
+    """Return the longest JSON of a tick: its update, padded, has 2 KiB for each 125 robots."""
+    return UNIT_BYTES * _units(robots) - PADDED.size
+
+
+def _units(robots: int) -> int:
+    return max(1, -(-robots // UNIT_ROBOTS))
 
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """What happened in a tick: in small frames, whole, and for those who read the older words."""
+    """What is sent in a tick: in small frames, whole, and for those who read the older words."""
 
     frames: tuple[dict[str, Any], ...]
     joined: tuple[Robot, ...]
     left: tuple[str, ...]
     changed: bool
-    whole: dict[str, Any]  # one frame, however long
+    whole: dict[str, Any]  # one frame
 
 
 class Frames:
-    """Compares the swarm with what visitors were told last, and numbers its robots.
+    """Compares the swarm with what visitors know, and numbers its robots.
 
     Args:
         limit_bytes: of a small frame's JSON; None: there are no small frames.
@@ -51,13 +67,20 @@ class Frames:
         self._seq = self._ticks = 0
         self._numbers: dict[str, int] = {}
         self._next_number = 0
-        self._told: dict[str, _Slow] = {}
-        self._rows = np.zeros((0, 4), np.int64)
+        # What visitors know of robots, and what is so now.
+        self._known: dict[str, Slow] = {}
+        self._now: dict[str, tuple[Robot, Slow]] = {}
+        self._now_s = 0.0
+        self._with_trail: set[str] = set()
+        self._cleared: set[str] = set()  # trails, of which visitors do not know
+        self._outbox = Outbox()
+        self._events = count()
+        self._mission: Any = None
+        self._rows = np.zeros((0, 4), np.int64)  # places that visitors know
+        self._next_place = 0  # number of the robot whose place has waited longest
         self._full_at_s: float | None = None
         self._said_at_s = 0.0
         self._held = False
-        self._in_turn = False  # not all that changed was told in the last tick
-        self._last_told = ""
 
     def number(self, address: str) -> int:
         """What frames call this robot: shorter than its address, and told with it in every list of robots."""
@@ -82,67 +105,149 @@ class Frames:
         be told, by their names. `held` robots stand still by the operator's word: every frame says so.
         """
         full = self._full_at_s is None or uptime_s - self._full_at_s >= FULL_EVERY_S
-        rows = self._rows_of(robots)
-        moved = rows if full else rows[_differ(rows, self._rows)]
-        told = {robot.address: _slow(robot, now_s, self._told.get(robot.address)) for robot in robots}
-        joined, left, changed = [], [], []
-        if self._full_at_s is not None:
-            joined = [robot for robot in robots if robot.address not in self._told]
-            left = [address for address in self._told if address not in told]
-            changed = self._changes(told, len(encode_json(more)) if more else 0)
-        news_at_all = full or len(moved) or joined or left or changed or (more and any(more.values()))
-        news_at_all = news_at_all or held != self._held
+        rows, before = self._rows_of(robots), self._rows[:0] if full else self._rows
+        moved = rows[_differ(rows, before)]
+        self._look(robots, now_s)
+        self._add(more or {})
+        news_at_all = full or len(moved) or len(self._outbox) or held != self._held
         if not news_at_all and uptime_s - self._said_at_s < QUIET_S:
             return None
-        news = [tell_robot(robot, now_s, 0) | {"n": self.number(robot.address)} for robot in joined]
-        lists: dict[str, Sequence[Any]] = {
-            "left": left,
-            "joined": news,
-            "changed": changed,
-            **(more or {}),
-        }
-        places = in_places(moved)
+        batch, sent, places = self._within(tick_bytes(len(robots)) - FRAME_BYTES, moved, _units(len(robots)))
         frames = []
         if self._limit_bytes:
-            frames = [self._frame(words, held) for words in self._packed(lists, places, self._limit_bytes)]
-        whole: dict[str, Any] = {key: items for key, items in lists.items() if items}
+            frames = [self._frame(words, held) for words in self._packed(batch.lists, places, self._limit_bytes)]
+        whole: dict[str, Any] = dict(batch.lists)
         if places:
             whole["places"] = [some.piece(0, len(some)) for some in places]
         # Last: what cannot be told now, because a driver says nonsense, is still to be told at the next tick.
-        self._rows, self._told, self._held = rows, told, held
-        self._said_at_s = uptime_s
-        for address in left:
-            del self._numbers[address]
+        known = before[np.isin(before[:, 0], rows[:, 0]) & ~np.isin(before[:, 0], sent[:, 0])]
+        self._rows = _by_number(np.concatenate([known, sent]))
+        joined = tuple(self._now[each["address"]][0] for each in batch.lists.get("joined", ()))
+        self._outbox.sent(batch)
+        self._held, self._said_at_s = held, uptime_s
         if full:
             self._full_at_s = uptime_s
         self._ticks += 1
         said = _notice(self._ticks - 1, whole, held)
-        return Tick(tuple(frames), tuple(joined), tuple(left), bool(changed), said)
+        changed = "changed" in whole or "routes" in whole
+        return Tick(tuple(frames), joined, tuple(whole.get("left", ())), changed, said)
 
-    def _changes(self, told: dict[str, _Slow], others_bytes: int) -> list[dict[str, Any]]:
-        """Return what changed of robots, as much as fits a tick; `told` keeps what was told before of the rest.
+    def _look(self, robots: Sequence[Robot], now_s: float) -> None:
+        """Put into the outbox what of robots visitors do not know."""
+        known, with_trail = self._known, {robot.address for robot in robots if robot.history}
+        self._now_s = now_s
+        self._now = {robot.address: (robot, slow_of(robot, now_s, known.get(robot.address))) for robot in robots}
+        if self._full_at_s is None:  # nobody was told of anything: who comes asks for the list
+            self._known = {address: slow for address, (_, slow) in self._now.items()}
+        self._cleared |= (self._with_trail - with_trail) & self._known.keys() & self._now.keys()
+        self._with_trail = with_trail
+        # In the order of the robots, so that nobody's turn depends on chance.
+        for address, (_, slow) in self._now.items():
+            before = self._known.get(address)
+            if before is None or address in self._cleared or not (before is slow or before.is_but_for_route(slow)):
+                self._put_robot(address)
+            if before is not None and before.route != slow.route:
+                self._put_route(address)
+        for address in self._known:
+            if address not in self._now:
+                self._put_robot(address)
 
-        A storm of routes once was 300 Mbit/s. Robots take turns: the next tick begins behind the last one told.
+    def _put_robot(self, address: str) -> None:
+        self._outbox.put(("robot", address), lambda: self._robot_news(address))
+
+    def _put_route(self, address: str) -> None:
+        self._outbox.put(("route", address), lambda: self._route_news(address))
+
+    def _robot_news(self, address: str) -> Iterable[Entry]:
+        """Return that a robot came or left, or what changed of it: as it is when it is sent."""
+        before, now = self._known.get(address), self._now.get(address)
+        if now is None:
+            return (Entry("left", address, lambda: self._forget(address)),) if before else ()
+        robot, slow = now
+        if before is None:  # a route comes by itself: it may be longer than all else
+            joined = tell_robot(robot._replace(route=()), self._now_s, 0) | {"n": self.number(address)}
+            return (Entry("joined", joined, lambda: self._learn(address, slow._replace(route=()))),)
+        told = slow._replace(route=before.route)
+        change = change_of(address, before, told, cleared=address in self._cleared)
+        return (Entry("changed", change, lambda: self._learn(address, told)),) if change else ()
+
+    def _route_news(self, address: str) -> Iterable[Entry]:
+        before, now = self._known.get(address), self._now.get(address)
+        if before is None or now is None or before.route == now[1].route:
+            return ()
+        route = now[1].route
+        told = tell_route(self.number(address), route)
+        return (Entry("routes", told, lambda: self._learn_route(address, route)),)
+
+    def _learn(self, address: str, known: Slow) -> None:
+        is_new = address not in self._known
+        self._known[address] = known
+        self._cleared.discard(address)
+        if is_new and self._now[address][1].route:
+            self._put_route(address)
+
+    def _learn_route(self, address: str, route: tuple[Point, ...]) -> None:
+        self._known[address] = self._known[address]._replace(route=route)
+
+    def _forget(self, address: str) -> None:
+        self._known.pop(address, None)
+        number = self._numbers.pop(address, None)
+        for name in BY_ROBOT:
+            self._outbox.forget((name, number))
+        self._cleared.discard(address)
+
+    def _add(self, more: Mapping[str, Sequence[Any]]) -> None:
+        """Put further lists into the outbox. Raises: ValueError, TypeError: one is not JSON; it is left out."""
+        for name, items in more.items():
+            for item in items:
+                if name == "mission" and item[:1] != self._mission:
+                    self._mission = item[:1]
+                    self._outbox.forget_all("lit")
+                self._outbox.put_item(self._key(name, item), name, item)
+
+    def _key(self, name: str, item: Any) -> tuple[Any, ...]:
+        if name in BY_ROBOT:
+            return name, item[0]
+        if name in NEWEST:
+            return (name,)
+        event = next(self._events)
+        # Audits without end: those that waited too long give way.
+        return name, event % MOST_AUDITS if name == "audits" else event
+
+    def _within(
+        self, limit_bytes: int, moved: NDArray[np.int64], units: int
+    ) -> tuple[Batch, NDArray[np.int64], list[Places]]:
+        """Return what fits: of the outbox, and the places that are sent, as rows and packed.
+
+        Each has what the other does not need. Beyond that, places are left with all but `CHANGES_BYTES` of a unit.
         """
-        addresses = list(told)
-        in_turn = self._in_turn and self._last_told in told
-        first = addresses.index(self._last_told) + 1 if in_turn else 0
-        left_bytes = max(CHANGES_BYTES, CHANGES_BYTES_EACH * len(told)) - others_bytes
-        changes: list[dict[str, Any]] = []
-        self._in_turn = False
-        for address in addresses[first:] + addresses[:first]:
-            before = self._told.get(address)
-            if before is None or before is told[address]:
-                continue
-            change = None if self._in_turn else _change(address, before, told[address])
-            left_bytes -= len(encode_json(change)) + 1 if change else 0
-            if self._in_turn or (changes and left_bytes < 0):
-                self._in_turn = True
-                told[address] = before
-            elif change:
-                changes.append(change)
-                self._last_told = address
-        return changes
+        places = in_places(moved)
+        wanted = sum(some.chars for some in places) + len("places") + KEY_BYTES
+        batch = self._outbox.next(limit_bytes - min(wanted, limit_bytes - CHANGES_BYTES * units))
+        # Of a robot that visitors do not know no place is sent: they would ask for the whole list.
+        joined = {each["n"] for each in batch.lists.get("joined", ())}
+        unknown = {self._numbers[address] for address in self._now if address not in self._known} - joined
+        if unknown:
+            moved = moved[~np.isin(moved[:, 0], list(unknown))]
+            places = in_places(moved)
+        left_bytes = limit_bytes - batch.size - len("places") - KEY_BYTES
+        if sum(some.chars for some in places) > left_bytes:
+            moved = self._in_turn(moved, left_bytes)
+            places = in_places(moved)
+        return batch, moved, places
+
+    def _in_turn(self, moved: NDArray[np.int64], limit_bytes: int) -> NDArray[np.int64]:
+        """Return as many rows as fit, by number, from those that waited longest."""
+        first = int(np.searchsorted(moved[:, 0], self._next_place))
+        turns = np.roll(moved, -first, axis=0)
+        fits, too_many = 0, len(turns) + 1
+        while too_many - fits > 1:
+            some = (fits + too_many) // 2
+            chars = sum(each.chars for each in in_places(_by_number(turns[:some])))
+            fits, too_many = (some, too_many) if chars <= limit_bytes else (fits, some)
+        if fits:
+            self._next_place = int(turns[fits - 1, 0]) + 1
+        return _by_number(turns[:fits])
 
     def nothing(self, *, held: bool) -> dict[str, Any]:
         """Return a whole frame without news: on sessions there is one each tick, as gaps would tell who stands."""
@@ -187,7 +292,7 @@ class Frames:
         exact = np.array(said, np.float64).reshape(-1, 4)
         # A driver that knows no place says NaN: that robot stays where it was last, and the others are told.
         rows = np.rint(exact[(np.abs(exact) < NOWHERE).all(axis=1)]).astype(np.int64)
-        return rows[np.argsort(rows[:, 0])]
+        return _by_number(rows)
 
 
 def _notice(seq: int, words: dict[str, Any], held: bool) -> dict[str, Any]:
@@ -203,42 +308,5 @@ def _differ(rows: NDArray[np.int64], before: NDArray[np.int64]) -> NDArray[np.bo
     return differ
 
 
-class _Slow(NamedTuple):
-    """Fields of one robot that change seldom. Equal ones stay the same tuple: that is soon compared."""
-
-    led: Led
-    route: tuple[Point, ...]
-    threshold_mm: float
-    battery_mv: int
-    status: int
-    has_trail: bool
-
-
-def _slow(robot: Robot, now_s: float, before: _Slow | None) -> _Slow:
-    battery_mv = round(robot.battery_v * 1000)
-    if before is not None and abs(battery_mv - before.battery_mv) < BATTERY_STEP_MV:
-        battery_mv = before.battery_mv
-    silent = int(status(robot, now_s))
-    now = _Slow(robot.led, robot.route, robot.threshold_mm, battery_mv, silent, bool(robot.history))
-    return before if before is not None and now == before else now
-
-
-def _change(address: str, before: _Slow | None, now: _Slow) -> dict[str, Any] | None:
-    if before is None or before is now:
-        return None
-    change: dict[str, Any] = {}
-    if now.led != before.led:
-        change["rgb_led"] = tell_led(now.led)
-    if now.route != before.route:
-        change["waypoints"] = tell_places(now.route)
-        if bool(now.route) != bool(before.route):
-            change["mode"] = int(bool(now.route))
-    if round(now.threshold_mm) != round(before.threshold_mm):
-        change["waypoints_threshold"] = round(now.threshold_mm)
-    if now.battery_mv != before.battery_mv:
-        change["battery_mv"] = now.battery_mv
-    if now.status != before.status:
-        change["status"] = now.status
-    if before.has_trail and not now.has_trail:
-        change["history_cleared"] = True
-    return {"address": address, **change} if change else None
+def _by_number(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    return rows[np.argsort(rows[:, 0])]

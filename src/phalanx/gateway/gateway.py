@@ -195,11 +195,13 @@ class Gateway:
         with_routes = sum(len(robot.route) for robot in robots) <= ROUTE_POINTS_IN_ALL
         shields = self.shields.in_list(self._frames.number) if self.shields else {}
         walks = self.missions.in_list() if self.missions else {}
+        drivers = self.drivers.in_list()
         return [
             vocabulary.tell_robot(robot if with_routes else robot._replace(route=()), now_s, trail)
             | {"n": self._frames.number(robot.address), "mode": int(bool(robot.route))}
             | shields.get(robot.address, {})
             | walks.get(robot.address, {})
+            | drivers.get(robot.address, {})
             for robot in robots
         ]
 

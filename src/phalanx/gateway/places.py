@@ -1,17 +1,23 @@
-"""Where robots are, in six bytes each (docs/spec/vocabulary.md#places): frames are mostly this.
+"""Where robots are, in six bytes each, and where they go, in four a point: frames are mostly this.
 
-Source: docs/spec/vocabulary.md.
+Source: docs/spec/vocabulary.md#places.
 """
 
 from __future__ import annotations
 
+import math
 from base64 import urlsafe_b64encode
+from collections.abc import Sequence
+from itertools import islice
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.wire.table import PASS_BY, ROBOT_PLACE, TURN_DEG
+from phalanx.robot import Point
+from phalanx.wire.table import PASS_BY, ROBOT_PLACE, ROUTE_POINT, TURN_DEG
+
+from .vocabulary import MAX_WAYPOINTS
 
 # As JSON: a record's six bytes are eight characters, and this much stands around a piece's records.
 RECORD_CHARS = ROBOT_PLACE.size * 4 // 3
@@ -19,6 +25,7 @@ AROUND_CHARS = 56
 # To leave out more takes longer than to begin anew.
 MOST_LEFT_OUT = PASS_BY * (AROUND_CHARS // RECORD_CHARS)
 FARTHEST = 0xFFFF
+NOWHERE = 1e7  # mm: pages show no robot beyond
 
 
 class Places:
@@ -27,9 +34,7 @@ class Places:
     def __init__(self, rows: NDArray[np.int64]) -> None:
         numbers, at = rows[:, 0], rows[:, 1:3]
         self._corner = at.min(axis=0)
-        extent = int((at - self._corner).max())
-        # Exact on 65 m, and a few mm off on more: a map shows neither.
-        self._step_mm = max(1, -(-extent // FARTHEST))
+        self._step_mm = _step_mm(at)
         self._first = int(numbers[0])
         skipped = np.diff(numbers, prepend=self._first - 1) - 1
         robots = np.cumsum(skipped // PASS_BY + 1) - 1
@@ -44,6 +49,11 @@ class Places:
     def __len__(self) -> int:
         """How many records there are to cut."""
         return len(self._records)
+
+    @property
+    def chars(self) -> int:
+        """Return the length of all of it as one piece, at most."""
+        return AROUND_CHARS + RECORD_CHARS * len(self._records)
 
     def piece(self, start: int, stop: int) -> list[Any]:
         """Records `start` to `stop` as one of a frame's `places`: `[number, x, y, step, records]`."""
@@ -65,3 +75,26 @@ def in_places(rows: NDArray[np.int64]) -> list[Places]:
         for run in np.split(group, np.flatnonzero(np.diff(group[:, 0]) > MOST_LEFT_OUT) + 1)
         if len(run)
     ]
+
+
+def tell_route(number: int, route: Sequence[Point]) -> list[Any]:
+    """Return a robot's route as one of a frame's `routes`: `[number, x, y, step, points]`; points nowhere are left out.
+
+    The first is where the robot stood; no server takes more points behind it than are told.
+    """
+    known = (p for p in route if math.isfinite(p.x_mm) and math.isfinite(p.y_mm))
+    near = [p for p in known if max(abs(p.x_mm), abs(p.y_mm)) < NOWHERE]
+    told = [(p.x_mm, p.y_mm) for p in islice(near, MAX_WAYPOINTS + 1)]
+    if not told:
+        return [number, 0, 0, 1, ""]
+    at = np.rint(np.array(told)).astype(np.int64)
+    corner, step_mm = at.min(axis=0), _step_mm(at)
+    records = np.zeros(len(at), ROUTE_POINT.dtype)
+    records["x"], records["y"] = np.rint((at - corner) / step_mm).T
+    return [number, *corner.tolist(), step_mm, urlsafe_b64encode(records.tobytes()).decode().rstrip("=")]
+
+
+def _step_mm(at: NDArray[np.int64]) -> int:
+    """Return the step in which sixteen bits reach from the corner to the farthest of `at`, which is (points, 2)."""
+    # Exact on 65 m, and a few mm off on more: a map shows neither.
+    return max(1, -(-int((at - at.min(axis=0)).max()) // FARTHEST))

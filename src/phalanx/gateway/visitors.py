@@ -15,8 +15,7 @@ FORGET_OLDER_AFTER_S = 150.0  # pages that read no frames ask when they are told
 OLDER_PAGES_FOR_S = 600.0
 LIMIT = 1000
 DRIVES_FOR_S = 0.5  # a joystick speaks ten times a second
-TELL_DRIVERS_EVERY_S = 0.5
-MOST_DRIVERS = 8  # of a robot: a visitor may invent names without end
+MOST_DRIVERS = 4  # of a robot: a visitor may invent names without end, and all must fit an update
 OURS = re.compile("phalanx_[0-9a-f]{16}")
 SHOWN = 6
 
@@ -81,7 +80,7 @@ class Drivers:
 
     def __init__(self) -> None:
         self._until: dict[str, dict[str, float]] = {}
-        self._told_at_s = 0.0
+        self._told: dict[str, list[str]] = {}
 
     def drives(self, address: str, by: str, uptime_s: float) -> None:
         """A joystick's command was heard; `by` is what its page calls itself."""
@@ -94,10 +93,14 @@ class Drivers:
         return sorted(by for by, until in self._until.get(address, {}).items() if until > uptime_s)
 
     def news(self, number: Callable[[str], int], uptime_s: float) -> dict[str, list[Any]]:
-        """`drivers` of the next frame: every robot that is driven, twice a second."""
-        if uptime_s - self._told_at_s < TELL_DRIVERS_EVERY_S:
-            return {}
-        self._told_at_s = uptime_s
+        """`drivers` of the next frame: of each robot for which they changed."""
         now = {a: {by: until for by, until in who.items() if until > uptime_s} for a, who in self._until.items()}
         self._until = {address: who for address, who in now.items() if who}
-        return {"drivers": [[number(address), sorted(who)] for address, who in self._until.items()]}
+        before, self._told = self._told, {address: sorted(who) for address, who in self._until.items()}
+        changed = [a for a, who in self._told.items() if who != before.get(a)]
+        changed += [a for a in before if a not in self._told]
+        return {"drivers": [[number(address), self._told.get(address, [])] for address in changed]}
+
+    def in_list(self) -> dict[str, dict[str, Any]]:
+        """Return what an answer to request 0 says of each robot beside the rest, by address: as frames said it."""
+        return {address: {"drivers": who} for address, who in self._told.items()}

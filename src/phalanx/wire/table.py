@@ -301,6 +301,11 @@ ROBOT_PLACE = record(
     "x u16: in the piece's steps from its left",
     "y u16: from its top",
 )
+ROUTE_POINT = record(
+    "route_point: a point of a route, in a frame",
+    "x u16: in the route's steps from its left",
+    "y u16: from its top",
+)
 
 # --- spaces in which a first byte is one record's ------------------------------------------------------------------
 
@@ -312,6 +317,7 @@ AUDITS = (AUDIT_HELLO, AUDIT_SEEK, AUDIT_HERE, AUDIT_FRAGMENT, AUDIT_TOKEN)
 PAYLOADS = (STATE, SENSOR, ACCELERATION, *ADVISED, *DRIVEN, *ON_MISSION, *AUDITS)
 MACED = (MKEY, AUTH_S, AUTH_S_PAPER, AUTH_A_PAPER, TREQ, TREQ_PAPER, TOKEN, SEALED)
 HANDED_OUT = (AUTHENTICATOR, TOKEN_REQUEST, BOARD, SEAL)
+TOLD = (ROBOT_PLACE, ROUTE_POINT)
 SHOWN = (REQUEST, COVERING_TOKEN, BOOTED, CHECKPOINT, PROOF, KEPT, KEPT_CLAIM)
 REMEMBERED = (
     OUTPUT,
@@ -324,4 +330,13 @@ REMEMBERED = (
     CRUMB,
 )
 OF_NODES = (ENTRY, *LOGGED, *PAYLOADS, *MACED, *HANDED_OUT)
-RECORDS = (*OF_NODES, *SHOWN, *REMEMBERED, ROBOT_PLACE, *missions.RECORDS, *lines.RECORDS, *sessions.RECORDS)
+RECORDS = (
+    *OF_NODES,
+    *SHOWN,
+    *REMEMBERED,
+    ROBOT_PLACE,
+    ROUTE_POINT,
+    *missions.RECORDS,
+    *lines.RECORDS,
+    *sessions.RECORDS,
+)

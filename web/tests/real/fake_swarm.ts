@@ -5,6 +5,7 @@ import mqtt, { type MqttClient } from "mqtt";
 import {
   deriveEpoch,
   type Epoch,
+  type Json,
   type JsonObject,
   type Opened,
   open,
@@ -15,6 +16,7 @@ import {
   sealJwe,
   splitTopic,
 } from "../../client";
+import { encodeBase64url } from "../../client/core/base64url";
 
 export interface Told {
   readonly address: string;
@@ -66,6 +68,7 @@ export class FakeSwarm {
   #seq = 0;
   #turn = 0;
   readonly #changed: JsonObject[] = [];
+  readonly #routes: Json[] = [];
 
   constructor(options: Options) {
     this.#options = options;
@@ -158,6 +161,7 @@ export class FakeSwarm {
     const change = bot.obey(name, payload);
     if (this.#options.frames === false) this.say("notify", { cmd: 1 });
     else if (change) this.#changed.push({ address, ...change });
+    if (name === "waypoints") this.#routes.push(bot.route());
   }
 
   #tick(): void {
@@ -170,9 +174,9 @@ export class FakeSwarm {
       return;
     }
     this.#seq += 1;
-    const changed = this.#changed.splice(0);
+    const [changed, routes] = [this.#changed.splice(0), this.#routes.splice(0)];
     const robots = this.robots.map((bot) => bot.row());
-    this.say("notify", { cmd: 16, data: { seq: this.#seq, robots, ...(changed.length > 0 && { changed }) } });
+    this.say("notify", { cmd: 16, data: { seq: this.#seq, robots, changed, routes } });
   }
 }
 
@@ -234,10 +238,15 @@ class Bot {
       const points = payload["waypoints"] as JsonObject[];
       this.#waypoints = points.length > 0 ? [{ x: this.#x, y: this.#y, z: 0 }, ...points] : [];
       this.#threshold = Number(payload["threshold"]);
-      return { waypoints: this.#waypoints, waypoints_threshold: this.#threshold };
+      return { waypoints_threshold: this.#threshold };
     }
     this.#history = [];
     return { history_cleared: true };
+  }
+
+  route(): Json {
+    const points = this.#waypoints.flatMap(({ x, y }) => [Math.round(Number(x)), Math.round(Number(y))]);
+    return [this.#number, 0, 0, 1, encodeBase64url(new Uint8Array(Uint16Array.from(points).buffer))];
   }
 
   words(): JsonObject {
