@@ -8,7 +8,7 @@ from __future__ import annotations
 from phalanx.kernel import kernel
 from phalanx.pool import NO_ROW, give_back
 from phalanx.wire import table
-from phalanx.wire.fields import Row, copy, get_u32, put_u32, whole
+from phalanx.wire.fields import Row, copy, put_u32, whole
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
 from . import trusted
@@ -20,7 +20,6 @@ AT_DUE, AT_STEP, AT_S_TOP, AT_A_TOP = map(table.CHECKPOINT.at, ("t", "step", "to
 BOOTED_BYTES = table.BOOTED.size
 AT_T_KEY = table.BOOTED.at("t_key")
 TREQ_TOP, TREQ_MAC = map(table.TOKEN_REQUEST.at, ("top", "mac"))
-AT_AUTH_S = table.REQUEST.at("auth_s_mac")
 
 # A HELLO goes out with each round: who was not heard for two of them has gone.
 HEARD_ROUNDS_X2 = 5
@@ -50,7 +49,7 @@ def phase_of(mission_seed: int, rob_id: int, t_control: int) -> int:
 
 @kernel
 def mixed(one: int, other: int) -> int:
-    """A number below 2^31 that looks random in both."""
+    """Return a number below 2^31 that looks random in both, for what everybody may know: it hides neither of them."""
     # Uncompiled, an id out of an array is a uint16 that would overflow.
     x = (int(one) * 0x9E3779B1 + int(other) * 0x85EBCA77 + 0x165667B1) & 0xFFFFFFFF
     x = ((x ^ (x >> 15)) * 0x2C1B3C6D) & 0xFFFFFFFF
@@ -202,16 +201,8 @@ def withdraw(f: Fleet, i: int) -> None:
     r = f.robot[i]
     r.request_len = 0
     if r.request_row != NO_ROW:
-        r.drawn = drawn(f, i)
         give_back(f.request, int(r.request_row))
         r.request_row = NO_ROW
-
-
-@kernel
-def drawn(f: Fleet, i: int) -> int:
-    """A number out of a MAC in the robot's last request, which nobody knows who has not heard it; at first 0."""
-    r = f.robot[i]
-    return whole(r.drawn) if r.request_row == NO_ROW else get_u32(f.request.rows[r.request_row], AT_AUTH_S)
 
 
 @kernel
