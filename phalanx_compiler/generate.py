@@ -13,11 +13,10 @@ import sys
 from pathlib import Path
 
 from .errors import SubsetError
-from .sources import DECLARED, hash_of
+from .sources import DECLARED, PROFILES, hash_of, sizes_of_nodes
 from .unit import Unit
 
 HERE = Path(__file__).parent
-PROFILES = ("bound", "paper")
 # A module with kernels imports one of the functions of phalanx.kernel that make them.
 MAKES_KERNELS = re.compile(r"^from [.\w]*\bkernel import (\([^)]*|.*)\b(kernel|linked|written)\b", re.MULTILINE)
 
@@ -39,7 +38,7 @@ def package_source(root: Path, nodes: Path | None = None) -> str:
     import_kernels(root)
     unit = Unit()
     text = unit.text(DECLARED)
-    table = json.dumps({"sources": _hashes(root), "slots": unit.slots})
+    table = json.dumps({"sources": _hashes(root), "slots": unit.slots, "nodes": sizes_of_nodes()})
     return "\n".join([text, f"#define TABLE {json.dumps(table)}", (HERE / "call.c").read_text()])
 
 

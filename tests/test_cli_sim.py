@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import signal
 import subprocess
 import time
@@ -13,7 +14,7 @@ import pytest
 from mcap.reader import make_reader
 
 from conftest import PHALANX, ROOT
-from phalanx.cli.sim import show
+from phalanx.cli.sim import named, show
 from phalanx.config.builtin import built_in
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.robot.attacks.library import ATTACKS
@@ -34,9 +35,9 @@ KEYS = set(
 def said(phalanx):
     """What a command prints as JSON."""
 
-    def call(*words: str):
-        code, out, err = phalanx(*words, "--json")
-        assert code == 0, err
+    def call(*words: str, code: int = 0):
+        ended, out, err = phalanx(*words, "--json")
+        assert ended == code, err
         return json.loads(out)
 
     return call
@@ -70,7 +71,7 @@ class TestRun:
         words = ("--defence", defence, "--attack", "request-flood:at=1", "--duration", "20", "--json")
         ended, out, err = phalanx("sim", "run", "flock-12", *words)
         stopped = json.loads(out)["correct_in_safe_mode"]
-        line = f"phalanx: correct robots that had a quorum were stopped: {', '.join(map(str, stopped))}"
+        line = f"phalanx: correct robots that had a quorum were stopped: {named(stopped)}"
         assert (ended, bool(stopped), line in err.splitlines()) == (code, bool(code), bool(code))
 
     @pytest.mark.parametrize("name", built_in("scenarios"))
@@ -195,10 +196,11 @@ class TestRun:
             (["bti-fig8", "--attack", "spoof:robot=26"], "spoof in robot 26", "robots are 1 to 25"),
             (["bti-fig8", "--attack", "spoof:at"], "'at' in 'spoof:at'", "for example"),
             (["bti-fig8", "--robots", "0"], "0 robots", "1 to 65535"),
-            (["bti-fig8", "--t-audit", "9"], "tokens count for 10000 ms", "1.5 times"),
+            (["bti-fig8", "--t-audit", "9"], "tokens count for 10 s", "1.5 times"),
             (["bti-fig8", "--t-audit", "inf"], "--t-audit", ""),
-            (["bti-fig8", "--t-audit", "1e300"], "--t-audit is 1e+300", "0 to 604800"),
-            (["bti-fig8", "--t-audit", "0.1"], "--t-audit in ms is 100", "500 to 600000"),
+            (["bti-fig8", "--t-audit", "1e300"], "--t-audit is 1e+300", "0.5 to 600"),
+            (["bti-fig8", "--t-audit", "0.1"], "--t-audit is 0.1", "0.5 to 600"),
+            (["bti-fig8", "--t-val", "0"], "--t-val is 0", "1 to 3600"),
             (["bti-fig8", "--t-val", "nan"], "--t-val", ""),
             (["bti-fig8", "--duration", "0"], "--duration is 0", "0.1 to 604800"),
             (["bti-fig8", "--spacing", "0"], "--spacing is 0", "0.01 to 10000"),
@@ -217,6 +219,12 @@ class TestRun:
         assert complaint in error
         assert hinted.startswith("phalanx: hint: ")
         assert hint in hinted
+
+    @pytest.mark.parametrize("ids, words", [([], "none"), ([6], "robot 6"), ([3, 6], "robots 3, 6")])
+    def test_a_robot_is_named_so_that_nobody_takes_it_for_a_count(self, ids, words, said, capsys):
+        summary = said("sim", "run", "flock-12", "--duration", "1") | {"without_quorum": ids}
+        show(find_scenario("flock-12"), summary)
+        assert re.search(rf"^stopped, no quorum +{words}$", capsys.readouterr().out, re.MULTILINE)
 
     def test_a_mistake_in_a_file_has_its_line(self, phalanx, tmp_path):
         path = tmp_path / "bad.yaml"
@@ -362,6 +370,18 @@ class TestAttack:
         code, out, _ = phalanx("attack", "run", "spoof:at=5", "--duration", "18", "--robots", "9")
         assert code == 1
         assert "BROKEN" in out
+
+    def test_correct_robots_that_are_stopped_end_it_with_1(self, phalanx, said):
+        """Before, it said "kept" and ended with 0. With so short a T_val liars that talk stop some."""
+        words = "attack run mask:at=1 --duration 25 --robots 12 --f-max 1 --t-audit 4 --t-val 6".split()
+        wronged = said(*words, code=1)["wronged"]
+        assert wronged
+        code, out, _ = phalanx(*words)
+        assert code == 1
+        assert f"stopped with a quorum  {named(wronged)}: promise P2 is BROKEN" in out
+        code, out, _ = phalanx(*words, "--defence", "none")
+        assert code == 0
+        assert "none; no promise is made here" in out
 
     def test_nobody_correct_is_left_to_be_harmed(self, said):
         told = said("attack", "run", "spoof:at=1", "--duration", "2", "--robots", "1")

@@ -16,6 +16,7 @@ import sys
 import tomllib
 import types
 from pathlib import Path
+from typing import Any
 
 import click
 import pytest
@@ -222,6 +223,19 @@ def test_every_paper_is_cited_where_it_is_named():
 
 def test_the_readme_shows_the_example_that_is_in_the_tree():
     assert fences((ROOT / "README.md").read_text(), "python") == [(ROOT / "examples" / "ten_lines.py").read_text()]
+
+
+def test_robots_stand_where_the_page_of_scenarios_places_them(capsys):
+    """Robot 6, in the middle, hears both clusters, and the clusters do not hear each other."""
+    (example,) = (each for each in fences((ROOT / "docs" / "scenarios.md").read_text(), "python") if "places_m" in each)
+    made: dict[str, Any] = {}
+    exec(example, made)
+    assert "'robot': 6" in (out := capsys.readouterr().out)
+    assert re.search(r"'safe_mode_s': 1\d\.", out)
+    assert "correct robots stopped: [] []" in out
+    heard = made["run"].world.fleet.peer_id
+    assert {int(each) for each in heard[0] if each} == {2, 3, 4, 5, 6}
+    assert {int(each) for each in heard[5] if each} == {*range(1, 12)} - {6}
 
 
 @pytest.mark.waits

@@ -461,6 +461,21 @@ def test_the_doctor_names_kernels_and_trusted_nodes_in_every_state(copied, tmp_p
         away.rename(nodes)
 
 
+def test_kernels_that_were_compiled_for_nodes_of_another_size_are_refused(copied, tmp_path):
+    load = ("-c", "from phalanx import binary; binary.load_binary()")
+    assert run(copied, *load).returncode == 0
+    (nodes,) = (copied / "phalanx").glob("_firmware_bound*.so")
+    away, other = nodes.rename(tmp_path / "away"), copied / "phalanx" / "_firmware_bound.py"
+    other.write_text("class lib:\n    phx_snode_size = phx_anode_size = staticmethod(lambda: 1)\n")
+    try:
+        done = run(copied, *load)
+        assert done.returncode == 1
+        assert done.stderr.endswith("Unavailable: the kernels were compiled for trusted nodes of another size\n")
+    finally:
+        other.unlink()
+        away.rename(nodes)
+
+
 def test_the_doctor_names_the_c_compiler_for_ones_own_controllers(copied, tmp_path):
     compiler = tmp_path / "my-cc"
     compiler.write_text("#!/bin/sh\n")

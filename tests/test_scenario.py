@@ -140,7 +140,7 @@ class TestOptions:
         assert few.with_options(robots=200).bti.n_max == 107, "68.02 in range"
 
     def test_audits_too_rare_for_their_tokens_are_refused(self):
-        with pytest.raises(UsageError, match="tokens count for 10000 ms"):
+        with pytest.raises(UsageError, match="tokens count for 10 s"):
             Scenario().with_options(t_audit_s=8)
 
     @pytest.mark.parametrize("wrong", [math.inf, -math.inf, math.nan, 1e300])

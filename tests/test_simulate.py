@@ -256,13 +256,17 @@ def test_the_example_runs_and_tells_what_became_of_the_liar():
 class TestCautions:
     def test_three_robots_have_no_quorum(self):
         (words,) = cautions(Scenario(robots=3))
-        assert words.startswith("none of the robots has a quorum at the start, 5 others (f_max + 2) within 116 m")
+        assert words.startswith(
+            "none of the robots has a quorum at the start, 5 correct others (f_max + 2) within 116 m"
+        )
         assert "with fewer than 4 a robot is stopped after 10 s" in words
         assert cautions(Scenario(robots=3, defence="none")) == []
 
     def test_nor_have_robots_with_just_as_many_others_as_tokens_are_needed(self):
         (words,) = cautions(Scenario(robots=3, bti=BtiConfig(f_max=1)))
-        assert words.startswith("none of the robots has a quorum at the start, 3 others (f_max + 2) within 116 m")
+        assert words.startswith(
+            "none of the robots has a quorum at the start, 3 correct others (f_max + 2) within 116 m"
+        )
         assert "compromised robots may have them stopped" in words
         assert cautions(Scenario(robots=4, bti=BtiConfig(f_max=1))) == []
 
@@ -283,11 +287,41 @@ class TestCautions:
 
     def test_that_liars_may_fill_the_channel_with_the_audits_of_others(self):
         hub = Scenario(robots=33, hub=26, grid_step_m=6, bti=BtiConfig(f_max=12, t_audit_ms=2000))
-        (words,) = cautions(hub)
+        words, _ = cautions(hub)
         assert "if f_max liars fill their logs, audits want 79% of the channel" in words
         assert cautions(replace(hub, robots=19, hub=12, n_max=None, bti=BtiConfig(f_max=5, t_audit_ms=2000))) == []
         crowd = Scenario(robots=60, grid_step_m=4, bti=BtiConfig(f_max=3))
         assert cautions(crowd) == []
+
+    def test_that_compromised_robots_are_no_auditors(self):
+        square = Scenario(robots=5, bti=BtiConfig(f_max=1), attacks=(AttackSpec(name="crash"),))
+        assert cautions(square) == []
+        (words,) = cautions(replace(square, robots=4))
+        assert words.startswith("none of the correct robots has a quorum at the start, 3 correct others")
+        star = replace(find_scenario("star-25"), attacks=(AttackSpec(name="crash", robot=2),))
+        (words,) = cautions(star)
+        assert words.startswith("22 of 24 correct robots do not have")
+        assert cautions(replace(star, hub=5)) == []
+        tight = replace(star, hub=5, bti=BtiConfig(f_max=3))
+        assert len(cautions(tight)) == 1
+        assert cautions(replace(tight, attacks=(AttackSpec(name="crash", robot=25),))) == [], "in an aisle of its own"
+
+    def test_that_more_are_compromised_than_f_max(self):
+        liars = (AttackSpec(name="crash"),) * 3
+        assert cautions(Scenario(robots=25, bti=BtiConfig(f_max=3), attacks=liars)) == []
+        (words,) = cautions(Scenario(robots=25, bti=BtiConfig(f_max=2), attacks=liars))
+        assert words == "3 compromised robots, and f_max is 2: nothing is promised; f_max 3, or fewer attacks"
+
+    def test_that_more_are_in_range_than_n_max(self):
+        assert cautions(Scenario(robots=25, n_max=24)) == []
+        (words,) = cautions(Scenario(robots=25, n_max=23))
+        assert "has 24 others in range at the start, and n_max is 23" in words
+
+    def test_that_the_buckets_of_liars_let_out_a_quarter_of_the_channel(self):
+        wide = Scenario(robots=25, n_max=50, bti=BtiConfig(f_max=8))
+        (words,) = cautions(wide)
+        assert words.startswith("with n_max 50 the a-nodes of f_max compromised robots let out audit packets for 38%")
+        assert cautions(replace(wide, defence="paper")) == cautions(replace(wide, n_max=24)) == []
 
     @pytest.mark.parametrize("name", built_in("scenarios"))
     def test_none_of_ours_is_warned_of_but_for_the_four_corners_of_a_wide_grid(self, name):

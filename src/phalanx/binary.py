@@ -1,4 +1,4 @@
-"""Load the binary of the compiled kernels; one that is older than the kernels' sources is refused.
+"""Load the binary of the compiled kernels; one that does not fit the sources or the trusted nodes is refused.
 
 Nothing here needs a kernel, so `phalanx doctor` can name what is wrong with them.
 """
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import phalanx_compiler
-from phalanx_compiler.sources import hash_of
+from phalanx_compiler.sources import hash_of, sizes_of_nodes
 
 from .errors import Unavailable
 
@@ -30,7 +30,8 @@ def is_pure() -> bool:
 def load_binary() -> tuple[Any, dict[str, dict[str, Any]]]:
     """Return the module of the compiled kernels, and its table: hashes of sources, and slots of other functions.
 
-    Raises: Unavailable: there is none, it cannot be loaded, or a source has changed since the kernels were compiled.
+    Raises: Unavailable: there is none, it cannot be loaded, or a source or the size of a trusted node has changed since
+        the kernels were compiled.
     """
     try:
         module = importlib.import_module(NAME)
@@ -40,6 +41,7 @@ def load_binary() -> tuple[Any, dict[str, dict[str, Any]]]:
         raise Unavailable(f"the compiled kernels cannot be loaded: {error}", HINT) from error
     table: dict[str, dict[str, Any]] = json.loads(module.table)
     _check_age(table["sources"])
+    _check_nodes(table["nodes"])
     return module, table
 
 
@@ -51,3 +53,13 @@ def _check_age(hashes: dict[str, str]) -> None:
         file = roots[root] / rest
         if not file.is_file() or hash_of(file) != known:
             raise Unavailable(f"the kernels were compiled before {name} changed", HINT)
+
+
+def _check_nodes(sizes: dict[str, list[int]]) -> None:
+    """Raise Unavailable if the trusted nodes that are here have other sizes than those that the kernels know."""
+    try:
+        found = sizes_of_nodes()
+    except ImportError:  # kernels that need them say so (bti/trusted.py)
+        return
+    if found != sizes:
+        raise Unavailable("the kernels were compiled for trusted nodes of another size", HINT)

@@ -38,10 +38,15 @@ def test_more_airtime_than_a_bucket_has_is_a_broken_promise(used_s, kept):
     assert trial.stopped_in_time is None
 
 
+@pytest.mark.parametrize("wronged, broken", [(None, False), ((), False), ((3,), True)])
+def test_a_correct_robot_that_is_stopped_is_a_broken_promise(wronged, broken):
+    assert replace(STOPPED, wronged=wronged).broken is broken
+
+
 def test_with_more_than_f_max_liars_nothing_is_promised():
     crowd = [AttackSpec(name="crash", at_s=1.0)] * (F_MAX + 1)
-    assert try_attack(scenario("bound", *crowd, end_s=2)).bound_s is None
-    assert try_attack(scenario("bound", *crowd[1:], end_s=2)).bound_s == 10.101
+    told = [try_attack(scenario("bound", *liars, end_s=2)) for liars in (crowd, crowd[1:])]
+    assert [(trial.bound_s, trial.wronged) for trial in told] == [(None, None), (10.101, ())]
 
 
 def test_a_robot_is_on_the_air_for_as_long_as_its_frames_take():

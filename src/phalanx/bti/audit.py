@@ -35,7 +35,7 @@ END = 0
 
 @kernel
 def open_request(w: Work, q: Row, length: int, src: int) -> int:
-    """The request's parts are found and fill it exactly, and it names its sender as the auditee; `w.case` is set.
+    """Check that the request's parts fill it exactly, and that it names its sender as the auditee; set `w.case`.
 
     Returns: 0 or a `Refusal`. Source: docs/spec/rebound.md.
     """
@@ -66,7 +66,7 @@ def open_request(w: Work, q: Row, length: int, src: int) -> int:
 
 @kernel
 def examine(f: Fleet, i: int, w: Work, q: Row, length: int, src: int) -> int:
-    """All checks that come before the replay. Returns: 0 or a `Refusal`. Source: RoboRebound §3.7."""
+    """Do all checks that come before the replay. Returns: 0 or a `Refusal`. Source: RoboRebound §3.7."""
     refused = open_request(w, q, length, src)
     if refused == 0:
         refused = check_start(f, i, w, q)
@@ -79,7 +79,7 @@ def examine(f: Fleet, i: int, w: Work, q: Row, length: int, src: int) -> int:
 
 @kernel
 def check_start(f: Fleet, i: int, w: Work, q: Row) -> int:
-    """The log begins at boot, or at a checkpoint that f_max + 1 auditors vouch for. Source: RoboRebound §3.6, §3.7."""
+    """Check that the log begins at boot, or at a checkpoint of f_max + 1 tokens. Source: RoboRebound §3.6, §3.7."""
     c, s = w.case[0], f.settings[0]
     c.newest = -1
     c.checkpoints = 0
@@ -118,7 +118,7 @@ def check_start(f: Fleet, i: int, w: Work, q: Row) -> int:
 
 @kernel
 def check_authenticators(f: Fleet, i: int, w: Work, q: Row) -> int:
-    """The tops shown are the trusted nodes' own and, in `bound`, of the moment of this very token request.
+    """Check that the tops are the trusted nodes' own and, in `bound`, made for this token request.
 
     Source: RoboRebound Alg. 3; docs/spec/rebound.md (stale log).
     """
@@ -137,7 +137,7 @@ def check_authenticators(f: Fleet, i: int, w: Work, q: Row) -> int:
 
 @kernel
 def _flush(w: Work, chain: int) -> None:
-    """What the s-chain (0) or the a-chain (1) has held back is hashed."""
+    """Hash what the s-chain (0) or the a-chain (1) has held back."""
     if w.held[chain, 1] > 0:
         trusted.chain_extend(w.tops[chain], w.batch[chain], w.held[chain, 1])
     w.held[chain] = 0
@@ -145,7 +145,7 @@ def _flush(w: Work, chain: int) -> None:
 
 @kernel
 def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912 - one pass over the bytes
-    """The entries are well formed, in order and complete, and both chains re-hash to the tops shown.
+    """Check that entries are well formed, in order and complete, and that both chains re-hash to the tops shown.
 
     The tops at the checkpoint are then in `w.state`, as its hash covers them.
     Source: RoboRebound §3.7, §3.8; docs/spec/rebound.md (free interleaving, starving the sensors).
@@ -203,7 +203,7 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912 - one
 
 @kernel
 def next_event(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901 - as long as the list of what may stand there
-    """The replay goes on to the next entry that the controller must see, comparing outputs on its way.
+    """Replay to the next entry that the controller must see, and compare outputs on the way.
 
     Returns: INPUT or RECV with `case.entry_t`, `payload_at`, `payload_len` and `evidence_len` set; ADVICE with the
         payload's two; CHECKPOINT with all of it but the controller's state in `w.state`; END; or minus a refusal.
@@ -250,7 +250,7 @@ def next_event(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901 - as long as the
 
 @kernel
 def expect(f: Fleet, w: Work, length: int) -> int:
-    """The controller's outputs in `w.out[:length]` have to come next in the log. Source: docs/spec/rebound.md."""
+    """Expect the controller's outputs in `w.out[:length]` next in the log. Source: docs/spec/rebound.md."""
     c = w.case[0]
     c.step += 1
     c.due += f.settings[0].t_control
@@ -270,7 +270,7 @@ def expect(f: Fleet, w: Work, length: int) -> int:
 
 @kernel
 def check_state(w: Work, q: Row, state_len: int) -> int:
-    """The replayed state, of so many bytes in `w.state`, is what the claimed hash covers. Source: RoboRebound §3.7."""
+    """Check that the replayed state, of so many bytes in `w.state`, has the hash claimed. Source: RoboRebound §3.7."""
     hckpt = w.small[3]
     trusted.sha1(w.state, rounds.CHECKPOINT_BYTES + state_len, hckpt)
     if not same(hckpt, 0, q, request.AT_HCKPT, HASH_BYTES):
@@ -280,7 +280,7 @@ def check_state(w: Work, q: Row, state_len: int) -> int:
 
 @kernel
 def issue(f: Fleet, i: int, w: Work, q: Row, mac: Row) -> int:
-    """The auditor's a-node signs that the auditee's log is right up to this request; `mac` (8,) gets the token's.
+    """Have the auditor's a-node issue a token for the auditee's log up to this request, to `mac` (8,).
 
     Returns: 0 or `Refusal.REQUEST_INVALID`. Source: RoboRebound Alg. 4.
     """

@@ -57,10 +57,10 @@ ROBOT = layout(
     "request_no request_to u2",
     "request_len i8",  # of the request under way, 0 if none
     "request_row i4",  # where it is, NO_ROW if nowhere
-    "drawn u4",  # what nobody could know who had not heard the last one
-    "secret nonce u4",  # out of an authenticator that is shown to nobody; the nonce goes out in SEEK
+    "nonce u4",  # of this round's SEEK; drawn from the secret
+    f"secret {MAC_BYTES}u1",  # the MAC of an authenticator that is shown to nobody: of it all random times are drawn
     "round_at i8",  # when this round began
-    "drawn_in i8",  # the round in which they were drawn
+    "drawn_in i8",  # one more than the round for which they were drawn
     "seek_at i8",  # when it sends the next SEEK, ms of the robot's clock
     "retry_at i8",  # when further robots may be asked
     "answer_at i8",  # when it answers the next SEEK; 0: none is left

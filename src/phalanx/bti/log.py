@@ -32,7 +32,7 @@ CUT = -1  # no kind of any entry or mark
 
 @kernel
 def piece_at(raw: Row, at: int, end: int) -> tuple[int, int, int]:
-    """What `raw[:end]` has at `at`: an entry, a mark, evidence or advice.
+    """Return what `raw[:end]` has at `at`: an entry, a mark, evidence or advice.
 
     Returns: its kind, or CUT if it is not there to its end; where its payload begins, a mark's being empty; its end.
     Source: docs/spec/rebound.md.
@@ -52,7 +52,7 @@ def piece_at(raw: Row, at: int, end: int) -> tuple[int, int, int]:
 
 @kernel
 def write(f: Fleet, i: int, at: int, source: Row, length: int) -> None:
-    """`source[:length]` is in robot i's log from `at` on."""
+    """Write `source[:length]` to robot i's log from `at` on."""
     front = f.log.shape[1]
     here = min(max(front - at, 0), length)
     copy(f.log[i], at, source, 0, here)
@@ -62,7 +62,7 @@ def write(f: Fleet, i: int, at: int, source: Row, length: int) -> None:
 
 @kernel
 def read(f: Fleet, i: int, length: int, to: Row, to_at: int) -> None:
-    """The first `length` bytes of robot i's log are in `to` from `to_at` on."""
+    """Copy the first `length` bytes of robot i's log to `to`, from `to_at` on."""
     front = min(f.log.shape[1], length)
     copy(to, to_at, f.log[i], 0, front)
     if front < length:
@@ -70,14 +70,14 @@ def read(f: Fleet, i: int, length: int, to: Row, to_at: int) -> None:
 
 
 def logged(f: Fleet, i: int, begin: int = 0, end: int | None = None) -> bytes:
-    """Robot i's log, or what is in it between two places."""
+    """Return robot i's log, or what is in it between two places."""
     end, front = int(f.robot[i].log_len) if end is None else end, f.log.shape[1]
     return bytes(f.log[i, begin:end]) + bytes(f.log_rest[i, max(begin - front, 0) : max(end - front, 0)])
 
 
 @kernel
 def append(f: Fleet, i: int, entry: Row, length: int) -> int:
-    """The entry logged; -1 if the log is full, after which the robot cannot pass an audit. Source: RoboRebound §3.4."""
+    """Log an entry; -1 if the log is full, after which the robot cannot pass an audit. Source: RoboRebound §3.4."""
     r = f.robot[i]
     at = r.log_len
     if at + length > f.settings[0].log_max:
@@ -91,7 +91,7 @@ def append(f: Fleet, i: int, entry: Row, length: int) -> int:
 
 @kernel
 def mark(f: Fleet, i: int, kind: int) -> int:
-    """The mark logged; -1 if the log is full. Source: docs/spec/rebound.md."""
+    """Log a mark; -1 if the log is full. Source: docs/spec/rebound.md."""
     r = f.robot[i]
     if r.log_len + 1 > f.settings[0].log_max:
         r.log_full = 1
@@ -107,7 +107,7 @@ def mark(f: Fleet, i: int, kind: int) -> int:
 
 @kernel
 def truncate(f: Fleet, i: int) -> None:
-    """The log begins behind the pending checkpoint's mark. Source: RoboRebound §3.6."""
+    """Cut the log: it begins behind the pending checkpoint's mark. Source: RoboRebound §3.6."""
     r = f.robot[i]
     begin, front, at = r.checkpoint_at + 1, f.log.shape[1], 0
     r.log_len -= begin

@@ -57,7 +57,7 @@ def make_memo(robots: int, request_bytes: int, state_bytes: int, waiting_bytes: 
 
 @kernel
 def recall(memo: Memo, w: Work, q: Row) -> int:
-    """How much of the request in `q`, of which `w.case` has the parts, has passed before; 0 if nothing.
+    """Return how much of the request in `q`, of which `w.case` has the parts, has passed before; 0 if nothing.
 
     If something has, `w` is as it was where that audit ended: the case, both chains, the controller's state, and the
     outputs that it waits for.
@@ -85,7 +85,7 @@ def recall(memo: Memo, w: Work, q: Row) -> int:
 
 @kernel
 def remember(memo: Memo, w: Work, q: Row, known: int) -> None:
-    """The request in `q` has passed, `known` bytes of it by what is remembered; `w` is as its audit left it.
+    """Remember that the request in `q` has passed, `known` bytes of it from memory; `w` is as its audit left it.
 
     Not if it ends right behind an entry: evidence for that entry may follow, and would change what it calls for.
     """

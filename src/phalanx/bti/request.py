@@ -52,9 +52,9 @@ def is_fragment(packet: Row, length: int) -> bool:
 
 @kernel
 def make_request(f: Fleet, i: int, now: int, treq: Row, auth_s: Row, auth_a: Row) -> int:
-    """The request to the next candidate is in the robot's row of `f.request`; the three given are scratch memory.
+    """Write the request to the next candidate to the robot's row of `f.request`.
 
-    They have 32, 30 and 30 bytes.
+    The three rows that are given are scratch memory, of 32, 30 and 30 bytes.
 
     Returns: its length; 0 if there is nobody to ask, none is due or the log is full; negative: the a-node's error.
     Source: RoboRebound §3.7.
@@ -117,7 +117,7 @@ def _write(f: Fleet, i: int, treq: Row, auth_s: Row, auth_a: Row) -> int:
 
 @kernel
 def row_of(f: Fleet, i: int) -> int:
-    """The row of `f.request` that the robot has, or has from now on, until it is withdrawn."""
+    """Return the row of `f.request` that the robot has, or lend it one until the request is withdrawn."""
     r = f.robot[i]
     if r.request_row == NO_ROW:
         r.request_row = lend(f.request)
@@ -126,7 +126,7 @@ def row_of(f: Fleet, i: int) -> int:
 
 @kernel
 def audit_head(frame: Row, src: int, dst: int, sub: int) -> None:
-    """What every AUDIT frame begins with is written; `dst` 0 is all. Source: docs/spec/rebound.md."""
+    """Write what every audit packet begins with; `dst` 0 is all. Source: docs/spec/rebound.md."""
     frame[0] = AUDIT
     put_u16(frame, AT_SRC, src)
     put_u16(frame, AT_DST, dst)
@@ -135,7 +135,7 @@ def audit_head(frame: Row, src: int, dst: int, sub: int) -> None:
 
 @kernel
 def next_fragment(f: Fleet, i: int, now: int, frame: Row) -> int:
-    """The next fragment of the request under way; its length, 0 when all have been cut or the next has to wait.
+    """Write the next fragment of the request under way; return its length, 0 if all are sent or the next has to wait.
 
     Source: RoboRebound §3.7.
     """
@@ -191,7 +191,7 @@ def token_packet(f: Fleet, i: int, to: int, number: int, t: int, mac: Row, frame
 
 @kernel
 def take_fragment(f: Fleet, i: int, frame: Row, length: int, now: int) -> int:
-    """A fragment is put in its place.
+    """Put a fragment in its place.
 
     Returns: the place among `f.rx_info[i]` of a request that is now whole, or -1. Its row of `f.rx` is given back, and
         stays as it is until the next fragment comes.
@@ -236,7 +236,7 @@ def take_fragment(f: Fleet, i: int, frame: Row, length: int, now: int) -> int:
 
 @kernel
 def _place(f: Fleet, i: int, src: int) -> int:
-    """The sender's, or a free one, or that of the request that has waited longest for its next fragment.
+    """Return the sender's place, or a free one, or that of the request that has waited longest for a fragment.
 
     Newcomers are never turned away: f_max liars who begin requests and do not end them would fill all places for ever.
     """
@@ -252,7 +252,7 @@ def _place(f: Fleet, i: int, src: int) -> int:
 
 @kernel
 def _may_begin(f: Fleet, i: int, src: int, now: int) -> bool:
-    """One request of a robot each T_audit / 2, whether it is ever whole or not. Source: RoboRebound §5.1."""
+    """Return whether a request is taken: one of a robot each T_audit / 2, whole or not. Source: RoboRebound §5.1."""
     at = peer_at(f, i, src)
     if at < 0 or now - f.peer[i, at].took < f.settings[0].t_audit // 2:
         return False
@@ -262,7 +262,7 @@ def _may_begin(f: Fleet, i: int, src: int, now: int) -> bool:
 
 @kernel
 def admit(f: Fleet, i: int, src: int, t: int, now: int) -> bool:
-    """Whether one more request is audited: what N_max neighbours may ask in T_val, and no token request twice.
+    """Return whether one more request is audited: what n_max neighbours may ask in T_val, no token request twice.
 
     Each neighbour's share of that is its own: `take_fragment` begins one request of each in T_audit / 2.
     Source: RoboRebound §5.1, which has 6 f_max; docs/adr/0027.

@@ -8,7 +8,7 @@ from __future__ import annotations
 from phalanx.kernel import kernel
 from phalanx.pool import NO_ROW, give_back
 from phalanx.wire import table
-from phalanx.wire.fields import Row, copy, get_u32, put_u32, whole
+from phalanx.wire.fields import Row, copy, put_u32, whole
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
 from . import trusted
@@ -20,7 +20,6 @@ AT_DUE, AT_STEP, AT_S_TOP, AT_A_TOP = map(table.CHECKPOINT.at, ("t", "step", "to
 BOOTED_BYTES = table.BOOTED.size
 AT_T_KEY = table.BOOTED.at("t_key")
 TREQ_TOP, TREQ_MAC = map(table.TOKEN_REQUEST.at, ("top", "mac"))
-AT_AUTH_S = table.REQUEST.at("auth_s_mac")
 
 # A HELLO goes out with each round: who was not heard for two of them has gone.
 HEARD_ROUNDS_X2 = 5
@@ -34,14 +33,14 @@ STRANGER["asked"] = STRANGER["claimed"] = STRANGER["answered"] = STRANGER["took_
 
 @kernel
 def grid(f: Fleet, i: int, step: int) -> int:
-    """When the robot's INPUT number `step` is due, ms of its own clock. Source: docs/spec/rebound.md."""
+    """Return when the robot's INPUT number `step` is due, ms of its own clock. Source: docs/spec/rebound.md."""
     r = f.robot[i]
     return int(r.t_key + r.phase + step * f.settings[0].t_control)
 
 
 @kernel
 def phase_of(mission_seed: int, rob_id: int, t_control: int) -> int:
-    """Where in the control period a robot's grid lies, 0..t_control-1 ms; every auditor can work it out.
+    """Return where in the control period a robot's grid lies, 0..t_control-1 ms; every auditor can compute it.
 
     Source: docs/spec/rebound.md (phase(robId)); the mixing is splitmix's.
     """
@@ -50,7 +49,7 @@ def phase_of(mission_seed: int, rob_id: int, t_control: int) -> int:
 
 @kernel
 def mixed(one: int, other: int) -> int:
-    """A number below 2^31 that looks random in both."""
+    """Return a number below 2^31 that looks random in both, for what everybody may know: it hides neither of them."""
     # Uncompiled, an id out of an array is a uint16 that would overflow.
     x = (int(one) * 0x9E3779B1 + int(other) * 0x85EBCA77 + 0x165667B1) & 0xFFFFFFFF
     x = ((x ^ (x >> 15)) * 0x2C1B3C6D) & 0xFFFFFFFF
@@ -101,7 +100,7 @@ def _replaceable(f: Fleet, i: int) -> int:
 
 @kernel
 def heard(f: Fleet, i: int, rob_id: int, now: int) -> None:
-    """The robot counts as in range now. Source: docs/spec/rebound.md (ghost auditors)."""
+    """Note that a robot is in range now. Source: docs/spec/rebound.md (ghost auditors)."""
     at = peer_at(f, i, rob_id)
     if at >= 0:
         f.peer[i, at].heard = now
@@ -139,7 +138,7 @@ def next_candidate(f: Fleet, i: int, now: int) -> int:
 
 @kernel
 def again_after(f: Fleet) -> int:
-    """After so many ms the same robot may be asked again: it takes one request each T_audit / 2.
+    """Return after how many ms the same robot may be asked again: it takes one request each T_audit / 2.
 
     Not only in the next round: a robot with f_max + 1 in range would lose a whole round by one lost fragment. Not
     sooner: it would be asked in vain in the next round too, and so on (seen).
@@ -150,7 +149,7 @@ def again_after(f: Fleet) -> int:
 
 @kernel
 def next_retry(f: Fleet, i: int, now: int) -> int:
-    """When further robots, or the same again, are to be asked, ms of the robot's clock; -1 if all tokens are there.
+    """Return when to ask further robots, or the same again, ms of the robot's clock; -1 if all tokens are there.
 
     Source: RoboRebound §5.2.
     """
@@ -183,7 +182,7 @@ def end_round(f: Fleet, i: int) -> bool:
 
 @kernel
 def begin_round(f: Fleet, i: int, now: int) -> None:
-    """A new round is open, with a request for each token that is needed. Source: RoboRebound §3.7."""
+    """Open a new round, with a request for each token that is needed. Source: RoboRebound §3.7."""
     r = f.robot[i]
     for k in range(r.peers):
         p = f.peer[i, k]
@@ -198,20 +197,12 @@ def begin_round(f: Fleet, i: int, now: int) -> None:
 
 @kernel
 def withdraw(f: Fleet, i: int) -> None:
-    """No request of the robot is under way any more."""
+    """Give up the request that is under way, if there is one."""
     r = f.robot[i]
     r.request_len = 0
     if r.request_row != NO_ROW:
-        r.drawn = drawn(f, i)
         give_back(f.request, int(r.request_row))
         r.request_row = NO_ROW
-
-
-@kernel
-def drawn(f: Fleet, i: int) -> int:
-    """A number out of a MAC in the robot's last request, which nobody knows who has not heard it; at first 0."""
-    r = f.robot[i]
-    return whole(r.drawn) if r.request_row == NO_ROW else get_u32(f.request.rows[r.request_row], AT_AUTH_S)
 
 
 @kernel
@@ -231,7 +222,7 @@ def retry(f: Fleet, i: int, now: int) -> int:
 
 @kernel
 def write_checkpoint(f: Fleet, i: int, s_top: Row, a_top: Row) -> None:
-    """The state now, right after both chains were flushed with no output pending, is the pending checkpoint.
+    """Make the state now, right after both chains were flushed with no output pending, the pending checkpoint.
 
     Source: RoboRebound §3.6, §5.2 (66 + 26 n bytes).
     """
@@ -252,7 +243,7 @@ def write_checkpoint(f: Fleet, i: int, s_top: Row, a_top: Row) -> None:
 
 @kernel
 def forget_checkpoint(f: Fleet, i: int) -> None:
-    """The log begins at boot: zero tops, no tokens. Source: RoboRebound §3.6 (a)."""
+    """Begin the log at boot: zero tops, no tokens. Source: RoboRebound §3.6 (a)."""
     r = f.robot[i]
     put_u32(f.checkpoint[i, START], AT_T_KEY, r.t_key)
     r.start_len = BOOTED_BYTES
@@ -267,7 +258,7 @@ def forget_checkpoint(f: Fleet, i: int) -> None:
 
 @kernel
 def on_token(f: Fleet, i: int, tor: int, t: int, mac: Row, now: int) -> int:
-    """A token is installed and kept; with f_max + 1 of them the log is cut at their checkpoint.
+    """Install a token and keep it; with f_max + 1 of them cut the log at their checkpoint.
 
     As an answer to this round counts only a token for the request that was sent to its auditor, by time and by the
     checkpoint claimed: a liar that sends old tokens again, or signs for the start of the log, would otherwise keep its
@@ -306,7 +297,7 @@ def _install(f: Fleet, i: int, which: int, tor: int, t: int, mac: Row, now: int)
 
 @kernel
 def _keep(f: Fleet, i: int, which: int, tor: int, t: int, mac: Row) -> None:
-    """Tokens of one checkpoint, one an auditor."""
+    """Keep a token for a checkpoint, one an auditor."""
     r = f.robot[i]
     n = r.tokens_start if which == START else r.tokens_pending
     at = n
@@ -342,7 +333,7 @@ def _promote(f: Fleet, i: int) -> None:
 
 @kernel
 def flush_marks(f: Fleet, i: int, treq: Row, auth_s: Row, auth_a: Row, tor: int, now: int) -> int:
-    """A token request and the authenticators that go with it, both chains flushed for them and marked so.
+    """Make a token request and the authenticators that go with it; flush both chains for them, and mark that.
 
     `treq` (32,) gets a `token_request`; `auth_s` and, in profile `paper` only, `auth_a` (30,) get an `authenticator`
     (phalanx.wire.table).

@@ -5,8 +5,9 @@ SEEK at a random time, and again until it has its tokens. Each robot that receiv
 with the token that it has issued in this round, which may be lost, or with HERE, which repeats the nonce of SEEK. A
 robot that seeks asks only robots that have just answered: each request uses up one of its a-node's few token requests.
 
-The random times come from an authenticator that is never sent: nobody can talk over packets at times that it cannot
-foresee. A HELLO or HERE that somebody relays from elsewhere does not answer the nonce.
+All random times of a round are hashes of an authenticator's MAC that is never sent, so nobody can foresee them, however
+many of them it has observed: it cannot talk over the packets. A HELLO or HERE that somebody relays from elsewhere does
+not answer the nonce.
 Source: docs/adr/0039; docs/spec/rebound.md (rounds).
 """
 
@@ -14,13 +15,15 @@ from __future__ import annotations
 
 from phalanx.kernel import kernel
 from phalanx.wire import table
-from phalanx.wire.fields import Row, get_u32, get_u64, put_u32, whole
+from phalanx.wire.fields import Row, copy, get_u32, put_u16, put_u32, put_u64, whole
+from phalanx.wire.record import record
+from phalanx.wire.table import MAC_BYTES
 
 from . import trusted
 from .fleet import PAPER, PENDING, Fleet
 from .log import FLUSH_S, mark
 from .request import AUTH_MAC, audit_head, token_packet
-from .rounds import again_after, drawn, mixed, next_candidate, peer_at, withdraw
+from .rounds import again_after, mixed, next_candidate, peer_at, withdraw
 
 SEEK, HERE = table.SEEK, table.HERE
 SEEK_BYTES, HERE_BYTES = table.AUDIT_SEEK.size, table.AUDIT_HERE.size
@@ -34,6 +37,25 @@ PATIENT = 5
 LISTENS_MS = 5
 # By then all robots answer, however many they are.
 MOST_DOUBLED = 9
+# What is drawn: the nonce, how long to listen, when to seek, answer, repeat a fragment, and ask the same robot again.
+NONCE, LISTEN, SEEK_AT, ANSWER, REPEAT, AGAIN = range(6)
+DRAWN = record("drawn: what a number is the hash of", f"secret b{MAC_BYTES}", "purpose u8", "id u16", "t u64")
+DRAWN_SECRET, DRAWN_PURPOSE, DRAWN_ID, DRAWN_T = map(DRAWN.at, ("secret", "purpose", "id", "t"))
+DRAWN_BYTES = DRAWN.size
+
+
+@kernel
+def draw(f: Fleet, i: int, purpose: int, rob_id: int, now: int, scratch: Row) -> int:
+    """Return a number below 2^32 that only this robot can compute: from the record `drawn`, which has its secret.
+
+    Without a secret, as in `paper`, everybody can. `scratch` has at least 20 bytes.
+    """
+    copy(scratch, DRAWN_SECRET, f.robot[i].secret, 0, MAC_BYTES)
+    scratch[DRAWN_PURPOSE] = purpose
+    put_u16(scratch, DRAWN_ID, rob_id)
+    put_u64(scratch, DRAWN_T, now)
+    trusted.sha1(scratch, DRAWN_BYTES, scratch)
+    return get_u32(scratch, 0)
 
 
 @kernel
@@ -44,10 +66,8 @@ def listens(f: Fleet, i: int, now: int, auth_s: Row) -> int:
     Source: docs/adr/0030.
     """
     r = f.robot[i]
-    chance = mixed(drawn(f, i), int(r.id))
-    if _start(f, i, now, int(r.round_no) + 1, auth_s):
-        chance = mixed(int(r.secret), now)
-    return int(LISTENS_MS + chance % max(1, f.settings[0].t_audit >> 4))
+    _start(f, i, now, int(r.round_no) + 1, auth_s)
+    return int(LISTENS_MS + draw(f, i, LISTEN, int(r.id), now, auth_s) % max(1, f.settings[0].t_audit >> 4))
 
 
 @kernel
@@ -55,22 +75,24 @@ def not_arrived(f: Fleet, i: int, now: int, auth_s: Row) -> None:
     """Give up the request whose fragment did not arrive, and seek; a robot that seeks repeats the fragment later.
 
     A liar out of the robot's range that knows when it asks could talk over each request. So a fragment is repeated
-    after random pauses, each about twice as long as the last. Only robots that hear this request know them.
+    after random pauses, each about twice as long as the last.
     `auth_s` (30,) is scratch. Source: docs/adr/0028; RoboRebound §5.2.
     """
     r, s = f.robot[i], f.settings[0]
     if r.request_len == 0:
         return
-    chance, nothing = mixed(drawn(f, i), r.repeats), r.request_next == 1
+    nothing = r.request_next == 1
     began = not r.seeks and _start(f, i, now, int(r.round_no), auth_s)
     if not (began or r.repeats == REPEATS or (s.f_max > PATIENT and _is_replaceable(f, i, now))):
         r.request_next = max(r.request_next - 1, 0)
-        r.repeat_at = now + 1 + chance % max(1, s.t_audit >> (REPEATS + 2 - r.repeats))
+        longest = max(1, s.t_audit >> (REPEATS + 2 - r.repeats))
+        r.repeat_at = now + 1 + draw(f, i, REPEAT, int(r.id), now, auth_s) % longest
         r.repeats += 1
         return
     if nothing:  # nothing has begun there: it may be asked again in this round
         at = peer_at(f, i, int(r.request_to))
-        f.peer[i, at].asked_ms = now - again_after(f) + (0 if began else chance % (s.t_audit // 2))
+        pause = 0 if began else draw(f, i, AGAIN, int(r.id), now, auth_s) % (s.t_audit // 2)
+        f.peer[i, at].asked_ms = now - again_after(f) + pause
     withdraw(f, i)
     if not began:
         r.quota += 1
@@ -120,22 +142,25 @@ def _start(f: Fleet, i: int, now: int, number: int, auth_s: Row) -> bool:
     r.seeks = 1
     r.quota = 0
     r.asked_at = now
-    r.seek_at = now + 1 + mixed(int(r.secret), now) % max(1, s.t_audit >> 4)
+    r.seek_at = now + 1 + draw(f, i, SEEK_AT, int(r.id), now, auth_s) % max(1, s.t_audit >> 4)
     return True
 
 
 @kernel
 def _draw(f: Fleet, i: int, number: int, auth_s: Row) -> bool:
-    """Draw the secret and the nonce of round `number`, once; return False if the s-node refuses."""
+    """Draw the secret and the nonce of round `number`, once; return False if the s-node refuses.
+
+    A robot that listens has already drawn those of its next round.
+    """
     r, s = f.robot[i], f.settings[0]
-    if r.drawn_in == number + 1:
+    if r.drawn_in > number:
         return True
     if trusted.snode_make_auth(s.profile, f.snode[i], f.hckpt[i, PENDING], auth_s) < 0:
         return False
     mark(f, i, FLUSH_S)
     r.drawn_in = number + 1
-    drawn_now = get_u64(auth_s, AUTH_MAC)
-    r.secret, r.nonce = drawn_now & 0xFFFFFFFF, (drawn_now >> 32) & 0xFFFFFFFF
+    copy(r.secret, 0, auth_s, AUTH_MAC, MAC_BYTES)
+    r.nonce = draw(f, i, NONCE, int(r.id), number, auth_s)
     return True
 
 
@@ -155,7 +180,7 @@ def packet(f: Fleet, i: int, now: int, frame: Row) -> int:
     r.quota = 0
     r.asked_at = now
     pause = max(1, s.t_audit >> 3)
-    r.seek_at = now + pause + mixed(int(r.secret), now) % pause
+    r.seek_at = now + pause + draw(f, i, SEEK_AT, int(r.id), now, frame) % pause
     audit_head(frame, int(r.id), 0, SEEK)
     put_u32(frame, SEEK_NONCE, whole(r.nonce))
     put_u32(frame, SEEK_SINCE, r.round_at)
@@ -184,7 +209,7 @@ def receive_seek(f: Fleet, i: int, src: int, now: int, packet: Row, auth_s: Row)
     ):
         return -1
     o.sought, o.nonce, o.since = now, nonce, since
-    o.answer_at = now + 1 + mixed(int(r.secret) ^ src, now) % max(1, s.t_audit >> 4)
+    o.answer_at = now + 1 + draw(f, i, ANSWER, src, now, auth_s) % max(1, s.t_audit >> 4)
     r.answer_at = o.answer_at if r.answer_at == 0 else min(r.answer_at, o.answer_at)
     return int(o.answer_at)
 

@@ -19,7 +19,7 @@ from phalanx.scenarios.own import find_attack, find_controller, is_file, mistake
 from phalanx.scenarios.scenario import PROTOCOLS, Scenario
 
 from .mission.crack import span
-from .sim import TYPED, changed, progress, told, warn
+from .sim import TYPED, changed, named, progress, told, warn
 from .terminal import Progress, counted, end_status_line, print_json, print_rows, said_aside
 
 DURATION_S = 150.0  # the paper's
@@ -135,14 +135,21 @@ def _flock(trial: FlockTrial, goal_m: tuple[float, float] | None) -> dict[str, s
         rows[counted_] = f"{told(done, 'g')}, {told(honest['task'][counted_], 'g')} without the attack"
     rows |= {
         "contacts": f"{attacked['contacts']}, {honest['contacts']} without the attack",
-        "correct, in Safe Mode": f"{len(attacked['correct_in_safe_mode'])}, "
-        f"{len(attacked['without_quorum'])} for want of a quorum",
+        "stopped with a quorum": _wronged(trial),
+        "stopped, no quorum": named(attacked["without_quorum"]),
     }
     if trial.idle:
         rows["without effect"] = f"{', '.join(trial.idle)}: makes no difference under {trial.defence}"
     rows |= {f"robot {stop.robot}": _ended(trial, stop) for stop in trial.stops}
     rows |= {f"airtime of {each.robot}": _airtime(each) for each in trial.airtime}
     return rows if trial.airtime else rows | {"bound": _bound(trial)}
+
+
+def _wronged(trial: FlockTrial) -> str:
+    who = named(trial.attacked["correct_in_safe_mode"])
+    if trial.wronged is None:
+        return f"{who}; no promise is made here"
+    return f"{who}: promise P2 is {'BROKEN' if trial.wronged else 'kept'}"
 
 
 def _ended(trial: FlockTrial, stop: Stop) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,9 +30,7 @@ TYPED = {
     "duration_s": "--duration",
     "f_max": "--f-max",
     "t_audit_s": "--t-audit",
-    "t_audit_ms": "--t-audit in ms",
     "t_val_s": "--t-val",
-    "t_val_ms": "--t-val in ms",
     "seed": "--seed",
 }
 
@@ -108,7 +106,7 @@ def run(scenario: str, record: Path | None, trace: tuple[str, ...], plain: bool,
         click.echo(f"recorded: {record}", err=True)
     wronged = summary["correct_in_safe_mode"]
     if wronged:
-        click.echo(f"phalanx: correct robots that had a quorum were stopped: {_ids(wronged)}", err=True)
+        click.echo(f"phalanx: correct robots that had a quorum were stopped: {named(wronged)}", err=True)
         if chosen.is_own:
             click.echo(f"phalanx: hint: phalanx sim check {chosen.files[0]}", err=True)
     return int(bool(wronged))
@@ -178,8 +176,8 @@ def show(scenario: Scenario, summary: dict[str, Any], *, knows_goal: bool = True
             for name, done in summary.get("task", {}).items()
         },
         "compromised": "; ".join(map(_liar, summary["compromised"])) or "nobody",
-        "correct, in Safe Mode": _ids(summary["correct_in_safe_mode"]),
-        "for want of a quorum": _ids(summary["without_quorum"]),
+        "stopped with a quorum": named(summary["correct_in_safe_mode"]),
+        "stopped, no quorum": named(summary["without_quorum"]),
         **({} if is_driven else {"contacts": str(summary["contacts"])}),
         "sent": "{app:.0f} B/s a robot by the flock, {audit:.0f} by the audits, each try counted".format(
             **summary["tried_bytes_per_s_per_robot"]
@@ -213,5 +211,7 @@ def _liar(liar: dict[str, Any]) -> str:
     return f"robot {liar['robot']} ({liar['attack']}) {deviated}, {ended}"
 
 
-def _ids(ids: list[int]) -> str:
-    return ", ".join(map(str, ids)) or "none"
+def named(ids: Sequence[int]) -> str:
+    """Return robots by their ids, which nobody can take for a count."""
+    which = ", ".join(map(str, ids))
+    return f"robot{'s' * (len(ids) > 1)} {which}" if which else "none"

@@ -23,6 +23,19 @@ FRAGMENT_HEAD_BYTES = 10
 MOST_CHECKPOINT_BYTES = 65_535
 
 
+def tokens_of(f_max: int) -> int:
+    """Return how many fresh tokens of different auditors keep a robot alive."""
+    return f_max + 1
+
+
+def quorum_of(f_max: int) -> int:
+    """Return how many correct robots must hear a robot, and be heard by it, for P2 to hold for that robot.
+
+    One more than the tokens that it needs: compromised robots may talk over one auditor. Source: docs/promises.md.
+    """
+    return tokens_of(f_max) + 1
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BtiConfig:
     """Parameters of the audits; the paper's values where it gives one.
@@ -66,7 +79,8 @@ class BtiConfig:
             )
         if self.t_val_ms < self.t_audit_ms * 3 // 2:
             raise UsageError(
-                f"tokens count for {self.t_val_ms} ms and a round of audits comes every {self.t_audit_ms} ms",
+                f"tokens count for {self.t_val_ms / 1000:g} s and a round of audits comes every "
+                f"{self.t_audit_ms / 1000:g} s",
                 "t_val at least 1.5 times t_audit, or honest robots starve",
             )
         fragments = -(-self.request_capacity_bytes // (self.frame_max_bytes - FRAGMENT_HEAD_BYTES))
@@ -88,16 +102,13 @@ class BtiConfig:
 
     @property
     def tokens_needed(self) -> int:
-        """Fresh tokens of different auditors that keep a robot alive."""
-        return self.f_max + 1
+        """Return `tokens_of` this f_max."""
+        return tokens_of(self.f_max)
 
     @property
     def quorum(self) -> int:
-        """Return how many correct robots must hear a robot, and be heard by it, for P2 to hold for that robot.
-
-        One more than the tokens that it needs: compromised robots may talk over one auditor. Source: docs/promises.md.
-        """
-        return self.f_max + 2
+        """Return `quorum_of` this f_max."""
+        return quorum_of(self.f_max)
 
     @property
     def least_robots(self) -> int:

@@ -42,6 +42,12 @@ def check_limits(config: Any) -> None:
             check_within(each.name, getattr(config, each.name), *each.metadata["within"])
 
 
+def limits_in(kind: Any, name: str) -> tuple[float, float]:
+    """Return the limits of a dataclass's field that is `within` some."""
+    limits: tuple[float, float] = next(each for each in fields(kind) if each.name == name).metadata["within"]
+    return limits
+
+
 def check_within(name: str, value: float, low: float, high: float) -> None:
     """Nothing, if a number is from `low` to `high`. Raises: UsageError: it is not, or is none."""
     if not isinstance(value, Real):

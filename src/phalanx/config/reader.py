@@ -44,10 +44,11 @@ class Reader:
         lone: Mapping[type, Callable[[str], str]] | None = None,
     ) -> None:
         self._source, self._hint, self._derived, self._lone = source, hint, derived, lone or {}
+        self._outermost: Keys = {}
 
     def root(self, kind: Any, data: bytes, name: str) -> Any:
         """What the whole file says as a `kind`. Raises: UsageError: it does not."""
-        node = compose(data, self._source, self._hint)
+        node, self._outermost = compose(data, self._source, self._hint), keys_of(kind, self._derived)
         if node is None:
             raise UsageError(f"{self._source}: empty", f"allowed: {', '.join(keys_of(kind, self._derived))}")
         return self.read(kind, node, name)
@@ -117,6 +118,8 @@ class Reader:
     def _read_record(self, kind: Any, pairs: dict[str, tuple[yaml.Node, yaml.Node]], node: yaml.Node, name: str) -> Any:
         keys = keys_of(kind, self._derived)
         for key, (key_node, _) in pairs.items():
+            if key in self._derived.get(kind, ()) and key in self._outermost:
+                self._refuse(key_node, f"{name} has no {key!r}", f"write {key} beside {name}, not below it")
             if key not in keys:
                 self._refuse(key_node, f"{name} has no {key!r}", f"{did_you_mean(key, keys)}allowed: {', '.join(keys)}")
         for key, field in keys.items():

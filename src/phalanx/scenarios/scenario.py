@@ -10,11 +10,11 @@ from numbers import Integral
 from typing import Any, Literal, TypeVar, get_args
 
 from phalanx.config import BtiConfig
-from phalanx.config.bti import NEIGHBOUR_BYTES
+from phalanx.config.bti import NEIGHBOUR_BYTES, quorum_of
 from phalanx.config.defence import DEFENCES, Defence
 from phalanx.config.flock import FARTHEST_M, Box, Disc, FlockConfig
 from phalanx.config.guard import GuardConfig
-from phalanx.config.parameter import check_key, check_limits, check_within, described, told, within
+from phalanx.config.parameter import check_key, check_limits, check_within, described, limits_in, told, within
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError, did_you_mean
 from phalanx.robot.attacks.library import IN_SWARMS
@@ -103,7 +103,7 @@ class Scenario:
         if self.defence not in DEFENCES:
             raise _none_such("defence", self.defence, DEFENCES)
         if self.controller not in CONTROLLERS and self.controller not in OWN:
-            raise _none_such("controller", self.controller, in_scenarios())
+            raise _no_controller(self.controller)
         if not 0 <= self.seed < 1 << 32:
             raise UsageError(f"seed is {self.seed}", "0 to 4294967295")
         self._check_driven()
@@ -210,10 +210,11 @@ class Scenario:
         audits = _given(f_max=f_max)
         for name, value in (("t_audit", t_audit_s), ("t_val", t_val_s)):
             if value is not None:
-                check_within(f"{name}_s", value, 0.0, LONGEST_S)  # before `round`, which raises for NaN
+                low_ms, high_ms = limits_in(BtiConfig, f"{name}_ms")
+                check_within(f"{name}_s", value, low_ms / 1000, high_ms / 1000)  # in seconds, as they are given
                 audits[f"{name}_ms"] = round(1000 * value)
         # The n_max that `_agree` gave `bti` before must not refuse a larger f_max.
-        quorum = self.bti.quorum if f_max is None else f_max + 2
+        quorum = quorum_of(self.bti.f_max if f_max is None else f_max)
         bti = replace(self.bti, **audits, n_max=max(self.bti.n_max, quorum))
         plain = _given(robots=robots, duration_s=duration_s, defence=defence, attacks=attacks, seed=seed)
         return replace(self, bti=bti, **plain, **_given(grid_step_m=spacing_m, d_m=spacing_m))
@@ -297,6 +298,13 @@ def _of_kind(kind: type[_Obstacle], obstacles: Sequence[Disc | Box]) -> tuple[_O
 
 def _given(**options: Any) -> dict[str, Any]:
     return {name: value for name, value in options.items() if value is not None}
+
+
+def _no_controller(name: str) -> UsageError:
+    if ".py" in name:
+        hint = f"a scenario names no file; a controller of your own is an option: --controller {name}"
+        return UsageError(f"no controller {name!r} in a scenario", hint)
+    return _none_such("controller", name, in_scenarios())
 
 
 def _none_such(what: str, name: str, known: Sequence[str]) -> UsageError:

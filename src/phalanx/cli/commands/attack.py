@@ -39,8 +39,8 @@ def run() -> None:
 
     The swarm is 25 robots that flock to (500, 500) for 150 s, unless options say otherwise; NAME lies from 15 s on.
 
-    Ends with 1 if a robot was not stopped in time that should have been, was on the air for longer than its bucket lets
-    it, or if a mission's verdict is not what was seen.
+    Ends with 1 if a robot was not stopped in time that should have been, or was on the air for longer than its bucket
+    lets it; if a correct robot was stopped though it had a quorum; or if a mission's verdict is not what was seen.
     Attacks on missions run on an errand in a small building, those on peers in a team of four; of the options they
     take --defence, --seed and --json.
     """

@@ -20,6 +20,8 @@ from phalanx.sim.radio.channel import AUDIT_BROADCAST, AUDIT_UNICAST, BYTES, SEN
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
 
+# Verdicts with which correct robots are promised to go on; elsewhere the harm is what the attack is about.
+PROMISED = ("stopped", "limited", "harmless")
 MS = 1000.0
 US = 1e6
 
@@ -108,6 +110,8 @@ class FlockTrial(Trial):
     missing_s: float = 0.0  # so much longer than `bound_s` for a robot that first deviated by what it did not do
     airtime: tuple[Airtime, ...] = ()  # of each liar, where the attack is declared limited
     idle: tuple[str, ...] = ()  # options that were given and make no difference under this defence
+    # Correct robots that were stopped although they had a quorum; None where that is not promised.
+    wronged: tuple[int, ...] | None = None
 
     def bound_of(self, stop: Stop) -> float | None:
         """This robot's own bound, s, to the millisecond; None where nothing is promised."""
@@ -127,13 +131,18 @@ class FlockTrial(Trial):
 
     @property
     def broken(self) -> bool:
-        """Whether something that is promised was not kept."""
-        return self.stopped_in_time is False or self.within_buckets is False
+        """Return whether something that is promised was not kept."""
+        return self.stopped_in_time is False or self.within_buckets is False or bool(self.wronged)
+
+
+def is_promised(scenario: Scenario) -> bool:
+    """Return whether anything is promised: not without a defence, nor with more than f_max liars."""
+    return scenario.defence != "none" and len(scenario.attacks) <= scenario.bti.f_max
 
 
 def stop_bound_s(scenario: Scenario, *, output_missing: bool) -> float | None:
-    """From deviation to Safe Mode; None without a defence, and with more than f_max liars: nothing is promised then."""
-    if scenario.defence == "none" or len(scenario.attacks) > scenario.bti.f_max:
+    """Return the seconds from deviation to Safe Mode; None where nothing is promised."""
+    if not is_promised(scenario):
         return None
     return scenario.bti.stop_bound_ms(output_missing=output_missing) / MS
 
@@ -211,6 +220,7 @@ def try_attack(
         missing_s=(scenario.bti.delta_ms + scenario.bti.skew_ms) / MS,
         airtime=tuple(airtime_since(attacked, liar.i, before[liar.i]) for liar in liars if declared == "limited"),
         idle=tuple(attack.idle(scenario.attacks[0].options, scenario.defence)),
+        wronged=tuple(summary["correct_in_safe_mode"]) if is_promised(scenario) and declared in PROMISED else None,
     )
 
 

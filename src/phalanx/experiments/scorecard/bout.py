@@ -13,7 +13,7 @@ import numpy as np
 
 from phalanx.config.defence import Defence
 from phalanx.errors import UsageError
-from phalanx.experiments.bti.attack_trial import FlockTrial, Stop, try_attack
+from phalanx.experiments.bti.attack_trial import PROMISED, FlockTrial, Stop, try_attack
 from phalanx.experiments.missions.team import TeamTrial, try_in_team
 from phalanx.experiments.missions.trial import MissionTrial, try_mission_attack
 from phalanx.robot import Point
@@ -108,7 +108,7 @@ def _in_flock(bout: Bout, spec: AttackSpec, scenario: Scenario) -> dict[str, Any
 
 
 def _missed(trial: FlockTrial, attack: Attack) -> dict[str, bool]:
-    promised = trial.defence != "none" and trial.declared in ("stopped", "limited", "harmless")
+    promised = trial.defence != "none" and trial.declared in PROMISED
     stopped = trial.attacked["correct_in_safe_mode"] or trial.attacked["without_quorum"]
     small = trial.declared in ("limited", "harmless") and trial.defence != "none"
     bites = small and (trial.harm or 0.0) >= (attack.limit or attack.bites_from)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from phalanx.bti.fleet import Fleet
 from phalanx.bti.work import Work
+from phalanx.config.bti import tokens_of
 from phalanx.config.defence import DEFENCES
 from phalanx.config.lidar import LidarConfig
 from phalanx.config.mission import MissionConfig
@@ -112,11 +113,12 @@ def doing(who: str, action: str) -> str:
 def check_count(robots: int, f_max: int) -> None:
     """Do nothing if so many robots can get tokens from each other on missions.
 
-    Raises: UsageError: there are fewer than f_max + 2, of whom nobody gets f_max + 1 tokens, or too many.
+    Raises: UsageError: there are too few for each to get its tokens from the others, or too many.
     """
-    if robots < f_max + 2:
+    least = tokens_of(f_max) + 1
+    if robots < least:
         who = "1 robot" if robots == 1 else f"{robots} robots"
-        hint = f"at least {f_max + 2}; or --defence none"
+        hint = f"at least {least}; or --defence none"
         raise UsageError(f"{who} cannot audit each other with f_max {f_max}", hint)
     if robots > AUDITED_MAX:
         hint = f"at most {AUDITED_MAX}; or --defence none"

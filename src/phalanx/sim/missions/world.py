@@ -15,6 +15,7 @@ import numpy as np
 
 from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
+from phalanx.config.bti import quorum_of
 from phalanx.config.radio import RadioConfig
 from phalanx.mission import Walker
 from phalanx.robot.actions import Actuate
@@ -113,7 +114,7 @@ class MissionWorld:
             self.building.eye,
             audited=run.audited,
         )
-        self.bti = BtiConfig(f_max=run.f_max, n_max=max(NEIGHBOURS_LEAST, run.f_max + 2, len(numbers)))
+        self.bti = BtiConfig(f_max=run.f_max, n_max=max(NEIGHBOURS_LEAST, quorum_of(run.f_max), len(numbers)))
         if run.audited:
             self.bti = self.missions.audits(self.bti)
         else:

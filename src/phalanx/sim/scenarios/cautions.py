@@ -1,10 +1,11 @@
-"""What is said before a scenario runs that can hardly end well."""
+"""Warn of a scenario that can hardly end well, before it runs."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.bti.nodes import limits_of
 from phalanx.scenarios.scenario import Scenario
 from phalanx.sim.audited.setup import audits_share, make_lists
 from phalanx.sim.radio.reach import in_range, rebuild, set_aisles
@@ -13,13 +14,46 @@ from phalanx.sim.radio.reach import in_range, rebuild, set_aisles
 MOST_AUDITS = 0.45
 # With logs that f_max liars fill: at 0.40 they stopped correct robots, at 0.31 none (docs/results.md).
 MOST_FILLED = 0.35
+# What the AUDIT buckets of f_max liars may let out. Where they had a quarter or more, nothing was measured.
+MOST_BUCKETS = 0.25
+US_PER_S = 1e6
 
 
 def cautions(scenario: Scenario) -> list[str]:
-    """One line each: the audits will saturate the channel, come too seldom, or robots have nobody to audit them."""
+    """Return a line for each reason why the audits may fail: the channel, T_val, the robots in range, or the liars."""
     if scenario.defence == "none":
         return []
-    return [*_crowded(scenario), *_seldom(scenario), *_lonely(scenario)]
+    others = neighbours_at_start(scenario)
+    told = [*_crowded(scenario), *_seldom(scenario), *_lonely(scenario, others), *_many(scenario, others)]
+    return [*told, *_flooded(scenario), *_overrun(scenario)]
+
+
+def _overrun(scenario: Scenario) -> list[str]:
+    liars, f_max = len(scenario.attacks), scenario.bti.f_max
+    if liars <= f_max:
+        return []
+    return [f"{liars} compromised robots, and f_max is {f_max}: nothing is promised; f_max {liars}, or fewer attacks"]
+
+
+def _many(scenario: Scenario, others: NDArray[np.int64]) -> list[str]:
+    n_max, most = scenario.bti.n_max, int(others.max(initial=0))
+    if most <= n_max:
+        return []
+    robot = int(others.argmax()) + 1
+    return [
+        f"robot {robot} has {most} others in range at the start, and n_max is {n_max}: it may be stopped; n_max {most}"
+    ]
+
+
+def _flooded(scenario: Scenario) -> list[str]:
+    bti = scenario.bti
+    share = bti.f_max * limits_of(bti, scenario.radio).audit_us_per_s / US_PER_S
+    if scenario.defence != "bound" or share < MOST_BUCKETS:
+        return []
+    lets = f"with n_max {bti.n_max} the a-nodes of f_max compromised robots let out audit packets for {share:.0%}"
+    return [
+        f"{lets} of the channel, and above {MOST_BUCKETS:.0%} correct robots may be stopped; a smaller n_max or f_max"
+    ]
 
 
 def _seldom(scenario: Scenario) -> list[str]:
@@ -45,17 +79,32 @@ def _crowded(scenario: Scenario) -> list[str]:
     return [f"{want}, and above {MOST_FILLED:.0%} correct robots may be stopped; a smaller f_max or fewer robots help"]
 
 
-def _lonely(scenario: Scenario) -> list[str]:
-    bti, others = scenario.bti, neighbours_at_start(scenario)
-    lonely = int((others < bti.quorum).sum())
+def _lonely(scenario: Scenario, others: NDArray[np.int64]) -> list[str]:
+    bti, is_correct, near = scenario.bti, *_liars_near(scenario)
+    correct, lonely = int(is_correct.sum()), int((is_correct & (others - near < bti.quorum)).sum())
     if lonely == 0:
         return []
-    who = "none of the robots has" if lonely == scenario.robots else f"{lonely} of {scenario.robots} robots do not have"
-    quorum = f"a quorum at the start, {bti.quorum} others (f_max + 2) within {scenario.radio.range_m:.0f} m"
+    of = "robots" if correct == scenario.robots else "correct robots"
+    who = f"none of the {of} has" if lonely == correct else f"{lonely} of {correct} {of} do not have"
+    quorum = f"a quorum at the start, {bti.quorum} correct others (f_max + 2) within {scenario.radio.range_m:.0f} m"
     ends = "compromised robots may have them stopped"
-    if (others < bti.tokens_needed).any():
+    if (others[is_correct] < bti.tokens_needed).any():
         ends = f"with fewer than {bti.tokens_needed} a robot is stopped after {bti.t_val_ms / 1000:g} s"
     return [f"{who} {quorum}: {ends}; more robots, a closer grid or a smaller f_max help"]
+
+
+def _liars_near(scenario: Scenario) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    """Return which robots are correct, (N,), and how many compromised ones each has in range when it starts, (N,)."""
+    starts_m, n = np.array(scenario.starts_m, np.float64), scenario.robots
+    is_correct, near = np.ones(n, bool), np.zeros(n, np.int64)
+    for attack in scenario.drawn_attacks():
+        liar = int(attack.robot or 0) - 1
+        hears = np.linalg.norm(starts_m[:n] - starts_m[liar], axis=1) <= scenario.radio.range_m
+        if 0 < scenario.hub <= liar:  # in an aisle
+            hears[scenario.hub :] = False
+        is_correct[liar], hears[liar] = False, False
+        near += hears
+    return is_correct, near
 
 
 def neighbours_at_start(scenario: Scenario) -> NDArray[np.int64]:
