@@ -134,7 +134,7 @@ def test_a_run_as_unlucky_as_the_given_one_is_as_rare_here():
     assert np.median(drawn) > 0.99
 
 
-@pytest.mark.parametrize("robots, spacing_m", [(25, 4), (25, 64), (100, 4)])
+@pytest.mark.parametrize("robots, spacing_m", [(25, 4), (25, 64), pytest.param(100, 4, marks=pytest.mark.long)])
 @pytest.mark.parametrize("fragments", [1, 2])
 def test_delivery_and_latency_with_audits(robots, spacing_m, fragments):
     same = [
