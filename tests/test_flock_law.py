@@ -110,7 +110,7 @@ class TestReference:
         # The lie stands at z - eps and the spring is slack at d.
         assert at(track, 150)[HONEST] == pytest.approx(150 - 2 + 20, abs=0.5)
 
-    @pytest.mark.parametrize("seed", [1, 2])
+    @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long)])
     def test_one_liar_with_random_names_holds_them_nearly_there(self, reference, seed):
         track = fly(150, as_somebody, seed)
         for second in (25, 50, 75, 100, 125, 150):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import os
 import subprocess
 import sys
@@ -74,11 +75,17 @@ def compiler_modules():
     return sorted(each for each in COMPILER.glob("*.py") if each.name != "__init__.py")
 
 
+@functools.cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text())
+
+
+@functools.cache
 def imported_names(path: Path) -> set[str]:
     root = SRC if path.is_relative_to(SRC) else COMPILER
     package = [root.name, *path.relative_to(root).parts[:-1]]
     names = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -90,45 +97,40 @@ def imported_names(path: Path) -> set[str]:
     return names
 
 
-def check_import(importer: str, imported: str) -> None:
+def check_import(importer: str, imported: str, path: object = "") -> None:
     below = RANK[imported] < RANK[importer] and imported not in APART.get(importer, ())
-    assert importer == imported or below, f"{importer} -> {imported}"
+    assert importer == imported or below, f"{importer} -> {imported} {path}"
 
 
-@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(SRC)))
-def test_imports_point_down(path):
-    here = floor_of(path)
-    if here == "__main__":
-        here = "cli"
-    if here == "__init__":
-        assert not any(name.startswith("phalanx.") for name in imported_names(path))
-        return
-    assert here in RANK, f"{here} is not a floor of the house"
-    for name in imported_names(path):
-        parts = name.split(".")
-        if parts[0] != "phalanx" or parts[1:2] in (["__version__"], []):
-            continue
-        if (str(path.relative_to(SRC)), parts[1]) not in DOORS:
-            check_import(here, parts[1])
+# One test for all files of a kind: a test of each would take longer to be collected than to run.
+@pytest.mark.parametrize("floor", sorted({floor_of(path) for path in modules()}))
+def test_imports_point_down(floor):
+    here = {"__main__": "cli"}.get(floor, floor)
+    assert here in (*RANK, "__init__"), f"{here} is not a floor of the house"
+    for path in (each for each in modules() if floor_of(each) == floor):
+        for name in imported_names(path):
+            parts = name.split(".")
+            if parts[0] != "phalanx" or parts[1:2] in (["__version__"], []):
+                continue
+            assert here != "__init__", f"{path} imports {name}"
+            if (str(path.relative_to(SRC)), parts[1]) not in DOORS:
+                check_import(here, parts[1], path)
 
 
-@pytest.mark.parametrize("path", compiler_modules(), ids=lambda path: path.name)
-def test_the_compilers_imports_point_down(path):
-    for name in imported_names(path):
-        package, *module = name.split(".")
-        if package == "phalanx_compiler":
-            assert RANK_IN_COMPILER[module[0]] < RANK_IN_COMPILER[path.stem], f"{path.stem} -> {module[0]}"
-        assert package != "phalanx" or path.name in IMPORTS_KERNELS, "the package imports the compiler"
+def test_the_compilers_imports_point_down():
+    for path in compiler_modules():
+        for name in imported_names(path):
+            package, *module = name.split(".")
+            if package == "phalanx_compiler":
+                assert RANK_IN_COMPILER[module[0]] < RANK_IN_COMPILER[path.stem], f"{path.stem} -> {module[0]}"
+            assert package != "phalanx" or path.name in IMPORTS_KERNELS, f"{path}: the package imports the compiler"
 
 
-@pytest.mark.parametrize(
-    "path",
-    [path for path in modules() if RANK.get(floor_of(path), 99) < PURE_BELOW and path.name not in HOUSEKEEPING],
-    ids=lambda path: str(path.relative_to(SRC)),
-)
-def test_protocols_are_pure(path):
-    assert not {name.split(".")[0] for name in imported_names(path)} & IMPURE
-    assert not any(isinstance(node, ast.AsyncFunctionDef | ast.Await) for node in ast.walk(ast.parse(path.read_text())))
+def test_protocols_are_pure():
+    below = [path for path in modules() if RANK.get(floor_of(path), 99) < PURE_BELOW and path.name not in HOUSEKEEPING]
+    for path in below:
+        assert not {name.split(".")[0] for name in imported_names(path)} & IMPURE, path
+        assert not any(isinstance(node, ast.AsyncFunctionDef | ast.Await) for node in ast.walk(parsed(path))), path
 
 
 def test_a_forbidden_import_is_caught():
