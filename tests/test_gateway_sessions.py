@@ -5,17 +5,17 @@ from __future__ import annotations
 import asyncio
 import time
 from contextlib import asynccontextmanager, suppress
-from types import SimpleNamespace
 
 import pytest
 
 from conftest import eventually
 from phalanx.config.session import SessionConfig
-from phalanx.errors import BadPayload, UsageError
+from phalanx.errors import BadPayload
 from phalanx.gateway import Gateway
+from phalanx.gateway.chain_file import read_lines
 from phalanx.gateway.operator_desk import OperatorDesk
 from phalanx.gateway.session_link import JSON_DEPTH, SessionLink, now, parse_payload
-from phalanx.gateway.trail import LINES_AT_ONCE, Trail, read_trail
+from phalanx.gateway.trail import Trail
 from phalanx.io.session_store import new_link_keys
 from phalanx.link.session import Invitation, MemoryStore, Reason, Role, parse_invitation
 from phalanx.link.session.errors import EndReason
@@ -242,7 +242,7 @@ async def test_an_operator_by_a_ticket_removes_gives_and_lets_in_and_a_driver_do
             assert op.ended is None
             with pytest.raises(PermissionError, match="BAD"):
                 await op.request("role", {"visitor": op.visitor, "role": "operate"})
-    told = [line["event"] for line in read_trail(tmp_path / "trail")]
+    told = [line["event"] for line in read_lines(tmp_path / "trail")]
     wanted = ["invited", "swapped", "role", "removed", "approved", "given", "taken", "room", "stopped_all", "door"]
     assert [each for each in told if each in wanted] == wanted
     assert "payload" not in (tmp_path / "trail").read_text()
@@ -258,41 +258,3 @@ async def test_a_new_code_locks_out_whoever_has_the_one_before_at_once_and_nobod
             await eventually(lambda: late.ws.closed)
         seen = len(ada.frames)
         await eventually(lambda: len(ada.frames) > seen)
-
-
-def test_a_trail_is_not_filled_by_who_comes_and_goes_without_end_and_says_so(tmp_path, monkeypatch):
-    clock = [0.0]
-    monkeypatch.setattr("phalanx.gateway.trail.time", SimpleNamespace(monotonic=lambda: clock[0], time=lambda: 1.0))
-    trail = Trail(tmp_path / "trail")
-    for n in range(LINES_AT_ONCE + 500):
-        trail.write("joined", visitor=n)
-    trail.write("removed", visitor=1, durable=True)
-    clock[0] += 1.0
-    trail.write("joined", visitor=1)
-    trail.close()
-    lines = list(read_trail(tmp_path / "trail"))
-    assert len(lines) == LINES_AT_ONCE + 3
-    assert [line["event"] for line in lines[-4:]] == ["joined", "removed", "left_out", "joined"]
-    assert lines[-2]["lines"] == 500
-
-
-def test_a_trail_adds_up_refusals_and_drives_and_goes_on_after_a_line_that_was_cut_off(tmp_path):
-    path = tmp_path / "trail"
-    trail = Trail(path)
-    for n in range(1000):
-        trail.refused(1, "AB", "late")
-        trail.drives(1, "AB", "move_raw", n / 100)
-    trail.drives(2, "AB", "move_raw", 10.0)
-    trail.tick(100.0)
-    trail.close()
-    lines = list(read_trail(path))
-    assert [line["event"] for line in lines] == ["drives", "drove", "drives", "drove", "refused"]
-    assert (lines[1]["commands"], lines[1]["visitor"], lines[4]["count"]) == (1000, 1, 1000)
-    path.write_bytes(path.read_bytes() + b'{"at":1,"ev')
-    with pytest.raises(UsageError, match="line 6 is cut off"):
-        list(read_trail(path))
-    trail = Trail(path)
-    trail.write("left", visitor=1)
-    trail.close()
-    assert len(list(read_trail(path))) == 6
-    assert path.stat().st_mode & 0o777 == 0o600

@@ -187,7 +187,7 @@ class SessionLink:
                 case Joined():
                     self._joined(event)
                 case Left(visitor):
-                    self.trail.write("left", visitor=visitor)
+                    self.trail.left(visitor)
                     self.say({"event": "left", "visitor": visitor})
                 case Commanded():
                     self._command(event)
@@ -239,10 +239,10 @@ class SessionLink:
             await asyncio.sleep(TICK_S)
 
     def _joined(self, joined: Joined) -> None:
-        words: dict[str, Any] = {"visitor": joined.visitor, "name": joined.name, "role": joined.role.name.lower()}
+        words: dict[str, Any] = {"name": joined.name, "role": joined.role.name.lower()}
         words |= {"resumed": not joined.is_new, "waiting": joined.waiting}
-        self.trail.write("joined", **words)
-        self.say({"event": "joined", **words})
+        self.trail.joined(joined.visitor, **words)
+        self.say({"event": "joined", "visitor": joined.visitor, **words})
 
     def _command(self, said: Commanded) -> None:
         robot = said.robot.upper()
@@ -262,7 +262,10 @@ class SessionLink:
             self._refused(said.visitor, robot, reason)
             return
         self.counters["commands"] += 1
-        self.trail.drives(said.visitor, robot, said.name, time.monotonic())
+        if said.is_stop:
+            self.trail.stops(said.visitor, robot, time.monotonic())
+        else:
+            self.trail.drives(said.visitor, robot, said.name, time.monotonic())
         self.say({"event": "command", "address": robot, "name": said.name, "visitor": said.visitor, "by": by})
 
     def _count_route(self, visitor: int, robot: str, payload: Any) -> None:
@@ -322,7 +325,7 @@ class SessionLink:
         self.carry(self.server.refuse(request.visitor, request.number, reason))
 
     def _refused(self, visitor: int, robot: str, reason: Reason) -> None:
-        self.trail.refused(visitor, robot, reason.name.lower())
+        self.trail.refused(visitor, robot, reason.name.lower(), time.monotonic())
 
     def _reject(self, error: PeerError) -> Reason:
         self.server.rejected[error.reason] += 1
