@@ -100,7 +100,7 @@ class ChainFile:
             return
         size, top = mark
         line = os.pread(self._file, TAIL_BYTES, max(0, size - TAIL_BYTES))[: min(size, TAIL_BYTES)]
-        if size > self._size or not line.endswith(f'"{CHAIN}":"{top}"}}\n'.encode()):
+        if not line.endswith(f'"{CHAIN}":"{top}"}}\n'.encode()):
             log.warning("%s was cut off or changed, or a power cut took its end: its next line says so", self._path)
             self.found = "cut_off", {"top": top}
 
