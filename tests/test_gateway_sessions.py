@@ -10,15 +10,17 @@ import pytest
 
 from conftest import eventually
 from phalanx.config.session import SessionConfig
-from phalanx.errors import BadPayload
+from phalanx.errors import BadPayload, Unavailable
 from phalanx.gateway import Gateway
 from phalanx.gateway.chain_file import read_lines
 from phalanx.gateway.operator_desk import OperatorDesk
-from phalanx.gateway.session_link import JSON_DEPTH, SessionLink, now, parse_payload
+from phalanx.gateway.payloads import JSON_DEPTH, parse_payload
+from phalanx.gateway.session_link import ASKED_BYTES, SessionLink, now
 from phalanx.gateway.trail import Trail
 from phalanx.io.session_store import new_link_keys
 from phalanx.link.session import Invitation, MemoryStore, Reason, Role, parse_invitation
 from phalanx.link.session.errors import EndReason
+from phalanx.link.session.events import Send
 from phalanx.robot import Led
 from phalanx.sim import Dotbots
 from session_front import FakeFront, visiting
@@ -258,3 +260,69 @@ async def test_a_new_code_locks_out_whoever_has_the_one_before_at_once_and_nobod
             await eventually(lambda: late.ws.closed)
         seen = len(ada.frames)
         await eventually(lambda: len(ada.frames) > seen)
+
+
+async def test_an_operator_stops_all_robots_while_everybody_asks_without_end():
+    swarm, held = Dotbots(1, 1, time.time), []
+    async with serving(swarm) as link:
+        link.operate = OperatorDesk(link, swarm, link.gateway.brakes, "http://x/", held.append).operate
+        ticket = parse_invitation(link.operate("invite", {"role": "operate"}, 0)["url"])
+        asked = asyncio.Event()
+        link._requests["robots"] = lambda _: asked.wait()  # one that is answered, and holds up all others
+        async with visiting(link.port, ticket) as op, visiting(link.port, link.invitation) as ada:
+            await eventually(lambda: op.frames and ada.frames)
+            for name in ("robots", "area"):
+                asyncio.ensure_future(ada.request(name)).add_done_callback(lambda done: done.exception())
+            await eventually(lambda: link._answers._waiting)
+            await op.request("stop")
+            assert held == [True]
+            with pytest.raises(PermissionError, match="TOO_MANY"):
+                await ada.request("area", {"words": "x" * ASKED_BYTES})
+            asked.set()
+
+
+class SlowStore(MemoryStore):
+    """Counts writes; the disk may be full."""
+
+    def __init__(self):
+        super().__init__()
+        self.writes, self.is_full, self.seen = 0, False, []
+
+    def write(self, rows):
+        if self.is_full:
+            raise Unavailable("no room")
+        self.writes += 1
+        super().write(rows)
+
+
+async def test_joins_of_one_turn_wait_for_the_disk_once_and_are_told_afterwards(monkeypatch):
+    store = SlowStore()
+    async with serving(Dotbots(1, 1, time.time), store) as link:
+        said = []
+        monkeypatch.setattr(link._front, "send", lambda *_: said.append(store.writes))
+        link._held.update({1: [], 2: []})
+        link._store.is_grouping = True
+        link._store.write({b"a": b"1"})
+        link._store.write({b"b": b"2"})
+        link._store.is_grouping = False
+        link.carry([Send(1, b""), Send(2, b"")])
+        assert (said, store.writes) == ([], 0)
+        link._commit()
+        assert (said, store.writes) == ([1, 1], 1)
+        assert {b"a", b"b"} <= store.rows.keys()
+
+
+async def test_nobody_is_told_of_what_a_full_disk_did_not_take_and_who_drives_goes_on():
+    swarm, store = Dotbots(1, 1, time.time), SlowStore()
+    async with serving(swarm, store) as link, visiting(link.port, link.invitation, "Ada") as ada:
+        await eventually(lambda: ada.frames and ada.secret)
+        await ada.request("area")
+        store.is_full = True
+        async with visiting(link.port, link.invitation, "Eve") as eve:
+            await eventually(lambda: eve.ws.closed)
+            assert eve.visitor is None
+        began = at(swarm)
+        await drive_until(ada, swarm.robots()[0].address, lambda: at(swarm) != began)
+        store.is_full = False
+        async with visiting(link.port, link.invitation, "Bob") as bob:
+            await eventually(lambda: bob.visitor)

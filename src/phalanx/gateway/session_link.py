@@ -21,7 +21,7 @@ from phalanx.io.front import Closed, Event, Opened, Received
 from phalanx.io.server import call_handler, handler_failed
 from phalanx.io.session_store import LinkKeys
 from phalanx.link import Command, Request, SharedAnswer
-from phalanx.link.envelope import decode_json, encode_json
+from phalanx.link.envelope import encode_json
 from phalanx.link.session import Invitation, Now, Operations, Reason, Role, SessionServer, Store
 from phalanx.link.session.errors import EndReason, NotAllowed, TooMany
 from phalanx.link.session.events import (
@@ -35,16 +35,19 @@ from phalanx.link.session.events import (
     Send,
     ServerEvent,
 )
+from phalanx.link.session.store import GroupedStore
+from phalanx.link.session.visitors import Visitor
 from phalanx.link.topics import CommandTopic
 
 from . import vocabulary
+from .payloads import parse_payload, request_words
 from .trail import Trail
 
 log = logging.getLogger(__name__)
 
 TICK_S = 0.1
 LOOK_EVERY = 10  # ticks, for robots that came or left
-JSON_DEPTH = 8
+ASKED_BYTES = 256  # words of a visitor's request, while it waits
 CLOSING_S = 0.1  # for what was said last to leave
 # An update without news must not be shorter than one in which a robot moves: spaces make up for it. Every robot's place
 # is in one of ten updates. Longer ones are not made equal: they have so many robots that one does not show.
@@ -110,7 +113,9 @@ class SessionLink:
         open_role: Role = Role.DRIVE,
     ) -> None:
         self.config = config or SessionConfig()
-        self.server = SessionServer(self.config, keys.static, keys.signer, store, os.urandom, now(), open_role)
+        self._store = GroupedStore(store)
+        self._held: dict[int, list[Send | Close]] = {}  # by connection, until what it says is on disk
+        self.server = SessionServer(self.config, keys.static, keys.signer, self._store, os.urandom, now(), open_role)
         self.operations = Operations(self.server)
         self.counters: Counter[str] = Counter()
         self.say: Say = lambda _: None
@@ -121,7 +126,8 @@ class SessionLink:
         self._robots = robots
         self._commands: dict[str, Callable[[Command], Any]] = {}
         self._requests: dict[str, Callable[[Request], Any]] = {}
-        self._answers = Answers[Requested](self._answer)
+        # Of each connection one of each name may wait, so that many who ask without end refuse nobody else's.
+        self._answers = Answers[Requested](self._answer, len(vocabulary.REQUEST_NAMES) * self.config.connections_max)
         self._encoded: dict[str, tuple[SharedAnswer, bytes]] = {}  # by the request's name
         self._admitted: set[int] = set()
         self._lengths: deque[int] = deque(maxlen=EQUAL_TICKS)  # of updates
@@ -167,6 +173,7 @@ class SessionLink:
 
     async def close(self) -> None:
         """End all sessions: visitors may resume when the gateway runs again."""
+        self._commit()
         connections = list(self.server.connections)
         for connection in connections:
             self.carry(self.server.end(connection, EndReason.CLOSING, now()))
@@ -176,25 +183,31 @@ class SessionLink:
     def carry(self, events: Iterable[ServerEvent]) -> None:
         """Carry out what the server or an operation asks for, and report what happened."""
         for event in events:
-            match event:
-                case Send(connection, data):
-                    self._front.send(connection, data)
-                case Publish(connections, data):
-                    self._front.publish(connections, data)
-                case Close(connection, reason):
-                    self._admitted.discard(connection)
-                    self._front.close(connection, reason)
-                case Joined():
-                    self._joined(event)
-                case Left(visitor):
-                    self.trail.left(visitor)
-                    self.say({"event": "left", "visitor": visitor})
-                case Commanded():
-                    self._command(event)
-                case Requested():
-                    self._ask(event)
-                case CommandRefused(visitor, robot, reason):
-                    self._refused(visitor, robot, reason)
+            if isinstance(event, Send | Close) and event.connection in self._held:
+                self._held[event.connection].append(event)
+            else:
+                self._carry_out(event)
+
+    def _carry_out(self, event: ServerEvent) -> None:
+        match event:
+            case Send(connection, data):
+                self._front.send(connection, data)
+            case Publish(connections, data):
+                self._front.publish([each for each in connections if each not in self._held], data)
+            case Close(connection, reason):
+                self._admitted.discard(connection)
+                self._front.close(connection, reason)
+            case Joined():
+                self._joined(event)
+            case Left(visitor):
+                self.trail.left(visitor)
+                self.say({"event": "left", "visitor": visitor})
+            case Commanded():
+                self._command(event)
+            case Requested():
+                self._ask(event)
+            case CommandRefused(visitor, robot, reason):
+                self._refused(visitor, robot, reason)
 
     # --- what comes --------------------------------------------------------------------------------------------------
 
@@ -213,7 +226,7 @@ class SessionLink:
             case Opened(connection, address):
                 self.carry(self.server.opened(connection, address, now()))
             case Received(connection, data):
-                self.carry(self.server.receive(connection, data, now()))
+                self.carry(self._receive(connection, data))
                 its = self.server.connections.find(connection)
                 if its and its.visitor and connection not in self._admitted:
                     self._admitted.add(connection)
@@ -221,6 +234,33 @@ class SessionLink:
             case Closed(connection):
                 self._admitted.discard(connection)
                 self.carry(self.server.closed(connection, now()))
+
+    def _receive(self, connection: int, data: bytes) -> list[ServerEvent]:
+        """Let the server read a message. What it writes is on disk before its answer leaves, with the next turn."""
+        before = self._store.writes
+        self._store.is_grouping = True
+        try:
+            return self.server.receive(connection, data, now())
+        finally:
+            self._store.is_grouping = False
+            if self._store.writes != before:
+                if not self._held:
+                    asyncio.get_running_loop().call_soon(self._commit)
+                self._held.setdefault(connection, [])
+
+    def _commit(self) -> None:
+        """Put on disk what messages of this turn wrote, with one wait for all, and send what was held for it."""
+        held, self._held = self._held, {}
+        try:
+            self._store.flush()
+        except Exception as error:  # noqa: BLE001 - whatever the disk does, who drives is served
+            log.error("visitors cannot be written, and are not admitted: %s", error)  # noqa: TRY400
+            for connection in held:
+                self._front.close(connection, "failed")
+                self.carry(self.server.closed(connection, now()))
+            return
+        for events in held.values():
+            self.carry(events)
 
     async def _tick(self) -> None:
         known: list[str] = []
@@ -280,13 +320,19 @@ class SessionLink:
         if known is None:
             return
         try:
-            if request.name not in self._requests and known.role is not Role.OPERATE:
-                raise NotAllowed("a request of operators") if self.operate else Unknown("no such request")
+            if request.name not in self._requests:
+                self.carry(self.server.reply(request.visitor, request.number, self._operated(known, request)))
+                self.counters["requests"] += 1
+                return
+            if len(request.payload) > ASKED_BYTES:
+                raise TooMany(f"a request of {len(request.payload)} bytes, limit {ASKED_BYTES}")
             before = self._answers.ask((request.visitor, request.name), len(request.payload), request)
             if before:
                 self.carry(self.server.refuse(before.visitor, before.number, Reason.TOO_MANY))
         except PeerError as error:
             self._refuse_request(request, error)
+        except UsageError as error:
+            self._refuse_request(request, BadPayload(str(error)))
 
     async def _answer(self, request: Requested) -> None:
         try:
@@ -300,11 +346,10 @@ class SessionLink:
             self._refuse_request(request, BadPayload(str(error)))
 
     async def _answered(self, request: Requested) -> bytes:
-        handler = self._requests.get(request.name)
-        if handler is None:
-            return self._operated(request)
         words = request_words(request.payload)
-        data = await call_handler(handler, Request(request.number, "", words, len(request.payload)))
+        data = await call_handler(
+            self._requests[request.name], Request(request.number, "", words, len(request.payload))
+        )
         if not isinstance(data, SharedAnswer):
             return encode_json(data)
         shared, encoded = self._encoded.get(request.name, (None, b""))
@@ -313,12 +358,13 @@ class SessionLink:
             self._encoded[request.name] = data, encoded
         return encoded
 
-    def _operated(self, request: Requested) -> bytes:
-        known = self.server.visitors.find(request.visitor)
-        # Again: it may have been removed while this waited.
-        if known is None or known.role is not Role.OPERATE or self.operate is None:
+    def _operated(self, visitor: Visitor, request: Requested) -> bytes:
+        """Answer an operator at once: its stop waits behind nobody's requests."""
+        if self.operate is None:
+            raise Unknown("no such request")
+        if visitor.role is not Role.OPERATE:
             raise NotAllowed("a request of operators")
-        return encode_json(self.operate(request.name, request_words(request.payload), request.visitor))
+        return encode_json(self.operate(request.name, request_words(request.payload), visitor.id))
 
     def _refuse_request(self, request: Requested, error: PeerError) -> None:
         reason = self._reject(error)
@@ -350,31 +396,3 @@ def call_now(handler: Callable[[Command], Any], command: Command) -> None:
         raise
     except Exception as error:
         raise handler_failed(handler, error) from error
-
-
-def request_words(payload: bytes) -> dict[str, Any]:
-    """Return a request's words; without a payload there are none. Raises: BadPayload: as `parse_payload`; no object."""
-    return check_words(parse_payload(payload) if payload else {})
-
-
-def check_words(words: Any) -> dict[str, Any]:
-    """Return a request's words. Raises: BadPayload: they are no object."""
-    if not isinstance(words, dict):
-        raise BadPayload("a request's payload is an object")
-    return words
-
-
-def parse_payload(payload: bytes) -> Any:
-    """Return a payload's JSON. Raises: BadPayload: not JSON, a key twice, not finite, or more than eight levels."""
-    value = decode_json(payload)
-    level = [value]
-    for _ in range(JSON_DEPTH):
-        level = [
-            below
-            for each in level
-            if isinstance(each, dict | list)
-            for below in (each.values() if isinstance(each, dict) else each)
-        ]
-        if not level:
-            return value
-    raise BadPayload(f"more than {JSON_DEPTH} levels")
