@@ -5,21 +5,22 @@ from __future__ import annotations
 import asyncio
 import time
 from contextlib import asynccontextmanager, suppress
-from types import SimpleNamespace
 
 import pytest
 
 from conftest import eventually
 from phalanx.config.session import SessionConfig
-from phalanx.errors import BadPayload, UsageError
+from phalanx.errors import BadPayload, Unavailable
 from phalanx.gateway import Gateway
+from phalanx.gateway.chain_file import read_lines
 from phalanx.gateway.operator_desk import OperatorDesk
-from phalanx.gateway.session_link import JSON_DEPTH, SessionLink, now, parse_payload
-from phalanx.gateway.trail import LINES_AT_ONCE, Trail, read_trail
+from phalanx.gateway.payloads import JSON_DEPTH, parse_payload
+from phalanx.gateway.session_link import ASKED_BYTES, SessionLink, now
+from phalanx.gateway.trail import Trail
 from phalanx.io.session_store import new_link_keys
 from phalanx.link.session import Invitation, MemoryStore, Reason, Role, parse_invitation
 from phalanx.link.session.errors import EndReason
-from phalanx.link.session.events import Transmit
+from phalanx.link.session.events import Send, Transmit
 from phalanx.robot import Led
 from phalanx.sim import Dotbots
 from session_front import FakeFront, visiting
@@ -243,7 +244,7 @@ async def test_an_operator_by_a_ticket_removes_gives_and_lets_in_and_a_driver_do
             assert op.ended is None
             with pytest.raises(PermissionError, match="BAD"):
                 await op.request("role", {"visitor": op.visitor, "role": "operate"})
-    told = [line["event"] for line in read_trail(tmp_path / "trail")]
+    told = [line["event"] for line in read_lines(tmp_path / "trail")]
     wanted = ["invited", "swapped", "role", "removed", "approved", "given", "taken", "room", "stopped_all", "door"]
     assert [each for each in told if each in wanted] == wanted
     assert "payload" not in (tmp_path / "trail").read_text()
@@ -261,42 +262,23 @@ async def test_a_new_code_locks_out_whoever_has_the_one_before_at_once_and_nobod
         await eventually(lambda: len(ada.frames) > seen)
 
 
-def test_a_trail_is_not_filled_by_who_comes_and_goes_without_end_and_says_so(tmp_path, monkeypatch):
-    clock = [0.0]
-    monkeypatch.setattr("phalanx.gateway.trail.time", SimpleNamespace(monotonic=lambda: clock[0], time=lambda: 1.0))
-    trail = Trail(tmp_path / "trail")
-    for n in range(LINES_AT_ONCE + 500):
-        trail.write("joined", visitor=n)
-    trail.write("removed", visitor=1, durable=True)
-    clock[0] += 1.0
-    trail.write("joined", visitor=1)
-    trail.close()
-    lines = list(read_trail(tmp_path / "trail"))
-    assert len(lines) == LINES_AT_ONCE + 3
-    assert [line["event"] for line in lines[-4:]] == ["joined", "removed", "left_out", "joined"]
-    assert lines[-2]["lines"] == 500
-
-
-def test_a_trail_adds_up_refusals_and_drives_and_goes_on_after_a_line_that_was_cut_off(tmp_path):
-    path = tmp_path / "trail"
-    trail = Trail(path)
-    for n in range(1000):
-        trail.refused(1, "AB", "late")
-        trail.drives(1, "AB", "move_raw", n / 100)
-    trail.drives(2, "AB", "move_raw", 10.0)
-    trail.tick(100.0)
-    trail.close()
-    lines = list(read_trail(path))
-    assert [line["event"] for line in lines] == ["drives", "drove", "drives", "drove", "refused"]
-    assert (lines[1]["commands"], lines[1]["visitor"], lines[4]["count"]) == (1000, 1, 1000)
-    path.write_bytes(path.read_bytes() + b'{"at":1,"ev')
-    with pytest.raises(UsageError, match="line 6 is cut off"):
-        list(read_trail(path))
-    trail = Trail(path)
-    trail.write("left", visitor=1)
-    trail.close()
-    assert len(list(read_trail(path))) == 6
-    assert path.stat().st_mode & 0o777 == 0o600
+async def test_an_operator_stops_all_robots_while_everybody_asks_without_end():
+    swarm, held = Dotbots(1, 1, time.time), []
+    async with serving(swarm) as link:
+        link.operate = OperatorDesk(link, swarm, link.gateway.brakes, "http://x/", held.append).operate
+        ticket = parse_invitation(link.operate("invite", {"role": "operate"}, 0)["url"])
+        asked = asyncio.Event()
+        link._requests["robots"] = lambda _: asked.wait()  # one that is answered, and holds up all others
+        async with visiting(link.port, ticket) as op, visiting(link.port, link.invitation) as ada:
+            await eventually(lambda: op.frames and ada.frames)
+            for name in ("robots", "area"):
+                asyncio.ensure_future(ada.request(name)).add_done_callback(lambda done: done.exception())
+            await eventually(lambda: link._answers._waiting)
+            await op.request("stop")
+            assert held == [True]
+            with pytest.raises(PermissionError, match="TOO_MANY"):
+                await ada.request("area", {"words": "x" * ASKED_BYTES})
+            asked.set()
 
 
 async def test_who_waits_sees_no_robots_and_asks_again_once_approved():
@@ -371,3 +353,50 @@ async def test_a_tickets_name_is_one_that_can_be_read():
             with pytest.raises(BadPayload, match="name"):
                 desk.do("invite", {"role": "drive", "name": name})
         assert desk.do("invite", {"role": "drive", "name": "Zoë"})["url"]
+
+
+class SlowStore(MemoryStore):
+    """Counts writes; the disk may be full."""
+
+    def __init__(self):
+        super().__init__()
+        self.writes, self.is_full, self.seen = 0, False, []
+
+    def write(self, rows):
+        if self.is_full:
+            raise Unavailable("no room")
+        self.writes += 1
+        super().write(rows)
+
+
+async def test_joins_of_one_turn_wait_for_the_disk_once_and_are_told_afterwards(monkeypatch):
+    store = SlowStore()
+    async with serving(Dotbots(1, 1, time.time), store) as link:
+        said = []
+        monkeypatch.setattr(link._ways, "carry", lambda _: said.append(store.writes))
+        link._held.update({1: [], 2: []})
+        link._store.is_grouping = True
+        link._store.write({b"a": b"1"})
+        link._store.write({b"b": b"2"})
+        link._store.is_grouping = False
+        link.carry([Send(1, b""), Send(2, b"")])
+        assert (said, store.writes) == ([], 0)
+        link._commit()
+        assert (said, store.writes) == ([1, 1], 1)
+        assert {b"a", b"b"} <= store.rows.keys()
+
+
+async def test_nobody_is_told_of_what_a_full_disk_did_not_take_and_who_drives_goes_on():
+    swarm, store = Dotbots(1, 1, time.time), SlowStore()
+    async with serving(swarm, store) as link, visiting(link.port, link.invitation, "Ada") as ada:
+        await eventually(lambda: ada.frames and ada.secret)
+        await ada.request("area")
+        store.is_full = True
+        async with visiting(link.port, link.invitation, "Eve") as eve:
+            await eventually(lambda: eve.ws.closed)
+            assert eve.visitor is None
+        began = at(swarm)
+        await drive_until(ada, swarm.robots()[0].address, lambda: at(swarm) != began)
+        store.is_full = False
+        async with visiting(link.port, link.invitation, "Bob") as bob:
+            await eventually(lambda: bob.visitor)

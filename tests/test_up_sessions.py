@@ -16,7 +16,7 @@ from conftest import a_gateway, called, eventually
 from phalanx.cli.gateway_of import ask_gateway
 from phalanx.errors import UsageError
 from phalanx.gateway import UpOptions, up
-from phalanx.gateway.trail import read_trail
+from phalanx.gateway.chain_file import read_lines
 from phalanx.link.session import Invitation, Reason, parse_invitation
 from phalanx.link.session.errors import EndReason
 from phalanx.sim import Dotbots
@@ -97,7 +97,7 @@ async def test_who_was_removed_stays_removed_after_a_kill_and_who_was_not_comes_
             await eventually(lambda: back.ws.closed)
             assert back.visitor is None
         assert child.stop() in (0, 1)
-    events = [line["event"] for line in read_trail(state / "trail.jsonl")]
+    events = [line["event"] for line in read_lines(state / "trail.jsonl")]
     assert events.index("removed") < len(events) - 1
     assert not (state / "operator.json").exists()
     assert {path.stat().st_mode & 0o777 for path in state.iterdir()} == {0o600}
@@ -144,6 +144,9 @@ async def test_a_ticket_from_the_terminal_limits_its_visitor_to_its_robot(tmp_pa
         (tmp_path / "t").write_bytes(b"".join(spoilt))
         assert called("link", "trail", "verify", str(tmp_path / "t"), *words).returncode == 2
     assert called("link", "trail", "verify", "--top", top).returncode == 0
+    path.write_bytes(b"".join(whole[:-1]))
+    cut = called("link", "trail", "verify")
+    assert (cut.returncode, "was cut off" in cut.stderr) == (2, True)
 
 
 def test_a_second_gateway_runs_beside_the_first_unless_it_was_given_the_same_folder(state):

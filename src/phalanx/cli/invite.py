@@ -6,7 +6,6 @@ import html
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -67,24 +66,40 @@ def sheet_of(cards: Sequence[tuple[str, str]], uses: int) -> str:
 
 
 def export(file: Path | None, state: Path | None) -> None:
-    """Prints the trail, checked."""
-    for words in _trail(file, state):
-        click.echo(json.dumps(words, ensure_ascii=False))
+    """Prints the trail, checked, as it stands in its file."""
+    from phalanx.gateway.chain_file import as_line, read_lines  # noqa: PLC0415 - as above
+
+    for words in read_lines(_trail(file, state)):
+        click.echo(as_line(words))
 
 
 def verify(file: Path | None, state: Path | None, top: str | None) -> None:
-    """Checks the trail, and whether a line that was noted before is still in it."""
-    count, last, found = 0, "", False
-    for words in _trail(file, state):
+    """Checks the trail, and whether a line that was noted before, or by the gateway, is still in it."""
+    from phalanx.gateway.chain_file import mark_of, read_lines, read_mark  # noqa: PLC0415 - as above
+
+    path = _trail(file, state)
+    mark = read_mark(path)  # first: a gateway may add lines meanwhile
+    wanted = {each for each in (top, mark and mark[1]) if each}
+    count, last, gaps = 0, "", list[int]()
+    for words in read_lines(path):
         count, last = count + 1, words["chain"]
-        found = found or last == top
-    if top and not found:
+        wanted.discard(last)
+        if words.get("event") in ("cut_off", "moved_aside"):
+            gaps.append(count)
+    if top in wanted:
         raise UsageError("the trail does not contain that hash", "its end was cut off, or it is another trail")
+    if wanted:
+        hint = f"{plain(mark_of(path))} has the hash of the last line that the gateway wrote; restore the rest"
+        raise UsageError(f"the end of {plain(path)} was cut off", hint)
+    if gaps:
+        hint = "the gateway saw it when it started; restore them, or go by what was noted elsewhere"
+        raise UsageError(f"lines are missing before line {gaps[0]} of {plain(path)}", hint)
     click.echo(f"{counted(count, 'line')}, whole; the last is {last or 'none'}")
+    if not mark and not top:
+        talk(f"not checked: whether its end was cut off, as there is no {plain(mark_of(path))}; --top HASH checks it")
 
 
-def _trail(file: Path | None, state: Path | None) -> Any:
+def _trail(file: Path | None, state: Path | None) -> Path:
     from phalanx.gateway.state_folder import TRAIL  # noqa: PLC0415 - as above
-    from phalanx.gateway.trail import read_trail  # noqa: PLC0415
 
-    return read_trail(file or (state or default_state()) / TRAIL)
+    return file or (state or default_state()) / TRAIL

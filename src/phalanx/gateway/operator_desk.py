@@ -22,7 +22,8 @@ from phalanx.link.session.secret import INVITATION_BYTES
 from phalanx.robot import Swarm
 
 from .brakes import Brakes
-from .session_link import SessionLink, check_words, now
+from .payloads import check_words
+from .session_link import SessionLink, now
 
 PAGE = 0  # who does it: the operator's page, or a terminal, of this machine
 VALID_S = 7 * 24 * 3600  # a ticket, if it does not say for how long

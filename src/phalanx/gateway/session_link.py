@@ -12,6 +12,7 @@ import os
 import time
 from collections import Counter, deque
 from collections.abc import AsyncIterator, Callable, Iterable
+from dataclasses import replace
 from typing import Any
 
 from phalanx.config.session import SessionConfig
@@ -22,7 +23,7 @@ from phalanx.io.server import call_handler, handler_failed
 from phalanx.io.session_broker import KNOCKS, SessionBroker
 from phalanx.io.session_store import LinkKeys
 from phalanx.link import Command, Request, SharedAnswer
-from phalanx.link.envelope import decode_json, encode_json
+from phalanx.link.envelope import encode_json
 from phalanx.link.session import Invitation, Now, Operations, Reason, Role, SessionServer, Store
 from phalanx.link.session.errors import EndReason, NotAllowed, TooMany
 from phalanx.link.session.events import (
@@ -37,9 +38,12 @@ from phalanx.link.session.events import (
     Send,
     ServerEvent,
 )
+from phalanx.link.session.store import GroupedStore
+from phalanx.link.session.visitors import Visitor
 from phalanx.link.topics import CommandTopic
 
 from . import vocabulary
+from .payloads import parse_payload, request_words
 from .trail import Trail
 from .ways import FrontEnd, Ways
 
@@ -47,7 +51,7 @@ log = logging.getLogger(__name__)
 
 TICK_S = 0.1
 LOOK_EVERY = 10  # ticks, for robots that came or left
-JSON_DEPTH = 8
+ASKED_BYTES = 256  # words of a visitor's request, while it waits
 CLOSING_S = 0.1  # for what was said last to leave
 # An update without news must not be shorter than one in which a robot moves: spaces make up for it. Every robot's place
 # is in one of ten updates. Longer ones are not made equal: they have so many robots that one does not show.
@@ -96,7 +100,9 @@ class SessionLink:
         broker: SessionBroker | None = None,
     ) -> None:
         self.config = config or SessionConfig()
-        self.server = SessionServer(self.config, keys.static, keys.signer, store, os.urandom, now(), open_role)
+        self._store = GroupedStore(store)
+        self._held: dict[int, list[Send | Close]] = {}  # by connection, until what it says is on disk
+        self.server = SessionServer(self.config, keys.static, keys.signer, self._store, os.urandom, now(), open_role)
         self.operations = Operations(self.server)
         self.counters: Counter[str] = Counter()
         self.say: Say = lambda _: None
@@ -107,7 +113,8 @@ class SessionLink:
         self._robots = robots
         self._commands: dict[str, Callable[[Command], Any]] = {}
         self._requests: dict[str, Callable[[Request], Any]] = {}
-        self._answers = Answers[Requested](self._answer)
+        # Of each connection one of each name may wait, so that many who ask without end refuse nobody else's.
+        self._answers = Answers[Requested](self._answer, len(vocabulary.REQUEST_NAMES) * self.config.connections_max)
         self._encoded: dict[str, tuple[SharedAnswer, bytes]] = {}  # by the request's name
         self._lengths: deque[int] = deque(maxlen=EQUAL_TICKS)  # of updates
 
@@ -156,6 +163,7 @@ class SessionLink:
 
     async def close(self) -> None:
         """End all sessions: visitors may resume when the gateway runs again."""
+        self._commit()
         connections = list(self.server.connections)
         for connection in connections:
             self.carry(self.server.end(connection, EndReason.CLOSING, now()))
@@ -165,20 +173,30 @@ class SessionLink:
     def carry(self, events: Iterable[ServerEvent]) -> None:
         """Carry out what the server or an operation asks for, and report what happened."""
         for event in events:
-            match event:
-                case Send() | Publish() | Listen() | Close():
-                    self._ways.carry(event)
-                case Joined():
-                    self._joined(event)
-                case Left(visitor):
-                    self.trail.write("left", visitor=visitor)
-                    self.say({"event": "left", "visitor": visitor})
-                case Commanded():
-                    self._command(event)
-                case Requested():
-                    self._ask(event)
-                case CommandRefused(visitor, robot, reason):
-                    self._refused(visitor, robot, reason)
+            if isinstance(event, Send | Close) and event.connection in self._held:
+                self._held[event.connection].append(event)
+            else:
+                self._carry_out(event)
+
+    def _carry_out(self, event: ServerEvent) -> None:
+        match event:
+            case Send() | Listen() | Close():
+                self._ways.carry(event)
+            case Publish(connections):
+                self._ways.carry(
+                    replace(event, connections=tuple(each for each in connections if each not in self._held))
+                )
+            case Joined():
+                self._joined(event)
+            case Left(visitor):
+                self.trail.left(visitor)
+                self.say({"event": "left", "visitor": visitor})
+            case Commanded():
+                self._command(event)
+            case Requested():
+                self._ask(event)
+            case CommandRefused(visitor, robot, reason):
+                self._refused(visitor, robot, reason)
 
     # --- what comes --------------------------------------------------------------------------------------------------
 
@@ -198,13 +216,40 @@ class SessionLink:
             case Received(connection, data) if connection == KNOCKS:
                 self.carry(self.server.receive_hello(data, now()))
             case Received(connection, data):
-                self.carry(self.server.receive(connection, data, now()))
+                self.carry(self._receive(connection, data))
                 its = self.server.connections.find(connection)
                 if its and its.visitor:
                     self._ways.admit(connection)
             case Closed(connection):
                 self._ways.forget(connection)
                 self.carry(self.server.closed(connection, now()))
+
+    def _receive(self, connection: int, data: bytes) -> list[ServerEvent]:
+        """Let the server read a message. What it writes is on disk before its answer leaves, with the next turn."""
+        before = self._store.writes
+        self._store.is_grouping = True
+        try:
+            return self.server.receive(connection, data, now())
+        finally:
+            self._store.is_grouping = False
+            if self._store.writes != before:
+                if not self._held:
+                    asyncio.get_running_loop().call_soon(self._commit)
+                self._held.setdefault(connection, [])
+
+    def _commit(self) -> None:
+        """Put on disk what messages of this turn wrote, with one wait for all, and send what was held for it."""
+        held, self._held = self._held, {}
+        try:
+            self._store.flush()
+        except Exception as error:  # noqa: BLE001 - whatever the disk does, who drives is served
+            log.error("visitors cannot be written, and are not admitted: %s", error)  # noqa: TRY400
+            for connection in held:
+                self._ways.carry(Close(connection, "failed"))
+                self.carry(self.server.closed(connection, now()))
+            return
+        for events in held.values():
+            self.carry(events)
 
     async def _tick(self) -> None:
         known: list[str] = []
@@ -223,10 +268,10 @@ class SessionLink:
             await asyncio.sleep(TICK_S)
 
     def _joined(self, joined: Joined) -> None:
-        words: dict[str, Any] = {"visitor": joined.visitor, "name": joined.name, "role": joined.role.name.lower()}
+        words: dict[str, Any] = {"name": joined.name, "role": joined.role.name.lower()}
         words |= {"resumed": not joined.is_new, "waiting": joined.waiting}
-        self.trail.write("joined", **words)
-        self.say({"event": "joined", **words})
+        self.trail.joined(joined.visitor, **words)
+        self.say({"event": "joined", "visitor": joined.visitor, **words})
 
     def _command(self, said: Commanded) -> None:
         robot = said.robot.upper()
@@ -247,7 +292,10 @@ class SessionLink:
             return
         self.carry(self.server.accept(said, now()))
         self.counters["commands"] += 1
-        self.trail.drives(said.visitor, robot, said.name, time.monotonic())
+        if said.is_stop:
+            self.trail.stops(said.visitor, robot, time.monotonic())
+        else:
+            self.trail.drives(said.visitor, robot, said.name, time.monotonic())
         self.say({"event": "command", "address": robot, "name": said.name, "visitor": said.visitor, "by": by})
 
     def _count_route(self, visitor: int, robot: str, payload: Any) -> None:
@@ -261,13 +309,19 @@ class SessionLink:
         if known is None:
             return
         try:
-            if request.name not in self._requests and known.role is not Role.OPERATE:
-                raise NotAllowed("a request of operators") if self.operate else Unknown("no such request")
+            if request.name not in self._requests:
+                self.carry(self.server.reply(request.visitor, request.number, self._operated(known, request)))
+                self.counters["requests"] += 1
+                return
+            if len(request.payload) > ASKED_BYTES:
+                raise TooMany(f"a request of {len(request.payload)} bytes, limit {ASKED_BYTES}")
             before = self._answers.ask((request.visitor, request.name), len(request.payload), request)
             if before:
                 self.carry(self.server.refuse(before.visitor, before.number, Reason.TOO_MANY))
         except PeerError as error:
             self._refuse_request(request, error)
+        except UsageError as error:
+            self._refuse_request(request, BadPayload(str(error)))
 
     async def _answer(self, request: Requested) -> None:
         try:
@@ -281,11 +335,10 @@ class SessionLink:
             self._refuse_request(request, BadPayload(str(error)))
 
     async def _answered(self, request: Requested) -> bytes:
-        handler = self._requests.get(request.name)
-        if handler is None:
-            return self._operated(request)
         words = request_words(request.payload)
-        data = await call_handler(handler, Request(request.number, "", words, len(request.payload)))
+        data = await call_handler(
+            self._requests[request.name], Request(request.number, "", words, len(request.payload))
+        )
         if not isinstance(data, SharedAnswer):
             return encode_json(data)
         shared, encoded = self._encoded.get(request.name, (None, b""))
@@ -294,19 +347,20 @@ class SessionLink:
             self._encoded[request.name] = data, encoded
         return encoded
 
-    def _operated(self, request: Requested) -> bytes:
-        known = self.server.visitors.find(request.visitor)
-        # Again: it may have been removed while this waited.
-        if known is None or known.role is not Role.OPERATE or self.operate is None:
+    def _operated(self, visitor: Visitor, request: Requested) -> bytes:
+        """Answer an operator at once: its stop waits behind nobody's requests."""
+        if self.operate is None:
+            raise Unknown("no such request")
+        if visitor.role is not Role.OPERATE:
             raise NotAllowed("a request of operators")
-        return encode_json(self.operate(request.name, request_words(request.payload), request.visitor))
+        return encode_json(self.operate(request.name, request_words(request.payload), visitor.id))
 
     def _refuse_request(self, request: Requested, error: PeerError) -> None:
         reason = self._reject(error)
         self.carry(self.server.refuse(request.visitor, request.number, reason))
 
     def _refused(self, visitor: int, robot: str, reason: Reason) -> None:
-        self.trail.refused(visitor, robot, reason.name.lower())
+        self.trail.refused(visitor, robot, reason.name.lower(), time.monotonic())
 
     def _reject(self, error: PeerError) -> Reason:
         self.server.rejected[error.reason] += 1
@@ -331,31 +385,3 @@ def call_now(handler: Callable[[Command], Any], command: Command) -> None:
         raise
     except Exception as error:
         raise handler_failed(handler, error) from error
-
-
-def request_words(payload: bytes) -> dict[str, Any]:
-    """Return a request's words; without a payload there are none. Raises: BadPayload: as `parse_payload`; no object."""
-    return check_words(parse_payload(payload) if payload else {})
-
-
-def check_words(words: Any) -> dict[str, Any]:
-    """Return a request's words. Raises: BadPayload: they are no object."""
-    if not isinstance(words, dict):
-        raise BadPayload("a request's payload is an object")
-    return words
-
-
-def parse_payload(payload: bytes) -> Any:
-    """Return a payload's JSON. Raises: BadPayload: not JSON, a key twice, not finite, or more than eight levels."""
-    value = decode_json(payload)
-    level = [value]
-    for _ in range(JSON_DEPTH):
-        level = [
-            below
-            for each in level
-            if isinstance(each, dict | list)
-            for below in (each.values() if isinstance(each, dict) else each)
-        ]
-        if not level:
-            return value
-    raise BadPayload(f"more than {JSON_DEPTH} levels")

@@ -1,32 +1,30 @@
-"""The trail: who joined, drove, was refused and was removed, in a file to which lines are only added.
+"""The trail: who joined, drove, was refused and was removed. No payload is in it.
 
-Each line has the hash of the line before it, so that none is changed or taken out unnoticed. No payload is in it.
+No visitor fills the disk, or takes the room of others' lines: each has room of its own, and so has what was left out.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
-import logging
-import os
 import time
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from phalanx.errors import Unavailable, UsageError
+from phalanx.io.pace import Pace
 
-log = logging.getLogger(__name__)
+from .chain_file import ChainFile
 
-FIRST = "0" * 64  # hash before the first line
-CHAIN = "chain"
-LINE_BYTES = 4096  # the longest; a nickname has 32 characters
-REFUSALS_EVERY_S = 10.0  # they are added up: they may come in thousands
-REFUSALS_KINDS = 256  # of visitor, robot and reason, in that time
-LINES_AT_ONCE, LINES_PER_S = 2000, 10.0
+ADDED_UP_S = 10.0  # refusals, stops, and what was left out: they may come in thousands
+KINDS = 8  # of robots and reasons, of a visitor in that time; the rest is added up without the robot
+SUMS_PER_TICK = 16  # visitors whose sums are written at once
+LINES_AT_ONCE, LINES_PER_S = 50, 0.2  # of a visitor
+NEWCOMERS_AT_ONCE, NEWCOMERS_PER_S = 2000, 5.0  # visitors that have lines at all
 DRIVE_ENDS_S = 10.0  # after the last command
+LIST_MOST = 48  # in a line: robots' addresses have 64 characters
+GATEWAY = 0  # whose lines are no visitor's
 
 
 @dataclass(slots=True)
@@ -37,70 +35,56 @@ class _Drive:
     commands: int
 
 
-class Trail:
-    """Writes the trail. Without a path nothing is written.
+@dataclass(slots=True)
+class _Sums:
+    since_s: float
+    counts: Counter[tuple[str, str, str]] = field(default_factory=Counter)  # of event, robot and reason
 
-    Raises: Unavailable, UsageError: it cannot be written, or its last line is none.
-    """
+
+class Trail:
+    """Writes the trail. Without a path nothing is written. Raises: Unavailable: it cannot be opened."""
 
     def __init__(self, path: Path | None) -> None:
-        self._path = path
-        self._file = -1
-        self.top = FIRST
-        self._refusals: Counter[tuple[int, str, str]] = Counter()
-        self._refusals_at_s = 0.0
+        self._file = ChainFile(path) if path else None
         self._drives: dict[str, _Drive] = {}
-        self._troubled = False
-        self._room, self._room_at_s, self._left_out = float(LINES_AT_ONCE), time.monotonic(), 0
-        if path is None:
-            return
-        try:
-            self._file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW, 0o600)
-            self.top = _last(self._file, path)
-        except OSError as error:
-            raise Unavailable(f"cannot open {path}: {error.strerror}", "a folder that is yours") from error
+        self._sums: dict[int, _Sums] = {}  # by visitor, the oldest first
+        self._here: set[int] = set()
+        self._paces: dict[int, Pace] = {}  # of visitors
+        self._newcomers = Pace(NEWCOMERS_PER_S, NEWCOMERS_AT_ONCE, time.monotonic())
+        self._left_out: Counter[int] = Counter()  # lines, by visitor
+        self._told_s = 0.0
+        if self._file and self._file.found:
+            event, words = self._file.found
+            self._append(GATEWAY, event, words)
 
     def close(self) -> None:
         """Write what is still open, and close the file."""
-        now_s = time.monotonic()
         for robot in list(self._drives):
             self._end_drive(robot)
-        self._write_refusals(now_s)
-        if self._file >= 0:
-            os.close(self._file)
-            self._file = -1
+        for visitor in list(self._sums):
+            self._write_sums(visitor)
+        self._tell_left_out()
+        if self._file:
+            self._file.sync()
+            self._file.close()
+            self._file = None
 
-    def write(self, event: str, /, **words: Any) -> None:
-        """Add a line; one with `durable` is on disk when this returns."""
-        durable = words.pop("durable", False)
-        if self._file < 0 or not self._has_room(event, durable=durable):
-            return
-        self.top, line = _line({"at": round(time.time(), 3), "event": event, **words}, self.top)
-        try:
-            os.write(self._file, line)
-            if durable:
-                os.fdatasync(self._file)
-            self._troubled = False
-        except OSError as error:
-            if not self._troubled:
-                log.error("%s: %s; the trail is not complete", self._path, error.strerror)  # noqa: TRY400
-            self._troubled = True
+    def write(self, event: str, /, *, durable: bool = False, **words: Any) -> None:
+        """Add a line of what an operator did; a long list takes several. It is on disk then, if it is `durable`."""
+        for part in _parts(words):
+            self._append(GATEWAY, event, part)
+        if durable and self._file:
+            self._file.sync()
 
-    def _has_room(self, event: str, *, durable: bool) -> bool:
-        """Return whether a line may be written: a visitor that comes and goes without end shall not fill the disk."""
-        now_s = time.monotonic()
-        self._room = min(float(LINES_AT_ONCE), self._room + (now_s - self._room_at_s) * LINES_PER_S)
-        self._room_at_s = now_s
-        if durable:
-            return True
-        if self._room < 1:
-            self._left_out += 1
-            return False
-        self._room -= 1
-        if self._left_out and event != "left_out":
-            count, self._left_out = self._left_out, 0
-            self.write("left_out", lines=count)
-        return True
+    def joined(self, visitor: int, **words: Any) -> None:
+        """Take note of a visitor that came."""
+        self._here.add(visitor)
+        self._of_visitor(visitor, "joined", **words)
+
+    def left(self, visitor: int) -> None:
+        """Take note of a visitor that went."""
+        self._here.discard(visitor)
+        self._of_visitor(visitor, "left")
 
     def drives(self, visitor: int, robot: str, command: str, now_s: float) -> None:
         """Take note of a command that was carried out: a line when a visitor begins, and one when it has ended."""
@@ -109,83 +93,84 @@ class Trail:
             self._end_drive(robot)
             drive = None
         if drive is None:
-            self.write("drives", visitor=visitor, robot=robot, command=command)
+            self._of_visitor(visitor, "drives", robot=robot, command=command)
             drive = self._drives[robot] = _Drive(visitor, now_s, now_s, 0)
         drive.last_s = now_s
         drive.commands += 1
 
-    def refused(self, visitor: int, robot: str, reason: str) -> None:
-        """Count a refusal; they are written every ten seconds."""
-        key = visitor, robot[:64], reason
-        if key in self._refusals or len(self._refusals) < REFUSALS_KINDS:
-            self._refusals[key] += 1
+    def stops(self, visitor: int, robot: str, now_s: float) -> None:
+        """Count a stop, which anybody may do: it begins and ends no drive. One of who drives says nothing."""
+        drive = self._drives.get(robot)
+        if drive is None or drive.visitor != visitor:
+            self._add("stopped", visitor, robot, "", now_s)
+
+    def refused(self, visitor: int, robot: str, reason: str, now_s: float) -> None:
+        """Count a refusal."""
+        self._add("refused", visitor, robot[:64], reason, now_s)
 
     def tick(self, now_s: float) -> None:
         """Write what is due; `now_s` is monotonic."""
         for robot, drive in list(self._drives.items()):
             if now_s - drive.last_s >= DRIVE_ENDS_S:
                 self._end_drive(robot)
-        if now_s - self._refusals_at_s >= REFUSALS_EVERY_S:
-            self._write_refusals(now_s)
+        for visitor in list(islice(self._sums, SUMS_PER_TICK)):
+            if now_s - self._sums[visitor].since_s >= ADDED_UP_S:
+                self._write_sums(visitor)
+        if now_s - self._told_s >= ADDED_UP_S:
+            self._told_s = now_s
+            self._tell_left_out()
+            self._paces = {
+                each: pace for each, pace in self._paces.items() if each in self._here or not pace.is_full(now_s)
+            }
+
+    def _add(self, event: str, visitor: int, robot: str, reason: str, now_s: float) -> None:
+        counts = self._sums.setdefault(visitor, _Sums(now_s)).counts
+        key = event, robot, reason
+        counts[key if key in counts or len(counts) < KINDS else (event, "", reason)] += 1
+
+    def _write_sums(self, visitor: int) -> None:
+        for (event, robot, reason), count in self._sums.pop(visitor).counts.items():
+            words = {"robot": robot, "reason": reason, "count": count}
+            self._of_visitor(visitor, event, **{key: word for key, word in words.items() if word})
 
     def _end_drive(self, robot: str) -> None:
         drive = self._drives.pop(robot)
         lasted_s = round(drive.last_s - drive.began_s, 1)
-        self.write("drove", visitor=drive.visitor, robot=robot, commands=drive.commands, lasted_s=lasted_s)
+        self._of_visitor(drive.visitor, "drove", robot=robot, commands=drive.commands, lasted_s=lasted_s)
 
-    def _write_refusals(self, now_s: float) -> None:
-        self._refusals_at_s = now_s
-        for (visitor, robot, reason), count in self._refusals.items():
-            self.write("refused", visitor=visitor, robot=robot, reason=reason, count=count)
-        self._refusals.clear()
+    def _of_visitor(self, visitor: int, event: str, **words: Any) -> None:
+        """Add a line of what a visitor did, if it has room for one."""
+        now_s = time.monotonic()
+        pace = self._paces.get(visitor)
+        if pace is None and not self._newcomers.wait_s(now_s):
+            self._newcomers.use()
+            pace = self._paces[visitor] = Pace(LINES_PER_S, LINES_AT_ONCE, now_s)
+        if pace is None or pace.wait_s(now_s):
+            self._left_out[visitor] += 1
+            return
+        pace.use()
+        self._append(visitor, event, {"visitor": visitor, **words})
 
+    def _append(self, visitor: int, event: str, words: dict[str, Any]) -> bool:
+        if self._file is None or self._file.append({"at": round(time.time(), 3), "event": event, **words}):
+            return True
+        self._left_out[visitor] += 1
+        return False
 
-def read_trail(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the lines of a trail, checked one by one. Raises: UsageError: one was changed, or taken out."""
-    top = FIRST
-    try:
-        with path.open("rb") as file:
-            for number, line in enumerate(file, 1):
-                words = _words(line, path, number)
-                top, expected = _line({k: v for k, v in words.items() if k != CHAIN}, top)
-                if line != expected:
-                    hint = "it was changed, or one before it was taken out"
-                    raise UsageError(f"{path}: line {number} does not follow from those before it", hint)
-                yield words
-    except OSError as error:
-        raise UsageError(f"cannot read {path}: {error.strerror}", "phalanx up --state FOLDER writes it") from error
-
-
-def _line(words: dict[str, Any], before: str) -> tuple[str, bytes]:
-    """Return a line's hash, and the line: canonical JSON, with the hash of the line before and itself."""
-    content = json.dumps(words, ensure_ascii=True, separators=(",", ":"))
-    top = hashlib.sha256(f"{before}\n{content}".encode()).hexdigest()
-    return top, f'{content[:-1]},"{CHAIN}":"{top}"}}\n'.encode()
+    def _tell_left_out(self) -> None:
+        """Say how many lines were not written, and of whom most: one line every ten seconds always has room."""
+        left_out, self._left_out = self._left_out, Counter()
+        if left_out:
+            most = [visitor for visitor, _ in left_out.most_common(LIST_MOST)]
+            if not self._append(GATEWAY, "left_out", {"lines": left_out.total(), "visitors": most}):
+                self._left_out = left_out
 
 
-def _words(line: bytes, path: Path, number: int) -> dict[str, Any]:
-    try:
-        words = json.loads(line)
-    except (ValueError, RecursionError) as error:
-        raise UsageError(f"{path}: line {number} is cut off, or no line of a trail", "restore it") from error
-    if not isinstance(words, dict):
-        raise UsageError(f"{path}: line {number} is no line of a trail", "restore it")
-    return words
-
-
-def _last(file: int, path: Path) -> str:
-    """Return the hash of the last line; what a power cut left of a line after it is cut off."""
-    size = os.fstat(file).st_size
-    tail = os.pread(file, 2 * LINE_BYTES, max(0, size - 2 * LINE_BYTES))
-    whole = tail.rfind(b"\n") + 1
-    if whole < len(tail):
-        os.ftruncate(file, size - (len(tail) - whole))
-    if not whole:
-        if size >= 2 * LINE_BYTES:
-            raise UsageError(f"{path} is no trail", "move it away")
-        return FIRST
-    words = _words(tail[tail.rfind(b"\n", 0, whole - 1) + 1 : whole], path, 0)
-    top = words.get(CHAIN)
-    if not isinstance(top, str) or len(top) != len(FIRST):
-        raise UsageError(f"{path} is no trail", "move it away")
-    return top
+def _parts(words: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yield words for one line each: a part of the list that is too long for one."""
+    key = next((key for key, word in words.items() if isinstance(word, list) and len(word) > LIST_MOST), None)
+    if key is None:
+        yield words
+        return
+    for at in range(0, len(words[key]), LIST_MOST):
+        yield {**words, key: words[key][at : at + LIST_MOST]}

@@ -19,13 +19,14 @@ Asked = TypeVar("Asked")
 
 
 class Answers(Generic[Asked]):
-    """Requests that wait: of one sender, and of one kind, the last. `answer` must not raise.
+    """Requests that wait, `most` of them: of one sender, and of one kind, the last. `answer` must not raise.
 
     The list of a thousand robots is 20 ms of work: asking for it fifty times a second must hold up no command.
     """
 
-    def __init__(self, answer: Callable[[Asked], Awaitable[None]]) -> None:
+    def __init__(self, answer: Callable[[Asked], Awaitable[None]], most: int = WAITING) -> None:
         self._answer = answer
+        self._most, self._most_bytes = most, most * (WAITING_BYTES // WAITING)
         self._waiting: OrderedDict[Hashable, tuple[int, Asked]] = OrderedDict()
         self._bytes = 0
         self._asked = asyncio.Event()
@@ -37,7 +38,7 @@ class Answers(Generic[Asked]):
         """
         before_size, before = self._waiting.get(whose, (0, None))
         grown = self._bytes + size - before_size
-        if grown > WAITING_BYTES or (len(self._waiting) >= WAITING and before is None):
+        if grown > self._most_bytes or (len(self._waiting) >= self._most and before is None):
             raise Overrun("asked faster than it could be answered")
         self._waiting[whose] = size, request
         self._bytes = grown
