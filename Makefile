@@ -215,6 +215,7 @@ bench: setup-dev
 	$(BIN)/python benchmarks/bench_radio.py
 	$(BIN)/python benchmarks/bench_link.py --soak-minutes 10
 	$(BIN)/python benchmarks/bench_wheels.py
+	$(BIN)/python benchmarks/bench_thousand.py
 	$(BIN)/python benchmarks/bench_attacks.py
 	$(BIN)/python benchmarks/bench_sweep.py
 	$(BIN)/python benchmarks/bench_mission.py
