@@ -22,7 +22,7 @@ import aiohttp
 from aiohttp import web
 
 from phalanx.gateway import UpOptions, up
-from phalanx.io import Client
+from phalanx.io import QrkeyClient
 from phalanx.link.session import parse_invitation
 from phalanx.sim import Dotbots
 
@@ -105,7 +105,7 @@ async def measure(count: int) -> dict[str, list[float]]:
         port = int(ready["page_url"].rstrip("/").rpartition(":")[2])
         ada = await enter(visiting(port, invitation, "Ada"))
         by_broker = await enter(a_gateway(shared, qrkey=True, broker="mosquitto"))
-        page = await enter(Client(by_broker["qr_url"]))
+        page = await enter(QrkeyClient(by_broker["qr_url"]))
         while not ada.frames:  # noqa: ASYNC110  # a visitor of the tests has no event for it
             await asyncio.sleep(0.02)
 

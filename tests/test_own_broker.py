@@ -10,7 +10,7 @@ import aiomqtt
 import pytest
 
 from conftest import ROOT, a_gateway, bare_mosquitto, run
-from phalanx.io.session_client import SessionClient
+from phalanx.io.session_client import Client
 from ports import free_port
 
 pytestmark = pytest.mark.waits
@@ -102,7 +102,7 @@ async def test_a_gateway_and_a_visitor_meet_there(broker, tmp_path):
     where = ("--broker", f"mqtt://127.0.0.1:{tcp}", "--broker-ws", f"ws://127.0.0.1:{ws}/mqtt")
     with a_gateway(*where, "--broker-login", str(tmp_path / "login")) as (up, ready):
         assert not up.err
-        async with SessionClient(ready["session_url"]) as client:
+        async with Client(ready["session_url"]) as client:
             await client.robots()
         drive = run("link", "connect", "-", "--drive", "Ada", "--left", "30", "--for", "0.5", input=ready["qr_url"])
         assert drive.returncode == 0, drive.stderr

@@ -21,7 +21,7 @@ from phalanx.gateway.trail import Trail
 from phalanx.io.broker import RunningBroker
 from phalanx.io.broker_url import BrokerUrl
 from phalanx.io.session_broker import KNOCKS, MORE_BYTES, ROW_BYTES, SessionBroker
-from phalanx.io.session_client import SessionClient, SessionOver
+from phalanx.io.session_client import Client, SessionOver
 from phalanx.io.session_store import new_link_keys
 from phalanx.link.session import EndReason, MemoryStore, parse_invitation
 from phalanx.link.session.events import Close, Listen, Send
@@ -105,7 +105,7 @@ async def test_a_visitor_joins_by_the_code_drives_and_sees_it():
         assert (shown.root, shown.mqtt) == ("/qrkey", 5)
         for i, mqtt in enumerate((5, 4)):
             url = f"http://page/#{replace(shown, mqtt=mqtt).fragment()}"
-            async with SessionClient(url, name="Ada") as ada:
+            async with Client(url, name="Ada") as ada:
                 await anext(ada.updates())
                 robot = (await ada.robots())[i]  # the one before is leased for a while yet
                 assert await ada.drive(robot["address"], 60, 60, for_s=1.0)
@@ -122,7 +122,7 @@ async def test_a_visitor_joins_by_the_code_drives_and_sees_it():
 async def test_who_is_removed_learns_so_and_the_old_code_admits_nobody():
     async with a_swarm() as link:
         before = link.url()
-        async with SessionClient(before, name="Eve") as eve, SessionClient(before, name="Ada") as ada:
+        async with Client(before, name="Eve") as eve, Client(before, name="Ada") as ada:
             link.carry(link.operations.remove(eve.visitor, now()))
             updates = eve.updates()
             with pytest.raises(SessionOver) as over:
@@ -130,9 +130,9 @@ async def test_who_is_removed_learns_so_and_the_old_code_admits_nobody():
                     await anext(updates)
             assert over.value.why is EndReason.REMOVED
             with pytest.raises(Unavailable, match="no answer"):
-                async with SessionClient(before, timeout_s=2):
+                async with Client(before, timeout_s=2):
                     pass
-            async with SessionClient(link.url()) as again:
+            async with Client(link.url()) as again:
                 assert again.standing.waiting
             await ada.drive(link.robots[0], 30, 30, for_s=0.3)
             assert link.counters["commands"] >= 2
@@ -165,7 +165,7 @@ async def test_a_session_outlives_a_broker_and_a_gateway_that_come_back(tmp_path
         start()
         async with AsyncExitStack() as first:
             url = await first.enter_async_context(running())
-            async with SessionClient(url, secret_file=tmp_path / "secret") as ada:
+            async with Client(url, secret_file=tmp_path / "secret") as ada:
                 visitor, robots = ada.visitor, await ada.robots()
                 kill()
                 with pytest.raises(Unavailable):
@@ -176,7 +176,7 @@ async def test_a_session_outlives_a_broker_and_a_gateway_that_come_back(tmp_path
                 async with running() as url:  # with another open code
                     await drives(ada, robots[0]["address"])
                     await ada.leave()
-                    async with SessionClient(url, secret_file=tmp_path / "secret") as ada:
+                    async with Client(url, secret_file=tmp_path / "secret") as ada:
                         assert ada.visitor == visitor
 
 
@@ -194,7 +194,7 @@ async def drives(client, robot):
 async def test_new_keys_change_all_topics_and_old_ones_are_left():
     async with a_swarm(epoch_ms=2000, epoch_notice_ms=500, overlap_ms=500) as link:
         config = SessionConfig(rekey_ms=1500, overlap_ms=500)
-        async with SessionClient(link.url(), config=config) as ada:
+        async with Client(link.url(), config=config) as ada:
             await ada.drive(link.robots[0], 30, 30, for_s=0.5)
             before = link.spy.topics() - {link.knocks}
             await asyncio.sleep(5)
@@ -213,7 +213,7 @@ async def test_what_others_replay_splice_and_forge_there_changes_nothing(tmp_pat
     async with a_swarm(partial(elsewhere, tmp_path)) as link:
         joined = []
         link.say = lambda event: joined.append(event) if event["event"] == "joined" else None
-        async with SessionClient(link.url(), name="Ada") as ada, SessionClient(link.url(), name="Bob") as bob:
+        async with Client(link.url(), name="Ada") as ada, Client(link.url(), name="Bob") as bob:
             for who, robot in ((ada, 0), (bob, 1)):
                 await who.drive(link.robots[robot], 30, 30, for_s=0.5)
             heard = link.spy.heard[:200]
@@ -236,7 +236,7 @@ async def test_what_others_replay_splice_and_forge_there_changes_nothing(tmp_pat
             assert link.counters["commands"] == ada.commands + bob.commands
             assert len(joined) == 2
             # What is retained is heard by all who subscribe later.
-            async with SessionClient(link.url()) as eve:
+            async with Client(link.url()) as eve:
                 await eve.robots()
 
 
@@ -261,7 +261,7 @@ async def test_a_flood_of_first_messages_without_the_secret_costs_no_dh_and_keep
         flooding = asyncio.create_task(flood())
         await eventually(lambda: link.rejected["not_authentic"] > 200 and link.rejected["malformed_record"] > 200)
         assert not computed
-        async with SessionClient(link.url(), timeout_s=30) as ada:
+        async with Client(link.url(), timeout_s=30) as ada:
             assert await ada.drive(link.robots[0], 30, 30, for_s=0.5)
         flooding.cancel()
         assert len(computed) < 10
