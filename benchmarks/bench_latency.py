@@ -16,7 +16,7 @@ from bench_codec import LINK, WHEELS, fresh_epoch
 from rows import Row, ratio
 
 from phalanx.crypto import IV_BYTES
-from phalanx.io import Client, Server
+from phalanx.io import QrkeyClient, Server
 from phalanx.io.broker import RunningBroker, open_broker
 from phalanx.io.ports import free_port
 from phalanx.link.envelope import encode_envelope, seal
@@ -71,7 +71,7 @@ async def _bench_latency(broker: RunningBroker, blocks: int, count: int) -> list
     async with server:
         await server.wait_connected(PATIENCE_S)
         topic = f"{LINK.root}/{server.epoch.topic[::-1]}/command/0000/{ADDRESS}/0/move_raw"
-        async with Client(server.qr(), broker=url) as visitor, bare() as receiver, bare() as sender:
+        async with QrkeyClient(server.qr(), broker=url) as visitor, bare() as receiver, bare() as sender:
             await receiver.subscribe(topic)
             listening = asyncio.create_task(listen(receiver))
             took: list[tuple[list[float], list[float]]] = []

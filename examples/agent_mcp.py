@@ -19,7 +19,7 @@ from pydantic import Field
 
 from phalanx.errors import PeerError, PhalanxError, Unavailable, UsageError
 from phalanx.io.session_client import RequestRefused
-from phalanx.link import SessionClient
+from phalanx.link import Client
 
 LONGEST_S = 10.0  # of one drive: an agent that is slow to think must not leave a robot rolling
 LISTED = 100  # robots in an answer
@@ -45,7 +45,7 @@ T = TypeVar("T")
 class Agent:
     """The tools, over one session."""
 
-    def __init__(self, client: SessionClient) -> None:
+    def __init__(self, client: Client) -> None:
         self._client = client
         self._listed: tuple[float, list[dict[str, Any]]] = (-math.inf, [])
         self._calls = 0
@@ -199,7 +199,7 @@ def make_server(agent: Agent) -> MCPServer[Any]:
 
 async def serve(url: str, keep: Path) -> None:
     """Be in the swarm until the host closes standard input. Raises: PhalanxError: no ticket, or no swarm."""
-    async with SessionClient(url, secret_file=keep) as client:
+    async with Client(url, secret_file=keep) as client:
         await make_server(Agent(client)).run_stdio_async()
 
 

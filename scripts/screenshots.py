@@ -11,7 +11,7 @@ from pathlib import Path
 
 from playwright.async_api import async_playwright
 
-from phalanx.link import Client
+from phalanx.link import QrkeyClient
 
 IMG = Path(__file__).parent.parent / "docs" / "img"
 GATEWAY = [sys.executable, "-m", "phalanx", "up", "--events", "--port", "0", "--seed", "6", "--duration", "90"]
@@ -39,7 +39,7 @@ async def main() -> None:
     assert gateway.stdout is not None
     ready = await next_event(gateway.stdout, "ready")
     try:
-        async with Client(str(ready["qr_url"])) as client, async_playwright() as p:
+        async with QrkeyClient(str(ready["qr_url"])) as client, async_playwright() as p:
             robots = await client.request(0, frames=True)
             for i, robot in enumerate(robots[:8]):
                 route = {"threshold": 60, "waypoints": [corner(i, 12), corner(i + 3, 12)]}

@@ -12,7 +12,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
-from mcp.client import Client
+from mcp.client import Client as McpClient
 from mcp.client.stdio import StdioServerParameters
 from mcp.shared.exceptions import MCPError
 
@@ -20,7 +20,7 @@ from conftest import eventually
 from injected_agent import OPERATORS, attempts, raw_commands
 from phalanx.gateway.session_link import now
 from phalanx.gateway.trail import read_trail
-from phalanx.io.session_client import RequestRefused, SessionClient, SessionOver
+from phalanx.io.session_client import Client, RequestRefused, SessionOver
 from phalanx.link.session import Invitation, Kind, Role, Secret, Ticket
 from phalanx.sim import Dotbots
 from session_endpoint import Endpoint
@@ -44,7 +44,7 @@ async def agent(url, folder):
     (folder / "ticket").write_text(url)
     env = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     server = StdioServerParameters(command=sys.executable, args=[str(AGENT), str(folder / "ticket")], env=env)
-    async with Client(server) as client:
+    async with McpClient(server) as client:
         yield client
 
 
@@ -185,7 +185,7 @@ async def test_a_stolen_ticket_allows_no_more_than_the_tools_do(tmp_path):
     async with serving(swarm) as link:
         link.operate = lambda *words: pytest.fail(f"operated: {words}")
         url = ticket(link, robots=frozenset({own}))
-        async with SessionClient(url, name="<img src=x onerror=alert(1)>" * 7) as thief:
+        async with Client(url, name="<img src=x onerror=alert(1)>" * 7) as thief:
             assert len(thief.name) <= 32
             assert thief.name.isprintable()
             for name in OPERATORS:
@@ -209,7 +209,7 @@ async def test_a_stolen_ticket_allows_no_more_than_the_tools_do(tmp_path):
             await eventually(lambda: thief.refusals["too_many"] >= 60)
             assert link.counters["commands"] <= 40
             with pytest.raises(SessionOver):
-                async with SessionClient(url):
+                async with Client(url):
                     pass
 
 

@@ -19,7 +19,7 @@ from phalanx.errors import Held
 from phalanx.gateway import Gateway
 from phalanx.gateway.brakes import Brakes, KeptStop
 from phalanx.gateway.up import UpOptions, up
-from phalanx.io import Client, Server
+from phalanx.io import QrkeyClient, Server
 from phalanx.io.ports import is_free
 from phalanx.io.site import beside
 from phalanx.sim import Dotbots
@@ -76,7 +76,7 @@ async def served(swarm, broker):
         gateway = Gateway(swarm, server)
         job = asyncio.create_task(gateway.run())
         await server.wait_connected(10)
-        async with Client(server.qr()) as visitor:
+        async with QrkeyClient(server.qr()) as visitor:
             gateway.rejected = lambda: server.rejected  # for tests
             yield gateway, visitor
         job.cancel()
@@ -147,7 +147,7 @@ class TestWithTheBrokerDead:
                     gateway.process.stdin.flush()
 
                 async def drive_all():
-                    async with Client(ready["qr_url"]) as visitor:
+                    async with QrkeyClient(ready["qr_url"]) as visitor:
                         around = [{"x": x, "y": y} for x in (300, 1700) for y in (300, 1700)] * 8
                         robots = await visitor.request(0, frames=True)
                         async with asyncio.timeout(10):

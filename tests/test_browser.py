@@ -16,7 +16,7 @@ import pytest
 
 from chromium import PHONE, a_page, badge, barriers_in_both_schemes, choose, insecure, moves, wait_until
 from conftest import ROOT, a_gateway, bare_mosquitto
-from phalanx.io import Client
+from phalanx.io import QrkeyClient
 from phalanx.link import Pin, QrUrl
 from ports import free_port
 
@@ -201,7 +201,7 @@ class TestVisitor:
             corners = [{"x": x, "y": y, "z": 0} for x in (300, 1700) for y in (300, 1700)] * 8
 
             async def set_out():
-                async with Client(ready["qr_url"]) as client:
+                async with QrkeyClient(ready["qr_url"]) as client:
                     for robot in await client.request(0, frames=True):
                         await client.command(robot["address"], "waypoints", {"threshold": 60, "waypoints": corners})
                         await asyncio.sleep(0.001)

@@ -29,8 +29,8 @@ from phalanx.config import LinkConfig
 from phalanx.crypto import jwe
 from phalanx.gateway import vocabulary
 from phalanx.gateway.operator_desk import OperatorDesk
-from phalanx.io.session_client import SessionClient
-from phalanx.link import Client, Pin, QrUrl, derive_epoch, pin, topics
+from phalanx.io.session_client import Client
+from phalanx.link import Pin, QrkeyClient, QrUrl, derive_epoch, pin, topics
 from phalanx.link.rotation import State
 from phalanx.mission.landmarks import floorplan, floorplan_of_yaml
 from phalanx.mission.landmarks.gridmap import map_words
@@ -235,7 +235,7 @@ async def test_the_example_serves_a_visitor_and_ends_at_ctrl_c(tmp_path):
         )
         try:
             link = (await asyncio.wait_for(example.stdout.readline(), 60)).decode().strip()
-            async with Client(link, broker=url) as visitor:
+            async with QrkeyClient(link, broker=url) as visitor:
                 assert [robot["address"] for robot in await visitor.request(0)] == ["ROBOT-1", "ROBOT-2"]
                 heard = visitor.notifications()
                 await visitor.command("ROBOT-9", "move_raw", {"left_y": 1, "right_y": 1})
@@ -258,7 +258,7 @@ async def test_own_robots_stand_behind_the_whole_gateway():
     )
     try:
         ready = json.loads(await asyncio.wait_for(example.stdout.readline(), 60))
-        async with SessionClient(ready["qr_url"]) as visitor:
+        async with Client(ready["qr_url"]) as visitor:
             carts = await visitor.robots()
             assert [cart["address"] for cart in carts] == ["CART-A", "CART-B"]
             await visitor.drive("CART-A", 100, 100, 0.5)

@@ -20,7 +20,7 @@ from phalanx.gateway.brakes import EXPIRES_S, Joysticks
 from phalanx.gateway.gateway import TICK_S, UPDATES_PER_TICK
 from phalanx.gateway.missions.watch import MOST_THINGS, WorkWatch
 from phalanx.gateway.visitors import FORGET_AFTER_S, FORGET_OLDER_AFTER_S, LIMIT, MOST_DRIVERS, Drivers, Visitors
-from phalanx.io import Client, Server
+from phalanx.io import QrkeyClient, Server
 from phalanx.link.envelope import encode_envelope, seal
 from phalanx.link.messages import Publish
 from phalanx.link.topics import CommandTopic, full_topic
@@ -187,7 +187,7 @@ class TestGateway:
             gateway = Gateway(swarm, server)
             jobs = [asyncio.create_task(gateway.run()), asyncio.create_task(turn(swarm))]
             await server.wait_connected(10)
-            async with Client(server.qr()) as client:
+            async with QrkeyClient(server.qr()) as client:
                 robots = await client.request(0, frames=True)
                 assert await client.request(1) == {"width": 2000, "height": 2000}
                 first = robots[0]
@@ -232,7 +232,7 @@ class TestGateway:
                 await go_on.wait()
 
             await server.wait_connected(10)
-            async with Client(server.qr()) as client:
+            async with QrkeyClient(server.qr()) as client:
                 await client.command(address, "hold_up", {})
                 await slow.wait()
                 await client.command(address, "move_raw", {"left_y": 100, "right_y": 100})
@@ -264,7 +264,7 @@ class TestGateway:
             gateway = Gateway(swarm, server)
             jobs = [asyncio.create_task(gateway.run()), asyncio.create_task(turn(swarm))]
             await server.wait_connected(10)
-            async with Client(server.qr()) as client:
+            async with QrkeyClient(server.qr()) as client:
                 for address in addresses:
                     await client.command(address, "move_raw", {"left_y": 60, "right_y": 60})
                 await eventually(lambda: swarm.fails == 0)
@@ -282,7 +282,7 @@ class TestGateway:
             async with Server(broker.url, broker_for_visitors=broker.websocket) as server:
                 gateway = Gateway(swarm, server)
                 await server.wait_connected(10)
-                clients = [Client(server.qr()) for _ in range(visitors)]
+                clients = [QrkeyClient(server.qr()) for _ in range(visitors)]
                 for client in clients:
                     await client.__aenter__()
                     await client.request(0, frames=True)
@@ -304,7 +304,7 @@ class TestGateway:
             gateway = Gateway(swarm, server)
             job = asyncio.create_task(gateway.run())
             await server.wait_connected(10)
-            async with Client(server.qr()) as client:
+            async with QrkeyClient(server.qr()) as client:
                 heard = []
 
                 async def listen():
@@ -346,7 +346,7 @@ async def test_who_has_read_no_frame_and_would_say_so_moves_nothing(broker):
         gateway = Gateway(swarm, server)
         job = asyncio.create_task(gateway.run())
         await server.wait_connected(10)
-        async with Client(server.qr()) as client:
+        async with QrkeyClient(server.qr()) as client:
             hear, client._link._on_message = client._link._on_message, withheld
             await eventually(lambda: gateway._told.age_s(-1, time.monotonic()) > 1)
             await client.command(address, "move_raw", {"left_y": 70, "right_y": 70})

@@ -21,7 +21,7 @@ from phalanx.cli.main import run_command
 from phalanx.cli.mission.files import read_plain
 from phalanx.errors import PhalanxError, Unknown, UsageError
 from phalanx.gateway.missions.watch import MissionWatch
-from phalanx.io import Client
+from phalanx.io import QrkeyClient
 from phalanx.mission import BuildOptions, build, plain_mission, public_key, sign
 from phalanx.mission.landmarks import floorplan_of_yaml
 from phalanx.mission.refused import AlreadyStarted, NotForUs, OutsideWindow
@@ -357,7 +357,7 @@ class TestUp:
         mission.write_text(THROUGH)
         with a_mission_gateway("--mission", str(mission), "--world", str(world), "--robots", "2") as (up, ready):
             up.wait_for("mission")
-            async with Client(ready["qr_url"]) as visitor:
+            async with QrkeyClient(ready["qr_url"]) as visitor:
                 area = await visitor.request(1, frames=True)
                 assert (area["width"], area["height"], area["walls"]) == (8000, 6000, 6)
                 assert area["mission"][1] == 2

@@ -19,7 +19,7 @@ import pytest
 
 from conftest import eventually, with_an_old_pin
 from phalanx.config import LinkConfig
-from phalanx.io import ANY, Client, Server
+from phalanx.io import ANY, QrkeyClient, Server
 from phalanx.link import Pin, QrUrl
 
 pytestmark = [pytest.mark.waits, pytest.mark.peers, pytest.mark.timeout(120)]
@@ -170,7 +170,7 @@ async def test_our_server_and_the_published_hook(broker, mqtt):
 async def test_our_python_client_and_the_published_server(broker, mqtt):
     async with published_server(broker, mqtt) as server:
         pin = (await server.wait("ready"))["pin"]
-        async with Client(link_to(broker, pin, mqtt)) as client:
+        async with QrkeyClient(link_to(broker, pin, mqtt)) as client:
             notes = client.notifications()
 
             async def a_round(n: int):

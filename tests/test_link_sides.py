@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from phalanx.config import LinkConfig
 from phalanx.crypto import Key, seal_jwe
 from phalanx.errors import Stale, UsageError
-from phalanx.io import Client
+from phalanx.io import QrkeyClient
 from phalanx.link import ClientSide, Command, Pin, QrUrl, Request, ServerSide, new_pin
 from phalanx.link.envelope import encode_envelope, encode_pin_message, seal
 from phalanx.link.messages import Knock, Moved, Notification, Publish, Rejected, Reply, Subscribe, Unsubscribe
@@ -40,7 +40,7 @@ def published(asks) -> list[Publish]:
 async def unread(payloads) -> tuple[list, int]:
     """What a client has for a late reader of these notifications, and how many it says it dropped."""
     server, _ = pair()
-    client = Client(QrUrl(server.epoch.pin, "ws://nowhere.invalid/mqtt"), clock=lambda: NOW)
+    client = QrkeyClient(QrUrl(server.epoch.pin, "ws://nowhere.invalid/mqtt"), clock=lambda: NOW)
     for payload in payloads:
         (note,) = server.notify(payload, NOW)
         await client._on_message(note.topic, note.payload)

@@ -19,7 +19,7 @@ from conftest import a_gateway, child, eventually
 from phalanx.cli.main import run_command
 from phalanx.demo.simulated import choose_protection
 from phalanx.errors import Unknown, UsageError
-from phalanx.io import Client
+from phalanx.io import QrkeyClient
 from phalanx.robot import Led, Point
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.robot.swarm import Shielded
@@ -333,7 +333,7 @@ def state_of(ready: dict) -> dict:
 class TestUp:
     async def test_a_visitor_drives_and_the_operator_compromises_and_everybody_sees_it_stopped(self):
         with a_gateway("--defence", "bound") as (up, ready):
-            async with Client(ready["qr_url"]) as client:
+            async with QrkeyClient(ready["qr_url"]) as client:
                 area = await client.request(1, frames=True)
                 assert (area["tokens_needed"], area["t_val_ms"], area["most_waypoints"]) == (4, 10_000, 32)
                 before = {robot["address"]: robot for robot in await client.request(0, frames=True)}
@@ -389,7 +389,7 @@ class TestUp:
 
     async def test_robots_without_a_defence_have_no_shields_and_no_such_button(self):
         with a_gateway("--robots", "4") as (_, ready):
-            async with Client(ready["qr_url"]) as client:
+            async with QrkeyClient(ready["qr_url"]) as client:
                 assert "shield" not in (await client.request(0, frames=True))[0]
                 area = await client.request(1, frames=True)
                 assert not area.keys() & {"t_val_ms", "unprotected"}, "as was asked for: nothing to explain"
@@ -401,7 +401,7 @@ class TestUp:
     async def test_robots_that_are_too_many_to_audit_each_other_say_why(self):
         with child("up", "--events", "--port", "0", "--robots", "101", "--broker", "mosquitto", "--qrkey") as running:
             ready = running.wait_for("ready")
-            async with Client(ready["qr_url"]) as client:
+            async with QrkeyClient(ready["qr_url"]) as client:
                 area = await client.request(1, frames=True)
             assert state_of(ready)["unprotected"] == area["unprotected"]
             assert running.stop() == 0
@@ -433,7 +433,7 @@ class TestUp:
     async def test_frames_alone_tell_all_that_a_page_needs(self):
         frames: list[dict] = []
         with a_gateway("--defence", "bound") as (_, ready):
-            async with Client(ready["qr_url"]) as client:
+            async with QrkeyClient(ready["qr_url"]) as client:
                 numbers = {robot["n"] for robot in await client.request(0, frames=True)}
 
                 async def listen():

@@ -28,7 +28,7 @@ from phalanx.daemon.swarm_file import read_swarm
 from phalanx.daemon.trusted import program
 from phalanx.errors import Unavailable, Unknown, UsageError
 from phalanx.gateway import UpOptions, up
-from phalanx.io import Client
+from phalanx.io import QrkeyClient
 from phalanx.io.keyring import Keys, pem
 from phalanx.io.mission_key import issued, read_mission_key
 from phalanx.io.serial_line import open_line
@@ -439,7 +439,7 @@ async def test_a_phone_drives_processes_and_the_operator_stops_them_all(tmp_path
             )
             while (ready := await asyncio.wait_for(events.get(), 30))["event"] != "ready":
                 pass
-            async with Client(ready["qr_url"]) as phone:
+            async with QrkeyClient(ready["qr_url"]) as phone:
                 await eventually(lambda: [s.safe_mode for s in swarm.shields() if len(s.vouchers) > 1] == [False] * 3)
                 first, second, _ = swarm.robots()
                 corner = {"threshold": 60, "waypoints": [{"x": 1900, "y": 1900}]}

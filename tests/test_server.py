@@ -13,8 +13,8 @@ import pytest
 from conftest import a_server, eventually, tell_until_cancelled, with_an_old_pin
 from phalanx.config import LinkConfig
 from phalanx.errors import BadPayload, Unavailable, UsageError
-from phalanx.io import Client, Server, parse_broker_url
-from phalanx.io.client import FIRST_FRAME_S
+from phalanx.io import QrkeyClient, Server, parse_broker_url
+from phalanx.io.qrkey_client import FIRST_FRAME_S
 from phalanx.link.client_side import FRAME
 
 pytestmark = pytest.mark.waits
@@ -25,7 +25,7 @@ class TestEverydayUse:
     async def test_command_request_and_notification(self, broker, mqtt):
         async with a_server(broker, mqtt=mqtt) as server:
             await server.wait_connected(10)
-            async with Client(server.qr()) as client:
+            async with QrkeyClient(server.qr()) as client:
                 assert await client.request(0, what="this") == {"asked": "this", "robots": [1, 2]}
                 assert await client.command("AB", "move_raw", {"left_y": 60})
                 await eventually(lambda: server.heard)
@@ -39,7 +39,7 @@ class TestEverydayUse:
         server = a_server(broker)
         seen = []
         server.on_command("go")(lambda command: seen.append(command.seen))
-        async with Client(server.qr()) as client:
+        async with QrkeyClient(server.qr()) as client:
             asked = asyncio.create_task(client.request(0))
             await asyncio.sleep(FIRST_FRAME_S + 0.1)
             async with server:
@@ -57,7 +57,7 @@ class TestEverydayUse:
         server.on_request(0)(lambda _: ["x" * 1000] * 12)
         async with server:
             await server.wait_connected(10)
-            async with Client(server.qr()) as client:
+            async with QrkeyClient(server.qr()) as client:
                 for _ in range(3):
                     # Less than it would wait before it asked again.
                     assert len(await client.request(0, timeout_s=1.0)) == 12
@@ -65,7 +65,7 @@ class TestEverydayUse:
 
     async def test_what_is_said_before_entering_is_one_clear_error(self):
         server = Server("mqtt://127.0.0.1:1")
-        client = Client(server.qr(), broker="mqtt://127.0.0.1:1")
+        client = QrkeyClient(server.qr(), broker="mqtt://127.0.0.1:1")
         for saying in (
             server.notify({}),
             server.run(),
@@ -80,16 +80,18 @@ class TestEverydayUse:
     async def test_a_clients_broker_may_be_a_url(self, broker):
         async with a_server(broker) as server:
             await server.wait_connected(10)
-            async with Client(replace(server.qr(), broker="ws://unused.invalid"), broker=str(broker.url)) as client:
+            async with QrkeyClient(
+                replace(server.qr(), broker="ws://unused.invalid"), broker=str(broker.url)
+            ) as client:
                 assert (await client.request(0))["robots"] == [1, 2]
         with pytest.raises(UsageError, match="gopher:// is not known"):
-            Client(server.qr(), broker="gopher://x")
+            QrkeyClient(server.qr(), broker="gopher://x")
 
     async def test_public_names_are_on_link(self, broker):
         from phalanx import link
 
         assert link.Server is Server
-        assert link.Client is Client
+        assert link.QrkeyClient is QrkeyClient
         with pytest.raises(AttributeError, match="no attribute 'Sever'"):
             link.Sever  # noqa: B018
 
@@ -99,7 +101,7 @@ class TestEverydayUse:
         async with with_an_old_pin(a_server(broker, config=config, mqtt=mqtt), 28.5) as server:
             await server.wait_connected(10)
             before = server.epoch
-            async with Client(server.qr()) as client:
+            async with QrkeyClient(server.qr()) as client:
                 await eventually(lambda: client.moves)
                 assert client.epoch_topic == server.epoch.topic != before.topic
                 assert (await client.request(0))["robots"] == [1, 2]
@@ -118,7 +120,7 @@ class TestEverydayUse:
             asleep_with = server.qr()
             await server.wait_connected(10)
             await eventually(lambda: server.qr() != asleep_with and not server.overlapping)
-            async with Client(asleep_with) as phone:
+            async with QrkeyClient(asleep_with) as phone:
                 assert (await phone.request(0))["robots"] == [1, 2]
                 assert phone.moves >= 1
         assert server.counters["knocks"] >= 1
@@ -159,7 +161,7 @@ class TestEverydayUse:
 
         async with server:
             await server.wait_connected(10)
-            async with Client(server.qr()) as client:
+            async with QrkeyClient(server.qr()) as client:
                 for name in ("refuse", "break", "lookup", "library", "unfit", "unheard-of", "watched"):
                     await client.command("AB", name, "secret payload")
                 for number in (1, 2):
@@ -179,7 +181,7 @@ class TestEverydayUse:
     async def test_a_clock_may_be_off_by_thirty_seconds(self, broker, skew_s, well):
         async with a_server(broker) as server:
             await server.wait_connected(10)
-            async with Client(server.qr(), clock=lambda: time.time() + skew_s) as client:
+            async with QrkeyClient(server.qr(), clock=lambda: time.time() + skew_s) as client:
                 if well:
                     assert await client.request(0)
                     return

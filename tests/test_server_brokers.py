@@ -26,7 +26,7 @@ from conftest import (
 )
 from phalanx.config import LinkConfig
 from phalanx.errors import Unavailable, UsageError
-from phalanx.io import ANY, Client, Login, Server
+from phalanx.io import ANY, Login, QrkeyClient, Server
 from phalanx.io.broker import open_broker
 from phalanx.io.mosquitto import MEMORY_BYTES, mosquitto, serves
 from ports import free_port
@@ -50,7 +50,7 @@ class TestBrokersThatComeAndGo:
             server.on_command(ANY)(heard.append)
             async with server:
                 await server.wait_connected(10)
-                async with Client(server.qr()) as client:
+                async with QrkeyClient(server.qr()) as client:
                     await client.command("AB", "x", 0)
                     await eventually(lambda: heard)
                     kill()
@@ -69,7 +69,7 @@ class TestBrokersThatComeAndGo:
     async def test_a_supervised_mosquitto_that_is_killed_comes_back_by_itself(self):
         async with a_broker() as broker, a_server(broker) as server:
             await server.wait_connected(10)
-            async with Client(server.qr()) as client:
+            async with QrkeyClient(server.qr()) as client:
                 os.system(f"pkill -9 -f 'mosquitto -c /tmp/phalanx-.*' -P {os.getpid()}")
                 await eventually(lambda: not server.connected)
                 await eventually(lambda: server.connected)
@@ -130,7 +130,7 @@ class TestBrokersThatComeAndGo:
             server = Server(f"mqtt://127.0.0.1:{tcp}", broker_for_visitors=f"ws://127.0.0.1:{ws}/mqtt", config=config)
             async with with_an_old_pin(server, 57.0):
                 await server.wait_connected(10)
-                async with Client(server.qr()) as client:
+                async with QrkeyClient(server.qr()) as client:
                     kill()
                     await eventually(lambda: not server.connected)
                     assert not server.overlapping
@@ -162,7 +162,7 @@ class TestBrokersThatComeAndGo:
             assert slow_s == 0 or server.epoch is not before
             monkeypatch.undo()
             assert {topic.split("/")[2] for topic in asked} >= {server.epoch.topic}
-            async with Client(server.qr()) as client:
+            async with QrkeyClient(server.qr()) as client:
                 assert (await client.request(0, timeout_s=5))["robots"] == [1, 2]
 
     async def test_a_subscription_that_fails_leads_to_a_new_connection(self, broker, monkeypatch):
@@ -179,7 +179,7 @@ class TestBrokersThatComeAndGo:
             monkeypatch.setattr(aiomqtt.Client, "subscribe", subscribe)
             await eventually(lambda: server.connected)
             assert server.reconnects == 1
-            async with Client(server.qr()) as client:
+            async with QrkeyClient(server.qr()) as client:
                 assert (await client.request(0, timeout_s=5))["robots"] == [1, 2]
 
     @pytest.mark.parametrize("mqtt", [5, 4])
@@ -334,14 +334,14 @@ class TestBrokersThatComeAndGo:
     async def test_an_unreachable_broker_is_one_clear_error_for_a_client(self):
         qr = Server("mqtt://127.0.0.1:1", broker_for_visitors=f"ws://127.0.0.1:{free_port()}/mqtt").qr()
         with pytest.raises(Unavailable, match="no broker at"):
-            async with Client(qr, timeout_s=0.5):
+            async with QrkeyClient(qr, timeout_s=0.5):
                 pass
 
     async def test_two_servers_on_one_broker_do_not_hear_each_other(self, broker):
         async with a_server(broker) as one, a_server(broker) as other:
             await one.wait_connected(10)
             await other.wait_connected(10)
-            async with Client(one.qr()) as client:
+            async with QrkeyClient(one.qr()) as client:
                 await client.command("AB", "x", 1)
                 await eventually(lambda: one.heard)
             assert not other.heard

@@ -16,7 +16,7 @@ import pytest
 from conftest import a_server, bare_mosquitto, eventually, somebody
 from phalanx.config import LinkConfig
 from phalanx.crypto import seal_jwe
-from phalanx.io import Client, Login, Server
+from phalanx.io import Login, QrkeyClient, Server
 from phalanx.link.envelope import encode_envelope, seal
 from ports import free_port
 
@@ -35,7 +35,7 @@ class TestHostileMessages:
                 for i in range(10_000):
                     await attacker.publish(*hostile(chance, base, good, server.epoch, i))
                     sent += 1
-            async with Client(server.qr()) as client:
+            async with QrkeyClient(server.qr()) as client:
                 assert (await client.request(0))["robots"] == [1, 2]
             await eventually(lambda: sum(server.rejected.values()) + len(server.heard) >= sent, 30)
             assert sum(server.rejected.values()) + len(server.heard) == sent
@@ -62,7 +62,7 @@ class TestHostileMessages:
 
         async with server:
             await server.wait_connected(10)
-            async with Client(server.qr()) as client:
+            async with QrkeyClient(server.qr()) as client:
                 await client.command("AB", "slow", 1)
                 await began.wait()
                 async with somebody(broker) as attacker:
@@ -82,7 +82,7 @@ class TestHostileMessages:
         reading = asyncio.Event()
         async with a_server(broker) as server:
             await server.wait_connected(10)
-            client = Client(server.qr())
+            client = QrkeyClient(server.qr())
             read = client._on_message
 
             async def slowly(topic, token):
@@ -110,7 +110,7 @@ class TestHostileMessages:
                     for _ in range(20):
                         await attacker.publish(f"/qrkey/{server.epoch.topic}/request", b"A" * 1_000_000)
                 await eventually(lambda: server.rejected["too_large"] == 20)
-                async with Client(server.qr()) as client:
+                async with QrkeyClient(server.qr()) as client:
                     assert await client.request(0) == [1, 2]
 
     @pytest.mark.parametrize("topic", [b"a/+/b", b"#", b"", b"\xff\xfe", b"\x1b]0;owned\x07/#"])
@@ -151,7 +151,7 @@ class TestHostileMessages:
             server.on_request(0)(lambda request: [1, 2])
             await server.wait_connected(10)
             before = server.epoch
-            async with Client(server.qr()) as client:
+            async with QrkeyClient(server.qr()) as client:
                 token = seal_jwe(b'{"cmd":255,"pin_code":"666666666666"}', before.key, os.urandom(12))
                 async with somebody(broker) as visitor:
                     for sub in ("request", "notify", "command/0000/A/0/x"):
@@ -176,7 +176,7 @@ class TestHostileMessages:
         )
         async with server:
             await server.wait_connected(10)
-            async with Client(server.qr(), login=login) as client:
+            async with QrkeyClient(server.qr(), login=login) as client:
                 await client.command("AB", "x", {"payload": "of the visitor"})
                 await eventually(lambda: client.moves >= 2, 15)
         assert len(pins) >= 3

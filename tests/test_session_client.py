@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from phalanx.config.session import SessionConfig
 from phalanx.errors import BadPayload, PeerError, Unavailable, UsageError
-from phalanx.io.session_client import RequestRefused, SessionClient, SessionOver
+from phalanx.io.session_client import Client, RequestRefused, SessionOver
 from phalanx.io.session_connection import websocket_url
 from phalanx.link.session import EndReason, Kind, Reason, Role, Secret
 from phalanx.link.session.invitation import BadInvitation
@@ -50,7 +50,7 @@ class TestUrl:
 
 class TestVisiting:
     async def test_a_visitor_lists_drives_sends_on_a_route_and_stops(self):
-        async with Endpoint() as swarm, SessionClient(swarm.url(), name="Ada") as client:
+        async with Endpoint() as swarm, Client(swarm.url(), name="Ada") as client:
             assert client.is_joined
             assert (client.name, client.standing.role) == ("Ada", Role.DRIVE)
             assert [each["address"] for each in await client.robots()] == ["A1", "B2"]
@@ -67,13 +67,13 @@ class TestVisiting:
         async with Endpoint() as swarm:
             numbers = iter(range(1000))
             swarm.state = lambda: json.dumps({"seq": next(numbers)}).encode()
-            async with SessionClient(swarm.url()) as client:
+            async with Client(swarm.url()) as client:
                 updates = client.updates()
                 seen = [(await anext(updates))["seq"] for _ in range(5)]
                 assert seen == list(range(seen[0], seen[0] + 5))
 
     async def test_one_record_is_sent_in_each_slot_while_a_robot_is_leased(self):
-        async with Endpoint(config=SessionConfig(lease_ms=1000)) as swarm, SessionClient(swarm.url()) as client:
+        async with Endpoint(config=SessionConfig(lease_ms=1000)) as swarm, Client(swarm.url()) as client:
             await client.drive("A1", 50, 50, for_s=1.0)
             await until(lambda: client.standing.robot == "")
             records = [each for each in swarm.seen if each.up][4:]
@@ -83,7 +83,7 @@ class TestVisiting:
     async def test_what_is_refused_says_why(self):
         async with Endpoint() as swarm:
             url = swarm.ticket(robots=frozenset({"B2"}))
-            async with SessionClient(url) as client:
+            async with Client(url) as client:
                 with pytest.raises(RequestRefused, match="not allowed") as refused:
                     await client.drive("A1", 10, 10)
                 assert refused.value.why is Reason.NOT_ALLOWED
@@ -95,7 +95,7 @@ class TestVisiting:
                 assert client.refusals["not_allowed"] >= 2
 
     async def test_a_stop_ends_a_drive_and_nothing_moves_the_robot_after_it(self):
-        async with Endpoint() as swarm, SessionClient(swarm.url()) as client:
+        async with Endpoint() as swarm, Client(swarm.url()) as client:
             for _ in range(3):
                 drive = asyncio.create_task(client.drive("A1", 50, 50, for_s=30))
                 await asyncio.sleep(0.35)
@@ -110,7 +110,7 @@ class TestVisiting:
             assert {each.name for each in swarm.commands} == {"move_raw"}
 
     async def test_a_second_drive_takes_over_from_the_first(self):
-        async with Endpoint() as swarm, SessionClient(swarm.url()) as client:
+        async with Endpoint() as swarm, Client(swarm.url()) as client:
             first = asyncio.create_task(client.drive("A1", 10, 10, for_s=30))
             await asyncio.sleep(0.3)
             assert await client.drive("A1", 20, 20, for_s=0.5)
@@ -120,13 +120,13 @@ class TestVisiting:
             assert speeds == [*sorted(speeds[:-1]), 0]
 
     async def test_a_late_command_does_not_end_a_drive(self):
-        async with Endpoint(config=SessionConfig(commands_per_s=3)) as swarm, SessionClient(swarm.url()) as client:
+        async with Endpoint(config=SessionConfig(commands_per_s=3)) as swarm, Client(swarm.url()) as client:
             await client.drive("A1", 10, 10, for_s=1.0)
             assert client.refusals["too_many"] > 0
 
     @pytest.mark.parametrize("payload", [float("nan"), {1, 2}, "x" * 16_001])
     async def test_what_cannot_be_sent_is_a_usage_error(self, payload):
-        async with Endpoint() as swarm, SessionClient(swarm.url()) as client:
+        async with Endpoint() as swarm, Client(swarm.url()) as client:
             with pytest.raises(UsageError):
                 await client.command("A1", "x", payload)
             with pytest.raises(UsageError):
@@ -136,12 +136,12 @@ class TestVisiting:
     async def test_who_has_not_entered_says_nothing(self):
         async with Endpoint() as swarm:
             with pytest.raises(UsageError, match="not entered"):
-                await SessionClient(swarm.url()).stop("A1")
+                await Client(swarm.url()).stop("A1")
 
     @pytest.mark.parametrize("name", ["x" * 256, "a\nb", "\x1b"])
     def test_a_nickname_that_does_not_fit_is_a_usage_error(self, name):
         with pytest.raises(UsageError, match="nickname"):
-            SessionClient(Endpoint(port=1).url(), name=name)
+            Client(Endpoint(port=1).url(), name=name)
 
 
 class TestComingBack:
@@ -149,19 +149,19 @@ class TestComingBack:
         file = tmp_path / "me"
         async with Endpoint() as swarm:
             url = swarm.ticket(uses=1)
-            async with SessionClient(url, secret_file=file) as client:
+            async with Client(url, secret_file=file) as client:
                 first = client.visitor
                 await until(file.exists)
                 await asyncio.sleep(0.2)
             assert stat.S_IMODE(file.stat().st_mode) == 0o600
-            async with SessionClient(url, secret_file=file) as client:
+            async with Client(url, secret_file=file) as client:
                 assert client.visitor == first
             with pytest.raises(SessionOver):
-                async with SessionClient(url):
+                async with Client(url):
                     pass
 
     async def test_a_lost_connection_is_made_again_by_the_same_visitor(self):
-        async with Endpoint() as swarm, SessionClient(swarm.ticket(uses=1)) as client:
+        async with Endpoint() as swarm, Client(swarm.ticket(uses=1)) as client:
             first = client.visitor
             for _ in range(3):
                 await asyncio.sleep(0.2)
@@ -172,7 +172,7 @@ class TestComingBack:
                 assert len(await client.robots()) == 2
 
     async def test_a_server_that_starts_again_is_rejoined_from_its_store(self):
-        async with Endpoint() as swarm, SessionClient(swarm.ticket(uses=1)) as client:
+        async with Endpoint() as swarm, Client(swarm.ticket(uses=1)) as client:
             first = client.visitor
             await asyncio.sleep(0.3)
             swarm.boot()
@@ -181,7 +181,7 @@ class TestComingBack:
             assert client.visitor == first
 
     async def test_a_request_fails_when_the_connection_is_lost(self):
-        async with Endpoint(answer=lambda event: None) as swarm, SessionClient(swarm.url()) as client:
+        async with Endpoint(answer=lambda event: None) as swarm, Client(swarm.url()) as client:
             asking = asyncio.create_task(client.request("robots"))
             await asyncio.sleep(0.2)
             await swarm.cut()
@@ -192,7 +192,7 @@ class TestComingBack:
         file = tmp_path / "me"
         async with Endpoint() as swarm:
             url = swarm.ticket(uses=5)
-            async with SessionClient(url, secret_file=file) as client:
+            async with Client(url, secret_file=file) as client:
                 await until(file.exists)
                 await swarm.do(swarm.operations.remove(client.visitor, swarm.now))
                 await until(lambda: not client.is_joined)
@@ -201,24 +201,24 @@ class TestComingBack:
                         await attempt
                     assert over.value.why is EndReason.REMOVED
             with pytest.raises(SessionOver):
-                async with SessionClient(url, secret_file=file):
+                async with Client(url, secret_file=file):
                     pass
 
     async def test_a_file_of_another_swarm_is_not_used_and_another_file_is_left_as_it_is(self, tmp_path):
         file = tmp_path / "me"
         async with Endpoint() as one, Endpoint() as other:
-            async with SessionClient(one.url(), secret_file=file):
+            async with Client(one.url(), secret_file=file):
                 await until(file.exists)
-            async with SessionClient(other.url(), secret_file=file) as client:
+            async with Client(other.url(), secret_file=file) as client:
                 assert client.visitor == 1
         file.write_text("dear diary")
         with pytest.raises(UsageError, match="keeps no session"):
-            SessionClient(one.url(), secret_file=file)
+            Client(one.url(), secret_file=file)
         assert file.read_text() == "dear diary"
 
     async def test_a_swarm_that_stays_away_ends_the_session(self):
         async with Endpoint() as swarm:
-            client = SessionClient(swarm.url(), away_s=0.5)
+            client = Client(swarm.url(), away_s=0.5)
             async with client:
                 await swarm.__aexit__()
                 with pytest.raises(Unavailable, match="no connection"):
@@ -232,10 +232,10 @@ class TestHostileServers:
             url = swarm.url()
             swarm.server.receive = lambda *args: []
             with pytest.raises(Unavailable, match="no answer"):
-                async with SessionClient(url, timeout_s=0.5):
+                async with Client(url, timeout_s=0.5):
                     pass
         with pytest.raises(Unavailable):
-            async with SessionClient(url, timeout_s=0.5):
+            async with Client(url, timeout_s=0.5):
                 pass
 
     async def test_an_impostor_with_another_key_is_not_believed(self):
@@ -243,21 +243,21 @@ class TestHostileServers:
             impostor.server.connections._find_secret = lambda *args: swarm.server.door.code  # which visitors know
             url = swarm.url().replace(f":{swarm.port}/", f":{impostor.port}/")
             with pytest.raises(SessionOver):
-                async with SessionClient(url):
+                async with Client(url):
                     pass
             assert impostor.server.rejected == {"not_authentic": 1}
 
     async def test_a_secret_that_nobody_gave_is_refused(self):
         async with Endpoint() as swarm:
             with pytest.raises(SessionOver, match="does not admit"):
-                async with SessionClient(swarm.url(Secret(Kind.TICKET, os.urandom(16)))):
+                async with Client(swarm.url(Secret(Kind.TICKET, os.urandom(16)))):
                     pass
 
     @pytest.mark.parametrize(
         "raw", [b"", b"[", b"NaN", b'{"a":1,"a":2}', b"1e999", b"\xff", b"[" * 100_000, b"9" * 5000]
     )
     async def test_a_reply_that_is_not_json_is_a_peer_error(self, raw):
-        async with Endpoint(answer=lambda event: raw) as swarm, SessionClient(swarm.url()) as client:
+        async with Endpoint(answer=lambda event: raw) as swarm, Client(swarm.url()) as client:
             with pytest.raises(BadPayload):
                 await client.robots()
             swarm.state = lambda: raw
@@ -269,7 +269,7 @@ class TestHostileServers:
             assert client.rejected["bad_payload"] > 0
 
     async def test_unread_updates_are_bounded(self):
-        async with Endpoint(tick_s=0.001) as swarm, SessionClient(swarm.url()) as client:
+        async with Endpoint(tick_s=0.001) as swarm, Client(swarm.url()) as client:
             swarm.state = lambda: b'"' + b"x" * 100_000 + b'"'
             await until(lambda: client.dropped > 50)
             assert sum(map(len, client._updates)) <= 4 * 1024 * 1024
@@ -295,7 +295,7 @@ class TestHostileServers:
             await web.TCPSite(runner, "127.0.0.1", 0).start()
             endpoint = Endpoint(port=runner.addresses[0][1])
             try:
-                async with SessionClient(endpoint.url(), timeout_s=0.3):
+                async with Client(endpoint.url(), timeout_s=0.3):
                     pass
             except (PeerError, Unavailable):
                 pass

@@ -20,7 +20,7 @@ import pytest
 from conftest import Turns, a_gateway, a_server, bare_mosquitto, eventually, somebody
 from phalanx.cli.terminal import EventLines
 from phalanx.gateway.gateway import Gateway, Told
-from phalanx.io import Client, Server
+from phalanx.io import QrkeyClient, Server
 from phalanx.io.broker import open_broker
 from phalanx.io.front.link import frame_head
 from phalanx.io.private_file import private_folder
@@ -153,7 +153,7 @@ class TestNothingFreezesTheGateway:
                         await asyncio.to_thread(stranger.publish, request, b"A" * size)
                 await eventually(lambda: server.rejected == {"too_large": 2}, 60)
                 assert turns.longest_s < 0.05
-                async with Client(server.qr(), broker=server.broker) as visitor:
+                async with QrkeyClient(server.qr(), broker=server.broker) as visitor:
                     assert await visitor.request(0) == [1, 2]
                 assert server.reconnects == 0
 
@@ -196,7 +196,7 @@ class TestOurBroker:
             await server.wait_connected(10)
             os.kill(the_process(broker.url.port), signal.SIGSTOP)
             await eventually(lambda: server.reconnects, 60)
-            async with Client(server.qr()) as client:
+            async with QrkeyClient(server.qr()) as client:
                 assert (await client.request(0))["robots"] == [1, 2]
 
 
@@ -212,7 +212,7 @@ class TestLateness:
             async with Server(f"mqtt://127.0.0.1:{tcp}") as server:
                 gateway = asyncio.create_task(Gateway(swarm, server).run())
                 await server.wait_connected(10)
-                async with Client(server.qr(), broker=server.broker) as visitor:
+                async with QrkeyClient(server.qr(), broker=server.broker) as visitor:
                     news = visitor.notifications()
                     await anext(news)
                     pid = the_process(tcp)

@@ -7,7 +7,7 @@ import pytest
 import traffic
 from phalanx.gateway import session_link
 from phalanx.gateway.trail import Trail
-from phalanx.io.session_client import SessionClient
+from phalanx.io.session_client import Client
 from phalanx.io.session_store import new_link_keys
 from phalanx.link.session import MemoryStore, padding
 from session_front import FakeFront
@@ -43,7 +43,7 @@ def test_without_padding_both_are_told(best, monkeypatch):
 
 
 def test_without_the_constant_rate_forward_is_told_from_stop(best, monkeypatch):
-    monkeypatch.setattr(SessionClient, "_is_paced", property(lambda self: False))
+    monkeypatch.setattr(Client, "_is_paced", property(lambda self: False))
     action, _ = best(8, 8)
     assert action > 0.9
 

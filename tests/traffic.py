@@ -19,7 +19,7 @@ from phalanx.config.session import SessionConfig
 from phalanx.gateway import Gateway
 from phalanx.gateway.session_link import SessionLink
 from phalanx.gateway.trail import Trail
-from phalanx.io.session_client import SessionClient
+from phalanx.io.session_client import Client
 from phalanx.io.session_store import new_link_keys
 from phalanx.link.session import MemoryStore
 from phalanx.robot import Led, Point, Robot
@@ -120,7 +120,7 @@ async def recorded(seed: int, for_s: float) -> tuple[list[Seen], list[Segment]]:
         jobs = [asyncio.create_task(job) for job in (link.run(), Gateway(swarm, link).run())]
         stack.push_async_callback(ended, jobs)
         url = f"http://127.0.0.1:{front.port}/#{link.invitation.fragment()}"
-        async with SessionClient(url, name="Ada") as client:
+        async with Client(url, name="Ada") as client:
             segments, drives, robot = [], [], ""
             await asyncio.sleep(chance.random())  # its slots come at any time between the gateway's ticks
             end_s = time.monotonic() + for_s

@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Any
 
 from phalanx.errors import PeerError, Unavailable
-from phalanx.io import Client, Login, SessionClient
+from phalanx.io import Client, Login, QrkeyClient
 from phalanx.io.broker_url import BrokerUrl
 from phalanx.io.session_payloads import wheels
 from phalanx.link import QrUrl
@@ -47,7 +47,7 @@ class Visitor:
 
 def qrkey_visitor(qr: QrUrl, broker: BrokerUrl | None, login: Login | None, timeout_s: float) -> Visitor:
     """Return a visitor in mode qrkey."""
-    client = Client(qr, broker=broker, login=login, timeout_s=timeout_s)
+    client = QrkeyClient(qr, broker=broker, login=login, timeout_s=timeout_s)
 
     async def robots() -> Any:
         return await client.request(0, timeout_s=timeout_s, frames=True)
@@ -67,7 +67,7 @@ def qrkey_visitor(qr: QrUrl, broker: BrokerUrl | None, login: Login | None, time
 
 def session_visitor(url: str, name: str, keep: Path | None, timeout_s: float) -> Visitor:
     """Return a visitor with a session. Raises: BadInvitation; UsageError: the file keeps something else."""
-    client = SessionClient(url, name=name, secret_file=keep, timeout_s=timeout_s)
+    client = Client(url, name=name, secret_file=keep, timeout_s=timeout_s)
 
     async def robots() -> Any:
         return await client.request("robots")

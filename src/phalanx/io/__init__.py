@@ -11,19 +11,19 @@ if TYPE_CHECKING:
     from phalanx.link.qrurl import Login
 
     from .broker_url import BrokerUrl, parse_broker_url
-    from .client import Client
+    from .qrkey_client import QrkeyClient
     from .server import ANY, Server
-    from .session_client import SessionClient
+    from .session_client import Client
 
-__all__ = ["ANY", "BrokerUrl", "Client", "Login", "Server", "SessionClient", "parse_broker_url"]
+__all__ = ["ANY", "BrokerUrl", "Client", "Login", "QrkeyClient", "Server", "parse_broker_url"]
 
 _FOUND_IN = {
     "ANY": "server",
     "BrokerUrl": "broker_url",
-    "Client": "client",
+    "QrkeyClient": "qrkey_client",
     "Login": "broker_url",
     "Server": "server",
-    "SessionClient": "session_client",
+    "Client": "session_client",
     "parse_broker_url": "broker_url",
 }
 

@@ -1,4 +1,4 @@
-"""A visitor's end of a session over a websocket, for programs. Use it as `phalanx.link.SessionClient`."""
+"""A visitor's end of a session over a websocket, for programs. Use it as `phalanx.link.Client`."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from phalanx.link.topics import ADDRESS, NAME, is_address
 from .session_connection import LOST, SessionConnection, SessionOver, websocket_url
 from .session_payloads import check_nickname, check_word, payload_bytes, wheels
 
-__all__ = ["RequestRefused", "SessionClient", "SessionOver"]
+__all__ = ["Client", "RequestRefused", "SessionOver"]
 
 SLOT_S = 0.1  # between two records while a robot is assigned or leased
 FIRST_UPDATE_S = 1.0
@@ -50,7 +50,7 @@ class RequestRefused(PeerError):
         super().__init__(f"{what} was refused: {self.reason.replace('_', ' ')}")
 
 
-class SessionClient:
+class Client:
     """One visitor of a swarm. Use as `async with`: entered once it is admitted, or waits for approval.
 
     A lost connection is made again, and the session resumed. While a robot is assigned to this visitor or leased, it

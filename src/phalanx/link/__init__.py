@@ -1,4 +1,4 @@
-"""Who may command: the pure protocol. `Server`, `Client` and `SessionClient`, of `phalanx.io`, are here as well."""
+"""Who may command: the pure protocol. `Server`, `QrkeyClient` and `Client`, of `phalanx.io`, are here as well."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .qrurl import BadQrUrl, QrUrl, parse_qr_url
 from .server_side import ServerSide
 
 if TYPE_CHECKING:
-    from phalanx.io import Client, Server, SessionClient
+    from phalanx.io import Client, QrkeyClient, Server
 
 __all__ = [
     "BadPin",
@@ -24,10 +24,10 @@ __all__ = [
     "Epoch",
     "Pin",
     "QrUrl",
+    "QrkeyClient",
     "Request",
     "Server",
     "ServerSide",
-    "SessionClient",
     "SharedAnswer",
     "derive_epoch",
     "new_pin",
@@ -36,4 +36,4 @@ __all__ = [
 
 
 # The one door upwards (ADR 0003): people look for `link.Server`, and the protocol must not import sockets.
-__getattr__ = loaded_when_used(__name__, {"Client": ".io", "Server": ".io", "SessionClient": ".io"})
+__getattr__ = loaded_when_used(__name__, {"QrkeyClient": ".io", "Server": ".io", "Client": ".io"})

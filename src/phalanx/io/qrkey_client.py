@@ -1,4 +1,4 @@
-"""A visitor's end of the link, for programs. Use it as `phalanx.link.Client`."""
+"""A visitor of mode qrkey, for programs. Use it as `phalanx.link.QrkeyClient`."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ASK_AGAIN_S = 1.5
 FIRST_FRAME_S = 1.0  # a gateway sends one every 300 ms at least; other servers may send none
 
 
-class Client:
+class QrkeyClient:
     """One visitor of a swarm. Use as `async with`: entered once the broker is connected.
 
     Args:
