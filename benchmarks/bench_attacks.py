@@ -22,15 +22,15 @@ from dataclasses import astuple, dataclass, fields
 from multiprocessing import get_context
 from pathlib import Path
 
+from phalanx.attacks import IN_FLOCKS
 from phalanx.config.defence import DEFENCES
 from phalanx.errors import PhalanxError
-from phalanx.experiments.bti.attack_trial import airtime_since, sent, stop_bound_s
-from phalanx.experiments.table import Table, TableFile, version
-from phalanx.robot.attacks import IN_FLOCKS
-from phalanx.robot.attacks.liar import Liar
+from phalanx.papers.bti.attack_trial import airtime_since, sent, stop_bound_s
+from phalanx.papers.table import Table, TableFile, version
+from phalanx.robot.adversary.liar import Liar
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.scenarios.run import Run
 
 ROBOTS = 25
 # Rounds come every 4 s: attacks begin anywhere from the first second of grace to the fifth of them.

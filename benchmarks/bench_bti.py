@@ -35,8 +35,8 @@ from phalanx.config import BtiConfig
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.bundled import flock
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.scenarios.run import Run
 from phalanx.wire.fields import copy, put_u16
+from phalanx.world.scenarios.run import Run
 
 HERE = Path(__file__).parent
 BEGIN, END = "<!-- what bench_bti.py wrote -->\n", "<!-- until here -->\n"

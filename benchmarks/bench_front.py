@@ -31,10 +31,10 @@ from processes import children, cpu_s, in_line_s, rss_mb
 from phalanx.config.front import FrontConfig
 from phalanx.config.session import SessionConfig
 from phalanx.errors import UsageError
-from phalanx.io.children import end_with
-from phalanx.io.front import Closed, Front, Opened, Received
 from phalanx.link.session import Invitation, MemoryStore, Now, SessionServer
 from phalanx.link.session.events import Close, Commanded, Joined, Publish, Send
+from phalanx.net.children import end_with
+from phalanx.net.front import Closed, Front, Opened, Received
 
 VISITORS, PER_S, TICK_S = 20, 20, 0.1
 STATE = bytes(1900)

@@ -16,10 +16,10 @@ from bench_codec import LINK, WHEELS, fresh_epoch
 from rows import Row, ratio
 
 from phalanx.crypto import IV_BYTES
-from phalanx.io import QrkeyClient, Server
-from phalanx.io.broker import RunningBroker, open_broker
-from phalanx.io.ports import free_port
 from phalanx.link.envelope import encode_envelope, seal
+from phalanx.net import QrkeyClient, Server
+from phalanx.net.broker import RunningBroker, open_broker
+from phalanx.net.ports import free_port
 
 ADDRESS = "DECAFBAD00000001"
 MOST_TIMES_BROKER = 2.0

@@ -24,12 +24,12 @@ from rows import Row, print_table
 
 from phalanx.cli.mission.files import read_plain
 from phalanx.mission import BuildOptions, Profile, build
-from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.sim.building.odometry import OdometryNoise
-from phalanx.sim.missions.report import Report
-from phalanx.sim.missions.run import run_mission
-from phalanx.sim.missions.setup import MissionRun, Part
-from phalanx.sim.missions.truth import FALSE_FIX_M
+from phalanx.world.building.floorplan import load_floorplan
+from phalanx.world.building.odometry import OdometryNoise
+from phalanx.world.missions.report import Report
+from phalanx.world.missions.run import run_mission
+from phalanx.world.missions.setup import MissionRun, Part
+from phalanx.world.missions.truth import FALSE_FIX_M
 
 ROBOTS, CORES = 100, 2
 LIMIT = 5.0

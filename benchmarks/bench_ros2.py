@@ -23,9 +23,9 @@ from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
 
-from phalanx.io.keyring import Keys
-from phalanx.io.mission_key import issued
 from phalanx.lab.arena.places import free_ports
+from phalanx.net.keyring import Keys
+from phalanx.net.mission_key import issued
 from phalanx.wire.table import BOARD
 
 ROBOTS, APART_M = 3, 20.0

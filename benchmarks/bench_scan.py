@@ -22,8 +22,8 @@ from rows import Row, print_table
 from phalanx.config.lidar import LidarConfig
 from phalanx.mission.landmarks import extract
 from phalanx.mission.landmarks.lidar import Lidar
-from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.sim.building.walkers import free_place
+from phalanx.world.building.floorplan import load_floorplan
+from phalanx.world.building.walkers import free_place
 
 RUNS, QUICK_RUNS, PLAIN_RUNS = 400, 50, 6
 LIMIT_US = 150.0

@@ -20,9 +20,9 @@ from pathlib import Path
 
 from rows import Row, print_table
 
-from phalanx.experiments.sweep.dealing import run_sweep
-from phalanx.experiments.sweep.plan import read_sweep
-from phalanx.experiments.sweep.store import Store
+from phalanx.lab.sweep.dealing import run_sweep
+from phalanx.lab.sweep.plan import read_sweep
+from phalanx.lab.sweep.store import Store
 
 LIMIT = 1.8
 SHORT = 600

@@ -23,7 +23,7 @@ from processes import children, cpu_s
 from rows import Row, print_table
 
 from phalanx.cli.gateway_of import ask_gateway
-from phalanx.io.seats import allow_files
+from phalanx.net.seats import allow_files
 from phalanx.wire.sessions import UPDATE_HEAD
 
 MOST_GATEWAY, MOST_FRONT, MOST_JOIN_S, MOST_REMOVAL_S = 0.4, 0.6, 2.0, 1.0

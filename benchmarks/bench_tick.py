@@ -16,7 +16,7 @@ from phalanx.gateway.gateway import TICK_S
 from phalanx.gateway.running import WORLD_HZ
 from phalanx.link.envelope import encode_envelope, seal
 from phalanx.robot import Point
-from phalanx.sim.swarms.dotbots import Dotbots
+from phalanx.world.swarms.dotbots import Dotbots
 
 
 def driving(count: int) -> Dotbots:

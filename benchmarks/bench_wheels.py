@@ -22,9 +22,9 @@ import aiohttp
 from aiohttp import web
 
 from phalanx.gateway import UpOptions, up
-from phalanx.io import QrkeyClient
 from phalanx.link.session import parse_invitation
-from phalanx.sim import Dotbots
+from phalanx.net import QrkeyClient
+from phalanx.world import Dotbots
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from session_front import visiting

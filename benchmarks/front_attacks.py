@@ -14,10 +14,10 @@ from collections.abc import Callable
 
 from phalanx.config.session import SessionConfig
 from phalanx.errors import UsageError
-from phalanx.io.children import end_with
-from phalanx.io.seats import allow_files
 from phalanx.link.session import SessionClient, parse_invitation
 from phalanx.link.session.events import KeepSecret, Transmit
+from phalanx.net.children import end_with
+from phalanx.net.seats import allow_files
 
 LINK = (
     b"GET /link HTTP/1.1\r\nHost: us\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"

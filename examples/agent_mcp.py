@@ -18,8 +18,8 @@ from mcp.server.mcpserver.exceptions import ToolError
 from pydantic import Field
 
 from phalanx.errors import PeerError, PhalanxError, Unavailable, UsageError
-from phalanx.io.session_client import RequestRefused
 from phalanx.link import Client
+from phalanx.net.session_client import RequestRefused
 
 LONGEST_S = 10.0  # of one drive: an agent that is slow to think must not leave a robot rolling
 LISTED = 100  # robots in an answer

@@ -11,7 +11,7 @@ import numpy as np
 from phalanx.config import BtiConfig
 from phalanx.config.guard import GuardConfig
 from phalanx.robot import Planner
-from phalanx.sim import Scenario, simulate
+from phalanx.world import Scenario, simulate
 
 Pair = tuple[float, float]
 FIELD = ((-10.0, -10.0), (70.0, -10.0), (70.0, 70.0), (-10.0, 70.0))

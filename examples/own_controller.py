@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from phalanx.config import BtiConfig
 from phalanx.robot import F32, U16, Command, Controller, Reading, State
-from phalanx.sim import Scenario, simulate
+from phalanx.world import Scenario, simulate
 
 GOAL_M = (120.0, 120.0)
 

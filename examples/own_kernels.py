@@ -25,7 +25,7 @@ from phalanx.robot.kernels import (
     put_u64,
     table,
 )
-from phalanx.sim import Scenario, simulate
+from phalanx.world import Scenario, simulate
 
 # It remembers a neighbour in the place of its id modulo 16: id, when it was heard, place and velocity.
 PLACES, EACH = 16, table.NEIGHBOUR.size

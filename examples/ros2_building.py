@@ -25,10 +25,10 @@ from sensor_msgs.msg import LaserScan
 
 from phalanx.config.lidar import LidarConfig
 from phalanx.robot.controllers.mission.readings import Sensors
-from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.sim.building.odometry import OdometryNoise
-from phalanx.sim.missions.body import Building, MissionBody
 from phalanx.wire.table import DRIVE, KIND_DRIVE
+from phalanx.world.building.floorplan import load_floorplan
+from phalanx.world.building.odometry import OdometryNoise
+from phalanx.world.missions.body import Building, MissionBody
 
 STEP_S, COUNTS_S = 0.1, 0.5
 

@@ -15,8 +15,8 @@ sys.path.insert(0, str(ROOT / "tests" / "attacks"))
 
 from trials import Trial, attacked  # noqa: E402
 
+from phalanx.attacks import IN_FLOCKS  # noqa: E402
 from phalanx.config.defence import DEFENCES  # noqa: E402
-from phalanx.robot.attacks import IN_FLOCKS  # noqa: E402
 
 NOTHING = 1e-6  # of metres: rounding
 PAGE = ROOT / "docs" / "attacks.md"

@@ -21,8 +21,8 @@ from typing import Any
 
 from phalanx.config import BtiConfig
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.audited import loop
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.audited import loop
+from phalanx.world.scenarios.run import Run
 
 MOST = 25
 SOURCES = Path(__file__).resolve().parents[1] / "src" / "phalanx"

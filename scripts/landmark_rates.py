@@ -17,7 +17,7 @@ from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.mission.landmarks import FloorPlan, extract, landmarks_of
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.observable import Landmark
-from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.world.building.floorplan import load_floorplan
 
 NEAR_M = 10.0  # visible: this near, not flatter than this, wholly in the field of view
 FLAT_RAD = math.radians(20)

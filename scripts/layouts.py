@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.scenarios.run import Run
 
 RANGE_M = 116.0  # of the paper's radio
 STEP_S = 0.05

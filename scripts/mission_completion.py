@@ -36,11 +36,11 @@ from phalanx.mission import BuildOptions, Mission, Profile, build
 from phalanx.mission.authoring.survey import begun_at, roomiest, survey
 from phalanx.mission.file import sealed
 from phalanx.mission.worth.outlook import time_for_s
-from phalanx.sim.building.floorplan import FloorPlan, load_floorplan
-from phalanx.sim.building.odometry import OdometryNoise
-from phalanx.sim.missions.orders import Orders, orders_of
-from phalanx.sim.missions.report import summary
-from phalanx.sim.missions.run import run_mission
+from phalanx.world.building.floorplan import FloorPlan, load_floorplan
+from phalanx.world.building.odometry import OdometryNoise
+from phalanx.world.missions.orders import Orders, orders_of
+from phalanx.world.missions.report import summary
+from phalanx.world.missions.run import run_mission
 
 ELSEWHERE = Path(__file__).parent.parent / "tests" / "data" / "maps"
 MAPS = (

@@ -7,7 +7,7 @@ first; they are not ours to pass on). After each scan such a log goes on from th
 lies between is odometry as it was. How wrong that is on the whole is measured in the surveyed part, and told the robot;
 so is how close things stand there that look the same, since nobody knows what stands where the survey was not.
 
-A fix is false as `phalanx.sim.missions.truth` has it, by the corrected pose. Ends with 1 if any was.
+A fix is false as `phalanx.world.missions.truth` has it, by the corrected pose. Ends with 1 if any was.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from phalanx.mission.landmarks import LaserScan, extract
 from phalanx.mission.observable import HALF_TURN_TYPES, number_or_nan
 from phalanx.mission.walk.chart import turn_to
 from phalanx.mission.walk.fix import begun_at, fixed, wheels_of
-from phalanx.sim.missions.truth import wrong_by
+from phalanx.world.missions.truth import wrong_by
 
 Pose = tuple[float, float, float]
 KINDS = ("doorway", "corner_convex", "concave_left", "concave_right")

@@ -21,7 +21,7 @@ from matplotlib.axes import Axes
 
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.mission.landmarks import Features, FloorPlan, LaserScan, extract, landmarks_of
-from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.world.building.floorplan import load_floorplan
 
 MARKS = {"doorway": "rs", "corner_convex": "g.", "concave_left": "y<", "concave_right": "y>", "room": "m*", "qr": "kD"}
 REAL_DOORS = ExtractionConfig(door_min_m=0.7)

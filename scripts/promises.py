@@ -33,18 +33,18 @@ from pathlib import Path
 
 import layouts
 
+from phalanx.attacks import IN_FLOCKS
 from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import PhalanxError, UsageError
-from phalanx.experiments.bti.attack_trial import Sent, airtime_since
-from phalanx.experiments.table import Table, TableFile, version
-from phalanx.robot.attacks import IN_FLOCKS
-from phalanx.robot.attacks.liar import Liar
+from phalanx.papers.bti.attack_trial import Sent, airtime_since
+from phalanx.papers.table import Table, TableFile, version
+from phalanx.robot.adversary.liar import Liar
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.scenarios.run import Run
 
 # In layouts.py's.
 LIES, NOBODY = {"hidden": "talk-over-replies", "relayed": "relay-hello"}, "nobody"

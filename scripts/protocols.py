@@ -14,14 +14,14 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from phalanx.attacks import IN_PROTOCOLS
 from phalanx.config.defence import DEFENCES
 from phalanx.config.flock import Box
-from phalanx.experiments.plot import BLUE, GREY, VERMILION
-from phalanx.robot.attacks import IN_PROTOCOLS
+from phalanx.papers.plot import BLUE, GREY, VERMILION
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.scenario import PROTOCOLS
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.scenarios.run import Run
 
 IMAGES = Path(__file__).parents[1] / "docs" / "img"
 OTHERS = ("spoof", "false-state", "omit-sends", "hijack")

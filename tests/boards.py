@@ -14,8 +14,8 @@ from phalanx.bti import elsewhere, trusted
 from phalanx.bti.elsewhere import FORWARDED
 from phalanx.bti.nodes import Limits, MissionKey
 from phalanx.bti.trusted import REASONS
-from phalanx.io.serial_line import open_line
-from phalanx.io.serial_node import SerialNode
+from phalanx.net.serial_line import open_line
+from phalanx.net.serial_node import SerialNode
 from phalanx.wire import lines
 
 ROOT = Path(__file__).parent.parent

@@ -29,10 +29,10 @@ from certificates import make_certificate
 from chromium import CHROMIUM, FLAGS
 from phalanx.cli.main import run_command
 from phalanx.gateway.serve_pages import PAGES, VISITOR_POLICY, OperatorPages
-from phalanx.io import ANY, Server
-from phalanx.io.broker import open_broker
-from phalanx.io.ports import listen
-from phalanx.io.site import Site
+from phalanx.net import ANY, Server
+from phalanx.net.broker import open_broker
+from phalanx.net.ports import listen
+from phalanx.net.site import Site
 from ports import free_port
 from zygote import Forked, is_plain
 

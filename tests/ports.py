@@ -9,7 +9,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from phalanx.io.ports import LOOPBACK, is_free
+from phalanx.net.ports import LOOPBACK, is_free
 
 RANGE = range(10_000, 18_000)
 STRIDE = 37  # of a broker elsewhere, browsers' port is guessed as the one after its own: no test may listen there

@@ -9,9 +9,9 @@ import time
 from pathlib import Path
 
 import boards
-from phalanx.io.children import die_with_parent
-from phalanx.io.serial_line import open_line
-from phalanx.io.serial_node import SerialNode
+from phalanx.net.children import die_with_parent
+from phalanx.net.serial_line import open_line
+from phalanx.net.serial_node import SerialNode
 
 # A processor of each kind that the nodes are compiled for (firmware/targets.mk).
 MACHINES = {

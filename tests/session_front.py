@@ -12,7 +12,6 @@ import aiohttp
 from aiohttp import web
 
 from phalanx.config.session import SessionConfig
-from phalanx.io.front import Closed, Opened, Received
 from phalanx.link.session import Invitation, SessionClient
 from phalanx.link.session.events import (
     Admitted,
@@ -24,6 +23,7 @@ from phalanx.link.session.events import (
     Updated,
     WasRefused,
 )
+from phalanx.net.front import Closed, Opened, Received
 
 
 class FakeFront:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.scenarios.run import Run
 
 
 def requests_of(run: Run, until_s: float) -> Iterator[tuple[int, int, bytes]]:

@@ -15,12 +15,12 @@ from phalanx.pool import NO_ROW
 from phalanx.robot import actions, handlers
 from phalanx.robot.actions import EVERYBODY, Action, Actuate, RetryAt, RoundAt, Transmit, Verdict
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.audited import loop, pybot
-from phalanx.sim.audited.world import World, clock_ms
-from phalanx.sim.radio.channel import BROADCAST
-from phalanx.sim.scenarios.run import Run
 from phalanx.wire.fields import row
 from phalanx.wire.table import FRAME_MAX, OUTPUT
+from phalanx.world.audited import loop, pybot
+from phalanx.world.audited.world import World, clock_ms
+from phalanx.world.radio.channel import BROADCAST
+from phalanx.world.scenarios.run import Run
 
 ME = 2
 ids, moments = st.integers(1, 0xFFFF), st.integers(0, 1 << 40)

@@ -20,9 +20,9 @@ from conftest import eventually
 from injected_agent import OPERATORS, attempts, raw_commands
 from phalanx.gateway.session_link import now
 from phalanx.gateway.trail import read_trail
-from phalanx.io.session_client import Client, RequestRefused, SessionOver
 from phalanx.link.session import Invitation, Kind, Role, Secret, Ticket
-from phalanx.sim import Dotbots
+from phalanx.net.session_client import Client, RequestRefused, SessionOver
+from phalanx.world import Dotbots
 from session_endpoint import Endpoint
 from test_gateway_sessions import serving
 

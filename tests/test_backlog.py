@@ -8,9 +8,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from phalanx.io import incoming as where
-from phalanx.io.broker_packets import Arrived
-from phalanx.io.incoming import BACKLOG, STALE_S, Incoming
+from phalanx.net import incoming as where
+from phalanx.net.broker_packets import Arrived
+from phalanx.net.incoming import BACKLOG, STALE_S, Incoming
 
 ARRIVE, READ_MS, SECONDS = 2, 1, 10  # twice as many come as can be read
 

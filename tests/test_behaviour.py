@@ -22,8 +22,8 @@ from behaviour.cases import (
     all_cases,
 )
 from conftest import ROOT
+from phalanx.attacks.library import ATTACKS
 from phalanx.config.builtin import built_in
-from phalanx.robot.attacks.library import ATTACKS
 
 CASES = all_cases()
 ORACLE = [sys.executable, str(ROOT / "scripts" / "oracle.py")]

@@ -19,10 +19,10 @@ from phalanx.errors import Held
 from phalanx.gateway import Gateway
 from phalanx.gateway.brakes import Brakes, KeptStop
 from phalanx.gateway.up import UpOptions, up
-from phalanx.io import QrkeyClient, Server
-from phalanx.io.ports import is_free
-from phalanx.io.site import beside
-from phalanx.sim import Dotbots
+from phalanx.net import QrkeyClient, Server
+from phalanx.net.ports import is_free
+from phalanx.net.site import beside
+from phalanx.world import Dotbots
 from ports import free_port
 
 pytestmark = pytest.mark.waits

@@ -16,8 +16,8 @@ import pytest
 
 from chromium import PHONE, a_page, badge, barriers_in_both_schemes, choose, insecure, moves, wait_until
 from conftest import ROOT, a_gateway, bare_mosquitto
-from phalanx.io import QrkeyClient
 from phalanx.link import Pin, QrUrl
+from phalanx.net import QrkeyClient
 from ports import free_port
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(120)]

@@ -14,9 +14,9 @@ import pytest
 from chromium import PHONE, a_page, barriers_in_both_schemes, pixels, wait_until
 from conftest import PHALANX, in_real_time
 from phalanx.gateway.serve_view import ViewPages
-from phalanx.io.site import beside
-from phalanx.sim.scenarios.play import play
-from phalanx.sim.scenarios.scenes import Live
+from phalanx.net.site import beside
+from phalanx.world.scenarios.play import play
+from phalanx.world.scenarios.scenes import Live
 from test_recording import SCENARIO
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(120)]

@@ -16,8 +16,8 @@ from phalanx.config import BtiConfig
 from phalanx.config.flock import FlockConfig
 from phalanx.pool import NO_ROW
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.radio.reach import in_range
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.radio.reach import in_range
+from phalanx.world.scenarios.run import Run
 
 
 def running(seconds: float, **said) -> Run:

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from phalanx.experiments.bti import costs, fig6, fig7, liars
-from phalanx.experiments.bti.flock import HONEST, LIAR, FlockRun, FlockRuns
-from phalanx.experiments.figure import FIGURES
-from phalanx.experiments.plot import draw
-from phalanx.experiments.table import Table, TableFile
+from phalanx.papers.bti import costs, fig6, fig7, liars
+from phalanx.papers.bti.flock import HONEST, LIAR, FlockRun, FlockRuns
+from phalanx.papers.figure import FIGURES
+from phalanx.papers.plot import draw
+from phalanx.papers.table import Table, TableFile
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.scenarios.run import Run
 
 SMALL = Scenario(robots=6, grid_step_m=4.0, d_m=4.0, duration_s=16.0)
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from phalanx.experiments.bti import loads
-from phalanx.experiments.figure import FIGURES
-from phalanx.experiments.plot import draw
-from phalanx.experiments.statement import report
-from phalanx.experiments.table import measure, read_table
+from phalanx.papers.bti import loads
+from phalanx.papers.figure import FIGURES
+from phalanx.papers.plot import draw
+from phalanx.papers.statement import report
+from phalanx.papers.table import measure, read_table
 
 
 @pytest.fixture

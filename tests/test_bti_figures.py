@@ -16,11 +16,12 @@ import numpy as np
 import pytest
 
 import phalanx
+from phalanx.attacks import ATTACKS
 from phalanx.errors import UsageError
-from phalanx.experiments.bti import flock as bti_flock
-from phalanx.experiments.bti import liars
-from phalanx.experiments.bti.attack_trial import FlockTrial, Stop, said_of, stop_bound_s, try_attack
-from phalanx.experiments.bti.flock import (
+from phalanx.papers.bti import flock as bti_flock
+from phalanx.papers.bti import liars
+from phalanx.papers.bti.attack_trial import FlockTrial, Stop, said_of, stop_bound_s, try_attack
+from phalanx.papers.bti.flock import (
     COLUMNS,
     HONEST,
     LIAR,
@@ -32,11 +33,10 @@ from phalanx.experiments.bti.flock import (
     read_reference,
     runs_of,
 )
-from phalanx.experiments.figure import FIGURES, Figure
-from phalanx.experiments.plot import draw
-from phalanx.experiments.statement import band, last_line
-from phalanx.experiments.table import Table, TableFile, measure, read_table
-from phalanx.robot.attacks import ATTACKS
+from phalanx.papers.figure import FIGURES, Figure
+from phalanx.papers.plot import draw
+from phalanx.papers.statement import band, last_line
+from phalanx.papers.table import Table, TableFile, measure, read_table
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
 

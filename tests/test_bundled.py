@@ -18,9 +18,9 @@ from phalanx.config.flock import FlockConfig
 from phalanx.errors import UsageError
 from phalanx.robot.controllers import dispatch
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.audited.body import POINT_MASS, WHEELS, driven_by
-from phalanx.sim.scenarios.run import Run
 from phalanx.wire.table import WHEELS_COMMAND
+from phalanx.world.audited.body import POINT_MASS, WHEELS, driven_by
+from phalanx.world.scenarios.run import Run
 
 SRC = Path(kernel_module.__file__).parent
 DRIFT = '''
@@ -88,7 +88,7 @@ def on_input(
 RUN = """
 import json
 from phalanx.config import BtiConfig
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.scenarios.run import Run
 from phalanx.scenarios.scenario import Scenario
 
 run = Run(Scenario(controller="drift", robots=4, duration_s=7.0, bti=BtiConfig(f_max=1)))

@@ -26,7 +26,7 @@ from phalanx.cli.commands.mission import PROFILES
 from phalanx.cli.credentials import login_in
 from phalanx.cli.main import ABOUT, phalanx, run_command
 from phalanx.cli.up import qr_text
-from phalanx.io import Login
+from phalanx.net import Login
 from ports import free_port
 
 
@@ -188,7 +188,7 @@ class TestMistakes:
         assert up.stderr.endswith("phalanx: error: cannot write: No space left on device\n")
         assert "Traceback" not in up.stderr
 
-    @pytest.mark.parametrize("module", ["phalanx.cli", "click", "phalanx.cli.commands.up", "numpy", "phalanx.io"])
+    @pytest.mark.parametrize("module", ["phalanx.cli", "click", "phalanx.cli.commands.up", "numpy", "phalanx.net"])
     def test_ctrl_c_while_we_start_ends_us_without_a_word(self, module):
         code = (
             "import os, runpy, signal, sys\n"

@@ -10,7 +10,7 @@ import pytest
 from conftest import child, run
 from phalanx.cli.link import _find
 from phalanx.errors import Unavailable, UsageError
-from phalanx.io import Server
+from phalanx.net import Server
 from session_endpoint import Endpoint
 
 pytestmark = pytest.mark.waits

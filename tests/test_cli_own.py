@@ -11,7 +11,7 @@ from conftest import PHALANX, ROOT
 from phalanx.scenarios.attack_spec import parse_attack
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attacks, mistakes_in
-from phalanx.sim import Scenario, simulate
+from phalanx.world import Scenario, simulate
 
 OWN = f"{ROOT / 'examples' / 'own_controller.py'}:GoThere"
 QUICK = ("--duration", "2", "--robots", "6")
@@ -182,8 +182,8 @@ class TestController:
 
 
 LIES = """
-from phalanx.robot.attacks import Attack
-from phalanx.robot.attacks.liar import Liar
+from phalanx.attacks import Attack
+from phalanx.robot.adversary.liar import Liar
 from phalanx.robot.controllers.python_controller import Act
 
 class Brake(Liar):

@@ -14,14 +14,14 @@ import pytest
 from mcap.reader import make_reader
 
 from conftest import PHALANX, ROOT
+from phalanx.attacks import IN_FLOCKS
+from phalanx.attacks.library import ATTACKS
 from phalanx.cli.sim import named, show
 from phalanx.config.builtin import built_in
-from phalanx.robot.attacks import IN_FLOCKS
-from phalanx.robot.attacks.library import ATTACKS
 from phalanx.scenarios.attack_spec import parse_attack
 from phalanx.scenarios.file import find_scenario, scenario_schema
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.scenarios.play import play
+from phalanx.world.scenarios.play import play
 
 QUICK = ("--duration", "3", "--robots", "6")
 KEYS = set(
@@ -366,7 +366,7 @@ class TestAttack:
         assert len(said(*words)["stops"]) == 2
 
     def test_too_late_ends_with_1(self, phalanx, monkeypatch):
-        monkeypatch.setattr("phalanx.experiments.bti.attack_trial.stop_bound_s", lambda *_, **__: 0.5)
+        monkeypatch.setattr("phalanx.papers.bti.attack_trial.stop_bound_s", lambda *_, **__: 0.5)
         code, out, _ = phalanx("attack", "run", "spoof:at=5", "--duration", "18", "--robots", "9")
         assert code == 1
         assert "BROKEN" in out

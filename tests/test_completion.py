@@ -10,8 +10,8 @@ import sys
 
 import pytest
 
+from phalanx.attacks import ATTACKS, IN_SWARMS
 from phalanx.config.builtin import built_in
-from phalanx.robot.attacks import ATTACKS, IN_SWARMS
 from phalanx.scenarios.scenario import PROTOCOLS
 
 SCENARIOS, MISSIONS, MAPS = (list(built_in(kind)) for kind in ("scenarios", "missions", "maps"))

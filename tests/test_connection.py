@@ -8,7 +8,7 @@ import time
 import pytest
 
 from conftest import eventually
-from phalanx.io.connection import Connection
+from phalanx.net.connection import Connection
 from test_strangers import Stranger
 
 pytestmark = pytest.mark.waits

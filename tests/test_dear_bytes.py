@@ -17,8 +17,11 @@ from hypothesis import strategies as st
 from conftest import Turns, a_page, eventually
 from phalanx.config import LinkConfig
 from phalanx.errors import PeerError, TooLarge, WrongTopic
-from phalanx.io import Server
-from phalanx.io.broker_packets import (
+from phalanx.link.envelope import open_envelope, seal
+from phalanx.link.pin import Pin, derive_epoch
+from phalanx.link.replay import ReplayCache
+from phalanx.net import Server
+from phalanx.net.broker_packets import (
     MAX_ANSWER_BYTES,
     MAX_PACKET_BYTES,
     Answer,
@@ -26,11 +29,8 @@ from phalanx.io.broker_packets import (
     BrokerFaultError,
     BrokerPackets,
 )
-from phalanx.io.front.link import frame_head
-from phalanx.io.site import HEADERS, LINE_BYTES, Site, beside
-from phalanx.link.envelope import open_envelope, seal
-from phalanx.link.pin import Pin, derive_epoch
-from phalanx.link.replay import ReplayCache
+from phalanx.net.front.link import frame_head
+from phalanx.net.site import HEADERS, LINE_BYTES, Site, beside
 from test_strangers import with_length
 from websocket_broker import BrokerEnd
 

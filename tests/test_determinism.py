@@ -12,11 +12,11 @@ import pytest
 from conftest import PHALANX, ROOT
 from phalanx.cli.main import run_command
 from phalanx.errors import UsageError
+from phalanx.lab.determinism import calls, check
+from phalanx.lab.determinism.calls import ADVICE, ROBOT, calls_of, maker
+from phalanx.lab.determinism.check import Report, check_controller
+from phalanx.lab.determinism.trace import LIVES, live
 from phalanx.robot.controllers.python_controller import OwnMistake
-from phalanx.sim.determinism import calls, check
-from phalanx.sim.determinism.calls import ADVICE, ROBOT, calls_of, maker
-from phalanx.sim.determinism.check import Report, check_controller
-from phalanx.sim.determinism.trace import LIVES, live
 
 OWN = f"{ROOT / 'examples' / 'own_controller.py'}:GoThere"
 # It remembers a number, and where it is not told otherwise adds one to it and commands it.

@@ -30,11 +30,11 @@ from phalanx.config import LinkConfig
 from phalanx.crypto import jwe
 from phalanx.gateway import vocabulary
 from phalanx.gateway.operator_desk import OperatorDesk
-from phalanx.io.session_client import Client
 from phalanx.link import Pin, QrkeyClient, QrUrl, derive_epoch, pin, topics
 from phalanx.link.rotation import State
 from phalanx.mission.landmarks import floorplan, floorplan_of_yaml
 from phalanx.mission.landmarks.gridmap import map_words
+from phalanx.net.session_client import Client
 from ports import free_port
 
 ROOT = Path(__file__).parent.parent

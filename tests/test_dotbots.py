@@ -20,12 +20,12 @@ from hypothesis import strategies as st
 
 from conftest import called, child
 from dotbot_controller import HELLO, RECORDED, SNAPSHOT, A, B, C, Controller, soon
+from phalanx.bridges.dotbots import DotbotSwarm, parse_dotbot_url
+from phalanx.bridges.dotbots.line import REFUSALS, Orders, _hear_refusals
+from phalanx.bridges.dotbots.told import MOST_ROBOTS, TRAIL_POINTS, Fleet, area_of
 from phalanx.daemon.driver import NoReading, make_driver
 from phalanx.daemon.settings import read_robot
 from phalanx.errors import BadPayload, Held, Unavailable, Unknown, UsageError
-from phalanx.io.dotbots import DotbotSwarm, parse_dotbot_url
-from phalanx.io.dotbots.line import REFUSALS, Orders, _hear_refusals
-from phalanx.io.dotbots.told import MOST_ROBOTS, TRAIL_POINTS, Fleet, area_of
 from phalanx.robot import Led, Point
 from phalanx.robot.swarm import Routed
 from phalanx.scenarios.behaviour import driving

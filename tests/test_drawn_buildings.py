@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from phalanx.cli.commands.mission import mission as group
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks import FloorPlan, landmarks_of
-from phalanx.sim.building.floorplan import KINDS, drawn, load_floorplan
-from phalanx.sim.building.walkers import Walkers
+from phalanx.world.building.floorplan import KINDS, drawn, load_floorplan
+from phalanx.world.building.walkers import Walkers
 
 ROBOT_M = 0.175
 # So far from walls is a place where a robot can stand and turn.

@@ -7,9 +7,9 @@ import pytest
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 
 from phalanx.errors import UsageError
+from phalanx.lab.environment import OWN, SwarmEnv
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attacks
-from phalanx.sim.environment import OWN, SwarmEnv
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")  # PettingZoo's own
 SMALL = find_scenario("flock-12").with_options(robots=6, duration_s=8.0)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from phalanx.errors import UsageError
-from phalanx.sim.audited.events import NEVER_US, NOTHING, make_queue, next_us, peek, pop, push, refused
+from phalanx.world.audited.events import NEVER_US, NOTHING, make_queue, next_us, peek, pop, push, refused
 
 # Few times and many events, so that most of them tie; None takes one out.
 actions = st.lists(st.one_of(st.integers(0, 5), st.integers(0, 1 << 52), st.none()), max_size=120)

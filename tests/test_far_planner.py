@@ -27,8 +27,8 @@ from phalanx.daemon.far_planner import MOST_AT_ONCE, MOST_LOOKS, FarPlanner
 from phalanx.daemon.proofs import signed_in
 from phalanx.daemon.settings import read_robot
 from phalanx.errors import UsageError
-from phalanx.io import serial_line
-from phalanx.io.keyring import pem
+from phalanx.net import serial_line
+from phalanx.net.keyring import pem
 from phalanx.robot.planner import AHEAD_MS, FARTHEST, Adviser, Planner
 from phalanx.robot.signer import AdviceSigner
 from phalanx.scenarios.scenario import Scenario

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from phalanx.attacks.claims import spoofed_state
 from phalanx.config.flock import NO_CROWD, Box, Disc, FlockConfig
 from phalanx.errors import UsageError
-from phalanx.robot.attacks.claims import spoofed_state
 from phalanx.robot.controllers.python_controller import Send
 from phalanx.robot.controllers.sine import sine, sine_cosine
 from test_flock import CONFIG, PERIOD_MS, acceleration, reading, robot, state

@@ -20,13 +20,13 @@ from phalanx.gateway.brakes import EXPIRES_S, Joysticks
 from phalanx.gateway.gateway import TICK_S, UPDATES_PER_TICK
 from phalanx.gateway.missions.watch import MOST_THINGS, WorkWatch
 from phalanx.gateway.visitors import FORGET_AFTER_S, FORGET_OLDER_AFTER_S, LIMIT, MOST_DRIVERS, Drivers, Visitors
-from phalanx.io import QrkeyClient, Server
 from phalanx.link.envelope import encode_envelope, seal
 from phalanx.link.messages import Publish
 from phalanx.link.topics import CommandTopic, full_topic
+from phalanx.net import QrkeyClient, Server
 from phalanx.robot import Led, Point
 from phalanx.robot.swarm import Done
-from phalanx.sim import Dotbots
+from phalanx.world import Dotbots
 
 pytestmark = pytest.mark.waits
 

@@ -18,7 +18,7 @@ from phalanx.link import ClientSide, Request, ServerSide
 from phalanx.link.envelope import encode_json
 from phalanx.link.messages import Reply
 from phalanx.robot import Led, Point
-from phalanx.sim import Dotbots
+from phalanx.world import Dotbots
 from test_gateway_places import read_places, read_route
 
 NOW = 1_700_000_000.0

@@ -21,16 +21,16 @@ from phalanx.cli.main import run_command
 from phalanx.cli.mission.files import read_plain
 from phalanx.errors import PhalanxError, Unknown, UsageError
 from phalanx.gateway.missions.watch import MissionWatch
-from phalanx.io import QrkeyClient
 from phalanx.mission import BuildOptions, build, plain_mission, public_key, sign
 from phalanx.mission.landmarks import floorplan_of_yaml
 from phalanx.mission.refused import AlreadyStarted, NotForUs, OutsideWindow
+from phalanx.net import QrkeyClient
 from phalanx.robot.on_mission import Completed, Decoded, NotValidated, OnMission, drift_of
 from phalanx.robot.swarm import Shielded
-from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.sim.missions.live import Moment, Standing
-from phalanx.sim.missions.orders import orders_of
-from phalanx.sim.swarms.mission import MOST_ROBOTS, MissionSwarm, ShieldedMissionSwarm
+from phalanx.world.building.floorplan import load_floorplan
+from phalanx.world.missions.live import Moment, Standing
+from phalanx.world.missions.orders import orders_of
+from phalanx.world.swarms.mission import MOST_ROBOTS, MissionSwarm, ShieldedMissionSwarm
 
 NOW = 1_700_000_000.0
 # One room, 8 by 6 m, with a door to another: a mission in it takes seconds.

@@ -22,8 +22,8 @@ from conftest import a_page, eventually, operator_pages
 from phalanx.errors import Unavailable
 from phalanx.gateway.serve_pages import PAGES
 from phalanx.gateway.up import UpOptions, up
-from phalanx.io.site import beside
-from phalanx.sim import Dotbots
+from phalanx.net.site import beside
+from phalanx.world import Dotbots
 from ports import free_port
 
 pytestmark = pytest.mark.waits
@@ -229,8 +229,8 @@ class TestPages:
                 assert "314159" not in await answer.text()
 
     async def test_idle_connections_are_hung_up_on_and_others_served_meanwhile(self, monkeypatch):
-        monkeypatch.setattr("phalanx.io.site.HANG_UP_AFTER_S", 2.0)
-        monkeypatch.setattr("phalanx.io.site.CHECK_S", 0.1)
+        monkeypatch.setattr("phalanx.net.site.HANG_UP_AFTER_S", 2.0)
+        monkeypatch.setattr("phalanx.net.site.CHECK_S", 0.1)
         async with a_page() as pages, aiohttp.ClientSession() as http:
 
             async def visit() -> int:
@@ -254,8 +254,8 @@ class TestPages:
                 writer.close()
 
     async def test_a_reader_that_stalls_does_not_keep_its_connection(self, monkeypatch):
-        monkeypatch.setattr("phalanx.io.site.HANG_UP_AFTER_S", 1.0)
-        monkeypatch.setattr("phalanx.io.site.CHECK_S", 0.1)
+        monkeypatch.setattr("phalanx.net.site.HANG_UP_AFTER_S", 1.0)
+        monkeypatch.setattr("phalanx.net.site.CHECK_S", 0.1)
         async with a_page() as pages:
             script = next((PAGES / "visitor" / "assets").glob("*.js")).name
             _, writer = await asyncio.open_connection("127.0.0.1", pages.port, limit=1024)

@@ -17,12 +17,12 @@ from phalanx.gateway.operator_desk import OperatorDesk
 from phalanx.gateway.payloads import JSON_DEPTH, parse_payload
 from phalanx.gateway.session_link import ASKED_BYTES, SessionLink, now
 from phalanx.gateway.trail import Trail
-from phalanx.io.session_store import new_link_keys
 from phalanx.link.session import Invitation, MemoryStore, Reason, Role, parse_invitation
 from phalanx.link.session.errors import EndReason
 from phalanx.link.session.events import Send, Transmit
+from phalanx.net.session_store import new_link_keys
 from phalanx.robot import Led
-from phalanx.sim import Dotbots
+from phalanx.world import Dotbots
 from session_front import FakeFront, visiting
 
 pytestmark = pytest.mark.waits

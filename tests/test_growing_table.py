@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from phalanx.errors import Unavailable, UsageError
-from phalanx.experiments.link.fig4_table import Row, cells, head, packets
-from phalanx.experiments.table import Table, TableFile, read_table
+from phalanx.papers.link.fig4_table import Row, cells, head, packets
+from phalanx.papers.table import Table, TableFile, read_table
 
 
 class Lines:

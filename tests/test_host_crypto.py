@@ -16,7 +16,7 @@ from phalanx.bti import trusted
 from phalanx.config import BtiConfig
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.scenarios.run import Run
 
 VECTORS = Path(__file__).parent.parent / "vectors"
 HASHES, ENCRYPTS = 1, 2

@@ -21,7 +21,7 @@ import pytest
 from conftest import ROOT, eventually
 from phalanx.gateway import UpOptions, up
 from phalanx.link.session import parse_invitation
-from phalanx.sim import Dotbots
+from phalanx.world import Dotbots
 from ports import free_port
 from session_front import visiting
 

@@ -19,8 +19,8 @@ import pytest
 
 from conftest import eventually, with_an_old_pin
 from phalanx.config import LinkConfig
-from phalanx.io import ANY, QrkeyClient, Server
 from phalanx.link import Pin, QrUrl
+from phalanx.net import ANY, QrkeyClient, Server
 
 pytestmark = [pytest.mark.waits, pytest.mark.peers, pytest.mark.timeout(120)]
 

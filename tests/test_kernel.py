@@ -30,8 +30,8 @@ from phalanx.config import BtiConfig
 from phalanx.errors import KernelDefect
 from phalanx.mission.pose.spread import Sight, doubt_of
 from phalanx.pool import make_pool
-from phalanx.sim.audited.events import Queue, make_queue, pack, pop, push, refused
 from phalanx.wire import fields
+from phalanx.world.audited.events import Queue, make_queue, pack, pop, push, refused
 from phalanx_compiler.value_types import fields_of
 
 SRC = Path(kernel_module.__file__).parent
@@ -49,7 +49,7 @@ def test_a_kernel_does_the_same_uncompiled():
 def test_a_kernel_has_the_name_the_documentation_and_the_signature_of_its_function():
     assert type(push).__name__ == "Kernel"
     assert push.__wrapped__ is push.py_func
-    assert (push.__name__, push.__module__) == ("push", "phalanx.sim.audited.events")
+    assert (push.__name__, push.__module__) == ("push", "phalanx.world.audited.events")
     assert push.__doc__ == push.py_func.__doc__
     assert [*inspect.signature(push).parameters] == ["queue", "t_us", "kind", "robot", "arg"]
 
@@ -356,7 +356,7 @@ def run(root, *words, **env):
 
 
 PUSHED = """
-from phalanx.sim.audited.events import make_queue, pop, push
+from phalanx.world.audited.events import make_queue, pop, push
 queue = make_queue(4)
 push(queue, 5, 7, 8, 9)
 print(type(push).__name__, *pop(queue))

@@ -24,8 +24,8 @@ from phalanx.cli.main import run_command
 from phalanx.config import BtiConfig
 from phalanx.crypto import keys as sealing
 from phalanx.errors import UsageError
-from phalanx.io.keyring import Keys, create, opened
-from phalanx.io.private_file import write_private
+from phalanx.net.keyring import Keys, create, opened
+from phalanx.net.private_file import write_private
 from phalanx.wire.table import BOARD
 
 WORDS = "correct horse battery staple"

@@ -8,10 +8,10 @@ from phalanx.config import BtiConfig
 from phalanx.robot import handlers
 from phalanx.robot.runtime import first_round_ms
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.audited import loop, setup
-from phalanx.sim.audited.events import push
-from phalanx.sim.audited.world import clock_ms
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.audited import loop, setup
+from phalanx.world.audited.events import push
+from phalanx.world.audited.world import clock_ms
+from phalanx.world.scenarios.run import Run
 
 F_MAX = 1
 

@@ -11,10 +11,10 @@ import pytest
 from conftest import a_server, eventually, somebody
 from phalanx.config import LinkConfig
 from phalanx.errors import Overrun
-from phalanx.io.answers import WAITING, WAITING_BYTES, Answers
 from phalanx.link import ClientSide, Request, ServerSide, SharedAnswer
 from phalanx.link.envelope import encode_envelope, open_envelope, seal
 from phalanx.link.replay import ReplayCache
+from phalanx.net.answers import WAITING, WAITING_BYTES, Answers
 
 
 @pytest.mark.waits

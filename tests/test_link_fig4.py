@@ -18,12 +18,12 @@ import pytest
 
 from conftest import bare_mosquitto, child, eventually
 from phalanx.errors import Unavailable, UsageError
-from phalanx.experiments.figure import FIGURES
-from phalanx.experiments.link.fig4 import CSV_NAME, make_packet, measure
-from phalanx.experiments.link.fig4_table import KINDS, PAPER, Row, cells, head, packets, summarize
-from phalanx.experiments.plot import draw
-from phalanx.experiments.table import TableFile, read_table
-from phalanx.io.mosquitto import find_mosquitto
+from phalanx.net.mosquitto import find_mosquitto
+from phalanx.papers.figure import FIGURES
+from phalanx.papers.link.fig4 import CSV_NAME, make_packet, measure
+from phalanx.papers.link.fig4_table import KINDS, PAPER, Row, cells, head, packets, summarize
+from phalanx.papers.plot import draw
+from phalanx.papers.table import TableFile, read_table
 from ports import free_port
 
 FIGURE = FIGURES["link-fig4"]

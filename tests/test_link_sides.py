@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from phalanx.config import LinkConfig
 from phalanx.crypto import Key, seal_jwe
 from phalanx.errors import Stale, UsageError
-from phalanx.io import QrkeyClient
 from phalanx.link import ClientSide, Command, Pin, QrUrl, Request, ServerSide, new_pin
 from phalanx.link.envelope import encode_envelope, encode_pin_message, seal
 from phalanx.link.messages import Knock, Moved, Notification, Publish, Rejected, Reply, Subscribe, Unsubscribe
 from phalanx.link.rotation import TABLE, Act, Event, State, step
 from phalanx.link.topics import CommandTopic, full_topic
+from phalanx.net import QrkeyClient
 
 NOW = 1_700_000_000.0
 MOVE = CommandTopic("DECAFBAD00000001", "0", "move_raw")

@@ -16,10 +16,10 @@ from phalanx.mission.walk.state import Kind, Order
 from phalanx.robot.controllers.mission.pilot import TRAIL_MAX, Leg, drive
 from phalanx.robot.controllers.mission.readings import CLEAR, CLEAR_STEP_M, Reading, Sensors
 from phalanx.robot.controllers.mission.surroundings import Sectors
-from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.sim.missions.report import Report
-from phalanx.sim.missions.run import run_mission
-from phalanx.sim.missions.setup import MissionRun, Part
+from phalanx.world.building.floorplan import load_floorplan
+from phalanx.world.missions.report import Report
+from phalanx.world.missions.run import run_mission
+from phalanx.world.missions.setup import MissionRun, Part
 
 OFFICE = load_floorplan("office_40x40")
 # Ends of the two walls beside each door.

@@ -9,17 +9,17 @@ import pytest
 
 from phalanx.crypto.sha3 import Targets, find, padded, sha3_256
 from phalanx.errors import UsageError
-from phalanx.experiments.figure import FIGURES, Figure
-from phalanx.experiments.missions import fig8a as mission_fig8a
-from phalanx.experiments.missions import fig8c as mission_fig8c
-from phalanx.experiments.missions import fig10 as mission_fig10
-from phalanx.experiments.missions.drive import encoded, errors_m, record, replay
-from phalanx.experiments.missions.explore import FIG9, ROBOTS, TABLE1, ends, measure_case, shares_of
-from phalanx.experiments.plot import draw
-from phalanx.experiments.statement import Statement, report
-from phalanx.experiments.table import Table, TableFile, measure, read_table
 from phalanx.mission import Walker
-from phalanx.sim.building.odometry import NoiseModel, OdometryNoise
+from phalanx.papers.figure import FIGURES, Figure
+from phalanx.papers.missions import fig8a as mission_fig8a
+from phalanx.papers.missions import fig8c as mission_fig8c
+from phalanx.papers.missions import fig10 as mission_fig10
+from phalanx.papers.missions.drive import encoded, errors_m, record, replay
+from phalanx.papers.missions.explore import FIG9, ROBOTS, TABLE1, ends, measure_case, shares_of
+from phalanx.papers.plot import draw
+from phalanx.papers.statement import Statement, report
+from phalanx.papers.table import Table, TableFile, measure, read_table
+from phalanx.world.building.odometry import NoiseModel, OdometryNoise
 
 ROWS = np.array([[1.5, 2.0], [np.nan, 4.0]])
 

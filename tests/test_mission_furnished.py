@@ -13,8 +13,8 @@ from phalanx.cli.mission.files import Wanted, read_encoded, read_plain
 from phalanx.cli.up import _orders
 from phalanx.errors import PeerError, UsageError
 from phalanx.mission import plain_mission
-from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.sim.missions.orders import orders_of_files
+from phalanx.world.building.floorplan import load_floorplan
+from phalanx.world.missions.orders import orders_of_files
 
 NORTH = 1.5708  # as the map says it
 RED = {

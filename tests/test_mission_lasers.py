@@ -14,9 +14,9 @@ import pytest
 
 from conftest import ROOT
 from phalanx.config.lidar import LidarConfig
-from phalanx.experiments.missions.drive import PATH_M, SPEED_MPS, driven
 from phalanx.mission.landmarks.lidar import Lidar
-from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.papers.missions.drive import PATH_M, SPEED_MPS, driven
+from phalanx.world.building.floorplan import load_floorplan
 
 EVERY, TICKS = 5, 500  # a scan each half second, for fifty
 

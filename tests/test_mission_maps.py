@@ -18,7 +18,7 @@ from phalanx.mission.authoring import survey
 from phalanx.mission.worth.audit import audit
 from phalanx.mission.worth.feasible import look_ahead
 from phalanx.mission.worth.shown import shown_by
-from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.world.building.floorplan import load_floorplan
 
 CHEAP = """
 mission: chain

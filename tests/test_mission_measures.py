@@ -10,7 +10,7 @@ import pytest
 
 from conftest import ROOT
 from phalanx.mission import Profile
-from phalanx.sim.missions.report import Report
+from phalanx.world.missions.report import Report
 
 SCANS = ROOT / "tests" / "data" / "scans"
 

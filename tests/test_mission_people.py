@@ -15,16 +15,16 @@ from phalanx.cli.mission.files import read_plain
 from phalanx.errors import UsageError
 from phalanx.mission import BuildOptions, Profile, build
 from phalanx.mission.landmarks.codes import read_codes
-from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.sim.building.odometry import OdometryNoise
-from phalanx.sim.building.walkers import RADIUS_M
-from phalanx.sim.missions.body import Building
-from phalanx.sim.missions.orders import orders_of
-from phalanx.sim.missions.report import summary
-from phalanx.sim.missions.run import run_mission
-from phalanx.sim.missions.setup import MissionRun
-from phalanx.sim.missions.world import MissionRobot, MissionWorld
 from phalanx.wire.table import DRIVE, KIND_DRIVE
+from phalanx.world.building.floorplan import load_floorplan
+from phalanx.world.building.odometry import OdometryNoise
+from phalanx.world.building.walkers import RADIUS_M
+from phalanx.world.missions.body import Building
+from phalanx.world.missions.orders import orders_of
+from phalanx.world.missions.report import summary
+from phalanx.world.missions.run import run_mission
+from phalanx.world.missions.setup import MissionRun
+from phalanx.world.missions.world import MissionRobot, MissionWorld
 
 OFFICE = load_floorplan("office_40x40")
 TOUCH_M = RADIUS_M + 0.175

@@ -22,13 +22,13 @@ from phalanx.errors import PeerError, Unavailable, UsageError
 from phalanx.mission import BuildOptions, Draft, Landmark, Mission, Phase, Position, Profile, build
 from phalanx.mission.landmarks import floorplan_of_yaml
 from phalanx.mission.refused import NotForUs
-from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.sim.building.odometry import NoiseModel, OdometryNoise
-from phalanx.sim.missions.orders import furnished
-from phalanx.sim.missions.report import Report, summary
-from phalanx.sim.missions.run import run_mission
-from phalanx.sim.missions.setup import MissionRun, Part, pool_of
-from phalanx.sim.missions.world import MissionRobot, MissionWorld
+from phalanx.world.building.floorplan import load_floorplan
+from phalanx.world.building.odometry import NoiseModel, OdometryNoise
+from phalanx.world.missions.orders import furnished
+from phalanx.world.missions.report import Report, summary
+from phalanx.world.missions.run import run_mission
+from phalanx.world.missions.setup import MissionRun, Part, pool_of
+from phalanx.world.missions.world import MissionRobot, MissionWorld
 
 OFFICE = load_floorplan("office_40x40")
 START = (3.0, 1.5, math.pi / 2)

@@ -39,15 +39,15 @@ from phalanx.robot.controllers.mission.evidence import (
     unpack_evidence,
 )
 from phalanx.robot.controllers.mission.readings import SENSED_MAX_BYTES, Sensors
-from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.sim.building.odometry import OdometryNoise
-from phalanx.sim.missions import world as missions_world
-from phalanx.sim.missions.body import SHOWN_S, Building, MissionBody
-from phalanx.sim.missions.orders import BEACON_M, Orders, orders_of
-from phalanx.sim.missions.report import summary
-from phalanx.sim.missions.run import run_mission
-from phalanx.sim.missions.world import MissionWorld
 from phalanx.wire.table import ACTION, KIND_ACTION
+from phalanx.world.building.floorplan import load_floorplan
+from phalanx.world.building.odometry import OdometryNoise
+from phalanx.world.missions import world as missions_world
+from phalanx.world.missions.body import SHOWN_S, Building, MissionBody
+from phalanx.world.missions.orders import BEACON_M, Orders, orders_of
+from phalanx.world.missions.report import summary
+from phalanx.world.missions.run import run_mission
+from phalanx.world.missions.world import MissionWorld
 
 LEAK = read_plain(str(Path(__file__).parents[1] / "examples" / "leak.yaml"))
 WORKS = load_floorplan(LEAK.floor_plan)

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from phalanx.errors import UsageError
-from phalanx.sim.audited.body import accelerate, accelerated, obstacle_contacts, robot_contacts
-from phalanx.sim.radio.reach import in_range, make_reach, rebuild
+from phalanx.world.audited.body import accelerate, accelerated, obstacle_contacts, robot_contacts
+from phalanx.world.radio.reach import in_range, make_reach, rebuild
 
 NO_DISCS, NO_BOXES = np.zeros((0, 3)), np.zeros((0, 4))
 # Narrow and wide crowds, negative coordinates, places that many share.

@@ -29,15 +29,15 @@ FIRST_BYTE = ":1"  # of what may be empty
 LAYOUT = re.compile(r"[<>=!]\d*[a-zA-Z?][\w?]*")  # a struct's, or numpy's
 ALLOWED = {
     # The digest of a run is over numbers that nobody reads again.
-    *(("sim/missions/report.py", what) for what in ("struct", "'<3q'", "'<i'")),
+    *(("world/missions/report.py", what) for what in ("struct", "'<3q'", "'<i'")),
     ("mission/landmarks/gridmap.py", "'>u2'"),  # a PGM picture
     # Bits and bytes that are wrong on purpose, wherever they lie.
-    ("robot/attacks/missions/files.py", "altered[]"),
-    *(("sim/determinism/calls.py", what) for what in ("'<u4'", "'<f4'", "b'\\xff'", "frame[]", "usual[]")),
+    ("attacks/missions/files.py", "altered[]"),
+    *(("lab/determinism/calls.py", what) for what in ("'<u4'", "'<f4'", "b'\\xff'", "frame[]", "usual[]")),
     # A hash's input is patched in eight bytes at a time, wherever it is told.
-    *(("experiments/missions/fig8c.py", what) for what in ("trial[]", "to_bytes")),
-    ("experiments/table.py", "data[]"),  # lines of text
-    ("daemon/ros2/node.py", "bytes"),  # a level of ROS is a byte
+    *(("papers/missions/fig8c.py", what) for what in ("trial[]", "to_bytes")),
+    ("papers/table.py", "data[]"),  # lines of text
+    ("bridges/ros2/node.py", "bytes"),  # a level of ROS is a byte
 }
 
 

@@ -10,7 +10,7 @@ import aiomqtt
 import pytest
 
 from conftest import ROOT, a_gateway, bare_mosquitto, run
-from phalanx.io.session_client import Client
+from phalanx.net.session_client import Client
 from ports import free_port
 
 pytestmark = pytest.mark.waits

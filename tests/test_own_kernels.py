@@ -14,15 +14,15 @@ import pytest
 
 from conftest import ROOT
 from phalanx.errors import KernelDefect, OutsideSubset, OwnDefect, UsageError
-from phalanx.experiments.sweep.dealing import run_sweep
-from phalanx.experiments.sweep.plan import read_sweep
-from phalanx.experiments.sweep.store import Store
+from phalanx.lab.determinism import check
+from phalanx.lab.sweep.dealing import run_sweep
+from phalanx.lab.sweep.plan import read_sweep
+from phalanx.lab.sweep.store import Store
 from phalanx.robot.controllers import dispatch, own_kernels
 from phalanx.robot.controllers.declaration import OWN
 from phalanx.scenarios.own import find_controller
-from phalanx.sim import Scenario, simulate
-from phalanx.sim.determinism import check
-from phalanx.sim.scenarios.run import Run
+from phalanx.world import Scenario, simulate
+from phalanx.world.scenarios.run import Run
 from phalanx_compiler import library as building
 
 EXAMPLE = ROOT / "examples" / "own_kernels.py"
@@ -39,7 +39,7 @@ ACT_AGAIN = """        end = begin + table.STATE.size
 """
 RUN = """
 import sys
-from phalanx.sim import Scenario, simulate
+from phalanx.world import Scenario, simulate
 print(simulate(Scenario(robots=6, duration_s=4.0), controller=sys.argv[1]).summaries[0]["digest"])
 """
 

@@ -6,13 +6,13 @@ import hashlib
 
 import pytest
 
+from phalanx.attacks import IN_FLOCKS
 from phalanx.config import BtiConfig
-from phalanx.experiments.bti.attack_trial import stop_bound_s
-from phalanx.robot.attacks import IN_FLOCKS
-from phalanx.robot.attacks.liar import Liar
+from phalanx.papers.bti.attack_trial import stop_bound_s
+from phalanx.robot.adversary.liar import Liar
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.scenarios.run import Run
 
 # Another seed of each, among fewer robots: attacks/test_verdicts.py.
 SEEDS = [range(1), pytest.param(range(1, 25), marks=pytest.mark.long)]

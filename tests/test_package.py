@@ -11,17 +11,17 @@ import pytest
 
 import phalanx
 import phalanx.robot
-import phalanx.sim
+import phalanx.world
 
 
-@pytest.mark.parametrize("room", ["phalanx", "phalanx.robot", "phalanx.sim"])
+@pytest.mark.parametrize("room", ["phalanx", "phalanx.robot", "phalanx.world"])
 def test_it_is_light(room):
     script = f"import sys, {room}; dir({room}); print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert not {"numpy", "click", "asyncio", "yaml"} & set(done.stdout.split())
 
 
-@pytest.mark.parametrize("room", [phalanx, phalanx.robot, phalanx.sim], ids=lambda room: room.__name__)
+@pytest.mark.parametrize("room", [phalanx, phalanx.robot, phalanx.world], ids=lambda room: room.__name__)
 def test_all_that_is_named_is_there(room):
     assert dir(room) == sorted(room.__all__)
     assert all(getattr(room, name) is not None for name in room.__all__)

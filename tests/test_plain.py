@@ -12,7 +12,7 @@ from phalanx.cli.main import run_command
 from phalanx.config import BtiConfig
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.scenarios.run import Run
 
 pytestmark = pytest.mark.long
 

@@ -13,7 +13,7 @@ import pytest
 
 from conftest import ROOT
 from phalanx.config import BtiConfig
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.scenarios.run import Run
 
 pytestmark = pytest.mark.long
 

@@ -17,14 +17,14 @@ import pytest
 from chromium import wait_until
 from conftest import a_gateway, child, eventually
 from conftest import run as run_phalanx
+from phalanx.attacks import IN_FLOCKS
 from phalanx.cli.main import run_command
-from phalanx.demo.simulated import choose_protection
 from phalanx.errors import Unknown, UsageError
-from phalanx.io import QrkeyClient
+from phalanx.gateway.demo import choose_protection
+from phalanx.net import QrkeyClient
 from phalanx.robot import Led, Point
-from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.robot.swarm import Shielded
-from phalanx.sim.swarms.protected import MOST_ROBOTS, ProtectedSwarm, draw_places
+from phalanx.world.swarms.protected import MOST_ROBOTS, ProtectedSwarm, draw_places
 
 DT = 0.02
 T_VAL_S = 10.0

@@ -12,10 +12,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from phalanx.attacks import IN_PROTOCOLS
 from phalanx.config import BtiConfig
 from phalanx.errors import UsageError
-from phalanx.experiments.bti.attack_trial import stop_bound_s
-from phalanx.robot.attacks import IN_PROTOCOLS
+from phalanx.lab.determinism.check import check_controller
+from phalanx.papers.bti.attack_trial import stop_bound_s
 from phalanx.robot.controllers.places import PLACES, PlaceController
 from phalanx.robot.controllers.protocol import find_protocol
 from phalanx.robot.controllers.protocols.warehouse import Floor
@@ -23,10 +24,9 @@ from phalanx.robot.controllers.sightings import SightController
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.scenario import PROTOCOLS, Scenario
-from phalanx.sim.determinism.check import check_controller
-from phalanx.sim.scenarios.run import Run
 from phalanx.wire import protocols, table
 from phalanx.wire.record import MalformedRecord
+from phalanx.world.scenarios.run import Run
 from protocol_world import ProtocolWorld, task_of
 
 ROBOTS = 5

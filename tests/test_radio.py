@@ -13,10 +13,10 @@ import pytest
 from conftest import ROOT
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
-from phalanx.sim.audited.events import make_queue, next_us, pop, refused
-from phalanx.sim.radio import channel as radio
-from phalanx.sim.radio.channel import ATTEMPT, BROADCAST, attempt, enqueue, finish, make_air, silence
-from phalanx.sim.radio.reach import make_reach, rebuild
+from phalanx.world.audited.events import make_queue, next_us, pop, refused
+from phalanx.world.radio import channel as radio
+from phalanx.world.radio.channel import ATTEMPT, BROADCAST, attempt, enqueue, finish, make_air, silence
+from phalanx.world.radio.reach import make_reach, rebuild
 from radio_replay import replay
 
 RADIO = ROOT / "tests" / "data" / "radio"

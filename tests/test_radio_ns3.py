@@ -10,10 +10,10 @@ import pytest
 
 from conftest import ROOT
 from phalanx.config.radio import RadioConfig
-from phalanx.sim.audited.events import make_queue, push
-from phalanx.sim.radio import channel as radio
-from phalanx.sim.radio.channel import make_air
-from phalanx.sim.radio.reach import make_reach, rebuild
+from phalanx.world.audited.events import make_queue, push
+from phalanx.world.radio import channel as radio
+from phalanx.world.radio.channel import make_air
+from phalanx.world.radio.reach import make_reach, rebuild
 from radio_replay import AUDIT, MESSAGE_BYTES, STATE, TARGETS, grid, replay, run
 
 WITHIN = 0.02  # docs/spec/world.md

@@ -18,8 +18,8 @@ from phalanx.kernel import PURE, reading_peer
 from phalanx.pool import NO_ROW
 from phalanx.robot import handlers
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.scenarios.run import Run
 from phalanx.wire.fields import put_u16
+from phalanx.world.scenarios.run import Run
 
 VICTIM, PEER = 0, 2  # a robot's index, and the id of its peer
 

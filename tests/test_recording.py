@@ -17,8 +17,8 @@ from phalanx.errors import Unavailable, UsageError
 from phalanx.recording.recorded import read_recording
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.scenarios.play import STEP_S, play
-from phalanx.sim.scenarios.recording import HONEST, LIAR, NS, STOPPED
+from phalanx.world.scenarios.play import STEP_S, play
+from phalanx.world.scenarios.recording import HONEST, LIAR, NS, STOPPED
 
 SCENARIO = Scenario(
     name="small",

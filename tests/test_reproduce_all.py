@@ -12,9 +12,9 @@ import pytest
 
 from phalanx.cli import reproduce
 from phalanx.errors import Unavailable
-from phalanx.experiments.figure import FIGURES, Figure
-from phalanx.experiments.statement import NOT_MEASURED, Statement, quantiles
-from phalanx.experiments.table import by_seed, read_table
+from phalanx.papers.figure import FIGURES, Figure
+from phalanx.papers.statement import NOT_MEASURED, Statement, quantiles
+from phalanx.papers.table import by_seed, read_table
 
 WORDS = ("reproduce", "all", "--quick")
 

@@ -25,10 +25,10 @@ from phalanx.errors import UsageError
 from phalanx.recording.recorded import MOST_CHUNK_BYTES
 from phalanx.robot.retrace import entries_of
 from phalanx.scenarios.file import written_scenario
-from phalanx.sim import Scenario
-from phalanx.sim.audited import setup
-from phalanx.sim.scenarios.run import Run
 from phalanx.wire.table import ACCELERATION, ENTRY, ENTRY_ACMD, ENTRY_INPUT, ENTRY_RECV, PROOF, SENSOR
+from phalanx.world import Scenario
+from phalanx.world.audited import setup
+from phalanx.world.scenarios.run import Run
 
 # Nobody is audited yet: what robots have logged they still have.
 MISSION = Scenario(name="young", robots=4, grid_step_m=16.0, duration_s=3.9, bti=BtiConfig(f_max=1))

@@ -45,12 +45,12 @@ from phalanx.daemon.settings import RobotFile, read_robot, robot_schema
 from phalanx.daemon.state import told as told_by
 from phalanx.daemon.trusted import check_may_have_key, give_keys, open_nodes
 from phalanx.errors import Unavailable, UsageError
-from phalanx.experiments.scorecard.card import write_csv
-from phalanx.experiments.table import Table, TableFile
-from phalanx.io import serial_line, udp_radio
-from phalanx.io.mission_key import issued, read_board, read_mission_key
-from phalanx.io.serial_line import open_line
-from phalanx.io.udp_radio import LEAST_WAITING, Allowance, UdpRadio, parsed
+from phalanx.lab.scorecard.card import write_csv
+from phalanx.net import serial_line, udp_radio
+from phalanx.net.mission_key import issued, read_board, read_mission_key
+from phalanx.net.serial_line import open_line
+from phalanx.net.udp_radio import LEAST_WAITING, Allowance, UdpRadio, parsed
+from phalanx.papers.table import Table, TableFile
 from phalanx.recording.recorder import Recorder
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.compiled import compiled

@@ -17,8 +17,8 @@ from pathlib import Path
 import pytest
 
 from conftest import ROOT
-from phalanx.io.keyring import Keys
-from phalanx.io.mission_key import issued
+from phalanx.net.keyring import Keys
+from phalanx.net.mission_key import issued
 from phalanx.wire.table import BOARD
 
 pytestmark = [pytest.mark.waits, pytest.mark.timeout(120)]

@@ -16,6 +16,7 @@ from dataclasses import replace
 import pytest
 
 import boards
+from phalanx.attacks import IN_FLOCKS
 from phalanx.bti.nodes import limits_of
 from phalanx.cli.main import run_command
 from phalanx.config import BtiConfig, RadioConfig
@@ -24,9 +25,8 @@ from phalanx.daemon.proofs import proven, unsealed
 from phalanx.daemon.settings import read_robot
 from phalanx.daemon.state import told
 from phalanx.daemon.trusted import give_keys, open_nodes, start
-from phalanx.io.keyring import Keys, create, opened
-from phalanx.io.mission_key import issued, read_board, read_mission_key
-from phalanx.robot.attacks import IN_FLOCKS
+from phalanx.net.keyring import Keys, create, opened
+from phalanx.net.mission_key import issued, read_board, read_mission_key
 from phalanx.wire import guarded
 from phalanx.wire.table import ACCELERATION, BOARD, ENTRY_ACMD
 

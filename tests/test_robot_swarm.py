@@ -28,11 +28,11 @@ from phalanx.daemon.swarm_file import read_swarm
 from phalanx.daemon.trusted import program
 from phalanx.errors import Unavailable, Unknown, UsageError
 from phalanx.gateway import UpOptions, up
-from phalanx.io import QrkeyClient
-from phalanx.io.keyring import Keys, pem
-from phalanx.io.mission_key import issued, read_mission_key
-from phalanx.io.serial_line import open_line
-from phalanx.io.serial_node import SerialNode
+from phalanx.net import QrkeyClient
+from phalanx.net.keyring import Keys, pem
+from phalanx.net.mission_key import issued, read_mission_key
+from phalanx.net.serial_line import open_line
+from phalanx.net.serial_node import SerialNode
 from phalanx.robot import Led, Point
 from phalanx.wire.driven import GATEWAY, OPERATOR, ORDER, TELL_WHEELS, WHEELS_MEMORY
 from phalanx.wire.table import AUDIT_FRAGMENT, AUDIT_TOKEN, BOARD, KEY_BYTES, REQUEST, SEAL, TOKEN, WHEELS_STATE

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 import boards
-from phalanx.io.keyring import Keys
-from phalanx.io.mission_key import issued
+from phalanx.net.keyring import Keys
+from phalanx.net.mission_key import issued
 from phalanx.wire.table import BOARD
 
 pytestmark = [pytest.mark.waits]
@@ -26,7 +26,7 @@ from pathlib import Path
 
 class Refuses:
     def find_spec(self, name, path=None, target=None):
-        if name.startswith(("phalanx.sim", "phalanx.lab")):
+        if name.startswith(("phalanx.world", "phalanx.lab")):
             with Path("refused").open("a") as file:
                 file.write(f"{name}\\n")
             raise ImportError(name)

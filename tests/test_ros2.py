@@ -15,9 +15,9 @@ from pathlib import Path
 import pytest
 
 from phalanx.daemon.state import told
-from phalanx.io.keyring import Keys
-from phalanx.io.mission_key import issued
 from phalanx.lab.arena.places import free_ports
+from phalanx.net.keyring import Keys
+from phalanx.net.mission_key import issued
 from phalanx.wire.table import BOARD
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]

@@ -9,11 +9,11 @@ from types import SimpleNamespace
 
 import pytest
 
+from phalanx.bridges.ros2 import geometry
+from phalanx.bridges.ros2.diagnostics import ERROR, ODOM_IN_MAP, OK, WARN, place_in, told_of
+from phalanx.bridges.ros2.geometry import Area, Place, pose_of, steered
+from phalanx.bridges.ros2.sweep import Track, beams_of
 from phalanx.cli.main import run_command
-from phalanx.daemon.ros2 import geometry
-from phalanx.daemon.ros2.diagnostics import ERROR, ODOM_IN_MAP, OK, WARN, place_in, told_of
-from phalanx.daemon.ros2.geometry import Area, Place, pose_of, steered
-from phalanx.daemon.ros2.sweep import Track, beams_of
 from phalanx.errors import UsageError
 from phalanx.robot import Point
 

@@ -14,7 +14,7 @@ import pytest
 from conftest import eventually
 from phalanx.errors import Held, Unavailable, Unknown
 from phalanx.gateway import UpOptions, up
-from phalanx.io import QrkeyClient
+from phalanx.net import QrkeyClient
 from phalanx.robot import Point
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]
@@ -49,7 +49,7 @@ def bases(domain):
 
 
 def swarm_of(wait_s=30.0):
-    from phalanx.daemon.ros2.swarm import RosSwarm
+    from phalanx.bridges.ros2.swarm import RosSwarm
 
     return RosSwarm(wait_s)
 

@@ -15,9 +15,9 @@ from phalanx.config import BtiConfig
 from phalanx.errors import Unavailable
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.audited.setup import audits_share
-from phalanx.sim.scenarios import run as run_module
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.audited.setup import audits_share
+from phalanx.world.scenarios import run as run_module
+from phalanx.world.scenarios.run import Run
 
 
 def ran(until_s: float, **said) -> Run:

@@ -19,10 +19,10 @@ from phalanx.robot.controllers import dispatch
 from phalanx.robot.planner import ToGoal, advice_of
 from phalanx.robot.robot import Robot
 from phalanx.robot.runtime import Runtime
-from phalanx.sim import Scenario
-from phalanx.sim.audited import loop, pybot
-from phalanx.sim.scenarios.run import Run
 from phalanx.wire.fields import row
+from phalanx.world import Scenario
+from phalanx.world.audited import loop, pybot
+from phalanx.world.scenarios.run import Run
 
 SWARM = Scenario(
     robots=6, grid_step_m=16.0, goal_m=(60.0, 60.0), duration_s=16.0, controller="guard", bti=BtiConfig(f_max=1)

@@ -12,12 +12,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import phalanx
+from phalanx.attacks import IN_FLOCKS
 from phalanx.config import BtiConfig
 from phalanx.config.builtin import built_in
 from phalanx.config.flock import Box, Disc, FlockConfig
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
-from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.file import (
     MOST_BYTES,
@@ -28,7 +28,7 @@ from phalanx.scenarios.file import (
     scenario_schema,
 )
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.scenarios.play import play
+from phalanx.world.scenarios.play import play
 
 DATA = Path(phalanx.__file__).parent / "data"
 SPOOF = AttackSpec(name="spoof")

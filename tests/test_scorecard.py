@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pytest
 
+from phalanx.attacks import ATTACKS, IN_FLOCKS
 from phalanx.cli import scorecard as command
 from phalanx.errors import UsageError
-from phalanx.experiments.bti.attack_trial import FlockTrial, Stop, said_of
-from phalanx.experiments.scorecard import bout as bouts
-from phalanx.experiments.scorecard.bout import OUTCOME, drive, run_bout, try_on_wheels
-from phalanx.experiments.scorecard.card import draw_card, lines
-from phalanx.experiments.scorecard.plan import AT_S, COMMON, MISSIONS, known_protocols, scorecard_plan
-from phalanx.robot.attacks import ATTACKS, IN_FLOCKS
+from phalanx.lab.scorecard import bout as bouts
+from phalanx.lab.scorecard.bout import OUTCOME, drive, run_bout, try_on_wheels
+from phalanx.lab.scorecard.card import draw_card, lines
+from phalanx.lab.scorecard.plan import AT_S, COMMON, MISSIONS, known_protocols, scorecard_plan
+from phalanx.papers.bti.attack_trial import FlockTrial, Stop, said_of
 from phalanx.scenarios.own import find_attack
 from phalanx.scenarios.scenario import in_scenarios
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from phalanx.io.seats import KNOWN_PERCENT, Seats, place_of
+from phalanx.net.seats import KNOWN_PERCENT, Seats, place_of
 
 
 class Sitting:

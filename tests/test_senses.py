@@ -20,8 +20,8 @@ from phalanx.config.flock import Box, Disc, FlockConfig
 from phalanx.errors import UsageError
 from phalanx.robot import Command, Controller, Reading, Senses
 from phalanx.scenarios.own import find_class
-from phalanx.sim import AttackSpec, Scenario, simulate
-from phalanx.sim.audited.around import Around
+from phalanx.world import AttackSpec, Scenario, simulate
+from phalanx.world.audited.around import Around
 
 DISC, BOX = Disc(x_m=5.0, y_m=0.0, radius_m=1.0), Box(left_m=-1.0, bottom_m=3.0, right_m=1.0, top_m=4.0)
 CAREFUL = """

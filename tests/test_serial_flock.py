@@ -12,7 +12,7 @@ from phalanx.config import BtiConfig
 from phalanx.errors import Unavailable
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.scenarios.run import Run
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 # One lies from its sixth second on: it is audited, refused and stopped by its own a-node.

@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 import boards
 from phalanx.bti.nodes import Limits, Refused, seal_mission_key
 from phalanx.errors import Unavailable, UsageError
-from phalanx.io.serial_line import SerialLine, open_line
-from phalanx.io.serial_node import SerialNode
+from phalanx.net.serial_line import SerialLine, open_line
+from phalanx.net.serial_node import SerialNode
 from phalanx.wire import lines
 from phalanx.wire.framing import Frames, framed
 from test_firmware_oracle import LIMITS as ORACLE
@@ -197,7 +197,7 @@ class TestLimit:
             board.ask(lines.SEND, frame=b"\1x")
 
     def test_who_says_nothing_but_rubbish_has_not_answered(self, monkeypatch):
-        monkeypatch.setattr("phalanx.io.serial_node.BEGINS_TIMEOUT_S", 0.2)
+        monkeypatch.setattr("phalanx.net.serial_node.BEGINS_TIMEOUT_S", 0.2)
 
         class Rubbish(SerialLine):
             def __init__(self):
@@ -241,7 +241,7 @@ class TestLimit:
 
     @pytest.mark.parametrize("where", ["unix:/nowhere/socket", "serial:/dev/null", "process:/nowhere/node,flash"])
     def test_a_line_that_is_not_there_is_one_clear_error(self, where, monkeypatch):
-        monkeypatch.setattr("phalanx.io.serial_line.OPEN_TIMEOUT_S", 0.1)
+        monkeypatch.setattr("phalanx.net.serial_line.OPEN_TIMEOUT_S", 0.1)
         with pytest.raises(Unavailable, match="cannot be opened"):
             open_line(where)
 

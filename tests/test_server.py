@@ -13,9 +13,9 @@ import pytest
 from conftest import a_server, eventually, tell_until_cancelled, with_an_old_pin
 from phalanx.config import LinkConfig
 from phalanx.errors import BadPayload, Unavailable, UsageError
-from phalanx.io import QrkeyClient, Server, parse_broker_url
-from phalanx.io.qrkey_client import FIRST_FRAME_S
 from phalanx.link.client_side import FRAME
+from phalanx.net import QrkeyClient, Server, parse_broker_url
+from phalanx.net.qrkey_client import FIRST_FRAME_S
 
 pytestmark = pytest.mark.waits
 

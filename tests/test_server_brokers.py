@@ -26,9 +26,9 @@ from conftest import (
 )
 from phalanx.config import LinkConfig
 from phalanx.errors import Unavailable, UsageError
-from phalanx.io import ANY, Login, QrkeyClient, Server
-from phalanx.io.broker import open_broker
-from phalanx.io.mosquitto import MEMORY_BYTES, mosquitto, serves
+from phalanx.net import ANY, Login, QrkeyClient, Server
+from phalanx.net.broker import open_broker
+from phalanx.net.mosquitto import MEMORY_BYTES, mosquitto, serves
 from ports import free_port
 from test_strangers import the_process
 
@@ -79,8 +79,8 @@ class TestBrokersThatComeAndGo:
         def refused(*_):
             raise PermissionError
 
-        monkeypatch.setattr("phalanx.io.mosquitto.os.geteuid", lambda: 0)
-        monkeypatch.setattr("phalanx.io.mosquitto.shutil.chown", refused)
+        monkeypatch.setattr("phalanx.net.mosquitto.os.geteuid", lambda: 0)
+        monkeypatch.setattr("phalanx.net.mosquitto.shutil.chown", refused)
         async with open_broker("mosquitto", tcp_port=free_port(), ws_port=free_port()) as broker:
             assert await serves(broker.url)
 
@@ -267,7 +267,7 @@ class TestBrokersThatComeAndGo:
             monkeypatch.context() as patch,
             pytest.raises(Unavailable, match=r"not start: .*mosquitto\.conf:1"),
         ):
-            patch.setattr("phalanx.io.mosquitto.configuration", lambda *_: "nonsense\n")
+            patch.setattr("phalanx.net.mosquitto.configuration", lambda *_: "nonsense\n")
             async with mosquitto(*somewhere()):
                 pass
         for after_s in (0.0, 0.001, 0.01, 0.03, 0.1):
@@ -348,7 +348,7 @@ class TestBrokersThatComeAndGo:
             assert not other.rejected
 
     async def test_without_mosquitto_one_line_says_how_to_get_it(self, monkeypatch):
-        monkeypatch.setattr("phalanx.io.mosquitto.find_mosquitto", lambda: None)
+        monkeypatch.setattr("phalanx.net.mosquitto.find_mosquitto", lambda: None)
         with pytest.raises(Unavailable, match="mosquitto is not installed") as refused:
             async with a_broker():
                 pass

@@ -16,8 +16,8 @@ import pytest
 from conftest import a_server, bare_mosquitto, eventually, somebody
 from phalanx.config import LinkConfig
 from phalanx.crypto import seal_jwe
-from phalanx.io import Login, QrkeyClient, Server
 from phalanx.link.envelope import encode_envelope, seal
+from phalanx.net import Login, QrkeyClient, Server
 from ports import free_port
 
 pytestmark = pytest.mark.waits
@@ -78,7 +78,7 @@ class TestHostileMessages:
         assert "full" not in caplog.text
 
     async def test_a_client_too_counts_what_comes_faster_than_it_is_read(self, broker, monkeypatch):
-        monkeypatch.setattr("phalanx.io.connection.INCOMING_MESSAGES", 3)
+        monkeypatch.setattr("phalanx.net.connection.INCOMING_MESSAGES", 3)
         reading = asyncio.Event()
         async with a_server(broker) as server:
             await server.wait_connected(10)

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 
 from phalanx.config.session import SessionConfig
 from phalanx.errors import BadPayload, PeerError, Unavailable, UsageError
-from phalanx.io.session_client import Client, RequestRefused, SessionOver
-from phalanx.io.session_connection import websocket_url
 from phalanx.link.session import EndReason, Kind, Reason, Role, Secret
 from phalanx.link.session.invitation import BadInvitation
+from phalanx.net.session_client import Client, RequestRefused, SessionOver
+from phalanx.net.session_connection import websocket_url
 from session_endpoint import Endpoint
 
 pytestmark = pytest.mark.waits

@@ -16,14 +16,14 @@ import pytest
 
 from phalanx.config.session import SessionConfig
 from phalanx.errors import Unavailable, UsageError
-from phalanx.io.session_store import SessionStore
 from phalanx.link.session.visitors import Visitors
+from phalanx.net.session_store import SessionStore
 
 # Adds and removes visitors for ever; says on stdout what the server would acknowledge, after `remove` has returned.
 REMOVES = """
 import itertools, sys
 from pathlib import Path
-from phalanx.io.session_store import SessionStore
+from phalanx.net.session_store import SessionStore
 from phalanx.link.session.visitors import Visitor, Visitors
 from phalanx.link.session import Role
 from phalanx.config.session import SessionConfig

@@ -17,8 +17,8 @@ from phalanx.daemon.sealed_air import with_room_for_seals
 from phalanx.daemon.settings import read_robot
 from phalanx.daemon.signed_mission import digest_of, sign_mission
 from phalanx.errors import UsageError
-from phalanx.io.keyring import create, opened
-from phalanx.io.mission_key import issued
+from phalanx.net.keyring import create, opened
+from phalanx.net.mission_key import issued
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.file import parse_scenario, written_scenario
 

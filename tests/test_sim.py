@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from phalanx.errors import Unknown, UsageError
 from phalanx.robot import Led, Point
 from phalanx.robot.follow import wheels_towards
-from phalanx.sim import Dotbots
-from phalanx.sim.swarms.dotbots import BODY_MM, TOP_SPEED_MMPS
+from phalanx.world import Dotbots
+from phalanx.world.swarms.dotbots import BODY_MM, TOP_SPEED_MMPS
 
 DT = 0.02
 

@@ -1,4 +1,4 @@
-"""`phalanx.sim.simulate`: a scenario as arrays, tables and files, under many seeds and on several processors."""
+"""`phalanx.world.simulate`: a scenario as arrays, tables and files, under many seeds and on several processors."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from phalanx.config import BtiConfig
 from phalanx.config.builtin import built_in
 from phalanx.errors import Unavailable, UsageError
 from phalanx.scenarios.file import find_scenario
-from phalanx.sim import AttackSpec, Result, Scenario, simulate
-from phalanx.sim.scenarios.cautions import cautions, neighbours_at_start
-from phalanx.sim.scenarios.play import play
-from phalanx.sim.scenarios.run import Run
+from phalanx.world import AttackSpec, Result, Scenario, simulate
+from phalanx.world.scenarios.cautions import cautions, neighbours_at_start
+from phalanx.world.scenarios.play import play
+from phalanx.world.scenarios.run import Run
 
 simulate_module = sys.modules[simulate.__module__]
 
@@ -155,7 +155,7 @@ class TestProcesses:
     def test_ctrl_c_ends_all_and_leaves_recordings_whole(self, tmp_path, workers):
         script = tmp_path / "script.py"
         script.write_text(
-            "from phalanx.sim import Scenario, simulate\n"
+            "from phalanx.world import Scenario, simulate\n"
             "told = lambda share: share and print('going', flush=True)\n"
             "simulate(Scenario(robots=9, duration_s=6e5), seeds=(0, 1), record='{seed}.mcap',"
             f" workers={workers}, on_progress=told)\n"

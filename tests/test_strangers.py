@@ -20,14 +20,14 @@ import pytest
 from conftest import Turns, a_gateway, a_server, bare_mosquitto, eventually, somebody
 from phalanx.cli.terminal import EventLines
 from phalanx.gateway.gateway import Gateway, Told
-from phalanx.io import QrkeyClient, Server
-from phalanx.io.broker import open_broker
-from phalanx.io.front.link import frame_head
-from phalanx.io.private_file import private_folder
 from phalanx.link.envelope import encode_envelope, seal
 from phalanx.link.messages import Publish
 from phalanx.link.topics import CommandTopic, full_topic
-from phalanx.sim import Dotbots
+from phalanx.net import QrkeyClient, Server
+from phalanx.net.broker import open_broker
+from phalanx.net.front.link import frame_head
+from phalanx.net.private_file import private_folder
+from phalanx.world import Dotbots
 from ports import free_port
 from websocket_broker import BrokerEnd
 

@@ -13,12 +13,12 @@ from phalanx.bti.fleet import START
 from phalanx.cli import up as command
 from phalanx.crypto import keys as sealing
 from phalanx.daemon.proofs import unsealed
-from phalanx.demo.simulated import plan_swarm
 from phalanx.errors import UsageError
-from phalanx.io.keyring import Keys, create, opened
-from phalanx.sim.swarms.protected import ProtectedSwarm, SwarmKeys
+from phalanx.gateway.demo import plan_swarm
+from phalanx.net.keyring import Keys, create, opened
 from phalanx.wire.fields import row
 from phalanx.wire.table import MAC_BYTES, TOKEN
+from phalanx.world.swarms.protected import ProtectedSwarm, SwarmKeys
 
 ROBOTS = 4
 WORDS = "correct horse battery staple"

@@ -16,14 +16,14 @@ from pyarrow import parquet
 
 from conftest import PHALANX
 from phalanx.errors import Unavailable, UsageError
-from phalanx.experiments.figure import FIGURES, Figure
-from phalanx.experiments.sweep import dealing
-from phalanx.experiments.sweep.dealing import deal_cases, run_job
-from phalanx.experiments.sweep.plan import read_sweep
-from phalanx.experiments.sweep.store import OUTCOME, Store, points
-from phalanx.experiments.table import read_table
+from phalanx.lab.sweep import dealing
+from phalanx.lab.sweep.dealing import deal_cases, run_job
+from phalanx.lab.sweep.plan import read_sweep
+from phalanx.lab.sweep.store import OUTCOME, Store, points
+from phalanx.papers.figure import FIGURES, Figure
+from phalanx.papers.table import read_table
 from phalanx.scenarios.file import find_scenario
-from phalanx.sim import simulate
+from phalanx.world import simulate
 
 SMALL = """scenario: flock-12
 seeds: 3
@@ -376,7 +376,7 @@ class TestCluster:
         assert doubled == {f"job {i}": 2 * i for i in range(12) if i not in (3, 7)}
 
     def test_no_scheduler_there_is_one_line(self, written, tmp_path, phalanx, monkeypatch):
-        monkeypatch.setattr("phalanx.experiments.sweep.dealing.CONNECT_S", 1.0)
+        monkeypatch.setattr("phalanx.lab.sweep.dealing.CONNECT_S", 1.0)
         code, _, err = phalanx(
             "sweep", str(written(SMALL)), "--out", str(tmp_path / "out"), "--scheduler", "tcp://127.0.0.1:9"
         )
@@ -386,7 +386,7 @@ class TestCluster:
         assert code == 2
 
     def test_cases_of_a_figure_are_dealt_out_and_come_to_the_same(self, tmp_path, phalanx, monkeypatch):
-        monkeypatch.setattr("phalanx.experiments.table.version", lambda: "of a test")
+        monkeypatch.setattr("phalanx.papers.table.version", lambda: "of a test")
         tables = []
         for words in (("--workers", "2"), ()):
             code, _, err = phalanx("reproduce", "bti-fig9", "--seeds", "1", "--out", str(tmp_path / str(words)), *words)

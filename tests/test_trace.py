@@ -17,10 +17,10 @@ from phalanx.errors import UsageError
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.compiled import compiled
 from phalanx.robot.controllers.flock_law import flock_params
-from phalanx.sim import AttackSpec, Scenario
-from phalanx.sim.audited.pybot import described
-from phalanx.sim.scenarios.run import Run
 from phalanx.wire.fields import row
+from phalanx.world import AttackSpec, Scenario
+from phalanx.world.audited.pybot import described
+from phalanx.world.scenarios.run import Run
 
 TRACED = 5
 # Lost packets make robots repeat fragments.

@@ -7,9 +7,9 @@ import pytest
 import traffic
 from phalanx.gateway import session_link
 from phalanx.gateway.trail import Trail
-from phalanx.io.session_client import Client
-from phalanx.io.session_store import new_link_keys
 from phalanx.link.session import MemoryStore, padding
+from phalanx.net.session_client import Client
+from phalanx.net.session_store import new_link_keys
 from session_front import FakeFront
 from virtual_time import run_in_virtual_time
 

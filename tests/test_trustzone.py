@@ -12,7 +12,7 @@ import time
 import pytest
 
 import boards
-from phalanx.io.children import die_with_parent
+from phalanx.net.children import die_with_parent
 
 # As in test_qemu.py: whose board has no work polls its line.
 pytestmark = [pytest.mark.timeout(900), pytest.mark.waits]

@@ -18,17 +18,17 @@ from phalanx.errors import PeerError, Unavailable
 from phalanx.gateway import Gateway, UpOptions, up
 from phalanx.gateway.session_link import SessionLink, now
 from phalanx.gateway.trail import Trail
-from phalanx.io.broker import RunningBroker
-from phalanx.io.broker_url import BrokerUrl
-from phalanx.io.session_broker import KNOCKS, MORE_BYTES, ROW_BYTES, SessionBroker
-from phalanx.io.session_client import Client, SessionOver
-from phalanx.io.session_store import new_link_keys
 from phalanx.link.session import EndReason, MemoryStore, parse_invitation
 from phalanx.link.session.events import Close, Listen, Send
 from phalanx.link.session.events import Publish as Update
 from phalanx.link.session.secret import hello_topic
-from phalanx.sim import Dotbots
+from phalanx.net.broker import RunningBroker
+from phalanx.net.broker_url import BrokerUrl
+from phalanx.net.session_broker import KNOCKS, MORE_BYTES, ROW_BYTES, SessionBroker
+from phalanx.net.session_client import Client, SessionOver
+from phalanx.net.session_store import new_link_keys
 from phalanx.wire.sessions import SIGNED_HELLO, UPDATE
+from phalanx.world import Dotbots
 from ports import free_port
 from session_front import FakeFront
 

@@ -19,7 +19,7 @@ from phalanx.gateway import UpOptions, up
 from phalanx.gateway.chain_file import read_lines
 from phalanx.link.session import Invitation, Reason, parse_invitation
 from phalanx.link.session.errors import EndReason
-from phalanx.sim import Dotbots
+from phalanx.world import Dotbots
 from session_front import visiting
 
 pytestmark = pytest.mark.waits

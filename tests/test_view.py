@@ -17,14 +17,14 @@ from mcap.writer import CompressionType, Writer
 from phalanx.cli import view as view_command
 from phalanx.errors import Unavailable, UsageError
 from phalanx.gateway.serve_view import ViewPages
-from phalanx.io.site import beside
+from phalanx.net.site import beside
 from phalanx.recording import recorded
 from phalanx.recording.recorded import Said
 from phalanx.recording.recorder import NS, TOPICS, frame
-from phalanx.sim.audited.world import VerdictReader
-from phalanx.sim.scenarios import scenes
-from phalanx.sim.scenarios.play import play
-from phalanx.sim.scenarios.scenes import Live, Scenes, lines_of
+from phalanx.world.audited.world import VerdictReader
+from phalanx.world.scenarios import scenes
+from phalanx.world.scenarios.play import play
+from phalanx.world.scenarios.scenes import Live, Scenes, lines_of
 from test_recording import SCENARIO
 
 ATTACK = KeyValuePair(key="attack", value="spoof")

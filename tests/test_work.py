@@ -12,9 +12,9 @@ from phalanx.errors import Unknown
 from phalanx.robot import Point
 from phalanx.robot.controllers.bundled import wheels
 from phalanx.robot.controllers.peer_bodies import TAKEN_MS
-from phalanx.sim.swarms.protected import DEMO, ProtectedSwarm
-from phalanx.sim.swarms.work import LATELY_S, ON_WHEELS, Work
 from phalanx.wire.record import MalformedRecord
+from phalanx.world.swarms.protected import DEMO, ProtectedSwarm
+from phalanx.world.swarms.work import LATELY_S, ON_WHEELS, Work
 
 STEP_S = 0.1
 LEAST = {"exploration": 90.0, "patrol": 50.0, "tracking": 30.0}  # after 20 s

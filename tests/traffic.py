@@ -19,9 +19,9 @@ from phalanx.config.session import SessionConfig
 from phalanx.gateway import Gateway
 from phalanx.gateway.session_link import SessionLink
 from phalanx.gateway.trail import Trail
-from phalanx.io.session_client import Client
-from phalanx.io.session_store import new_link_keys
 from phalanx.link.session import MemoryStore
+from phalanx.net.session_client import Client
+from phalanx.net.session_store import new_link_keys
 from phalanx.robot import Led, Point, Robot
 from session_front import FakeFront
 

@@ -146,7 +146,7 @@ if __name__ == "__main__":
     import phalanx.cli.link
     import phalanx.cli.robot
     import phalanx.cli.up
-    import phalanx.demo.simulated  # noqa: F401
+    import phalanx.gateway.demo  # noqa: F401
 
     if _serve(socket.socket(fileno=int(sys.argv.pop(1)))):
         runpy.run_module("phalanx", run_name="__main__", alter_sys=True)

@@ -14,7 +14,7 @@ The rooms, each imported when it is first used:
 
 Twelve robots audit each other; one stops to do what it is told, and is stopped:
 
-    >>> from phalanx.sim import simulate
+    >>> from phalanx.world import simulate
     >>> result = simulate("flock-12", attacks="hijack:robot=5,at=10", every_s=0.5)
     >>> stopped_s = result.times_s[result.in_safe_mode[0, :, 4]][0]
     >>> print(result.positions_m.shape, 10 < stopped_s < 20.25)

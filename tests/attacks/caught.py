@@ -18,7 +18,7 @@ from phalanx.bti.refusal import Refusal
 from phalanx.bti.work import make_work
 from phalanx.kernel import PURE
 from phalanx.robot import handlers
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.scenarios.run import Run
 from shown_requests import requests_of
 
 HERE = Path(__file__).parent

@@ -13,8 +13,8 @@ from phalanx.bti import request
 from phalanx.robot import handlers
 from phalanx.robot.robot import Robot
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.audited.world import PYTHON
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.audited.world import PYTHON
+from phalanx.world.scenarios.run import Run
 
 # From the events of a robot in Python down to the guards.
 CHAIN = [

@@ -18,14 +18,14 @@ from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig, RadioConfig
 from phalanx.config.flock import FlockConfig
 from phalanx.robot import handlers
-from phalanx.robot.attacks.liar import MOTION
+from phalanx.robot.adversary.liar import MOTION
 from phalanx.robot.controllers.dispatch import NUMBERS
 from phalanx.robot.controllers.flock_law import flock_params
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.audited.setup import power_up
 from phalanx.wire.fields import put_u32
 from phalanx.wire.table import KIND_STATE
+from phalanx.world.audited.setup import power_up
 
 BOOT_MS = 1000
 ROUND_MS = 4000

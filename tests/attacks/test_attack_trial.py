@@ -8,11 +8,11 @@ from dataclasses import replace
 import pytest
 from trials import AT_S, F_MAX, scenario
 
+from phalanx.attacks import IN_FLOCKS
 from phalanx.errors import UsageError
-from phalanx.experiments.bti.attack_trial import Airtime, FlockTrial, Stop, airtime_since, said_of, sent, try_attack
-from phalanx.robot.attacks import IN_FLOCKS
+from phalanx.papers.bti.attack_trial import Airtime, FlockTrial, Stop, airtime_since, said_of, sent, try_attack
 from phalanx.scenarios.attack_spec import AttackSpec
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.scenarios.run import Run
 
 TOLD = {"duration_s": 60.0}
 SAME = {"harm": 0.0, "attacked": TOLD, "honest": TOLD, "honest_distance_m": 0.0, "stops": ()}

@@ -15,7 +15,7 @@ from phalanx.bti.memo import Memo
 from phalanx.bti.refusal import Refusal
 from phalanx.robot import actions, handlers
 from phalanx.robot.actions import Verdict
-from phalanx.robot.attacks.liar import tokens_in
+from phalanx.robot.adversary.liar import tokens_in
 
 MUTATED = 10_000
 # Times as long: what audits of a few microseconds differ by on a busy machine, and more.

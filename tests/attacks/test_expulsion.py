@@ -9,7 +9,7 @@ from phalanx.config.flock import NO_CROWD
 from phalanx.robot.controllers.flock_law import PUSH
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.scenarios.run import Run
 
 SEEDS = range(3)
 

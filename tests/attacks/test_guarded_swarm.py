@@ -15,14 +15,14 @@ from phalanx.config import BtiConfig
 from phalanx.config.guard import GuardConfig
 from phalanx.errors import UsageError
 from phalanx.robot import Liar, Planner
-from phalanx.robot.attacks.attack import own_attack
+from phalanx.robot.adversary.attack import own_attack
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.compiled import compiled
 from phalanx.robot.controllers.guard_law import guard_params
 from phalanx.robot.planner import ToGoal
-from phalanx.sim import AttackSpec, Scenario, simulate
 from phalanx.wire.fields import get_u32, row
 from phalanx.wire.guarded import ADVICE, KIND_WISH, WISH
+from phalanx.world import AttackSpec, Scenario, simulate
 
 pytestmark = pytest.mark.long
 

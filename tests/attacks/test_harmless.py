@@ -11,13 +11,13 @@ import pytest
 from opened import Hole, run_with
 from trials import AT_S, F_MAX, run, scenario
 
+from phalanx.attacks import IN_FLOCKS
 from phalanx.bti import fleet, request, rounds
 from phalanx.config import BtiConfig
 from phalanx.robot import handlers
-from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.scenarios.run import Run
 
 # Either guard is enough, for an old token is for an old checkpoint too; but not while the same one is still pending.
 OLD_TOKENS = (Hole(rounds, "on_token", " and t >= p.asked_ms and p.claimed == number"),)

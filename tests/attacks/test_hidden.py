@@ -11,9 +11,9 @@ from phalanx.config import BtiConfig
 from phalanx.robot import handlers
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.scenarios.run import Run
 from phalanx.wire.fields import row
 from phalanx.wire.table import AUDIT_HERE
+from phalanx.world.scenarios.run import Run
 
 T_AUDIT_MS = 4000
 # The longest pauses before a fragment is said again.

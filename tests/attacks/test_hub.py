@@ -13,8 +13,8 @@ from phalanx.config import BtiConfig
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.scenarios.run import Run
 from phalanx.wire.table import AUDIT_FRAGMENT
+from phalanx.world.scenarios.run import Run
 
 LIAR = AttackSpec(name="refuse-to-audit", robot=1, at_s=5.0)
 

@@ -9,20 +9,20 @@ import pytest
 from opened import Hole, run_with
 from test_answers import BOOT_MS, GRANT_MS, ROUND_MS, VICTIM, Asking
 
+from phalanx.attacks.channel import Mask
 from phalanx.bti import audit, log, request, rounds, seeking
 from phalanx.bti.fleet import BOUND, PAPER
 from phalanx.bti.nodes import Limits
 from phalanx.config import BtiConfig
 from phalanx.robot import actions, handlers
 from phalanx.robot.actions import EVERYBODY, Action, RetryAt, RoundAt, Transmit
-from phalanx.robot.attacks.channel import Mask
-from phalanx.robot.attacks.liar import is_audit
+from phalanx.robot.adversary.liar import is_audit
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attacks
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.scenarios.run import Run
 from phalanx.wire.fields import row
 from phalanx.wire.table import AUDIT_HELLO, AUDIT_HERE, AUDIT_SEEK, AUDIT_TOKEN
+from phalanx.world.scenarios.run import Run
 
 DEAF = Hole(handlers, "hear_audit", "sub == seeking.SEEK", "False")
 ASKER = 5

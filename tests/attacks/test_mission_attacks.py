@@ -8,10 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from phalanx.attacks import ATTACKS, ON_MISSIONS
+from phalanx.attacks.missions.between import Between, NudgeCode, Slip, SpoofScan
 from phalanx.cli.main import run_command
 from phalanx.config.defence import DEFENCES
-from phalanx.experiments.missions.errand import errand
-from phalanx.experiments.missions.trial import (
+from phalanx.papers.missions.errand import errand
+from phalanx.papers.missions.trial import (
     ROBOT,
     Operator,
     honest_errand,
@@ -20,9 +22,7 @@ from phalanx.experiments.missions.trial import (
     try_mission_attack,
     walk,
 )
-from phalanx.robot.attacks import ATTACKS, ON_MISSIONS
-from phalanx.robot.attacks.harm import Walked
-from phalanx.robot.attacks.missions.between import Between, NudgeCode, Slip, SpoofScan
+from phalanx.robot.adversary.harm import Walked
 
 PAGE = Path(__file__).parents[2] / "docs" / "attacks.md"
 WALKED = [name for name, attack in ON_MISSIONS.items() if attack.scene == "errand"]

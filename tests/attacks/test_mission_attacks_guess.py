@@ -6,12 +6,12 @@ from functools import cache
 
 import pytest
 
+from phalanx.attacks import ATTACKS, ON_MISSIONS
 from phalanx.config.defence import DEFENCES
 from phalanx.config.mission import CodingConfig
-from phalanx.experiments.missions.errand import TOKEN, errand
-from phalanx.experiments.missions.trial import ROBOT, Operator, plan_of, try_guess, try_mission_attack
 from phalanx.mission import parse_start_key
-from phalanx.robot.attacks import ATTACKS, ON_MISSIONS
+from phalanx.papers.missions.errand import TOKEN, errand
+from phalanx.papers.missions.trial import ROBOT, Operator, plan_of, try_guess, try_mission_attack
 
 GUESSES = [name for name, attack in ON_MISSIONS.items() if attack.scene == "file"]
 CHEAP = CodingConfig(delta_mm=800, kdf_log2_n=1, kdf_r=1)

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from phalanx.attacks import ATTACKS, Attack, own_attack
+from phalanx.attacks.missions.between import Between
+from phalanx.attacks.missions.cheat import MissionCheat
+from phalanx.attacks.missions.guesses import Guess
 from phalanx.errors import UsageError
-from phalanx.robot.attacks import ATTACKS, Attack, own_attack
-from phalanx.robot.attacks.liar import Liar
-from phalanx.robot.attacks.missions.between import Between
-from phalanx.robot.attacks.missions.cheat import MissionCheat
-from phalanx.robot.attacks.missions.guesses import Guess
+from phalanx.robot.adversary.liar import Liar
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
 

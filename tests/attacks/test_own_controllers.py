@@ -14,14 +14,14 @@ import numpy as np
 from trials import run, scenario
 
 from phalanx.bti.refusal import Refusal
-from phalanx.robot.attacks.harm import ASTRAY
+from phalanx.robot.adversary.harm import ASTRAY
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.compiled import compiled
 from phalanx.robot.controllers.flock_law import flock_params
 from phalanx.robot.controllers.python_controller import Act, Controller, Send
 from phalanx.scenarios.attack_spec import AttackSpec
-from phalanx.sim.scenarios.run import Run
 from phalanx.wire.table import ACCELERATION, STATE
+from phalanx.world.scenarios.run import Run
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "own_controller.py"
 

@@ -11,9 +11,9 @@ from phalanx.bti.refusal import Refusal
 from phalanx.errors import UsageError
 from phalanx.robot.controllers.python_controller import Act, Controller, Send
 from phalanx.scenarios.attack_spec import AttackSpec
-from phalanx.sim.scenarios.run import Run
 from phalanx.wire.record import MalformedRecord
 from phalanx.wire.table import ACCELERATION, STATE
+from phalanx.world.scenarios.run import Run
 
 STAND = ACCELERATION.encode(id=1, t=0, ax_mps2=0.0, ay_mps2=0.0)
 

@@ -19,7 +19,7 @@ from phalanx.bti.fleet import BOUND, PENDING
 from phalanx.bti.log import ENTRY_HEAD_BYTES
 from phalanx.bti.refusal import Refusal
 from phalanx.robot import handlers
-from phalanx.robot.attacks.liar import MOTION
+from phalanx.robot.adversary.liar import MOTION
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.python_controller import Act, unpack_outputs
 from phalanx.wire.fields import row

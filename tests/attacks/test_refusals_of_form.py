@@ -24,7 +24,7 @@ from phalanx.bti import audit, log, request, rounds, trusted
 from phalanx.bti.audit import ACMD, ENTRY_HEAD_BYTES, INPUT, RECV, SEND
 from phalanx.bti.fleet import PAPER, START
 from phalanx.bti.refusal import Refusal
-from phalanx.robot.attacks.liar import MOTION
+from phalanx.robot.adversary.liar import MOTION
 from phalanx.wire.fields import row
 from phalanx.wire.table import KIND_STATE
 

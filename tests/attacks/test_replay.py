@@ -11,7 +11,7 @@ from phalanx.bti import request
 from phalanx.bti.refusal import Refusal
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.scenarios.run import Run
 
 FLIGHT_S = 150.0
 

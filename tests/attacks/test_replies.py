@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from conftest import ROOT
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.scenarios.run import Run
 
 
 @pytest.fixture

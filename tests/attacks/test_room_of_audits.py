@@ -13,7 +13,7 @@ from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
 from phalanx.config.guard import GuardConfig
 from phalanx.robot import handlers
-from phalanx.robot.attacks.liar import MOTION
+from phalanx.robot.adversary.liar import MOTION
 from phalanx.robot.controllers.guard_law import guard_params
 from phalanx.wire import guarded
 from phalanx.wire.fields import row

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from trials import AT_S, END_S, F_MAX, Trial, honest, scenario
 
-from phalanx.robot.attacks import IN_FLOCKS
-from phalanx.robot.attacks.harm import ASTRAY
-from phalanx.robot.attacks.hijack import Dawdle
+from phalanx.attacks import IN_FLOCKS
+from phalanx.attacks.hijack import Dawdle
+from phalanx.robot.adversary.harm import ASTRAY
 from phalanx.scenarios.attack_spec import AttackSpec
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.scenarios.run import Run
 
 LONG_S = 90.0
 ENDS_S = (END_S, LONG_S, 150.0)

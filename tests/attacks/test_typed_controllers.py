@@ -13,8 +13,8 @@ from phalanx.cli.main import run_command
 from phalanx.errors import PeerError
 from phalanx.robot import F32, U16, Act, Command, Controller, Reading, Send, State
 from phalanx.robot.controllers.python_controller import OwnMistake
-from phalanx.sim.scenarios.run import Run
 from phalanx.wire.table import ACCELERATION, SENSOR, STATE
+from phalanx.world.scenarios.run import Run
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from trials import AT_S, F_MAX, MOST_TAKEN, attacked, check, honest, run, scenario
 
+from phalanx.attacks import IN_FLOCKS
 from phalanx.bti.refusal import Refusal
 from phalanx.config.defence import DEFENCES
-from phalanx.experiments.bti.attack_trial import stop_bound_s
-from phalanx.robot.attacks import IN_FLOCKS
-from phalanx.robot.attacks.liar import Plan, lying
+from phalanx.papers.bti.attack_trial import stop_bound_s
+from phalanx.robot.adversary.liar import Plan, lying
 from phalanx.scenarios.attack_spec import AttackSpec
-from phalanx.sim.audited.world import PYTHON, clock_ms
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.audited.world import PYTHON, clock_ms
+from phalanx.world.scenarios.run import Run
 
 PAGE = Path(__file__).parents[2] / "docs" / "attacks.md"
 # Why auditors refuse, where the attack is about what they are shown.

@@ -6,15 +6,15 @@ from collections import Counter
 from dataclasses import dataclass
 from functools import cache
 
+from phalanx.attacks import IN_FLOCKS
 from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
-from phalanx.experiments.bti.attack_trial import Airtime, airtime_since, sent, stop_bound_s
-from phalanx.robot.attacks import IN_FLOCKS
-from phalanx.robot.attacks.harm import STARVED
-from phalanx.robot.attacks.liar import Liar
+from phalanx.papers.bti.attack_trial import Airtime, airtime_since, sent, stop_bound_s
+from phalanx.robot.adversary.harm import STARVED
+from phalanx.robot.adversary.liar import Liar
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.scenarios.run import Run
 
 AT_S, END_S = 12.0, 36.0
 F_MAX = 3

@@ -33,33 +33,33 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from phalanx.attacks.library import ATTACKS
+from phalanx.attacks.missions.between import Between
 from phalanx.bti import trusted
 from phalanx.bti.fleet import PAPER, PLAIN
 from phalanx.cli.mission.files import read_plain
 from phalanx.config import BtiConfig
-from phalanx.experiments.missions.errand import errand
-from phalanx.experiments.missions.team import try_in_team
-from phalanx.experiments.missions.trial import ROBOT, Operator, plan_of, try_mission_attack, walk
 from phalanx.mission import BuildOptions, Profile, build
+from phalanx.papers.missions.errand import errand
+from phalanx.papers.missions.team import try_in_team
+from phalanx.papers.missions.trial import ROBOT, Operator, plan_of, try_mission_attack, walk
 from phalanx.robot import Led, Point
-from phalanx.robot.attacks.library import ATTACKS
-from phalanx.robot.attacks.missions.between import Between
 from phalanx.scenarios.attack_spec import AttackSpec, parse_attack
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_controller, find_planner
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.audited import loop
-from phalanx.sim.audited.events import next_us
-from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.sim.missions.live import Crew, Lie
-from phalanx.sim.missions.orders import orders_of
-from phalanx.sim.missions.report import Logbook
-from phalanx.sim.missions.setup import MissionRun
-from phalanx.sim.missions.world import MissionWorld, walkers_of
-from phalanx.sim.radio.channel import TX_END
-from phalanx.sim.scenarios.run import Run
-from phalanx.sim.swarms.dotbots import Dotbots
-from phalanx.sim.swarms.protected import ProtectedSwarm
+from phalanx.world.audited import loop
+from phalanx.world.audited.events import next_us
+from phalanx.world.building.floorplan import load_floorplan
+from phalanx.world.missions.live import Crew, Lie
+from phalanx.world.missions.orders import orders_of
+from phalanx.world.missions.report import Logbook
+from phalanx.world.missions.setup import MissionRun
+from phalanx.world.missions.world import MissionWorld, walkers_of
+from phalanx.world.radio.channel import TX_END
+from phalanx.world.scenarios.run import Run
+from phalanx.world.swarms.dotbots import Dotbots
+from phalanx.world.swarms.protected import ProtectedSwarm
 
 ROOT = Path(__file__).parents[2]
 ALL = -1

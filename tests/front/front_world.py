@@ -10,7 +10,7 @@ from collections import Counter
 from pathlib import Path
 
 from phalanx.config.front import FrontConfig
-from phalanx.io.front import Closed, Front, Opened, Received
+from phalanx.net.front import Closed, Front, Opened, Received
 
 HANDSHAKE = (
     b"GET /link HTTP/1.1\r\nHost: us\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
@@ -166,7 +166,7 @@ class Raw:
         return sent
 
 
-def child_of(pid: int, name: str = "phalanx.io.front.serve") -> int:
+def child_of(pid: int, name: str = "phalanx.net.front.serve") -> int:
     """The front end's process."""
     for task in Path(f"/proc/{pid}/task").glob("*/children"):
         for child in map(int, task.read_text().split()):

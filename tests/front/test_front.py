@@ -16,8 +16,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from phalanx.config.front import FrontConfig
-from phalanx.io.front import Closed, Front, Opened, Received
-from phalanx.io.front.pipe import Pipe
+from phalanx.net.front import Closed, Front, Opened, Received
+from phalanx.net.front.pipe import Pipe
 from phalanx.wire.front import FRONT_HEAD, FromFront, ToFront, pack_numbers, unpack_numbers
 from phalanx.wire.record import MalformedRecord
 
@@ -125,7 +125,7 @@ class TestItsLife:
         program = (
             "import asyncio, pathlib, sys\n"
             "from phalanx.config.front import FrontConfig\n"
-            "from phalanx.io.front import Front\n"
+            "from phalanx.net.front import Front\n"
             "async def main():\n"
             "    async with Front(pathlib.Path(sys.argv[1]), 'x', '127.0.0.1', 0, FrontConfig()) as front:\n"
             "        print(front.port, flush=True)\n"

@@ -11,7 +11,7 @@ import aiohttp
 import pytest
 from front_world import HANDSHAKE, Raw, echoing, files_of, frame, memory_mb, the_child
 
-from phalanx.io.front import Closed, Opened, Received
+from phalanx.net.front import Closed, Opened, Received
 
 pytestmark = pytest.mark.waits
 

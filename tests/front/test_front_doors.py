@@ -11,7 +11,7 @@ from front_world import Raw, echoing
 
 from phalanx.config.front import FrontConfig
 from phalanx.errors import UsageError
-from phalanx.io.front import Front, Opened
+from phalanx.net.front import Front, Opened
 
 pytestmark = pytest.mark.waits
 

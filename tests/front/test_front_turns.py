@@ -10,10 +10,10 @@ import pytest
 
 from phalanx.config.front import FrontConfig
 from phalanx.errors import UsageError
-from phalanx.io.front.newcomers import Newcomers
-from phalanx.io.front.turns import Turns
-from phalanx.io.front.window import Window
-from phalanx.io.pace import Pace, Paces
+from phalanx.net.front.newcomers import Newcomers
+from phalanx.net.front.turns import Turns
+from phalanx.net.front.window import Window
+from phalanx.net.pace import Pace, Paces
 
 NEVER = 1e-9  # per second
 

@@ -17,7 +17,7 @@ from landmark_world import ROOM, away, look, seen
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks import LaserScan, extract
-from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.world.building.floorplan import load_floorplan
 
 AHEAD = (2.5, 1.9, 0.0)
 

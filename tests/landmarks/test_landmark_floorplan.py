@@ -17,7 +17,7 @@ from phalanx.config.lidar import LidarConfig
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks import extract, floorplan_of_yaml, landmarks_of
 from phalanx.mission.landmarks.lidar import Lidar
-from phalanx.sim.building.floorplan import MAPS, load_floorplan
+from phalanx.world.building.floorplan import MAPS, load_floorplan
 
 OFFICE = yaml.safe_load((MAPS / "office_40x40.yaml").read_text())
 

@@ -20,8 +20,8 @@ from phalanx.mission.landmarks import extract, floorplan_of_map, landmarks_of
 from phalanx.mission.landmarks.gridmap import FREE, WALL, read_pgm, without_dust
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.worth.feasible import look_ahead
-from phalanx.sim.building.floorplan import MAPS, load_floorplan
-from phalanx.sim.building.walkers import free_place
+from phalanx.world.building.floorplan import MAPS, load_floorplan
+from phalanx.world.building.walkers import free_place
 
 OTHERS = Path(__file__).parent.parent / "data" / "maps"
 ROS_MAPS = [MAPS / "aws_small_house.yaml", MAPS / "nav2_depot.yaml", *sorted(OTHERS.glob("*.yaml"))]

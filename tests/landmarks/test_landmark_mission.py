@@ -20,8 +20,8 @@ from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.landmarks.scan import beam_table
 from phalanx.mission.walk.fix import begun_at, fixed, wheels_of
 from phalanx.robot.controllers.mission.readings import Sensors
-from phalanx.sim.building.floorplan import MAPS, load_floorplan
-from phalanx.sim.building.odometry import DiffDrive, Odometry, OdometryNoise
+from phalanx.world.building.floorplan import MAPS, load_floorplan
+from phalanx.world.building.odometry import DiffDrive, Odometry, OdometryNoise
 
 OTHERS = Path(__file__).parent.parent / "data" / "maps"
 # The format's, at a cost of scrypt that a test can pay.

@@ -16,8 +16,8 @@ from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.config.mission import MissionConfig
 from phalanx.mission.landmarks import extract
 from phalanx.mission.landmarks.lidar import Lidar
-from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.sim.building.walkers import Walkers, free_place
+from phalanx.world.building.floorplan import load_floorplan
+from phalanx.world.building.walkers import Walkers, free_place
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "landmark_rates.py"
 
@@ -74,7 +74,7 @@ def test_people_hide_doorways_and_make_no_false_ones():
 def _jambs():
     import yaml
 
-    from phalanx.sim.building.floorplan import MAPS
+    from phalanx.world.building.floorplan import MAPS
 
     return [door["jambs"] for door in yaml.safe_load((MAPS / "office_40x40.yaml").read_text())["doors"]]
 

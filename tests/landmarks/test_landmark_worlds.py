@@ -20,10 +20,10 @@ from phalanx.mission.landmarks.codes import read_codes
 from phalanx.mission.landmarks.lidar import Beams, Lidar, packed_beams
 from phalanx.mission.landmarks.scan import beam_table
 from phalanx.robot.controllers.mission.evidence import codes_at
-from phalanx.sim.building.camera import Camera, CameraConfig
-from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.sim.building.odometry import DiffDrive, DiffDriveConfig, NoiseModel, Odometry, OdometryNoise, along_arc
-from phalanx.sim.building.walkers import ROOM_M, Walkers, free_place
+from phalanx.world.building.camera import Camera, CameraConfig
+from phalanx.world.building.floorplan import load_floorplan
+from phalanx.world.building.odometry import DiffDrive, DiffDriveConfig, NoiseModel, Odometry, OdometryNoise, along_arc
+from phalanx.world.building.walkers import ROOM_M, Walkers, free_place
 
 COORDINATE = st.floats(-20, 20).map(lambda x: round(x, 3))
 

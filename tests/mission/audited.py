@@ -8,21 +8,21 @@ from functools import cache, partial
 import numpy as np
 from worlds import CHEAP, built, draws
 
-from phalanx.experiments.missions import team
-from phalanx.experiments.missions.team import ELSEWHERE_M, LOBBY, STORE, STORE_WALL
+from phalanx.attacks.missions.cheat import CheatPlan, DriveDark, MissionCheat
 from phalanx.mission import Action, BuildOptions, Draft, Position, Profile, Walker, build
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.walk.state import Keyring
-from phalanx.robot.attacks.missions.cheat import CheatPlan, DriveDark, MissionCheat
+from phalanx.papers.missions import team
+from phalanx.papers.missions.team import ELSEWHERE_M, LOBBY, STORE, STORE_WALL
 from phalanx.robot.controllers.mission.controller import Assignment, Missions
 from phalanx.robot.controllers.mission.readings import Sensors
-from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.sim.building.odometry import OdometryNoise
-from phalanx.sim.missions.body import Building, MissionBody
-from phalanx.sim.missions.report import summary
-from phalanx.sim.missions.setup import MissionRun, Part
-from phalanx.sim.missions.world import MissionWorld
-from phalanx.sim.radio.channel import APP_BROADCAST, AUDIT_BROADCAST, BYTES
+from phalanx.world.building.floorplan import load_floorplan
+from phalanx.world.building.odometry import OdometryNoise
+from phalanx.world.missions.body import Building, MissionBody
+from phalanx.world.missions.report import summary
+from phalanx.world.missions.setup import MissionRun, Part
+from phalanx.world.missions.world import MissionWorld
+from phalanx.world.radio.channel import APP_BROADCAST, AUDIT_BROADCAST, BYTES
 
 PLAN = load_floorplan("office_40x40")
 POOL = (Action("inspect"), Action("pick", (("shelf", 3),)))

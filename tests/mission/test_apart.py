@@ -17,7 +17,7 @@ from phalanx.mission.authoring.findable import ALIKE_RAD, alone, apart_in, told_
 from phalanx.mission.landmarks import look_alikes_of
 from phalanx.mission.observable import APART_MAX, UNTOLD_M, Offset, offset_of
 from phalanx.mission.walk.fix import told
-from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.world.building.floorplan import load_floorplan
 
 both = pytest.mark.parametrize("profile", BOTH)
 DOOR = Landmark("doorway", 5.0, 0.0, 0.2)

@@ -10,14 +10,14 @@ import pytest
 from audited import ELSEWHERE_M, PLAN, ROBOTS, STORE, cheating, errand, swarm, told, two_halves
 from worlds import BOTH
 
+from phalanx.attacks import ON_MISSIONS
+from phalanx.attacks.missions.cheat import CheatPlan
 from phalanx.bti.log import logged
 from phalanx.bti.refusal import Refusal
 from phalanx.errors import UsageError
 from phalanx.mission import Experience, Phase, Profile
-from phalanx.robot.attacks import ON_MISSIONS
-from phalanx.robot.attacks.missions.cheat import CheatPlan
-from phalanx.sim.missions.setup import MissionRun, Part
-from phalanx.sim.missions.world import MissionWorld
+from phalanx.world.missions.setup import MissionRun, Part
+from phalanx.world.missions.world import MissionWorld
 
 CHEATS = [name for name, attack in ON_MISSIONS.items() if attack.scene == "team"]
 both = pytest.mark.parametrize("profile", BOTH)

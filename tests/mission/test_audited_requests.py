@@ -15,7 +15,7 @@ from phalanx.mission import Profile
 from phalanx.robot import handlers
 from phalanx.robot.controllers.mission.evidence import pack_evidence, unpack_evidence
 from phalanx.scenarios.scenario import Scenario
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.scenarios.run import Run
 from shown_requests import requests_of
 
 INPUT = 1

@@ -18,7 +18,7 @@ from phalanx.mission.pose import spread as spread_module
 from phalanx.mission.pose.belief import COUNT, NUMBERS, UPPER, Belief, of_numbers
 from phalanx.mission.pose.spread import Sight, Sighting, corrected, doubt_of, inverse, misfit, not_surer, pose_spread
 from phalanx.mission.walk.fix import begun_at, floor_of, sight_of, sighting, wheels_of
-from phalanx.sim.building.odometry import NoiseModel, Odometry, OdometryNoise, along_arc
+from phalanx.world.building.odometry import NoiseModel, Odometry, OdometryNoise, along_arc
 
 CONFIG = MissionConfig()
 SIGHT, FLOOR, WHEELS = sight_of(CONFIG), floor_of(CONFIG), wheels_of(CONFIG)

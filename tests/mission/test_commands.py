@@ -26,7 +26,7 @@ from phalanx.mission import Landmark, Profile, parse_mission
 from phalanx.mission.file.records import FOREVER_S
 from phalanx.mission.landmarks.sites import landmarks_of
 from phalanx.mission.worth import audit
-from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.world.building.floorplan import load_floorplan
 
 SMALL = """
 mission: small

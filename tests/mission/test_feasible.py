@@ -20,10 +20,10 @@ from phalanx.mission.worth.audit import audit
 from phalanx.mission.worth.feasible import look_ahead, ways_in_vain
 from phalanx.mission.worth.outlook import SLACK, SPEED_MPS, time_for_s
 from phalanx.robot.controllers.mission import field, pilot
-from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.sim.building.odometry import OdometryNoise
-from phalanx.sim.missions.orders import orders_of
-from phalanx.sim.missions.run import run_mission
+from phalanx.world.building.floorplan import load_floorplan
+from phalanx.world.building.odometry import OdometryNoise
+from phalanx.world.missions.orders import orders_of
+from phalanx.world.missions.run import run_mission
 
 NORTH = math.pi / 2
 HALL = floorplan_of_yaml(

@@ -20,8 +20,8 @@ from phalanx.robot.controllers.mission.course import NO_STOP, Course, Goal, stee
 from phalanx.robot.controllers.mission.pilot import Drive, Leg, drive
 from phalanx.robot.controllers.mission.readings import CLEAR, Reading
 from phalanx.robot.controllers.mission.surroundings import SIDE, Sectors, Seen, packed, sight, unpacked
-from phalanx.sim.building.odometry import OdometryNoise
-from phalanx.sim.missions.body import Building, MissionBody
+from phalanx.world.building.odometry import OdometryNoise
+from phalanx.world.missions.body import Building, MissionBody
 
 HERE = Path(__file__).parent
 LIDAR = SENSORS.lidar

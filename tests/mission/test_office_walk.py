@@ -14,7 +14,7 @@ from phalanx.config.mission import MissionConfig
 from phalanx.mission import Experience, Kind, Landmark, Phase, State, Walker
 from phalanx.mission.landmarks.sites import landmarks_of
 from phalanx.mission.walk.fix import begun_at, fixed, wheels_of
-from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.world.building.floorplan import load_floorplan
 
 CONFIG = MissionConfig()
 RANGE_M = 12.0

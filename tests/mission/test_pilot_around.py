@@ -18,13 +18,13 @@ from phalanx.robot.controllers.mission.course import NO_STOP, Course, Goal, stee
 from phalanx.robot.controllers.mission.field import TOUCHING, weights
 from phalanx.robot.controllers.mission.pilot import Leg, drive
 from phalanx.robot.controllers.mission.surroundings import FADE_S, FRESH, SIDE, Sectors, Seen
-from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.sim.building.odometry import OdometryNoise
-from phalanx.sim.building.walkers import Walkers
-from phalanx.sim.missions.body import Building, MissionBody
-from phalanx.sim.missions.orders import orders_of
-from phalanx.sim.missions.run import run_mission
-from phalanx.sim.missions.setup import MissionRun
+from phalanx.world.building.floorplan import load_floorplan
+from phalanx.world.building.odometry import OdometryNoise
+from phalanx.world.building.walkers import Walkers
+from phalanx.world.missions.body import Building, MissionBody
+from phalanx.world.missions.orders import orders_of
+from phalanx.world.missions.run import run_mission
+from phalanx.world.missions.setup import MissionRun
 
 LIDAR = SENSORS.lidar
 SECTORS = Sectors(LIDAR.angle_min_rad, 12 * LIDAR.angle_increment_rad, SENSORS.sectors)

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from worlds import built, corridor, walk, walker_of
 
 from phalanx.config.mission import CodingConfig, MissionConfig
-from phalanx.experiments.missions.fig8c import plainly
 from phalanx.mission import Experience, Landmark, Profile
 from phalanx.mission.file.canonical import AT_POSITION, Shape
 from phalanx.mission.observable import LANDMARK_TYPES, Cell, Offset, middle_of
@@ -20,6 +19,7 @@ from phalanx.mission.walk.fix import fits, sighting
 from phalanx.mission.walk.search import doubt_in, is_around, placed, region
 from phalanx.mission.walk.search_sealed import cells_that_fit
 from phalanx.mission.walk.searched import spiral
+from phalanx.papers.missions.fig8c import plainly
 
 
 def cells_around(shape, coding, doubt, landmark, centre, offset):

@@ -25,9 +25,9 @@ from phalanx.mission.landmarks import FloorPlan, floorplan_of_yaml
 from phalanx.mission.refused import MalformedMission
 from phalanx.mission.worth.audit import audit
 from phalanx.mission.worth.feasible import look_ahead
-from phalanx.sim.building.floorplan import MAPS, load_floorplan
-from phalanx.sim.missions.report import Report, summary
-from phalanx.sim.missions.setup import MissionRun, Part
+from phalanx.world.building.floorplan import MAPS, load_floorplan
+from phalanx.world.missions.report import Report, summary
+from phalanx.world.missions.setup import MissionRun, Part
 
 OTHERS = Path(__file__).parent.parent / "data" / "maps"
 ROS = [MAPS / "nav2_depot.yaml", MAPS / "aws_small_house.yaml", *sorted(OTHERS.glob("*.yaml"))]

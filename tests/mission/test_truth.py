@@ -16,7 +16,7 @@ from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.observable import Cell, Offset
 from phalanx.mission.walk.claims import Claim
 from phalanx.mission.walk.opening import Opened
-from phalanx.sim.missions.truth import Truth, wrong_by
+from phalanx.world.missions.truth import Truth, wrong_by
 
 # Two rooms; in the wall between them, without thickness, a door from y = 2 to 3.5.
 PLAN = floorplan_of_yaml(

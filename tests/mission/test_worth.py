@@ -20,7 +20,7 @@ from phalanx.mission.worth.audit import Rates, audit
 from phalanx.mission.worth.cracking import crack_paper, crack_sealed
 from phalanx.mission.worth.guessing import OUT_OF_REACH
 from phalanx.mission.worth.shown import Before, cell_in, shown_by
-from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.world.building.floorplan import load_floorplan
 
 BOX = (0.0, 0.0, 12.0, 10.0)
 

@@ -1,4 +1,4 @@
-// A run as the gateway tells it (src/phalanx/sim/scenarios/scenes.py), and the swarm that the map draws of one moment of it.
+// A run as the gateway tells it (src/phalanx/world/scenarios/scenes.py), and the swarm that the map draws of one moment of it.
 
 import {
   ACTIVE,

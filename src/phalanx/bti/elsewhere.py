@@ -1,6 +1,6 @@
 """Trusted nodes that are not in this process: kernels call them as they call those that are.
 
-Such a node's row is a number and no memory, by which whoever answers for it is found (io/serial_node.py). A kernel
+Such a node's row is a number and no memory, by which whoever answers for it is found (net/serial_node.py). A kernel
 takes numbers alone: what goes wrong on the way is a refusal to it, and is raised by `raise_failed` once it is back.
 """
 

@@ -18,9 +18,9 @@ from phalanx.lab.arena.places import Changes
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attacks, find_controller, mistakes_in
 from phalanx.scenarios.scenario import PROTOCOLS
-from phalanx.sim.scenarios.play import ctrl_c_between_steps
-from phalanx.sim.scenarios.recording import Recording
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.scenarios.play import ctrl_c_between_steps
+from phalanx.world.scenarios.recording import Recording
+from phalanx.world.scenarios.run import Run
 
 from . import sim
 from .robot import grown_kb, memory_words

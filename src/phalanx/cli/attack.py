@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 from typing import Any
 
+from phalanx.attacks.library import ATTACKS
 from phalanx.errors import UsageError, did_you_mean
-from phalanx.experiments.bti.attack_trial import Airtime, FlockTrial, Stop, Trial, try_attack
-from phalanx.experiments.missions.team import TeamTrial, try_in_team
-from phalanx.experiments.missions.trial import MissionTrial, try_mission_attack
-from phalanx.robot.attacks.attack import Attack
-from phalanx.robot.attacks.harm import Guessed, Walked
-from phalanx.robot.attacks.library import ATTACKS
+from phalanx.papers.bti.attack_trial import Airtime, FlockTrial, Stop, Trial, try_attack
+from phalanx.papers.missions.team import TeamTrial, try_in_team
+from phalanx.papers.missions.trial import MissionTrial, try_mission_attack
+from phalanx.robot.adversary.attack import Attack
+from phalanx.robot.adversary.harm import Guessed, Walked
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attack, find_controller, is_file, mistakes_in

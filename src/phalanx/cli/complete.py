@@ -9,8 +9,8 @@ from pathlib import Path
 import click
 from click.shell_completion import CompletionItem
 
+from phalanx.attacks import ATTACKS, IN_SWARMS
 from phalanx.config.builtin import built_in
-from phalanx.robot.attacks import ATTACKS, IN_SWARMS
 from phalanx.scenarios.scenario import CONTROLLERS, in_scenarios
 
 Offer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]

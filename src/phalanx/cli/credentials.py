@@ -19,8 +19,8 @@ from cryptography.hazmat.primitives.serialization import load_pem_private_key, l
 
 from phalanx.config.written import file_meant, read_at_most
 from phalanx.errors import UsageError
-from phalanx.io import Login
-from phalanx.io.private_file import check_private
+from phalanx.net import Login
+from phalanx.net.private_file import check_private
 
 SHORTEST = 12  # letters of a passphrase
 KEY_HINT = "openssl genpkey -algorithm ed25519 -out operator.pem makes one"
@@ -52,7 +52,7 @@ def _check_authorities() -> None:
 
 def login_for(broker: str, path: Path | None) -> Login | None:
     """The same, for a broker by this name or URL. Raises: UsageError: as `read_login`, or a file for one of our own."""
-    from phalanx.io.broker import is_ours  # noqa: PLC0415 - missions need no broker
+    from phalanx.net.broker import is_ours  # noqa: PLC0415 - missions need no broker
 
     if is_ours(broker) and path is not None:
         raise UsageError("a login for a broker of our own", "give it with a --broker URL only")
@@ -105,7 +105,7 @@ def kept_token(path: Path) -> str:
 
 def passphrase_of(keys: Path, file: Path | None) -> str:
     """As `passphrase`; nobody is asked for that of a file that is not there. Raises: UsageError: it is not, too."""
-    from phalanx.io.keyring import read_sealed  # noqa: PLC0415 - logins need no numpy
+    from phalanx.net.keyring import read_sealed  # noqa: PLC0415 - logins need no numpy
 
     read_sealed(keys)
     return passphrase(file)

@@ -18,7 +18,7 @@ import click
 
 from phalanx.binary import INSTALL_COMPILER, is_pure, load_binary
 from phalanx.errors import Unavailable, UsageError
-from phalanx.experiments.figure import MATPLOTLIB_HINT
+from phalanx.papers.figure import MATPLOTLIB_HINT
 from phalanx_compiler.library import NoCompiler, find_compiler
 
 from .terminal import print_json

@@ -9,10 +9,10 @@ from phalanx.config import LinkConfig
 from phalanx.errors import PhalanxError
 from phalanx.gateway import pages_are_built
 from phalanx.gateway.up import DEFAULT_PORT
-from phalanx.io import BrokerUrl, Server, parse_broker_url
-from phalanx.io.broker import for_browsers
-from phalanx.io.mosquitto import find_mosquitto
-from phalanx.io.ports import LOOPBACK, is_free, lan_address
+from phalanx.net import BrokerUrl, Server, parse_broker_url
+from phalanx.net.broker import for_browsers
+from phalanx.net.mosquitto import find_mosquitto
+from phalanx.net.ports import LOOPBACK, is_free, lan_address
 
 from .credentials import read_login
 from .doctor import Finding

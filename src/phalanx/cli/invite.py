@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from phalanx.errors import UsageError
-from phalanx.io.private_file import write_whole
+from phalanx.net.private_file import write_whole
 
 from .gateway_of import ask_gateway, default_state
 from .terminal import counted, plain, talk

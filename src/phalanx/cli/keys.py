@@ -11,9 +11,9 @@ from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 from phalanx.daemon.run import mission_in
 from phalanx.daemon.signed_mission import sign_mission
 from phalanx.errors import UsageError
-from phalanx.io.keyring import Keys, create, opened, pem
-from phalanx.io.mission_key import issued
-from phalanx.io.private_file import write_private
+from phalanx.net.keyring import Keys, create, opened, pem
+from phalanx.net.mission_key import issued
+from phalanx.net.private_file import write_private
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.table import BOARD
 

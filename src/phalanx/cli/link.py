@@ -10,11 +10,11 @@ from typing import Any
 import click
 
 from phalanx.errors import Unavailable, UsageError, did_you_mean
-from phalanx.io import Login, parse_broker_url
-from phalanx.io.broker_url import BrokerUrl
 from phalanx.link import Pin, QrUrl, parse_qr_url
 from phalanx.link.session import is_session_url
 from phalanx.link.topics import is_address
+from phalanx.net import Login, parse_broker_url
+from phalanx.net.broker_url import BrokerUrl
 
 from .credentials import read_login
 from .run import run

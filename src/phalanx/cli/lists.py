@@ -7,9 +7,9 @@ from typing import Any
 
 import click
 
+from phalanx.attacks import ATTACKS, IN_FLOCKS, IN_PROTOCOLS, ON_MISSIONS, Attack
 from phalanx.config.builtin import built_in
 from phalanx.config.defence import DEFENCES
-from phalanx.robot.attacks import ATTACKS, IN_FLOCKS, IN_PROTOCOLS, ON_MISSIONS, Attack
 from phalanx.scenarios.file import find_scenario, scenario_schema
 
 from .terminal import beside, print_json

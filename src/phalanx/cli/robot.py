@@ -17,7 +17,7 @@ from phalanx.daemon.run import run_robot
 from phalanx.daemon.settings import read_robot, robot_schema
 from phalanx.daemon.state import is_running, told
 from phalanx.errors import UsageError
-from phalanx.io.mission_key import read_mission_number
+from phalanx.net.mission_key import read_mission_number
 from phalanx.robot.planner import Adviser
 from phalanx.robot.signer import AdviceSigner
 from phalanx.scenarios.file import find_scenario
@@ -45,7 +45,7 @@ def ros2(robot: Path, namespace: str, ros: tuple[str, ...]) -> int:
     """One robot between topics of ROS 2, until Ctrl-C or SIGTERM."""
     settings = read_robot(robot)
     with needs_ros2():
-        from phalanx.daemon.ros2.node import RosBase  # noqa: PLC0415 - an extra
+        from phalanx.bridges.ros2.node import RosBase  # noqa: PLC0415 - an extra
     job = run_robot(settings, make_base=partial(RosBase, namespace=namespace, arguments=ros))
     run_until_stopped(job, HUNG_S)
     return 0

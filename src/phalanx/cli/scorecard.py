@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from phalanx.experiments.scorecard.bout import OUTCOME, run_bout
-from phalanx.experiments.scorecard.card import Line, draw_card, lines, write_csv
-from phalanx.experiments.scorecard.plan import absolute, scorecard_plan
-from phalanx.experiments.table import version
+from phalanx.lab.scorecard.bout import OUTCOME, run_bout
+from phalanx.lab.scorecard.card import Line, draw_card, lines, write_csv
+from phalanx.lab.scorecard.plan import absolute, scorecard_plan
+from phalanx.papers.table import version
 
 from .sim import told
 from .sweep import make_runs

@@ -17,9 +17,9 @@ from phalanx.robot.planner import MakePlanner
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attacks, find_controller, find_planner, is_file, mistakes_in
 from phalanx.scenarios.scenario import PROTOCOLS, WHEELS, Scenario
-from phalanx.sim.scenarios.cautions import cautions
-from phalanx.sim.scenarios.play import play
-from phalanx.sim.scenarios.run import Run
+from phalanx.world.scenarios.cautions import cautions
+from phalanx.world.scenarios.play import play
+from phalanx.world.scenarios.run import Run
 
 from .terminal import Progress, counted, end_status_line, print_json, print_rows, said_aside, stopped
 
@@ -114,7 +114,7 @@ def run(scenario: str, record: Path | None, trace: tuple[str, ...], plain: bool,
 
 def check(controller: str, seed: int, as_json: bool) -> int:
     """Check that a controller can be audited, print where it differs, and return 1 if it does."""
-    from phalanx.sim.determinism.check import check_controller  # noqa: PLC0415 - only this needs it
+    from phalanx.lab.determinism.check import check_controller  # noqa: PLC0415 - only this needs it
 
     with said_aside():
         report = check_controller(controller, seed)

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from phalanx.experiments.sweep.dealing import run_sweep
-from phalanx.experiments.sweep.plan import Plan, read_sweep
-from phalanx.experiments.sweep.store import OUTCOME, Store, points
-from phalanx.experiments.table import version
+from phalanx.lab.sweep.dealing import run_sweep
+from phalanx.lab.sweep.plan import Plan, read_sweep
+from phalanx.lab.sweep.store import OUTCOME, Store, points
+from phalanx.papers.table import version
 
 from .sim import told
 from .terminal import Progress, end_status_line, print_json, print_table, said_aside, talk

@@ -18,7 +18,7 @@ from typing import Any
 
 import click
 
-from phalanx.experiments.figure import MATPLOTLIB_HINT
+from phalanx.papers.figure import MATPLOTLIB_HINT
 
 EVERY_S = 5.0  # between two lines of progress where there is no terminal
 MOST_LINES = 10_000

@@ -17,21 +17,21 @@ from typing import Any
 import click
 import segno
 
+from phalanx.bridges.dotbots import DotbotSwarm, DotbotUrl, parse_dotbot_url
 from phalanx.config import LinkConfig
-from phalanx.demo.simulated import Plan, mission_swarm, plan_swarm, simulated_swarm
 from phalanx.errors import PhalanxError, UsageError
 from phalanx.gateway import pages_are_built
+from phalanx.gateway.demo import Plan, mission_swarm, plan_swarm, simulated_swarm
 from phalanx.gateway.running import Running
 from phalanx.gateway.up import UpOptions
 from phalanx.gateway.up import up as run_gateway
-from phalanx.io.dotbots import DotbotSwarm, DotbotUrl, parse_dotbot_url
-from phalanx.io.keyring import opened
 from phalanx.mission import BuildOptions, build
 from phalanx.mission.landmarks import FloorPlan
+from phalanx.net.keyring import opened
 from phalanx.robot import Swarm
-from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
-from phalanx.sim.missions.orders import Orders, orders_of, orders_of_files
-from phalanx.sim.swarms.protected import SwarmKeys
+from phalanx.world.building.floorplan import DEFAULT, load_floorplan
+from phalanx.world.missions.orders import Orders, orders_of, orders_of_files
+from phalanx.world.swarms.protected import SwarmKeys
 
 from .commands.up import ROBOTS, ROBOTS_ON_MISSION
 from .credentials import kept_token, login_for, passphrase_of, read_signing_key
@@ -185,7 +185,7 @@ def _real_robots(words: str, wait_s: float) -> AbstractContextManager[Swarm]:
 def _ros2(wait_s: float) -> Iterator[Swarm]:
     """Robots of a ROS domain, when one of them has told of itself."""
     with needs_ros2():
-        from phalanx.daemon.ros2.swarm import RosSwarm  # noqa: PLC0415 - an extra
+        from phalanx.bridges.ros2.swarm import RosSwarm  # noqa: PLC0415 - an extra
     with RosSwarm(wait_s) as swarm:
         talk(swarm.unprotected)
         yield swarm

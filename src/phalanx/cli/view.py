@@ -14,13 +14,13 @@ import click
 from phalanx.errors import UsageError
 from phalanx.gateway import pages_are_built
 from phalanx.gateway.serve_view import ViewPages
-from phalanx.io.ports import LOOPBACK
-from phalanx.io.site import beside
+from phalanx.net.ports import LOOPBACK
+from phalanx.net.site import beside
 from phalanx.recording.recorded import is_recording
 from phalanx.scenarios.own import mistakes_in
-from phalanx.sim.scenarios.play import STEP_S, play
-from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenes import MOST_TOLD, Live, lines_of
+from phalanx.world.scenarios.play import STEP_S, play
+from phalanx.world.scenarios.run import Run
+from phalanx.world.scenarios.scenes import MOST_TOLD, Live, lines_of
 
 from .run import run
 from .sim import Chosen, choose, progress, warn

@@ -12,10 +12,10 @@ from types import TracebackType
 from typing import Any
 
 from phalanx.errors import PeerError, Unavailable
-from phalanx.io import Client, Login, QrkeyClient
-from phalanx.io.broker_url import BrokerUrl
-from phalanx.io.session_payloads import wheels
 from phalanx.link import QrUrl
+from phalanx.net import Client, Login, QrkeyClient
+from phalanx.net.broker_url import BrokerUrl
+from phalanx.net.session_payloads import wheels
 
 DRIVE_EVERY_S = 0.1
 

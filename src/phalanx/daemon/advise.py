@@ -12,7 +12,7 @@ from collections.abc import Callable, Hashable, Iterator
 from pathlib import Path
 
 from phalanx.errors import Unavailable, UsageError
-from phalanx.io.udp_radio import OF_ADDRESS, OF_PORT, parsed
+from phalanx.net.udp_radio import OF_ADDRESS, OF_PORT, parsed
 from phalanx.robot.planner import MOST_BYTES, Adviser
 
 from .far_planner import HINT

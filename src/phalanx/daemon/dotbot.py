@@ -11,9 +11,9 @@ import math
 import time
 from collections.abc import Mapping
 
+from phalanx.bridges.dotbots import DotbotSwarm, parse_dotbot_url
+from phalanx.bridges.dotbots.told import ADDRESS
 from phalanx.errors import Unknown, UsageError
-from phalanx.io.dotbots import DotbotSwarm, parse_dotbot_url
-from phalanx.io.dotbots.told import ADDRESS
 from phalanx.robot import Led, Robot
 
 from .driver import Driver, NoReading

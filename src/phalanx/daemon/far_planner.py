@@ -14,8 +14,8 @@ from pathlib import Path
 
 from phalanx.bti import trusted
 from phalanx.errors import UsageError
-from phalanx.io.serial_line import check_owner
-from phalanx.io.udp_radio import parsed
+from phalanx.net.serial_line import check_owner
+from phalanx.net.udp_radio import parsed
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire import guarded
 from phalanx.wire.fields import row

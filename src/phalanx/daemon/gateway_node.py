@@ -14,8 +14,8 @@ from pathlib import Path
 from phalanx.bti.nodes import Limits, limits_of
 from phalanx.bti.trusted import E_AIRTIME, REASONS
 from phalanx.errors import PeerError, Unavailable, UsageError
-from phalanx.io.mission_key import read_mission_key
-from phalanx.io.private_file import write_private
+from phalanx.net.mission_key import read_mission_key
+from phalanx.net.private_file import write_private
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire import lines
 from phalanx.wire.fields import get_u32, row

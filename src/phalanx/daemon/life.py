@@ -24,9 +24,9 @@ from phalanx.bti.fleet import BOUND, make_fleet
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.work import make_work
 from phalanx.errors import UsageError
-from phalanx.io.udp_radio import Radio
+from phalanx.net.udp_radio import Radio
 from phalanx.robot.actions import Actuate, Transmit
-from phalanx.robot.attacks.liar import Liar, lying
+from phalanx.robot.adversary.liar import Liar, lying
 from phalanx.robot.planner import MakePlanner, Planner, ToGoal, advice_of, overheard
 from phalanx.robot.robot import Robot
 from phalanx.robot.runtime import Done, Runtime

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from phalanx.errors import UsageError, did_you_mean
-from phalanx.io.udp_radio import Radio
+from phalanx.net.udp_radio import Radio
 from phalanx.wire.table import SEAL, STATE
 
 AGAIN_S = (0.02, 1.0, 3.0)  # after so long what was heard or said is said again

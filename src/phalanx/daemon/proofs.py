@@ -20,8 +20,8 @@ import numpy as np
 from phalanx.bti import log, trusted
 from phalanx.bti.nodes import MissionKey
 from phalanx.errors import UsageError
-from phalanx.io.keyring import opened
-from phalanx.io.mission_key import read_mission_key
+from phalanx.net.keyring import opened
+from phalanx.net.mission_key import read_mission_key
 from phalanx.robot.retrace import entries_of
 from phalanx.wire import guarded
 from phalanx.wire.driven import GATEWAY, KIND_ORDER, OPERATOR, ORDER, SIGNATURE_BYTES

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 from phalanx.bti.nodes import Refused, limits_of
 from phalanx.config.builtin import built_in
 from phalanx.errors import PhalanxError, Unavailable, UsageError
-from phalanx.io.keyring import opened
-from phalanx.io.udp_radio import Radio, UdpRadio
+from phalanx.net.keyring import opened
+from phalanx.net.udp_radio import Radio, UdpRadio
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.planner import MakePlanner
 from phalanx.scenarios.attack_spec import AttackSpec
@@ -36,7 +36,7 @@ from .state import EVERY_S, state_of, tell
 from .trusted import OwnClock, check_may_have_key, give_keys, open_nodes, start
 
 if TYPE_CHECKING:
-    from .ros2.node import RosBase
+    from phalanx.bridges.ros2.node import RosBase
 
 log = logging.getLogger(__name__)
 

@@ -13,7 +13,7 @@ from phalanx.bti.elsewhere import Elsewhere
 from phalanx.bti.nodes import limits_of
 from phalanx.bti.trusted import REASONS
 from phalanx.errors import UsageError
-from phalanx.io.udp_radio import Allowance, Radio
+from phalanx.net.udp_radio import Allowance, Radio
 from phalanx.scenarios.scenario import WHEELS, Scenario
 from phalanx.wire import Record, lines
 from phalanx.wire.table import ENTRY_HEADER_BYTES, FRAME_MAX, SEAL

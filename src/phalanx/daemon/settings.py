@@ -10,7 +10,7 @@ from phalanx.config.parameter import check_limits, told, within
 from phalanx.config.reader import Reader, schema_of
 from phalanx.config.written import read_at_most
 from phalanx.errors import UsageError, did_you_mean
-from phalanx.io.udp_radio import parsed
+from phalanx.net.udp_radio import parsed
 
 MOST_BYTES = 1 << 16
 HINT = "docs/robot.md has an example"

@@ -17,7 +17,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 
 from phalanx.config.written import read_at_most
 from phalanx.errors import UsageError
-from phalanx.io.mission_key import MOST_BYTES
+from phalanx.net.mission_key import MOST_BYTES
 from phalanx.scenarios.file import written_scenario
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.table import FRAME_MAX, SEAL

@@ -12,7 +12,7 @@ from typing import Any
 from phalanx.bti.fleet import vouchers
 from phalanx.config.written import read_at_most
 from phalanx.errors import PhalanxError, UsageError
-from phalanx.io.private_file import write_whole
+from phalanx.net.private_file import write_whole
 
 from .life import Life, memory_kb
 

@@ -18,8 +18,8 @@ from typing import Any, Self
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from phalanx.errors import PeerError, Unavailable, Unknown
-from phalanx.io.private_file import write_private
-from phalanx.io.udp_radio import Address, UdpRadio, parsed
+from phalanx.net.private_file import write_private
+from phalanx.net.udp_radio import Address, UdpRadio, parsed
 from phalanx.robot import Led, Point, Robot
 from phalanx.robot.roster import HISTORY_STEP_MM, member
 from phalanx.robot.station import Ordered, Station

@@ -12,7 +12,7 @@ from phalanx.config.parameter import check_limits, told
 from phalanx.config.reader import Reader
 from phalanx.config.written import read_at_most
 from phalanx.errors import UsageError
-from phalanx.io.mission_key import read_mission_key
+from phalanx.net.mission_key import read_mission_key
 from phalanx.robot.signer import Signer
 from phalanx.scenarios.scenario import WHEELS, Scenario
 

@@ -11,10 +11,10 @@ from typing import Any
 from phalanx.bti.elsewhere import FORWARDED, Elsewhere
 from phalanx.bti.nodes import Limits, MissionKey, Refused
 from phalanx.errors import Unavailable, UsageError
-from phalanx.io.mission_key import read_board, read_mission_key
-from phalanx.io.private_file import is_ours_alone
-from phalanx.io.serial_line import open_line
-from phalanx.io.serial_node import SerialNode
+from phalanx.net.mission_key import read_board, read_mission_key
+from phalanx.net.private_file import is_ours_alone
+from phalanx.net.serial_line import open_line
+from phalanx.net.serial_node import SerialNode
 from phalanx.wire import Record, lines
 from phalanx.wire.fields import get_u32, row
 from phalanx.wire.table import AUDIT_FRAGMENT, ENTRY

@@ -7,8 +7,8 @@ import logging
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from phalanx.io.broker import RunningBroker
-from phalanx.io.broker_url import no_way_from
+from phalanx.net.broker import RunningBroker
+from phalanx.net.broker_url import no_way_from
 
 log = logging.getLogger(__name__)
 

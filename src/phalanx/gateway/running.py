@@ -9,8 +9,8 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from phalanx.errors import Unknown
-from phalanx.io.server import Happening
 from phalanx.link.messages import Rejected
+from phalanx.net.server import Happening
 from phalanx.robot import Swarm
 from phalanx.robot.swarm import Stepped
 

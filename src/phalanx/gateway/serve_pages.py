@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from aiohttp import web
 
 from phalanx.errors import PeerError, Unavailable, UsageError
-from phalanx.io.site import COMMON_HEADERS, Handler, Site
+from phalanx.net.site import COMMON_HEADERS, Handler, Site
 
 from .missions.desk import TEXT_MAX_BYTES, MissionDesk, parse_profile
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from aiohttp import web
 
-from phalanx.io.site import Site
+from phalanx.net.site import Site
 
 from .serve_pages import OPERATOR_POLICY, PAGES
 

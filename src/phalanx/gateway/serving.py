@@ -8,8 +8,8 @@ from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 from phalanx.errors import Unavailable
-from phalanx.io import Server
-from phalanx.io.session_broker import SessionBroker
+from phalanx.net import Server
+from phalanx.net.session_broker import SessionBroker
 
 WAIT_QUIETLY_S = 1.5
 

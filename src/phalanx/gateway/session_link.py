@@ -17,11 +17,6 @@ from typing import Any
 
 from phalanx.config.session import SessionConfig
 from phalanx.errors import BadPayload, HandlerFailed, Held, Late, Overrun, PeerError, Unknown, UsageError
-from phalanx.io.answers import Answers
-from phalanx.io.front import Closed, Event, Opened, Received
-from phalanx.io.server import call_handler, handler_failed
-from phalanx.io.session_broker import KNOCKS, SessionBroker
-from phalanx.io.session_store import LinkKeys
 from phalanx.link import Command, Request, SharedAnswer
 from phalanx.link.envelope import encode_json
 from phalanx.link.session import Invitation, Now, Operations, Reason, Role, SessionServer, Store
@@ -41,6 +36,11 @@ from phalanx.link.session.events import (
 from phalanx.link.session.store import GroupedStore
 from phalanx.link.session.visitors import Visitor
 from phalanx.link.topics import CommandTopic
+from phalanx.net.answers import Answers
+from phalanx.net.front import Closed, Event, Opened, Received
+from phalanx.net.server import call_handler, handler_failed
+from phalanx.net.session_broker import KNOCKS, SessionBroker
+from phalanx.net.session_store import LinkKeys
 
 from . import vocabulary
 from .payloads import parse_payload, request_words

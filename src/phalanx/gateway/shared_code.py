@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from phalanx.io import Server, parse_broker_url
-from phalanx.io.broker import RunningBroker
-from phalanx.io.server import Happening
 from phalanx.link import Command, Epoch
 from phalanx.link.messages import Rejected
+from phalanx.net import Server, parse_broker_url
+from phalanx.net.broker import RunningBroker
+from phalanx.net.server import Happening
 
 if TYPE_CHECKING:
     from .up import UpOptions

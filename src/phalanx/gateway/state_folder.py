@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from phalanx.errors import Unavailable, UsageError
-from phalanx.io.private_file import is_ours_alone, write_private
-from phalanx.io.session_store import LinkKeys, SessionStore, new_link_keys
 from phalanx.link.session import MemoryStore, Store
+from phalanx.net.private_file import is_ours_alone, write_private
+from phalanx.net.session_store import LinkKeys, SessionStore, new_link_keys
 
 from .trail import Trail
 

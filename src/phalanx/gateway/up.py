@@ -16,16 +16,16 @@ from phalanx.config.front import FrontConfig
 from phalanx.config.session import Assign, SessionConfig
 from phalanx.crypto.jwe import encode_base64url
 from phalanx.errors import UsageError
-from phalanx.io import Login
-from phalanx.io.broker import RunningBroker, open_broker
-from phalanx.io.broker_url import on_host
-from phalanx.io.front import Front
-from phalanx.io.ports import EVERYWHERE, LOOPBACK, at_a_free_port, free_port, lan_address
-from phalanx.io.seats import allow_files
-from phalanx.io.session_broker import SessionBroker
-from phalanx.io.session_store import LinkKeys
-from phalanx.io.site import beside
 from phalanx.link.session.secret import hello_topic
+from phalanx.net import Login
+from phalanx.net.broker import RunningBroker, open_broker
+from phalanx.net.broker_url import on_host
+from phalanx.net.front import Front
+from phalanx.net.ports import EVERYWHERE, LOOPBACK, at_a_free_port, free_port, lan_address
+from phalanx.net.seats import allow_files
+from phalanx.net.session_broker import SessionBroker
+from phalanx.net.session_store import LinkKeys
+from phalanx.net.site import beside
 from phalanx.robot import Swarm
 from phalanx.robot.on_mission import OnMission
 

@@ -6,13 +6,13 @@ from collections import Counter
 from collections.abc import AsyncIterator, Sequence
 from typing import Protocol
 
-from phalanx.io.front import Event
-from phalanx.io.session_broker import SessionBroker, Told
 from phalanx.link.session.events import Close, Publish, Send
+from phalanx.net.front import Event
+from phalanx.net.session_broker import SessionBroker, Told
 
 
 class FrontEnd(Protocol):
-    """What is needed of `phalanx.io.front.Front`."""
+    """What is needed of `phalanx.net.front.Front`."""
 
     def events(self) -> AsyncIterator[Event]:
         """Yield what happens to connections."""

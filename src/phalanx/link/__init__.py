@@ -1,4 +1,4 @@
-"""Who may command: the pure protocol. `Server`, `QrkeyClient` and `Client`, of `phalanx.io`, are here as well."""
+"""Who may command: the pure protocol. `Server`, `QrkeyClient` and `Client`, of `phalanx.net`, are here as well."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .qrurl import BadQrUrl, QrUrl, parse_qr_url
 from .server_side import ServerSide
 
 if TYPE_CHECKING:
-    from phalanx.io import Client, QrkeyClient, Server
+    from phalanx.net import Client, QrkeyClient, Server
 
 __all__ = [
     "BadPin",

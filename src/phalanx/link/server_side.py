@@ -1,6 +1,6 @@
 """The server's side of the link in mode qrkey: bytes and a time in, events and asks out.
 
-Nothing here waits, sleeps or opens a socket; `phalanx.io.server` does, and drives this. A mode with other keys is
+Nothing here waits, sleeps or opens a socket; `phalanx.net.server` does, and drives this. A mode with other keys is
 another class with the same methods.
 
 Source: Qrkey §III; docs/spec/link.md.

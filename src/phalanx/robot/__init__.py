@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from phalanx.wire.widths import F32, F64, I8, I16, I32, I64, U8, U16, U32, U64
 
     from .actions import Action
-    from .attacks.attack import Attack, own_attack
-    from .attacks.liar import Liar
+    from .adversary.attack import Attack, own_attack
+    from .adversary.liar import Liar
     from .controllers.python_controller import Act, Controller, Send
     from .controllers.senses import Senses
     from .planner import Planner

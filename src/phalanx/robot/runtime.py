@@ -13,7 +13,7 @@ from phalanx.bti import rounds, trusted
 from phalanx.config import BtiConfig
 
 from .actions import Action, Actuate, RetryAt, RoundAt, Transmit, Verdict
-from .attacks.liar import Liar
+from .adversary.liar import Liar
 from .robot import Robot
 
 # Soon after the mission key, and at another moment for each robot.

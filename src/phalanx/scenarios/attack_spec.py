@@ -6,10 +6,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from phalanx.attacks.library import ATTACKS
 from phalanx.config.parameter import check_limits, described, told, within
 from phalanx.errors import UsageError
-from phalanx.robot.attacks.attack import Attack
-from phalanx.robot.attacks.library import ATTACKS
+from phalanx.robot.adversary.attack import Attack
 
 LONGEST_S = 7 * 86_400.0
 

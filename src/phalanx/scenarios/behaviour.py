@@ -12,7 +12,7 @@ from phalanx.config import BtiConfig
 from phalanx.config.flock import NO_CROWD, WheelsConfig
 from phalanx.config.guard import GuardConfig
 from phalanx.errors import UsageError
-from phalanx.robot.attacks.liar import Plan
+from phalanx.robot.adversary.liar import Plan
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.declaration import OWN, Declaration
 from phalanx.robot.controllers.protocol import Stage, find_protocol

@@ -7,6 +7,7 @@ import difflib
 from pathlib import Path
 from typing import Any
 
+from phalanx.attacks.library import IN_SWARMS
 from phalanx.config import BtiConfig
 from phalanx.config.builtin import built_in
 from phalanx.config.flock import FlockConfig
@@ -14,7 +15,6 @@ from phalanx.config.guard import GuardConfig
 from phalanx.config.reader import Derived, Reader, as_written, schema_of
 from phalanx.config.written import read_at_most
 from phalanx.errors import ALIKE, UsageError, did_you_mean
-from phalanx.robot.attacks.library import IN_SWARMS
 
 from .attack_spec import AttackSpec
 from .scenario import Scenario

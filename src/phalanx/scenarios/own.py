@@ -19,8 +19,8 @@ from typing import Any
 import phalanx.robot
 from phalanx.config.written import read_at_most
 from phalanx.errors import OwnFileError, PhalanxError, UsageError, did_you_mean
-from phalanx.robot.attacks.attack import Attack, own_attack
-from phalanx.robot.attacks.liar import Liar
+from phalanx.robot.adversary.attack import Attack, own_attack
+from phalanx.robot.adversary.liar import Liar
 from phalanx.robot.controllers import dispatch, own_kernels
 from phalanx.robot.controllers.compiled import compiled
 from phalanx.robot.controllers.declaration import Declaration

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from numbers import Integral
 from typing import Any, Literal, TypeVar, get_args
 
+from phalanx.attacks.library import IN_SWARMS
 from phalanx.config import BtiConfig
 from phalanx.config.bti import NEIGHBOUR_BYTES, quorum_of
 from phalanx.config.defence import DEFENCES, Defence
@@ -17,7 +18,6 @@ from phalanx.config.guard import GuardConfig
 from phalanx.config.parameter import check_key, check_limits, check_within, described, limits_in, told, within
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError, did_you_mean
-from phalanx.robot.attacks.library import IN_SWARMS
 from phalanx.robot.controllers.declaration import OWN, bundled
 from phalanx.robot.controllers.protocol import Task, protocols
 from phalanx.wire.driven import SIGNER_KEY_BYTES

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from phalanx.cli.options import PROCESSES, json_option, login_option, option, out_folder_option, runs, together
-from phalanx.experiments.figure import FIGURES, SEEDS, Figure
+from phalanx.papers.figure import FIGURES, SEEDS, Figure
 
 NOTES = (
     "Ctrl-C stops; the same command goes on from there, and only draws when all is there. What an earlier command left "

@@ -19,7 +19,6 @@ from phalanx.cli.terminal import Progress, counted, end_status_line, print_json,
 from phalanx.config.builtin import built_in
 from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.errors import PeerError, Unavailable, UsageError
-from phalanx.io.private_file import write_private
 from phalanx.mission import BuildOptions, Built, EncodedMission, Mission, Profile, admit, build, check_signature, sign
 from phalanx.mission.authoring.survey import begun_at, roomiest, survey
 from phalanx.mission.file.records import FINAL, FOREVER_S, JOIN, OPEN_START, REPEATABLE, ROAM, START
@@ -29,7 +28,8 @@ from phalanx.mission.observable import Landmark
 from phalanx.mission.worth.audit import audit
 from phalanx.mission.worth.feasible import look_ahead
 from phalanx.mission.worth.outlook import Outlook
-from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.net.private_file import write_private
+from phalanx.world.building.floorplan import load_floorplan
 
 from .draw import check_drawable, draw_mission, lived
 from .files import building, check_folder, doors_of, parse_robots, parse_window, read_encoded, read_plain

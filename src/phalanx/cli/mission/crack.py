@@ -17,7 +17,7 @@ from phalanx.mission import EncodedMission, Profile, parse_start_key
 from phalanx.mission.file.records import OPEN_START
 from phalanx.mission.worth.cracking import Cracked, Tried, can_guess, crack_paper, crack_sealed
 from phalanx.mission.worth.shown import Shown, shown_by
-from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.world.building.floorplan import load_floorplan
 
 from .files import parse_box, read_encoded, read_start_key
 

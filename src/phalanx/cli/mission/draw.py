@@ -14,14 +14,14 @@ import numpy as np
 
 from phalanx.cli.terminal import Progress, end_status_line
 from phalanx.errors import Unavailable, UsageError
-from phalanx.experiments.figure import MATPLOTLIB_HINT
-from phalanx.experiments.plot import BLUE, GREEN, ORANGE, PURPLE, VERMILION
 from phalanx.mission import BuildOptions, Landmark, Mission, Profile, build
 from phalanx.mission.landmarks.floorplan import FloorPlan
-from phalanx.sim.building.odometry import OdometryNoise
-from phalanx.sim.missions.orders import orders_of
-from phalanx.sim.missions.report import Report
-from phalanx.sim.missions.run import run_mission
+from phalanx.papers.figure import MATPLOTLIB_HINT
+from phalanx.papers.plot import BLUE, GREEN, ORANGE, PURPLE, VERMILION
+from phalanx.world.building.odometry import OdometryNoise
+from phalanx.world.missions.orders import orders_of
+from phalanx.world.missions.report import Report
+from phalanx.world.missions.run import run_mission
 
 FORMATS = (".png", ".svg")
 COLOURS = {

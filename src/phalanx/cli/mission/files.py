@@ -28,8 +28,8 @@ from phalanx.mission.authoring.findable import apart_in
 from phalanx.mission.file.records import FILE_LIMIT, FOREVER_S, OPEN_START
 from phalanx.mission.landmarks.floorplan import FloorPlan
 from phalanx.mission.refused import MalformedMission
-from phalanx.sim.building.floorplan import drawn_like, load_floorplan
-from phalanx.sim.missions.orders import File
+from phalanx.world.building.floorplan import drawn_like, load_floorplan
+from phalanx.world.missions.orders import File
 
 Parsed = TypeVar("Parsed")
 TEXT_LIMIT = 32 << 20

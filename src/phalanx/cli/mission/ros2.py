@@ -34,8 +34,8 @@ def ros2(
 ) -> int:
     """A robot lives a mission until it is done, or nothing is left to try; 1 if it did not complete it."""
     with needs_ros2():
-        from phalanx.daemon.ros2.geometry import Place  # noqa: PLC0415 - an extra
-        from phalanx.daemon.ros2.walk import Errand, RosWalk  # noqa: PLC0415
+        from phalanx.bridges.ros2.geometry import Place  # noqa: PLC0415 - an extra
+        from phalanx.bridges.ros2.walk import Errand, RosWalk  # noqa: PLC0415
     encoded = read_encoded(file)
     if trust or encoded.signer:
         check_signature(encoded, [read_trusted(each) for each in trust] or None)

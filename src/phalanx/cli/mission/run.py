@@ -20,13 +20,13 @@ from phalanx.mission import BuildOptions, EncodedMission, Mission, Profile, admi
 from phalanx.mission.authoring.survey import roomiest
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.observable import LONGEST_S
-from phalanx.sim.building.floorplan import DEFAULT
-from phalanx.sim.building.odometry import OdometryNoise, Pose
-from phalanx.sim.missions.orders import File, orders_of_files
-from phalanx.sim.missions.recording import write_recording
-from phalanx.sim.missions.report import Report, drift_words, summary
-from phalanx.sim.missions.run import run_mission
-from phalanx.sim.missions.setup import MissionRun, check_count
+from phalanx.world.building.floorplan import DEFAULT
+from phalanx.world.building.odometry import OdometryNoise, Pose
+from phalanx.world.missions.orders import File, orders_of_files
+from phalanx.world.missions.recording import write_recording
+from phalanx.world.missions.report import Report, drift_words, summary
+from phalanx.world.missions.run import run_mission
+from phalanx.world.missions.setup import MissionRun, check_count
 
 from .files import Wanted, building, check_folder, parse_robots
 

@@ -19,9 +19,9 @@ from phalanx.mission.worth.feasible import look_ahead
 from phalanx.mission.worth.guessing import OUT_OF_REACH
 from phalanx.mission.worth.outlook import time_for_s
 from phalanx.mission.worth.shown import shown_by
-from phalanx.sim.missions.orders import orders_of
-from phalanx.sim.missions.report import summary
-from phalanx.sim.missions.run import run_mission
+from phalanx.world.missions.orders import orders_of
+from phalanx.world.missions.report import summary
+from phalanx.world.missions.run import run_mission
 
 from .author import checked, explored
 from .crack import span

@@ -28,20 +28,20 @@ from phalanx.daemon.settings import RobotSettings
 from phalanx.daemon.state import told
 from phalanx.daemon.trusted import program
 from phalanx.errors import PhalanxError, Unavailable, UsageError
-from phalanx.io.children import die_with_parent
-from phalanx.io.keyring import Keys
+from phalanx.net.children import die_with_parent
+from phalanx.net.keyring import Keys
 from phalanx.robot.planner import ToGoal
 from phalanx.scenarios.behaviour import adviser
 from phalanx.scenarios.own import find_planner, mistakes_in
 from phalanx.scenarios.scenario import WHEELS, Scenario, for_robots
-from phalanx.sim.audited.setup import POWER_UP_MS
+from phalanx.world.audited.setup import POWER_UP_MS
 
 from .ether import Ether, Weather
 from .field import Field
 from .places import STATION, Changes, free_ports, lay_out
 
 if TYPE_CHECKING:
-    from phalanx.sim.scenarios.recording import Recording
+    from phalanx.world.scenarios.recording import Recording
 
 log = logging.getLogger(__name__)
 

@@ -16,9 +16,13 @@ from dataclasses import dataclass
 from phalanx.bti import request
 from phalanx.config.parameter import check_limits, within
 from phalanx.config.radio import RadioConfig
-from phalanx.io.ports import LOOPBACK
-from phalanx.sim.audited.world import World
-from phalanx.sim.radio.channel import (
+from phalanx.net.ports import LOOPBACK
+from phalanx.wire.airtime import broadcast_us, rates_of, unicast_us
+from phalanx.wire.driven import EVERYBODY, ORDER
+from phalanx.wire.fields import get_u16, row
+from phalanx.wire.table import FRAME_MAX
+from phalanx.world.audited.world import World
+from phalanx.world.radio.channel import (
     AIRTIME_US,
     APP_BROADCAST,
     ARRIVED,
@@ -28,11 +32,7 @@ from phalanx.sim.radio.channel import (
     DUE,
     SENT,
 )
-from phalanx.sim.radio.reach import in_range
-from phalanx.wire.airtime import broadcast_us, rates_of, unicast_us
-from phalanx.wire.driven import EVERYBODY, ORDER
-from phalanx.wire.fields import get_u16, row
-from phalanx.wire.table import FRAME_MAX
+from phalanx.world.radio.reach import in_range
 
 AT_ID = ORDER.at("id")
 AT_ONCE = 64

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.bti.refusal import Refusal
-from phalanx.robot.attacks.liar import Liar
+from phalanx.robot.adversary.liar import Liar
 from phalanx.robot.controllers.senses import Senses
 from phalanx.scenarios.scenario import WHEELS, Scenario
-from phalanx.sim.audited import body, loop
-from phalanx.sim.scenarios.run import Run
 from phalanx.wire.fields import row
+from phalanx.world.audited import body, loop
+from phalanx.world.scenarios.run import Run
 
 STOP = b"\0"  # what motors are told by trusted nodes; commands begin with another byte
 

@@ -14,10 +14,10 @@ from phalanx.daemon.on_air import OnAir
 from phalanx.daemon.settings import RobotSettings, read_robot
 from phalanx.daemon.signed_mission import sign_mission
 from phalanx.errors import Unavailable
-from phalanx.io.keyring import Keys, pem
-from phalanx.io.mission_key import issued
-from phalanx.io.ports import LOOPBACK
-from phalanx.io.private_file import write_private
+from phalanx.net.keyring import Keys, pem
+from phalanx.net.mission_key import issued
+from phalanx.net.ports import LOOPBACK
+from phalanx.net.private_file import write_private
 from phalanx.scenarios.behaviour import MakeController
 from phalanx.scenarios.file import written_scenario
 from phalanx.scenarios.scenario import Scenario

@@ -1,0 +1,298 @@
+"""Too many requests, frames and neighbours; and talk at the very moment at which others ask for audits or say HELLO."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from bisect import bisect_right
+from typing import Any, ClassVar
+
+from phalanx.bti import request, seeking
+from phalanx.bti.fleet import BOUND, PLAIN
+from phalanx.robot.actions import EVERYBODY, Action, Transmit
+from phalanx.robot.adversary.liar import Liar, is_audit
+from phalanx.robot.runtime import first_round_ms
+from phalanx.wire.table import AUDIT_FRAGMENT, AUDIT_HELLO, KIND_AUDIT
+
+from .claims import INVENTED
+from .hijack import RefuseToAudit
+
+GHOSTS = 400
+NOISE = 0x7D  # the kind of an AUDIT frame that means nothing
+
+
+class Flood(Liar, ABC):
+    """Leaves room for its own audits, which it means to pass."""
+
+    QUIET_MS: ClassVar[tuple[int, int]] = (20, 200)  # before a round of its own, and from its beginning on
+    # Whether `bound` has a limit for it, which its own audits share: then it pours when it has its tokens, until so
+    # much of the round is over. In the rest the bucket fills again.
+    SHARES: ClassVar[bool] = True
+    POURED: ClassVar[float] = 0.8
+    _round_ms = 0
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._t_audit_ms, self._f_max = int(self.f.settings[0].t_audit), int(self.f.settings[0].f_max)
+        self._got = self.f.robot["got"]
+
+    def begin_round(self, now_ms: int) -> list[Action]:
+        self._round_ms = now_ms
+        return super().begin_round(now_ms)
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        before_ms, after_ms = self.QUIET_MS
+        self.period_ms = type(self).period_ms
+        shares = self.SHARES and self.profile == BOUND
+        if shares:
+            before_ms = round((1 - self.POURED) * self._t_audit_ms)
+        quiet = (now_ms - self._round_ms + before_ms) % self._t_audit_ms < before_ms + after_ms
+        if self.profile != PLAIN and (quiet or (shares and self._got[self.i] <= self._f_max)):
+            return []
+        return self.pour(now_ms)
+
+    @abstractmethod
+    def pour(self, now_ms: int) -> list[Action]:
+        """Send more of it."""
+
+
+class RequestFlood(Flood):
+    """Uses up what auditors will do for others: malformed requests, in their names where an a-node lets it."""
+
+    period_ms = 4
+
+    POURED = 0.5  # after that it would keep its own true requests from being taken
+    _turn = 0
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._asked_ms: dict[int, int] = {}
+
+    def pour(self, now_ms: int) -> list[Action]:
+        """Tell the next auditor of the next victim; under its own name only, no more than are looked at."""
+        others = self.others()
+        if len(others) < 2:
+            return []
+        auditor = others[self._turn % len(others)]
+        again_ms = self._asked_ms.get(auditor, 0) + self._t_audit_ms // 2
+        if self.profile == BOUND and now_ms < again_ms:
+            return []
+        self._asked_ms[auditor] = now_ms
+        self._turn += 1
+        victim = others[(self._turn + 1 + self._turn // len(others)) % len(others)]
+        frame = AUDIT_FRAGMENT.encode(src=victim, dst=auditor, request=0, index=0, count=1, bytes=bytes(8))
+        return self.send(now_ms, frame, auditor)
+
+
+class FrameFlood(Flood):
+    """As many and as long AUDIT frames as its a-node lets out, for nobody."""
+
+    period_ms = 2
+
+    TRIED_MS: ClassVar[int] = 30  # so long the radio tries; what comes meanwhile it throws away, and the bucket counts
+
+    def pour(self, now_ms: int) -> list[Action]:
+        """Send to all, or where airtime is counted, to nobody, so that the radio tries again and again."""
+        bound = self.profile == BOUND
+        if bound:
+            self.period_ms = self.TRIED_MS
+        nobody = max(self.plan.ids) + 1 if bound else 0
+        frame = audit_frame(self.id, nobody, 0x7F, bytes(int(self.f.settings[0].frame_max) - request.AUDIT_HEAD_BYTES))
+        return self.send(now_ms, frame, nobody or EVERYBODY)
+
+
+class CovertTalk(Flood):
+    """Talks to a colluding robot in AUDIT frames, which no log shows."""
+
+    period_ms = 2
+
+    def pour(self, now_ms: int) -> list[Action]:
+        others = self.plan.colluding or tuple(sorted(self.seen))
+        if not others:
+            return []
+        return self.send(now_ms, audit_frame(self.id, others[0], 0x7E, bytes(1000)), others[0])
+
+
+class LogFlood(Liar):
+    """Says at length what means nothing: who hears it has to log it, and to show it to auditors."""
+
+    period_ms = 20
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        for size in (1500, 360, 150, 40):
+            if actions := self.send(now_ms, b"\x60" + bytes(size), EVERYBODY):
+                return actions
+        return []
+
+
+class LongFrames(RefuseToAudit):
+    """Says what means nothing in the frames that fill others' logs most: as long as four states' airtime allows.
+
+    A hole of ours, closed in config/bti.py.
+    """
+
+    period_ms = 10
+
+    BYTES: ClassVar[int] = 368  # a byte more, and a full bucket is too small
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        return self.send(now_ms, b"\x60" + bytes(self.BYTES - 1), EVERYBODY)
+
+
+class GhostAuditors(Liar):
+    """Fills its neighbours' tables with robots that are not there: whoever asks one of them for an audit asks in vain.
+
+    Source: docs/spec/rebound.md (ghost auditors).
+    """
+
+    period_ms = 5
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """Claim one more ghost, far enough away to be in nobody's way."""
+        name = INVENTED + int(self.plan.chance.integers(GHOSTS))
+        return self.claim_motion(now_ms, name, (900.0, -900.0, 0.0, 0.0))
+
+
+class Jam(Flood):
+    """Somebody's transmitter, beside the robots' radios: it asks no a-node."""
+
+    period_ms = 2
+
+    SHARES = False
+
+    def pour(self, now_ms: int) -> list[Action]:
+        noise = bytes(int(self.f.settings[0].frame_max) - request.AUDIT_HEAD_BYTES)
+        return [Transmit(audit_frame(0, 0, 0x7F, noise), EVERYBODY)]
+
+
+def audit_frame(src: int, dst: int, sub: int, rest: bytes) -> bytes:
+    """`AUDIT ‖ src ‖ dst ‖ sub ‖ rest`. Source: docs/spec/rebound.md."""
+    return AUDIT_HELLO.form.pack(KIND_AUDIT, src, dst, sub) + rest
+
+
+def talk(liar: Liar, now_ms: int, packets: int, noise: bytes = b"") -> list[Action]:
+    """Send short AUDIT packets to everybody, which no log shows."""
+    noise = noise or audit_frame(liar.id, 0, NOISE, b"")
+    return liar.count([action for _ in range(packets) for action in liar.send(now_ms, noise, EVERYBODY)])
+
+
+def begin_request(liar: Liar, now_ms: int, auditor: int) -> list[Action]:
+    """Send the last of two fragments of a request that never ends."""
+    frame = AUDIT_FRAGMENT.encode(src=liar.id, dst=auditor, request=0, index=1, count=2, bytes=b"\0")
+    return liar.count(liar.send(now_ms, frame, auditor))
+
+
+class TalkOver(Liar):
+    """Talks while a robot that it does not hear asks for audits: whom both are near hears neither.
+
+    It knows the mission, so when that robot's rounds begin and when it asks again, and is silent in between. What it
+    says are AUDIT frames of no meaning, which no log shows; colluding liars take turns. It passes its own audits.
+    A hole of ours, closed in bti/request.py.
+    """
+
+    period_ms = 1
+    LASTS_MS: ClassVar[int] = 40
+    AT_ONCE: ClassVar[int] = 4  # leaves no gap that a long fragment fits into
+    _first_ms = _again_ms = 0
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """Talk if the victim asks now and it is this liar's turn.
+
+        First when the victim's round begins, and then each time that it asks again those that did not answer.
+        """
+        if not self._first_ms:
+            s, period_ms = self.f.settings[0], int(self.f.settings[0].t_audit)
+            # Somebody whom it does not hear, if there is one.
+            victim = min([name for name in self.victims() if name not in self.seen] or self.victims())
+            round_ms = first_round_ms(int(s.mission_seed), victim, period_ms)
+            self._first_ms = now_ms + (int(self.f.robot[self.i].t_key) + round_ms + 2 - now_ms) % period_ms
+            self._again_ms = period_ms // 2 + int(s.retry) - 1
+        asks_ms = (now_ms - self._first_ms) % self._again_ms
+        if now_ms < self._first_ms or asks_ms >= self.LASTS_MS:
+            self.period_ms = (self._first_ms - now_ms - 1) % self._again_ms + 1  # when it is asked again
+            return []
+        self.period_ms = 1
+        turns = len(self.plan.colluding) + 1
+        if asks_ms % turns != sum(other < self.id for other in self.plan.colluding):
+            return []
+        return talk(self, now_ms, self.AT_ONCE)
+
+
+class Mask(RefuseToAudit):
+    """Talks whenever an honest robot says HELLO, and audits nobody: others shall know no auditors but liars.
+
+    Rounds begin at moments that follow from the mission. All liars talk at once, in short AUDIT frames, which no log
+    shows: a HELLO is lost wherever it is heard together with them. So are answers to who asks for HELLO, if they can
+    be. They pass their own audits. A hole of ours, closed in bti/request.py.
+    """
+
+    period_ms = 1
+    AT_ANSWERS: ClassVar[int] = 8  # as many as fill the time for which others answer
+    _moments: tuple[int, ...] = ()  # ms of a round, rising, at which to talk
+
+    def noise(self) -> bytes:
+        """Return the packet that it talks in."""
+        return audit_frame(self.id, 0, NOISE, b"")
+
+    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
+        """Talk over the answers to SEEK."""
+        asks = is_audit(frame, seeking.SEEK)
+        return super().heard(now_ms, frame) + (talk(self, now_ms, self.AT_ANSWERS, self.noise()) if asks else [])
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """Talk if somebody says HELLO now; wake next when somebody does again."""
+        s, period_ms = self.f.settings[0], int(self.f.settings[0].t_audit)
+        if not self._moments:
+            first_ms = [first_round_ms(int(s.mission_seed), other, period_ms) for other in self.victims()]
+            self._moments = tuple(sorted({at % period_ms for at in first_ms}))
+        now = (now_ms - int(self.f.robot[self.i].t_key)) % period_ms
+        following = bisect_right(self._moments, now)
+        talks = following > 0 and self._moments[following - 1] == now
+        self.period_ms = (self._moments[following % len(self._moments)] - now - 1) % period_ms + 1
+        return talk(self, now_ms, 1, self.noise()) if talks else []
+
+
+class SlotSquat(Liar):
+    """Begins requests at every auditor and never ends them: an auditor puts only so many together at a time.
+
+    A hole of ours, closed in bti/request.py.
+    """
+
+    period_ms = 300
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        return [action for auditor in self.victims() for action in begin_request(self, now_ms, auditor)]
+
+
+class PushOut(RefuseToAudit):
+    """Begins a request at whom a victim asks, behind the first fragment of the victim's, so that it loses its place.
+
+    An auditor takes one request of a robot each T_audit / 2, so this is the moment. The simulated radio hands a
+    fragment to its addressee alone; who is near could hear it, so that is read from the victim's own memory. It
+    audits nobody, and passes its own audits. A hole of ours, closed in bti/fleet.py.
+    """
+
+    period_ms = 1
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        s = self.f.settings[0]
+        self._tokens, self._t_audit_ms = int(s.f_max) + 1, int(s.t_audit)
+        self._body = int(s.frame_max) - request.FRAGMENT_HEAD_BYTES
+        victim = max(self.victims(), default=self.id)
+        self._round_ms = first_round_ms(int(s.mission_seed), victim, self._t_audit_ms)
+        self._asks = self.f.robot[victim - 1]
+        self._again_ms: dict[int, int] = {}
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """Send a short fragment, if there is one to come before; until the victim has its tokens."""
+        if self._asks.got >= self._tokens:
+            round_ms = int(self.f.robot[self.i].t_key) + self._round_ms
+            self.period_ms = (round_ms - now_ms - 1) % self._t_audit_ms + 1
+            return []
+        self.period_ms = 1
+        auditor = int(self._asks.request_to)
+        between = 0 < int(self._asks.request_next) * self._body < int(self._asks.request_len)
+        if not between or auditor == self.id or now_ms < self._again_ms.get(auditor, 0):
+            return []
+        self._again_ms[auditor] = now_ms + self._t_audit_ms // 2
+        return begin_request(self, now_ms, auditor)

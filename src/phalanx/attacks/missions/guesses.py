@@ -1,0 +1,126 @@
+"""The brute force of a captured mission: what is tried, batch by batch; the caller says how long, and times it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import ClassVar
+
+from phalanx.crypto.sha3 import sha3_256
+from phalanx.mission import BuildOptions, Landmark, Mission, Profile, parse_mission, parse_start_key
+from phalanx.mission.authoring.compiling import alias_offset, observed_bytes
+from phalanx.mission.file.records import SECRET_BYTES
+from phalanx.mission.file.sealed import node_salt, try_observation
+from phalanx.mission.landmarks import FloorPlan
+from phalanx.mission.walk.gate import StartKey
+from phalanx.mission.worth.audit import audit
+from phalanx.mission.worth.cracking import Box, Cracked, Tried, crack_paper, crack_sealed
+from phalanx.mission.worth.guessing import OUT_OF_REACH
+from phalanx.mission.worth.shown import Shown, shown_by
+from phalanx.robot.adversary.attack import Scene
+
+from .between import Between, Sent
+
+GATES = 2.0 ** (8 * SECRET_BYTES)
+TOKEN_BYTES = 16
+TOKENS = 2.0 ** (8 * TOKEN_BYTES)
+TOKEN_BATCH = 16
+
+
+class Guess(Between, ABC):
+    """Whoever has the file tries to read it, away from any robot.
+
+    Class attributes:
+        tries_max: batches are run until so many tries, by profile: fast hashes, or slow ones.
+        one_node: whether it is about the node with the token alone.
+    """
+
+    scene: ClassVar[Scene] = "file"
+    tries_max: ClassVar[Mapping[Profile, int]] = {Profile.PAPER: 1 << 30, Profile.SEALED: 64}
+    one_node: ClassVar[bool] = False
+
+    @abstractmethod
+    def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[Tried]:
+        """Batches of tries, for as long as the caller asks for more.
+
+        Args:
+            box: where the places are, metres.
+            building: of which some have the floor plan.
+        """
+
+    def in_all(self, plain: Mission, known: int) -> float:
+        """Return how many tries the whole takes: `known`, or with what lies behind the nodes that are open."""
+        return float(known)
+
+
+def crack(sent: Sent, box: Box, key: StartKey | None = None, plan: Shown | None = None) -> Iterator[Tried]:
+    """Return batches of tries of every place, with the start key that was sent or another."""
+    mission = parse_mission(sent.file)
+    if mission.header.profile is Profile.PAPER:
+        return crack_paper(mission, box)
+    return crack_sealed(mission, key or parse_start_key(sent.key), box, plan=plan)
+
+
+class GuessGraph(Guess):
+    """The file and its start key, if it has one, were captured with the robot."""
+
+    def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[Tried]:
+        return crack(sent, box)
+
+    def in_all(self, plain: Mission, known: int) -> float:
+        """Count those too that a sealed node hides: the author knows, and the audit says so."""
+        if plain.coding is None:  # the paper profile: every node can be tried at once
+            return float(known)
+        rows = audit(plain, Profile.SEALED, open_start=True).nodes
+        return max(float(known), sum(row.candidates for row in rows if row.candidates < OUT_OF_REACH))
+
+
+class GuessPlan(Guess):
+    """File, start key and the building's floor plan were captured, or the building was walked through."""
+
+    def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[Tried]:
+        return crack(sent, box, plan=shown_by(building, BuildOptions().offset_mm))
+
+
+class GuessGate(GuessGraph):
+    """The file alone was captured: the start key came over the link, and is not in it."""
+
+    def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[Tried]:
+        if parse_mission(sent.file).header.profile is Profile.PAPER:
+            yield from crack(sent, box)
+            return
+        key = parse_start_key(sent.key)  # for the shape and the offsets of what is behind: more than the adversary has
+        while True:
+            gates = {
+                node: replace(gate, share=self.plan.chance.bytes(SECRET_BYTES)) for node, gate in key.gates.items()
+            }
+            for batch in crack(sent, box, StartKey(key.mission_id, gates, {})):
+                yield replace(batch, of=int(batch.of * GATES))
+
+
+class GuessToken(Guess):
+    """A code on a wall says 128 random bits; the adversary knows where it hangs, and has all gates."""
+
+    tries_max: ClassVar[Mapping[Profile, int]] = {Profile.PAPER: 4096, Profile.SEALED: 64}
+    one_node = True
+
+    def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[Tried]:
+        mission, node = parse_mission(sent.file), sent.plain.nodes[0]
+        header, mark = mission.header, mission.nodes[0].aliases[0].mark
+        (place,) = node.see[0]
+        assert isinstance(place, Landmark), "the captured node is a code"
+        offset = alias_offset(header.coding, node.see[0])
+        salt, do, hint = b"", node.do, None
+        if header.profile is Profile.SEALED:
+            # The action is in the payload, and not among what was observed.
+            gate = parse_start_key(sent.key).gates[0]
+            salt, do, hint = node_salt(gate.share, (), header, 0, 0), None, gate.hints[0]
+        while True:
+            found: list[Cracked] = []
+            for _ in range(TOKEN_BATCH):
+                code = replace(place, text=self.plan.chance.bytes(TOKEN_BYTES).hex())
+                observed = observed_bytes(header.coding, (code,), offset, do=do)
+                if mark == (try_observation(header, observed, hint, salt)[0] if hint else sha3_256(observed)):
+                    found.append(Cracked(0, place.type, place.x_m, place.y_m, place.orientation_rad))
+            yield Tried(TOKEN_BATCH, int(TOKENS), tuple(found))

@@ -1,0 +1,96 @@
+"""Attacks on the answers that a robot waits for: tokens that it cannot hear, and auditors that it cannot reach."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from phalanx.bti import request, seeking
+from phalanx.robot.actions import EVERYBODY, Action, Transmit
+from phalanx.robot.adversary.liar import Liar, is_audit
+from phalanx.robot.runtime import first_round_ms
+from phalanx.wire.fields import get_u16, get_u32, row
+from phalanx.wire.table import AUDIT_HELLO, AUDIT_HERE
+
+from .channel import talk
+
+
+class TalkOverReplies(Liar):
+    """Talks from when a victim asks, so that it does not hear the tokens of auditors that cannot hear the liars.
+
+    It knows the mission, so when the victim's rounds begin, and hears whatever the victim sends. The simulated radio
+    hands a fragment to its addressee alone, so what is near could hear is read from the victim's own memory. It passes
+    its own audits. Source: docs/adr/0039.
+    """
+
+    period_ms = 1
+    LASTS_MS: ClassVar[int] = 10
+    AT_ONCE: ClassVar[int] = 3
+    _victim = _round_ms = _until_ms = 0
+    _sent: tuple[int, int, int] | None = None
+
+    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
+        """Talk over the answers to the victim's HELLO and SEEK."""
+        asked = super().heard(now_ms, frame)
+        if request.is_audit(row(frame), len(frame)) and get_u16(row(frame), request.AT_SRC) == self._victim:
+            self._until_ms = now_ms + self.LASTS_MS
+            asked += talk(self, now_ms, 2 * self.AT_ONCE)
+        return asked
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """Talk while the victim may be answered."""
+        t_audit_ms = int(self.f.settings[0].t_audit)
+        if not self._victim:
+            self._victim = min((name for name in self.victims() if name in self.seen), default=min(self.victims()))
+            seed = int(self.f.settings[0].mission_seed)
+            self._round_ms = int(self.f.robot[self.i].t_key) + first_round_ms(seed, self._victim, t_audit_ms)
+        victim = self.f.robot[self._victim - 1]
+        sent = int(victim.request_no), int(victim.request_next), int(victim.repeats)
+        if sent != self._sent:
+            self._sent, self._until_ms = sent, max(self._until_ms, now_ms + self.LASTS_MS)
+        begins = (now_ms + 1 - self._round_ms) % t_audit_ms <= self.LASTS_MS
+        return talk(self, now_ms, self.AT_ONCE) if begins or now_ms < self._until_ms else []
+
+
+class RelayHello(Liar):
+    """Sends again, byte for byte, the HELLO of robots out of its neighbours' range, so that these ask them in vain.
+
+    A second liar near those robots hears them. Both have taken over their radios, and need no a-node for that: a sealed
+    packet counts for two seconds, wherever it is received. What the second one hears follows from the mission, as it
+    says when rounds begin. With option `both` they relay SEEK and its answers, too, without loss and in no more than
+    100 ms: that is not stopped. Source: docs/spec/sealed-radio.md; docs/adr/0039.
+    """
+
+    period_ms = 1
+    GHOSTS: ClassVar[int] = 40
+    ANSWERS_MS: ClassVar[int] = 100  # until the answers are back
+    _moments: tuple[tuple[int, int], ...] = ()
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._waiting: list[tuple[int, bytes]] = []
+
+    def ghosts(self) -> list[int]:
+        """Return robots that it does not hear, or if it hears all, all of them."""
+        return [name for name in self.victims() if name not in self.seen][: self.GHOSTS] or self.victims()
+
+    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
+        """Relay a SEEK, and later what the distant robots answer."""
+        is_seek = is_audit(frame, seeking.SEEK) and len(frame) == seeking.SEEK_BYTES
+        if is_seek and self.plan.options.get("both"):
+            src, nonce = get_u16(row(frame), request.AT_SRC), int(get_u32(row(frame), seeking.SEEK_NONCE))
+            answers = [AUDIT_HERE.encode(src=name, dst=src, nonce=nonce) for name in self.ghosts()]
+            self._waiting += [(now_ms + self.ANSWERS_MS + k, answer) for k, answer in enumerate(answers)]
+        return super().heard(now_ms, frame)
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """Send what is due."""
+        s, period_ms = self.f.settings[0], int(self.f.settings[0].t_audit)
+        if not self._moments:
+            seed = int(s.mission_seed)
+            rounds = ((first_round_ms(seed, name, period_ms) % period_ms, name) for name in self.ghosts())
+            self._moments = tuple(sorted(rounds))
+        now = (now_ms - int(self.f.robot[self.i].t_key)) % period_ms
+        due = [AUDIT_HELLO.encode(src=name, dst=0) for at_ms, name in self._moments if at_ms == now]
+        due += [answer for at_ms, answer in self._waiting if at_ms <= now_ms]
+        self._waiting = [each for each in self._waiting if each[0] > now_ms]
+        return self.count([Transmit(packet, get_u16(row(packet), request.AT_DST) or EVERYBODY) for packet in due])

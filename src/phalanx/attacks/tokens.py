@@ -1,0 +1,245 @@
+"""Attacks with tokens: forged, replayed or shared ones, stale answers, and requests that keep auditors busy.
+
+bti/rounds.py and robot/handlers.py have the defences against those that our own protocol once let through.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from phalanx.bti import log, request, trusted
+from phalanx.bti.fleet import BOUND, PENDING, PLAIN, START
+from phalanx.robot.actions import Action
+from phalanx.robot.adversary.liar import Liar, tokens_in
+from phalanx.wire.fields import Row, get_u16, put_u16, row
+from phalanx.wire.table import (
+    AUDIT_FRAGMENT,
+    AUDIT_TOKEN,
+    BOOTED,
+    HASH_BYTES,
+    KEY_BYTES,
+    MAC_BYTES,
+    TOKEN,
+    TOKEN_REQUEST,
+)
+
+from .hijack import Hijack, RefuseToAudit
+
+
+class Token(NamedTuple):
+    """The arguments of `anode_install_token`."""
+
+    tor: int
+    t: int
+    hckpt: bytes
+    mac: bytes
+
+
+class TokenForger(Hijack, ABC):
+    """Misbehaves, and keeps offering its a-node tokens that no audit earned it."""
+
+    period_ms = 100
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        if self.profile != PLAIN:
+            for token in self.tokens(now_ms):
+                hckpt, mac = row(token.hckpt), row(token.mac)
+                anode = self.f.anode[self.i]
+                if trusted.anode_install_token(self.profile, anode, now_ms, token.tor, token.t, hckpt, mac) >= 0:
+                    self.gained += 1
+        return []
+
+    @abstractmethod
+    def tokens(self, now_ms: int) -> list[Token]:
+        """Return the tokens that it offers its a-node now."""
+
+
+class ForgeTokens(TokenForger):
+    """Guesses MACs."""
+
+    def tokens(self, now_ms: int) -> list[Token]:
+        dice, names = self.plan.chance, self.others()
+        return [
+            Token(names[int(dice.integers(len(names)))], now_ms, dice.bytes(HASH_BYTES), dice.bytes(MAC_BYTES))
+            for _ in range(10)
+        ]
+
+
+class ShareTokens(TokenForger):
+    """Offers tokens that were made for others: those that it issued itself."""
+
+    _issued: tuple[Token, ...] = ()
+
+    def on_packet(self, now_ms: int, packet: bytes) -> list[Action]:
+        actions = super().on_packet(now_ms, packet)
+        for token in tokens_in(actions):
+            fields = AUDIT_TOKEN.decode(token.packet)
+            q = self.shown(int(self.w.place[0]))
+            hckpt = q[request.AT_HCKPT : request.AT_HCKPT + HASH_BYTES].tobytes()
+            self._issued += (Token(self.id, fields["t"], hckpt, fields["mac"]),)
+        return actions
+
+    def tokens(self, now_ms: int) -> list[Token]:
+        """Return the newest, in its own name and in the auditees'."""
+        newest = list(self._issued[-10:])
+        return newest + [token._replace(tor=rob_id, t=now_ms) for token in newest for rob_id in self.plan.ids[:3]]
+
+
+class ReplayTokens(TokenForger):
+    """Offers its own tokens again when they are old."""
+
+    _kept: frozenset[Token] = frozenset()
+
+    def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
+        actions = super().on_packet(now_ms, frame)
+        f, i, r = self.f, self.i, self.f.robot[self.i]
+        for which, count in ((START, r.tokens_start), (PENDING, r.tokens_pending)):
+            hckpt = f.hckpt[i, which].tobytes()
+            tokens = f.token[i, which, : int(count)]
+            self._kept |= {Token(int(each.tor), int(each.t), hckpt, each.mac.tobytes()) for each in tokens}
+        return actions
+
+    def tokens(self, now_ms: int) -> list[Token]:
+        """Return all of them; and each as if it were from now, which its MAC does not cover."""
+        kept = sorted(self._kept)
+        return kept + [token._replace(t=now_ms) for token in kept]
+
+
+class SelfIssue(TokenForger):
+    """Asks its own a-node for a token for itself."""
+
+    def tokens(self, now_ms: int) -> list[Token]:
+        profile, anode = self.profile, self.f.anode[self.i]
+        treq, mac, hckpt = row(bytes(TOKEN_REQUEST.size)), row(bytes(MAC_BYTES)), row(bytes(HASH_BYTES))
+        if trusted.anode_token_request(profile, anode, now_ms, self.id, treq) < 0:
+            return []
+        asked = TOKEN_REQUEST.decode(treq.tobytes())
+        t, top, treq_mac = asked["t"], row(asked["top"]), row(asked["mac"])
+        made = trusted.anode_issue_token(profile, anode, self.id, t, top, treq_mac, hckpt, mac)
+        return [Token(self.id, t, hckpt.tobytes(), mac.tobytes())] if made >= 0 else []
+
+
+class Collude(Hijack):
+    """Issues tokens to the other compromised robots for whatever they show, and gets theirs."""
+
+    def asked(self, now_ms: int, frame: bytes) -> list[Action]:
+        if self.profile == PLAIN or get_u16(row(frame), request.AT_SRC) not in self.plan.colluding:
+            return super().asked(now_ms, frame)
+        place = self.whole_request(now_ms, frame)
+        return self.vouch(now_ms, place) if place >= 0 else []
+
+
+class ZeroKey(Hijack):
+    """Makes itself tokens that never expire, before the key is loaded. Source: docs/spec/rebound.md (zero key)."""
+
+    @classmethod
+    def before_key(cls, rob_id: int, profile: int, anode: Row, f_max: int) -> None:
+        """Install tokens of f_max + 1 invented auditors, dated at the clock's end; no true token replaces them."""
+        zero, hckpt = bytes(KEY_BYTES), bytes(HASH_BYTES)
+        for tor in range(0xFFFF - f_max, 0x10000):
+            t = (1 << 32) - 1
+            message = TOKEN.encode(tor=tor, tee=rob_id, t=t, hckpt=hckpt)
+            mac = np.zeros(MAC_BYTES, np.uint8)
+            trusted.lightmac(row(zero), row(message), len(message), mac)
+            trusted.anode_install_token(profile, anode, 0, tor, t, row(hckpt), mac)
+
+
+class StaleAnswers(Liar):
+    """Audits every other request, and answers the others with an old token, as if it had audited."""
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._issued: dict[int, bytes] = {}
+        self._answered: dict[int, int] = {}
+        self._repeated = b""
+
+    def on_packet(self, now_ms: int, packet: bytes) -> list[Action]:
+        actions = super().on_packet(now_ms, packet)
+        self._issued.update({each.to: each.packet for each in tokens_in(actions) if each.packet != self._repeated})
+        return actions
+
+    def asked(self, now_ms: int, frame: bytes) -> list[Action]:
+        """Send the old token at the first fragment of a request, and pass over the rest."""
+        src, no = (int(get_u16(row(frame), at)) for at in (request.AT_SRC, request.AT_REQUEST))
+        if src in self._issued:
+            self._answered[src] = no
+            self.gained += 1
+            self._repeated = self._issued.pop(src)
+            return self.send(now_ms, self._repeated, src)
+        return [] if self._answered.get(src) == no else super().asked(now_ms, frame)
+
+
+class WrongCheckpoint(Liar):
+    """Issues the token for the checkpoint where the log begins, instead of the one at its end."""
+
+    def asked(self, now_ms: int, frame: bytes) -> list[Action]:
+        if self.profile == PLAIN:
+            return super().asked(now_ms, frame)
+        if (place := self.whole_request(now_ms, frame)) < 0:
+            return []
+        q = self.shown(place)
+        tokens = int(q[request.AT_TOKENS])
+        if tokens:
+            at = request.HEAD_BYTES + tokens * request.TOKEN_BYTES
+            length = int(get_u16(q, request.AT_CHECKPOINT_LEN))
+            trusted.sha1(q[at : at + length], length, q[request.AT_HCKPT : request.AT_HCKPT + HASH_BYTES])
+        return self.vouch(now_ms, place)
+
+
+class Drain(RefuseToAudit):
+    """Passes its own audits, and sends auditors true token requests that use up their time for other robots.
+
+    The request around each has an empty log and is refused, but only after an audit. It audits no other robot, so that
+    the others need more audits from the rest.
+    """
+
+    period_ms = 20
+    _made_ms = _no = 0
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self.kept: dict[int, bytes] = {}
+        self._sent_ms: dict[int, int] = {}
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """Send the next request that is due; never to robots that it asks for audits of its own."""
+        f, i = self.f, self.i
+        if self.profile == PLAIN or f.robot["request_len"][i] > 0:
+            return []
+        t_audit, peers = int(f.settings[0].t_audit), int(f.robot["peers"][i])
+        # As lists: reading a record's field takes microseconds, and this runs often.
+        for tor, asked_ms in zip(f.peer_id[i, :peers].tolist(), f.peer["asked_ms"][i, :peers].tolist(), strict=True):
+            asked = now_ms - asked_ms < 2 * t_audit
+            just_sent = now_ms - self._sent_ms.get(tor, 0) <= t_audit // 2
+            if tor in self.plan.colluding or asked or just_sent:
+                continue
+            if tor not in self.kept and not self._make(now_ms, tor):
+                continue
+            self._no = (self._no + 1) & 0xFFFF
+            self._sent_ms[tor] = now_ms
+            self.gained += 1
+            only = AUDIT_FRAGMENT.encode(src=self.id, dst=tor, request=self._no, index=0, count=1, bytes=self.kept[tor])
+            return self.send(now_ms, only, tor)
+        return []
+
+    def _make(self, now_ms: int, tor: int) -> bool:
+        """Make a true token request, in a request with an empty log since boot; log the flush that it causes."""
+        spare_ms = int(self.f.settings[0].t_audit) * 2 // 5
+        treq = row(bytes(TOKEN_REQUEST.size))
+        if now_ms - self._made_ms < spare_ms:  # its own audits need token requests too
+            return False
+        if trusted.anode_token_request(self.profile, self.f.anode[self.i], now_ms, tor, treq) < 0:
+            return False
+        self._made_ms = now_ms
+        if self.profile == BOUND:
+            log.mark(self.f, self.i, log.FLUSH_A)
+        q = row(bytes(request.HEAD_BYTES + BOOTED.size))
+        q[0], q[request.AT_FLAGS] = request.VERSION, 1
+        put_u16(q, request.AT_TEE, self.id)
+        q[request.AT_T : request.AT_TOP_S] = treq
+        put_u16(q, request.AT_CHECKPOINT_LEN, BOOTED.size)
+        self.kept[tor] = q.tobytes()
+        return True

@@ -1,1 +1,0 @@
-"""The simulated robots that `phalanx up` shows."""

@@ -1,0 +1,203 @@
+"""A controller lives through its calls, in a process made for it: python -m phalanx.lab.determinism.trace JOB OUT.
+
+It lives several times, each another way in which an auditor may come to run it. What must not matter is made to differ
+from process to process: clocks, the time zone, where objects lie in memory; and the order of sets, by the hash seed
+that the process is started with.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import json
+import random
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from phalanx.config import BtiConfig
+from phalanx.robot.controllers.dispatch import BUNDLED
+from phalanx.robot.controllers.python_controller import (
+    Act,
+    Controller,
+    Output,
+    OwnMistake,
+    checked_outputs,
+    checked_state,
+)
+from phalanx.wire.record import MalformedRecord
+
+from .calls import ADVICE, FRAME, Call, Endless, Make, maker, watched
+
+# What a controller did at one call: type and bytes of each output, what it remembers then, what it raised, and what
+# no body, no radio and no checkpoint takes of that.
+Step = tuple[list[tuple[str, str]], str, str, str]
+# By first byte and length.
+COMMANDS, SAID = (
+    {(record.tag, record.size): record for record in records}
+    for records in ([each.commands for each in BUNDLED.values()], [each.says for each in BUNDLED.values()])
+)
+# Neither whole days nor whole hours: the hour, the minute and the second of a day are others too.
+LATER_S = 118_383.0
+# So many calls another robot's controller is behind: what both keep in one place is then not the same.
+BEHIND = 7
+
+
+def live(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
+    """From boot to the end."""
+    controller = make(rob_id)
+    return [_step(controller, call) for call in calls]
+
+
+def live_beside(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
+    """The same, while another robot's controller in this process is asked what this one was asked a while before."""
+    controller, other = make(rob_id), make(rob_id + 1)
+    steps = []
+    for k, call in enumerate(calls):
+        _step(other, calls[max(0, k - BEHIND)])
+        steps.append(_step(controller, call))
+    return steps
+
+
+def live_on(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
+    """The same, each call in a new controller that goes on from the last one's encoding, as an auditor's does."""
+    return _relayed(calls, make(rob_id), lambda: make(rob_id))
+
+
+def live_over(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
+    """The same, in two controllers by turns: each decodes the other's encoding over what it remembers itself."""
+    first, second = make(rob_id), make(rob_id)
+    turns = [second, first]
+
+    def other() -> Controller:
+        turns.append(turns.pop(0))
+        return turns[-1]
+
+    return _relayed(calls, first, other)
+
+
+LIVES = {each.__name__: each for each in (live, live_beside, live_on, live_over)}
+
+
+def _relayed(calls: list[Call], controller: Controller, following: Callable[[], Controller]) -> list[Step]:
+    steps: list[Step] = []
+    for call in calls:
+        try:
+            encoding = controller.encode()
+            controller = following()
+            controller.decode(encoding)
+            decoded = controller.encode()
+        except Exception as error:  # noqa: BLE001 - it is told
+            steps.append(([], "", f"decode: {_told(error)}", ""))
+            continue
+        step = _step(controller, call)
+        steps.append(step if decoded == encoding else ([], decoded.hex(), "decode, then encode: other bytes", ""))
+    return steps
+
+
+def _step(controller: Controller, call: Call) -> Step:
+    outputs: list[Output] = []
+    raised = refused = ""
+    try:
+        with watched(controller, call.method, str(call)):
+            if call.step == FRAME:
+                controller.on_recv(call.t_ms, call.payload)
+            elif call.step == ADVICE:
+                controller.on_advice(call.payload)
+            else:
+                told = controller.on_input(call.step, call.t_ms, call.payload)
+                outputs = checked_outputs(told, BtiConfig().frame_max_bytes, controller)
+                refused = _unfit(outputs)
+    except Endless:
+        raise
+    except OwnMistake as error:
+        refused = str(error)
+    except Exception as error:  # noqa: BLE001 - it is told
+        raised = _told(error)
+    try:
+        state = checked_state(controller.encode(), _room(controller.state_bytes), controller)
+    except OwnMistake as error:
+        state, refused = b"", refused or str(error)
+    except Exception as error:  # noqa: BLE001 - as above
+        state, raised = b"", raised or f"encode: {_told(error)}"
+    return [(type(output).__name__, output.payload.hex()) for output in outputs], state.hex(), raised, refused
+
+
+def _unfit(outputs: list[Output]) -> str:
+    """What is wrong with the first of them that no body and no neighbour could use; "" if nothing is."""
+    for output in outputs:
+        layouts = COMMANDS if isinstance(output, Act) else SAID
+        known = layouts.get((output.payload[0], len(output.payload)))
+        try:
+            if known:
+                known.decode(output.payload)
+            elif isinstance(output, Act):
+                return f"on_input put out no command: {len(output.payload)} bytes, the first {output.payload[0]}"
+        except MalformedRecord as error:
+            return f"on_input put out {type(output).__name__} of {error}"
+    return ""
+
+
+def _room(state_bytes: int) -> int:
+    """For a checkpoint, in a scenario that says nothing of it."""
+    bti = BtiConfig()
+    return replace(bti, state_bytes=max(bti.state_bytes, state_bytes)).checkpoint_capacity_bytes
+
+
+def _told(error: Exception) -> str:
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__} in {Path(place.filename).name}:{place.lineno}: {error}".splitlines()[0]
+
+
+def _shake(turn: int) -> list[bytearray]:
+    """Clocks are ahead; memory has holes elsewhere, as long as what is returned is kept."""
+    _set_clocks(turn * LATER_S)
+    chance = random.Random(turn)  # noqa: S311 - no secret, and not the one that the controller may use
+    kept = [bytearray(chance.randrange(16, 2048)) for _ in range(20_000)]
+    chance.shuffle(kept)
+    del kept[::2]
+    return kept
+
+
+def _set_clocks(ahead_s: float) -> None:
+    for name in ("time", "monotonic", "perf_counter", "process_time", "thread_time", "clock_gettime"):
+        at: Callable[..., float] = getattr(time, name)
+        setattr(time, name, lambda *which, at=at: at(*which) + ahead_s)
+        at_ns: Callable[..., int] = getattr(time, f"{name}_ns")
+        setattr(time, f"{name}_ns", lambda *which, at_ns=at_ns: at_ns(*which) + int(ahead_s) * 1_000_000_000)
+    for name in ("gmtime", "localtime"):
+        of: Callable[[float], time.struct_time] = getattr(time, name)
+        setattr(time, name, lambda when=None, of=of: of(time.time() if when is None else when))
+
+    class Later(dt.datetime):
+        @classmethod
+        def now(cls, tz: dt.tzinfo | None = None) -> dt.datetime:  # type: ignore[override]
+            return dt.datetime.fromtimestamp(time.time(), tz)
+
+        @classmethod
+        def utcnow(cls) -> dt.datetime:  # type: ignore[override]
+            return dt.datetime.fromtimestamp(time.time(), dt.UTC).replace(tzinfo=None)
+
+        @classmethod
+        def today(cls) -> dt.datetime:  # type: ignore[override]
+            return cls.now()
+
+    dt.datetime = Later  # type: ignore[misc]
+
+
+def main(job: Path, out: Path) -> None:
+    """All lives that the job asks for are in `out`."""
+    asked: dict[str, Any] = json.loads(job.read_text())
+    kept = _shake(asked["turn"]) if asked["turn"] else []
+    make = maker(asked["controller"])
+    calls = [Call(step, t_ms, bytes.fromhex(payload)) for step, t_ms, payload in asked["calls"]]
+    lived = {name: LIVES[name](make, asked["robot"], calls) for name in asked["lives"]}
+    del kept
+    out.write_text(json.dumps(lived))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]))

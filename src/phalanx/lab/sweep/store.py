@@ -1,0 +1,248 @@
+"""The rows of a sweep, in a folder of Parquet files: what is written stays, and is there once.
+
+sweep.json               what made it, and its axes
+runs/part-00000.parquet  some rows; a part is whole or not there
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import time
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from statistics import fmean
+from typing import Any, Self
+
+from phalanx.errors import Unavailable, UsageError
+from phalanx.net.private_file import write_whole
+
+from .plan import SWEEP_HINT, Cell, Job, Plan
+
+ELSEWHERE = "choose another folder with --out, or move this one away"
+WRITE_S, WRITE_ROWS = 1.0, 500  # a part has what came in a second, or so many
+# What a run comes to. Arrow's types.
+OUTCOME = {
+    "digest": "string",
+    "mean_distance_to_goal_m": "double",
+    "score": "double",  # of a protocol's correct robots
+    "liars": "int64",
+    "liars_stopped": "int64",
+    "liars_never_stopped": "int64",  # that deviated
+    "slowest_stop_s": "double",  # from the first deviation to Safe Mode
+    "correct_in_safe_mode": "int64",
+    "without_quorum": "int64",
+    "contacts": "int64",
+    "app_bytes_per_s": "double",
+    "audit_bytes_per_s": "double",  # a robot sends, with each try of the radio
+    "audit_airtime_pct": "double",  # share of the time that these tries of a robot are on the air
+    "log_bytes_max": "int64",
+    "broadcast_delivery": "double",
+    "unicast_delivery": "double",
+    "cpu_s": "double",
+}
+
+
+def outcome(summary: Mapping[str, Any], cpu_s: float) -> dict[str, Any]:
+    """Of a run's summary, what has a column; lists of robots are counted."""
+    liars = summary["compromised"]
+    deviated = [liar for liar in liars if liar["first_deviation_s"] is not None]
+    stops_s = [each["safe_mode_s"] - each["first_deviation_s"] for each in deviated if each["safe_mode_s"] is not None]
+    rates = summary["tried_bytes_per_s_per_robot"]
+    counted = {name: len(summary[name]) for name in ("correct_in_safe_mode", "without_quorum")}
+    of_liars = {
+        "score": next(iter(summary.get("task", {}).values()), None),
+        "liars": len(liars),
+        "liars_stopped": sum(liar["safe_mode_s"] is not None for liar in liars),
+        "liars_never_stopped": len(deviated) - len(stops_s),
+        "slowest_stop_s": max(stops_s, default=None),
+        "app_bytes_per_s": rates["app"],
+        "audit_bytes_per_s": rates["audit"],
+        "audit_airtime_pct": summary["airtime_pct_per_robot"]["audit"],
+        "cpu_s": cpu_s,
+    }
+    same = {name: summary[name] for name in OUTCOME if name in summary and name not in counted}
+    return same | counted | of_liars
+
+
+class Store:
+    """A folder that rows are added to. Use as `with`: then it is ours alone.
+
+    `columns` are what a run comes to, with Arrow's types. `done` has the keys of all rows there.
+
+    Raises: on entering, UsageError: it is another sweep's, a file of a run in it has changed, or another process writes
+        to it; Unavailable: pyarrow is not installed, or a file cannot be read or written, then or later.
+    """
+
+    def __init__(self, folder: Path, sweep: Plan, version: str, columns: Mapping[str, str] = OUTCOME) -> None:
+        try:
+            pa: Any = import_module("pyarrow")
+            pq: Any = import_module("pyarrow.parquet")
+        except ImportError as error:
+            raise Unavailable("pyarrow is not installed", SWEEP_HINT) from error
+        self.folder = folder
+        self.done: set[str] = set()
+        self._parquet, self._arrow = pq, pa
+        self._sweep = sweep
+        self._head: dict[str, Any] = {
+            "version": version,
+            "axes": {name: _type(values) for name, values in sweep.axes.items()},
+        }
+        types = {"key": "string"} | self._head["axes"] | {"seed": "int64"} | dict(columns)
+        self._schema = pa.schema([(name, pa.type_for_alias(kind)) for name, kind in types.items()])
+        self._rows: list[dict[str, Any]] = []
+        self._written_s = time.monotonic()
+        self._parts = 0
+        self._lock = -1
+
+    @property
+    def runs(self) -> Path:
+        """The folder that a table is read from, as by `pandas.read_parquet`."""
+        return self.folder / "runs"
+
+    def __enter__(self) -> Self:
+        try:
+            self.runs.mkdir(parents=True, exist_ok=True)
+            if self.runs.lstat().st_uid != os.geteuid():  # laid there in a folder that is shared
+                raise UsageError(f"{self.runs} is another user's", ELSEWHERE)
+            self._lock = os.open(self.folder, os.O_RDONLY)
+            try:
+                fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                raise UsageError(
+                    f"another sweep writes to {self.folder}", "wait for it, or choose another --out"
+                ) from error
+            self._check_head()
+            for torn in self.runs.glob("part-*.tmp"):
+                torn.unlink()
+            for part in self._all_parts():
+                self.done.update(self._keys(part))
+                self._parts = max(self._parts, int(part.stem.rpartition("-")[2]) + 1)
+        except OSError as error:
+            self.__exit__()
+            raise self._unwritable(error) from error
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """What came is written, and the folder is let go."""
+        if self._lock >= 0:
+            try:
+                self.write()
+            finally:
+                os.close(self._lock)
+                self._lock = -1
+
+    def add(self, job: Job, row: Mapping[str, Any]) -> None:
+        """A run's row, unless it is there. It is on disk a second before the next one, or when this ends."""
+        if job.key in self.done:
+            return
+        self.done.add(job.key)
+        self._rows.append({"key": job.key, **dict(job.point), "seed": job.seed, **row})
+        if len(self._rows) >= WRITE_ROWS or time.monotonic() - self._written_s >= WRITE_S:
+            self.write()
+
+    def write(self) -> None:
+        """All rows are on disk."""
+        self._written_s = time.monotonic()
+        if not self._rows:
+            return
+        path = self.runs / f"part-{self._parts:05}.parquet"
+        torn = path.with_suffix(".tmp")
+        try:
+            self._parquet.write_table(self._arrow.Table.from_pylist(self._rows, self._schema), torn)
+            with torn.open("rb") as file:
+                os.fsync(file.fileno())
+            torn.replace(path)
+        except OSError as error:
+            raise self._unwritable(error) from error
+        self._parts += 1
+        self._rows.clear()
+
+    def rows(self) -> Iterator[dict[str, Any]]:
+        """All that are on disk, in the order in which they came."""
+        for part in self._all_parts():
+            yield from self._read(part, None).to_pylist()
+
+    def _all_parts(self) -> list[Path]:
+        return sorted(self.runs.glob("part-*.parquet"))
+
+    def _read(self, part: Path, columns: list[str] | None) -> Any:
+        try:
+            file = self._parquet.ParquetFile(part)
+            if not part.stem.partition("-")[2].isdecimal() or not file.schema_arrow.equals(self._schema):
+                raise UsageError(f"{part} is no part of this sweep", "move it away")
+            return file.read(columns)
+        except (self._arrow.ArrowException, OSError) as error:
+            if isinstance(error, OSError) and error.errno:  # what Arrow cannot read has none
+                raise
+            raise Unavailable(f"{part} is damaged", "remove it: its runs are made again") from error
+
+    def _keys(self, part: Path) -> Iterator[str]:
+        """Of the rows of a part. Raises: UsageError: of a run that is planned otherwise now: it would count twice."""
+        where = [*self._head["axes"], "seed"]
+        for row in self._read(part, ["key", *where]).to_pylist():
+            planned = self._planned.get(tuple(row[name] for name in where))
+            if planned and row["key"] not in planned:
+                at = ", ".join(f"{name} {row[name]}" for name in where)
+                raise UsageError(f"{self.folder} has another run at {at}: a file has changed since", ELSEWHERE)
+            yield row["key"]
+
+    @cached_property
+    def _planned(self) -> Mapping[tuple[Cell, ...], set[str]]:
+        """By the values of the axes and the seed, keys of the runs there."""
+        keys: dict[tuple[Cell, ...], set[str]] = {}
+        for job in self._sweep.jobs:
+            keys.setdefault((*(value for _, value in job.point), job.seed), set()).add(job.key)
+        return keys
+
+    def _check_head(self) -> None:
+        path, ours = self.folder / "sweep.json", json.dumps(self._head)
+        if not path.exists() or not self._all_parts():  # nothing was made yet of what it says
+            write_whole(path, ours.encode(), ELSEWHERE)
+            return
+        try:
+            theirs = json.loads(path.read_text())
+        except ValueError:
+            theirs = None
+        for name, what in (("axes", "axes"), ("version", "version of phalanx")):
+            if not isinstance(theirs, dict) or theirs.get(name) != self._head[name]:
+                raise UsageError(f"{self.folder} has a sweep with other {what}", ELSEWHERE)
+
+    def _unwritable(self, error: OSError) -> Unavailable:
+        return Unavailable(f"cannot write {error.filename or self.folder}: {error.strerror or error}", ELSEWHERE)
+
+
+def _type(values: tuple[Cell, ...]) -> str:
+    return (
+        "string" if isinstance(values[0], str) else "double" if any(isinstance(v, float) for v in values) else "int64"
+    )
+
+
+def points(sweep: Plan, rows: Iterator[dict[str, Any]]) -> list[dict[str, Any]]:
+    """What the runs of each point came to, in the order of the grid; rows of other points are left out."""
+    at: dict[tuple[Cell, ...], list[dict[str, Any]]] = {}
+    of_job = {job.key: at.setdefault(tuple(value for _, value in job.point), []) for job in sweep.jobs}
+    for row in rows:
+        if row["key"] in of_job:
+            of_job[row["key"]].append(row)
+    return [
+        dict(zip(sweep.axes, point, strict=True))
+        | {"runs": len(of)}
+        | {name: sum(row[name] for row in of) for name in OUTCOME if name.startswith(("liars", "correct", "without"))}
+        | {
+            "slowest_stop_s": max(_known(of, "slowest_stop_s"), default=None),
+            "contacts": sum(row["contacts"] for row in of),
+            "score": fmean(scores) if (scores := _known(of, "score")) else None,
+        }
+        for point, of in at.items()
+    ]
+
+
+def _known(rows: list[dict[str, Any]], column: str) -> list[float]:
+    return [row[column] for row in rows if row[column] is not None]

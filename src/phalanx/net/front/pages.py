@@ -1,0 +1,216 @@
+"""The visitors' page and the websocket at `/link`, on one port."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import ipaddress
+import mimetypes
+import socket
+import ssl
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from aiohttp import web
+
+from phalanx.config.front import FrontConfig
+from phalanx.net.pace import Pace, Paces
+from phalanx.net.seats import Seats, place_of
+from phalanx.net.site import Connection, Site, connection_of
+from phalanx.wire.sessions import LINK_PATH
+
+from .arrivals import Arrivals
+from .links import Links
+from .newcomers import Newcomers
+from .turns import Turns
+
+LINK_KEY = f"{LINK_PATH}-key"
+FORWARDED = "X-Forwarded-For"
+SWEEP_S, FORGET_S = 0.25, 1.0
+REQUESTS_AT_ONCE = 32.0
+RETRY_S = "2"
+
+
+class FrontConnection(Connection):
+    """A connection, which counts as a newcomer until it has asked something."""
+
+    def __init__(
+        self, server: web.Server, seats: Seats[Connection], longest: int, newcomers: Newcomers, until_s: float
+    ) -> None:
+        super().__init__(server, seats, longest)
+        self.until_s = until_s
+        self._newcomers: Newcomers | None = newcomers
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Count it."""
+        super().connection_made(transport)
+        if self._newcomers is not None:
+            self._newcomers.add(self.place, self)
+
+    def asks(self, answering: asyncio.Task[object] | None) -> None:
+        """Count it no longer."""
+        super().asks(answering)
+        if self._newcomers is not None:
+            self._newcomers.remove(self)
+
+    def trust_proxy(self) -> None:
+        """Count it never: it is a proxy's, which waits for requests itself."""
+        self._newcomers = None
+
+    def move(self, place: str) -> None:
+        """Take a seat of the client that a proxy speaks for."""
+        self._seats.gone(self)
+        self.place = place
+        self._seats.take(self)
+
+    def connection_lost(self, error: BaseException | None) -> None:
+        """Count it no longer."""
+        if self._newcomers is not None:
+            self._newcomers.remove(self)
+        super().connection_lost(error)
+
+
+class InMemory:
+    """Answers with a file's content at the start: a file that is opened for each request costs five times as much."""
+
+    def __init__(self, path: Path) -> None:
+        self._content = path.read_bytes()
+        self._type = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+        self._tag = f'"{hashlib.sha256(self._content).hexdigest()[:32]}"'
+
+    async def __call__(self, request: web.Request) -> web.StreamResponse:
+        """Return the file, or that it has not changed."""
+        headers = {"ETag": self._tag, "Content-Type": self._type}
+        if request.headers.get("If-None-Match") == self._tag:
+            return web.Response(status=304, headers=headers)
+        return web.Response(body=self._content, headers=headers)
+
+
+class FrontSite(Site):
+    """The visitors' page, with the websocket."""
+
+    def __init__(
+        self,
+        pages: Path,
+        policy: str,
+        limits: FrontConfig,
+        doors: Sequence[socket.socket],
+        first: int,
+        *,
+        tls: ssl.SSLContext | None = None,
+        behind_proxy: bool = False,
+        key: str = "",
+    ) -> None:
+        self._limits, self._behind_proxy, self._key = limits, behind_proxy, key
+        self._newcomers = Newcomers(limits, lambda address: self._charge(address, limits.cost_of_silence))
+        self.links = Links(limits, self._newcomers, first, self._admitted, self._refused)
+        now_s = time.monotonic()
+        self._requests = _queue(
+            Pace(limits.requests_per_s, REQUESTS_AT_ONCE, now_s),
+            Paces(limits.requests_per_s_per_address, limits.requests_at_once_per_address),
+            limits,
+        )
+        # Behind a proxy it is websockets that arrive, not connections.
+        self._forwarded = _queue(
+            Pace(limits.arrivals_per_s, REQUESTS_AT_ONCE, now_s),
+            Paces(limits.arrivals_per_s_per_address, limits.arrivals_at_once_per_address),
+            limits,
+        )
+        self._arrivals = Arrivals(limits, self._newcomers, self._connect, tls, behind_proxy=behind_proxy)
+        super().__init__(pages, policy, connections=limits.connections_max, doors=doors)
+
+    def _add_routes(self) -> None:
+        self.app.router.add_get(LINK_PATH, self._link)
+        self.app.router.add_get(LINK_KEY, self._tell_key)
+
+    def _add_files(self, folder: Path) -> None:
+        for path in folder.rglob("*"):
+            if path.is_file():
+                self.app.router.add_get(f"/{path.relative_to(folder).as_posix()}", InMemory(path))
+        index = folder / "index.html"
+        self.app.router.add_get("/", InMemory(index) if index.is_file() else self._index)
+
+    def _admitted(self, connection: Connection) -> None:
+        self._seats.know(connection)
+        self._charge(connection.place, -self._limits.given_back)
+        self._requests.charge(connection.place, -self._limits.given_back)
+
+    def _refused(self, address: str) -> None:
+        self._charge(address, self._limits.cost_of_refusal)
+
+    def _charge(self, address: str, arrivals: float) -> None:
+        (self._forwarded if self._behind_proxy else self._arrivals.turns).charge(address, arrivals)
+
+    def _connect(self) -> Connection:
+        until_s = time.monotonic() + self._limits.head_s
+        made = FrontConnection(self._server, self._seats, self._longest, self._newcomers, until_s)
+        if self._behind_proxy:
+            made.trust_proxy()
+        return made
+
+    async def _listen(self, doors: Sequence[socket.socket]) -> None:
+        for door in doors:
+            self._arrivals.listen(door)
+        self._sweeping = asyncio.create_task(self._sweep())
+
+    async def __aexit__(self, *error: object) -> None:
+        self._sweeping.cancel()
+        self._arrivals.close()
+        for queue in (self._requests, self._forwarded):
+            queue.close()
+        await super().__aexit__(*error)
+
+    async def _pace(self, request: web.Request) -> None:
+        is_arrival = self._behind_proxy and request.path == LINK_PATH
+        turn: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
+        (self._forwarded if is_arrival else self._requests).add(self._address(request), turn)
+        if not await turn:
+            raise web.HTTPServiceUnavailable(headers={"Retry-After": RETRY_S})
+
+    async def _link(self, request: web.Request) -> web.StreamResponse:
+        if request.headers.get("Upgrade", "").lower() != "websocket":
+            raise web.HTTPUpgradeRequired(headers={"Upgrade": "websocket"})
+        address = self._address(request)
+        connection = connection_of(request)
+        if self._behind_proxy and isinstance(connection, FrontConnection):
+            connection.move(address)
+        return await self.links.serve(request, address)
+
+    async def _tell_key(self, _: web.Request) -> web.Response:
+        # A room code is too short to hold it.
+        return web.Response(text=self._key) if self._key else web.Response(status=404)
+
+    def _address(self, request: web.Request) -> str:
+        """Return what a client is counted by."""
+        if self._behind_proxy:
+            last = ",".join(request.headers.getall(FORWARDED, [])).rpartition(",")[2].strip()
+            try:
+                return place_of(str(ipaddress.ip_address(last)))
+            except ValueError:
+                pass  # not what a proxy adds: who sends it is counted as the proxy
+        return connection_of(request).place
+
+    async def _sweep(self) -> None:
+        forget_at_s = 0.0
+        while True:
+            await asyncio.sleep(SWEEP_S)
+            now_s = time.monotonic()
+            self._newcomers.sweep(now_s)
+            self.links.sweep(now_s)
+            if now_s >= forget_at_s:
+                forget_at_s = now_s + FORGET_S
+                for queue in (self._arrivals.turns, self._requests, self._forwarded):
+                    queue.forget(now_s)
+
+
+def _queue(pace: Pace, paces: Paces, limits: FrontConfig) -> Turns[asyncio.Future[bool]]:
+    return Turns(_settle(True), _settle(False), pace, paces, waiting_max=limits.arrivals_waiting_max)
+
+
+def _settle(answer: bool) -> Callable[[asyncio.Future[bool]], None]:
+    def settle(turn: asyncio.Future[bool]) -> None:
+        if not turn.done():
+            turn.set_result(answer)
+
+    return settle

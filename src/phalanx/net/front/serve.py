@@ -1,0 +1,69 @@
+"""The front end's process.
+
+Started by `gateway_end.py`: `python -m phalanx.net.front.serve PARENT PIPE DOOR FIRST PAGES POLICY LIMITS PROXY
+PUBLIC [CERT KEY]`: whose child it is; the numbers of its socket to the gateway and of one that listens; the number of
+its first connection; the page; limits, and whether it is behind a proxy, as JSON; the swarm's public key; PEM files.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import signal
+import socket
+import sys
+from pathlib import Path
+
+from phalanx.config.front import FrontConfig
+from phalanx.net.children import end_with
+from phalanx.net.seats import allow_files
+from phalanx.net.site import FILES_EACH
+
+from .pages import FrontSite
+from .pipe import Pipe
+from .tls import tls_context
+
+FROM_GATEWAY_BYTES = 4 * 1024 * 1024
+# The gateway, which has the robots' tick and the operator's stop, comes first when both want the same processor.
+NICE = 5
+
+
+async def serve(words: list[str]) -> None:
+    """Serve until the gateway's end of the pipe is closed, or SIGTERM."""
+    pipe_number, door_number, first, pages, policy, limits_json, proxy_json, public, *files = words
+    limits = FrontConfig(**json.loads(limits_json))
+    allow_files(4 * FILES_EACH * limits.connections_max)
+    over = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    loop.add_signal_handler(signal.SIGTERM, over.set)
+    door = socket.socket(fileno=int(door_number))
+    site = FrontSite(
+        Path(pages),
+        policy,
+        limits,
+        (door,),
+        int(first),
+        tls=tls_context(*files) if files else None,
+        behind_proxy=json.loads(proxy_json),
+        key=public,
+    )
+    pipe = site.links.pipe = Pipe(FROM_GATEWAY_BYTES, site.links.on_message, lambda _: over.set())
+    await loop.create_unix_connection(lambda: pipe, sock=socket.socket(fileno=int(pipe_number)))
+    async with site:
+        await over.wait()
+
+
+def yield_to_gateway() -> None:
+    """Lower this process's priority. Where sessions are scheduled as groups, a nice value counts within one only."""
+    os.nice(NICE)
+    with contextlib.suppress(OSError):
+        Path("/proc/self/autogroup").write_text(str(NICE))
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the gateway, which ends us
+    end_with(int(sys.argv[1]))
+    yield_to_gateway()
+    asyncio.run(serve(sys.argv[2:]))

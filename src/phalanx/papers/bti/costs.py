@@ -1,0 +1,152 @@
+"""What audits cost a robot, in bytes on the air and bytes that it keeps: RoboRebound Figs. 6 and 7 have it in common.
+
+A case is a point under a seed, and its row is the mean over the robots. The paper's points are its text's
+(data/paper_costs.csv), and the sums that its text makes of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.papers.plot import Axes
+from phalanx.papers.statement import Statement, band
+from phalanx.papers.table import Rows, Table, read_data
+from phalanx.scenarios.scenario import Scenario
+from phalanx.world.scenarios.play import play
+from phalanx.world.scenarios.run import Run
+
+COLUMNS = (
+    "app_bytes_per_s",  # sent, of the flock's own
+    "audit_bytes_per_s",  # sent, of audits, with each try of the radio
+    "audit_airtime_pct",  # share of the time that these are on the air
+    "log_bytes_per_s",  # by which the log grows
+    "log_bytes",  # the longest that it was
+    "stored_bytes",  # the same, with checkpoints
+    "neighbours",  # in radio range, on the mean over the run
+    "wronged",  # correct robots in Safe Mode, all of the run
+    "without_quorum",
+    "contacts",
+)
+DURATION_S = 50.0  # the paper's
+WARM_S = 10.0  # the first rounds are over, and every neighbour is known
+NEIGHBOURS = 24  # of the paper's count
+
+
+@cache
+def paper() -> dict[str, float]:
+    """The numbers of data/paper_costs.csv, by what they are of."""
+    return {row["what"]: float(row["value"]) for row in read_data("paper_costs.csv")}
+
+
+def paper_log_bytes_per_s(neighbours: float) -> float:
+    """By which the log of a robot with so many neighbours grows. Source: RoboRebound §5.2."""
+    of_states = paper()["state entries"] * (neighbours + 1) / (NEIGHBOURS + 1)
+    return paper()["sensor entries"] + paper()["actuator entries"] + of_states
+
+
+def paper_stored_bytes(t_audit_s: NDArray[np.float64] | float, neighbours: float = NEIGHBOURS) -> NDArray[np.float64]:
+    """The log of a round, and two checkpoints, "pruned down to the most recent two". Source: RoboRebound §5.2."""
+    checkpoint = paper()["a checkpoint"] - paper()["of it a neighbour"] * (NEIGHBOURS - neighbours)
+    return np.asarray(t_audit_s * paper_log_bytes_per_s(neighbours) + 2 * checkpoint)
+
+
+def cases_of(points: Iterable[str], seeds: int) -> list[str]:
+    """Seed by seed, so that what was stopped has all points of a seed."""
+    named = list(points)
+    return [f"{point};seed {seed}" for seed in range(seeds) for point in named]
+
+
+def measure_costs(scenario: Scenario, tell: Callable[[float], None]) -> Rows:
+    """(1, COLUMNS) of a run."""
+    most = {"log_len": np.zeros(scenario.robots), "stored": np.zeros(scenario.robots)}
+    grown, grew_s = np.zeros(scenario.robots), np.zeros(scenario.robots)
+    before: tuple[float, NDArray[np.int64]] | None = None
+    neighbours: list[float] = []
+
+    def look(run: Run) -> None:
+        nonlocal before
+        robot, now_s = run.world.fleet.robot, run.now_s
+        length: NDArray[np.int64] = robot["log_len"].copy()
+        most["log_len"] = np.maximum(most["log_len"], length)
+        # A robot that stores no log takes no checkpoints.
+        most["stored"] = np.maximum(most["stored"], length + (robot["start_len"] + robot["pending_len"]) * (length > 0))
+        if before and now_s > WARM_S:
+            more = length - before[1]
+            grown[more > 0] += more[more > 0]  # where it was cut, nobody knows by how much it grew
+            grew_s[more >= 0] += now_s - before[0]
+        before = now_s, length
+        if now_s % 5.0 == 0.0:
+            neighbours.append(_neighbours(run))
+        tell(now_s / scenario.duration_s)
+
+    told = play(scenario, on_step=look).summary()
+    rates = told["tried_bytes_per_s_per_robot"]
+    return np.array(
+        [
+            (
+                rates["app"],
+                rates["audit"],
+                told["airtime_pct_per_robot"]["audit"],
+                float((grown / np.maximum(grew_s, 1e-9)).mean()),
+                float(most["log_len"].mean()),
+                float(most["stored"].mean()),
+                float(np.mean(neighbours)),
+                len(told["correct_in_safe_mode"]),
+                len(told["without_quorum"]),
+                told["contacts"],
+            )
+        ],
+        np.float64,
+    )
+
+
+def _neighbours(run: Run) -> float:
+    places_m = run.positions_m
+    apart_m = np.linalg.norm(places_m[:, None] - places_m[None], axis=2)
+    return float((apart_m <= run.scenario.radio.range_m).sum() / len(places_m) - 1)
+
+
+def over_seeds(table: Table, point: str, column: str) -> NDArray[np.float64]:
+    """(S,) of a point; of its seeds, those that were measured."""
+    at = table.columns.index(column)
+    return np.array([rows[0, at] for case, rows in table.cases.items() if case.startswith(f"{point};")])
+
+
+def medians(table: Table, points: Iterable[str], column: str) -> NDArray[np.float64]:
+    """(P,), of each point over its seeds."""
+    return np.array([np.median(over_seeds(table, point, column)) for point in points])
+
+
+def nobody_was_hurt(table: Table) -> Statement:
+    """The paper: no robots crashed, and no correct ones were put into Safe Mode. Source: RoboRebound §5.2."""
+    wronged, alone, contacts = (
+        sum(int(rows[0, table.columns.index(name)]) for rows in table.cases.values())
+        for name in ("wronged", "without_quorum", "contacts")
+    )
+    return Statement(
+        what="correct robots in Safe Mode; contacts, all runs",
+        paper="none; none",
+        ours=f"{wronged}, and {alone} for want of a quorum; {contacts}",
+        agrees=wronged == alone == contacts == 0,
+        why=f"none, in {len(table.cases)} runs",
+    )
+
+
+def line(
+    axes: Axes, along: NDArray[np.float64], table: Table, points: list[str], column: str, colour: str, label: str
+) -> None:
+    """Median and band from 5 to 95 % over the seeds, in kB, of points along an axis."""
+    bands = np.array([band(over_seeds(table, point, column)[:, None]) for point in points])[:, :, 0] / 1000
+    axes.fill_between(along, bands[:, 1], bands[:, 2], color=colour, alpha=0.25, linewidth=0)
+    axes.plot(along, bands[:, 0], "o-", color=colour, ms=3.5, linewidth=1.3, label=label)
+
+
+def footer(table: Table) -> str:
+    """What stands below the picture."""
+    seeds = {case.rpartition(";")[2] for case in table.cases}
+    runs = f"median and 5 to 95 % of {len(seeds)} seeds; hollow: what the paper's text gives, and sums it makes"
+    return f"{runs}\nphalanx {table.version}"

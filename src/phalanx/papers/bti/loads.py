@@ -1,0 +1,251 @@
+"""RoboRebound Fig. 5a and Tables 1 and 2: what MACs and hashes cost, and how busy the trusted nodes are at worst.
+
+Instructions are as firmware/count.py counted them. A processor is taken to finish one a cycle: what it waits for its
+flash and for branches is on top. The c-node's bus is taken to carry 2 Mb/s, at which 2 kB in and out take the 20 ms
+that the paper assumes. While bytes come and go the node does nothing else, as in the paper.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from types import SimpleNamespace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from phalanx._firmware_bound import ffi, lib
+from phalanx.papers.plot import BLUE, VERMILION, Picture
+from phalanx.papers.statement import Statement, quantiles
+from phalanx.papers.table import Rows, Table, by_seed
+from phalanx.wire.table import HASH_BYTES, KEY_BYTES
+
+TARGETS = {"cortex-m3": "Cortex-M3", "mips32": "MIPS32"}
+CLOCK_HZ = 50e6  # the paper's PIC32MX
+# Where the bus is all of it, framing may be a little more than in the paper.
+NEAR = 1.05
+MS_PER_BYTE = 10 / 2e6 * 1000
+FRAMING_BYTES = 8  # of each message on the bus: where it begins, its length and kind, a checksum
+KINDS = ("mac", "hash")
+COST_COLUMNS = ("kind", "bytes", "cortex_m3", "mips32", "host_ns")
+REPEATS = 200
+# What the text says of the figure, which is a picture: bytes and ms on a PIC32MX at 50 MHz.
+PAPER_MS = {("mac", 39): 5.36, ("hash", 270): 0.144}
+
+
+@cache
+def counts() -> dict[str, Any]:
+    """By target: `mac` and `hash` by bytes, `calls` by name, all in instructions."""
+    told: dict[str, Any] = json.loads((files("phalanx") / "data" / "instructions.json").read_text())
+    return told
+
+
+def instructions(target: str, kind: str, name: str) -> int:
+    """Of one thing. Raises: KeyError: nobody counted it."""
+    return int(counts()[target][kind][name])
+
+
+def milliseconds(number: float) -> float:
+    """So many instructions take at least that long at 50 MHz."""
+    return 1000 * number / CLOCK_HZ
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A row of the paper's table."""
+
+    name: str  # as firmware/count.py has it
+    per_s: float
+    bytes_in: int  # over the bus, without framing
+    bytes_out: int
+    paper_ms: float
+    paper_pct: float
+
+    @property
+    def bus_ms(self) -> float:
+        """For how long bytes come and go."""
+        return (self.bytes_in + self.bytes_out + 2 * FRAMING_BYTES) * MS_PER_BYTE
+
+
+# What goes on to radio, sensors or actuators counts too. An audit frame is of 2000 bytes, a state of 27.
+A_NODE = (
+    Call("makeAuthenticator", 0.25, 8, 30, 12.0, 0.30),
+    Call("isTokenValid", 2.0, 36, 1, 11.0, 2.20),
+    Call("makeTokenRequest", 2.0, 2, 32, 11.0, 2.20),
+    Call("sendWireless, 27 B", 3.17, 27, 61, 1.1, 0.35),
+    Call("sendWireless, audit of 2000 B", 0.25, 2000, 2000, 20.1, 0.50),
+    Call("recvWireless, 27 B", 9.17, 27, 34, 1.1, 1.01),
+    Call("recvWireless, audit of 2000 B", 2.50, 2000, 2000, 20.1, 5.03),
+    Call("actuatorCmd", 4.0, 19, 45, 1.1, 0.44),
+    Call("issueToken", 2.50, 54, 8, 21.0, 5.25),
+)
+# Of a radio that is sealed, in place of the four above; the seal goes over the bus as well.
+SEALED = (
+    Call("sendSealed, 27 B", 3.17, 27, 75, 1.1, 0.35),
+    Call("sendSealed, audit of 2000 B", 0.25, 2000, 2014, 20.1, 0.50),
+    Call("recvSealed, 27 B", 9.17, 41, 34, 1.1, 1.01),
+    Call("recvSealed, audit of 2000 B", 2.50, 2014, 2000, 20.1, 5.03),
+)
+S_NODE = (
+    Call("pollSensors", 4.0, 27, 34, 1.1, 0.44),
+    Call("makeAuthenticator", 0.25, 8, 30, 12.0, 0.30),
+    Call("checkAuthenticator", 2.50, 38, 1, 21.0, 5.25),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Loads:
+    """One of the two tables. Its cases are its calls, and are the same however often they are asked for.
+
+    Attributes:
+        sealed: of the same node with a sealed radio, instead of its radio's calls; the paper's are of a plain one.
+    """
+
+    calls: tuple[Call, ...]
+    sealed: tuple[Call, ...] = ()
+    COLUMNS: ClassVar[tuple[str, ...]] = ("per_s", "bus_ms", "cortex_m3", "mips32", "paper_ms", "paper_pct")
+
+    def cases(self, _seeds: int) -> list[str]:
+        """Names, without commas."""
+        return [call.name.replace(",", "") for call in self._rows]
+
+    @property
+    def _rows(self) -> tuple[Call, ...]:
+        return self.calls + self.sealed
+
+    def measure_case(self, case: str, tell: Callable[[float], None]) -> Rows:
+        """One call."""
+        call = self._rows[self.cases(1).index(case)]
+        tell(1.0)
+        counted = (instructions(target, "calls", call.name) for target in TARGETS)
+        return np.array([(call.per_s, call.bus_ms, *counted, call.paper_ms, call.paper_pct)])
+
+    def loads_pct(self, table: Table, target: str) -> Rows:
+        """(calls and sealed,), share of the time for which each call keeps the node busy."""
+        columns = {name: np.array([table.column(case, name)[0] for case in self.cases(1)]) for name in self.COLUMNS}
+        ms = milliseconds(1.0) * columns[target.replace("-", "_")] + columns["bus_ms"]
+        load: Rows = columns["per_s"] * ms / 10
+        return load
+
+    def compare(self, table: Table) -> list[Statement]:
+        """Each call, and all of them; with a sealed radio, if there is one, beside the same of the paper."""
+        pct = {words: self.loads_pct(table, target) for target, words in TARGETS.items()}
+        rows = [(call.name, call.paper_pct, [each[k] for each in pct.values()]) for k, call in enumerate(self._rows)]
+        n, paper_all = len(self.calls), round(sum(call.paper_pct for call in self.calls), 2)
+        plain = [k for k, call in enumerate(self.calls) if "Wireless" not in call.name]
+        if self.sealed:
+            with_seals = [each[plain].sum() + each[n:].sum() for each in pct.values()]
+            rows.append(("all, radio sealed", paper_all, with_seals))
+        rows.append(("all", paper_all, [each[:n].sum() for each in pct.values()]))
+        return [
+            Statement(
+                what=f"{name}, % of the time",
+                paper=f"{paper:.2f}",
+                ours=", ".join(f"{load:.2f} {words}" for words, load in zip(pct, ours, strict=True)),
+                agrees=bool(max(ours) <= NEAR * paper),
+                asked="not worse",
+                why=f"at most {NEAR:g} times the paper's; 50 MHz, one instruction a cycle, a bus of 2 Mb/s",
+            )
+            for name, paper, ours in rows
+        ]
+
+    def draw(self, table: Table, picture: Picture) -> None:
+        """Bars, and the paper's hollow."""
+        axes = picture.subplots()
+        at = np.arange(len(self._rows))
+        for shift, colour, (target, words) in zip((-0.2, 0.2), (BLUE, VERMILION), TARGETS.items(), strict=True):
+            axes.barh(at + shift, self.loads_pct(table, target), 0.35, color=colour, label=words)
+        paper = [call.paper_pct for call in self._rows]
+        axes.plot(paper, at, "o", mfc="none", mec="black", label="paper's PIC32MX")
+        axes.set(xlabel="load (% of the time)", yticks=at)
+        axes.set_yticklabels([call.name for call in self._rows])
+        axes.invert_yaxis()
+        axes.legend(fontsize=8)
+
+
+TABLE1 = Loads(A_NODE, SEALED)
+TABLE2 = Loads(S_NODE)
+
+
+def measure_costs(_case: str, tell: Callable[[float], None]) -> Rows:
+    """Each length: instructions as they were counted, ns as they are taken now on this machine.
+
+    Here a MAC expands its keys each time, as no node does.
+    """
+    rows = []
+    for kind, name in enumerate(KINDS):
+        for length in map(int, counts()["cortex-m3"][name]):
+            rows.append((kind, length, *(instructions(t, name, str(length)) for t in TARGETS), _host_ns(name, length)))
+            tell(len(rows) / 20)
+    return np.array(rows, np.float64)
+
+
+def _host_ns(name: str, length: int) -> float:
+    data, out = ffi.new("uint8_t[]", length), ffi.new("uint8_t[]", HASH_BYTES)
+    key = ffi.new("uint8_t[]", KEY_BYTES)
+    best = np.inf
+    for _ in range(5):
+        began = time.perf_counter_ns()
+        for _ in range(REPEATS):
+            if name == "mac":
+                lib.phx_lightmac(key, data, length, out)
+            else:
+                lib.phx_sha1(data, length, out)
+        best = min(best, (time.perf_counter_ns() - began) / REPEATS)
+    return float(best)
+
+
+def _costs(table: Table, kind: int) -> Rows:
+    every = np.array(list(table.cases.values()))  # (seeds, rows, columns)
+    return every[:, every[0, :, 0] == kind]
+
+
+def compare_costs(table: Table) -> list[Statement]:
+    """The paper's times, and ours at least."""
+    told = []
+    for (name, length), paper_ms in PAPER_MS.items():
+        ours = {words: milliseconds(instructions(target, name, str(length))) for target, words in TARGETS.items()}
+        told.append(
+            Statement(
+                what=f"{name} of {length} bytes at 50 MHz, ms",
+                paper=f"{paper_ms:g}",
+                ours=", ".join(f"{ms:.3f} {words}" for words, ms in ours.items()),
+                agrees=max(ours.values()) <= paper_ms,
+                asked="not worse",
+                why="no more than the paper's; one instruction a cycle"
+                + ("" if name == "mac" else "; ours is SHA-1 made small (-Os), 64 bytes of it 4 400 instructions"),
+            )
+        )
+    for kind, name in enumerate(KINDS):
+        rows = _costs(table, kind)
+        told.append(
+            Statement(
+                what=f"{name} of {rows[0, -1, 1]:.0f} bytes on this machine, ns a byte",
+                ours=quantiles(rows[:, -1, 4] / rows[:, -1, 1], ".1f"),
+                agrees=None,
+                why="nothing: the paper has none of this machine",
+            )
+        )
+    return told
+
+
+def draw_costs(table: Table, picture: Picture) -> None:
+    """Ours solid, the paper's hollow."""
+    axes = picture.subplots()
+    for kind, (name, line) in enumerate(zip(KINDS, ("-", "--"), strict=True)):
+        rows = _costs(table, kind)[0]
+        for column, (colour, words) in enumerate(zip((BLUE, VERMILION), TARGETS.values(), strict=True), start=2):
+            axes.plot(rows[:, 1], milliseconds(rows[:, column]), line, color=colour, label=f"{name}, {words}")
+    for (name, length), ms in PAPER_MS.items():
+        axes.plot(length, ms, "o" if name == "mac" else "s", mfc="none", mec="black", label=f"{name}, paper's PIC32MX")
+    axes.set(xlabel="bytes", ylabel="ms at 50 MHz, one instruction a cycle", xscale="log", yscale="log")
+    axes.legend(fontsize=8)
+
+
+FIG5 = SimpleNamespace(
+    COLUMNS=COST_COLUMNS, cases=by_seed, measure_case=measure_costs, compare=compare_costs, draw=draw_costs
+)

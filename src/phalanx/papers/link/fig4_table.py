@@ -1,0 +1,307 @@
+"""The packets of Fig. 4: a line each in the table; the paper's figures computed from them; and the picture."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, Literal, cast, get_args
+
+from phalanx.errors import UsageError
+from phalanx.papers.plot import BLUE, VERMILION, Axes, Picture, legend_above
+from phalanx.papers.statement import Report, Statement
+from phalanx.papers.table import ELSEWHERE, Table
+
+Kind = Literal["plain", "sealed"]
+Outcome = Literal["back", "lost", "late", "cut"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+COLUMNS = ("seq", "kind", "sent_at_s", "outcome", "latency_ms")
+SLOW_MS = 200.0  # the paper's limit
+# The paper's own, Qrkey §V: one kind of packet, through HiveMQ's public broker, for 15 h.
+PAPER = {"sent": 108_471, "lost": 0, "mean_ms": 21.55, "slow_pct": 1.194, "longest_slow_run": 70}
+
+COLOUR: dict[Kind, str] = {"plain": BLUE, "sealed": VERMILION}
+SHAPE: dict[Kind, str] = {"plain": "s", "sealed": "D"}
+CROSS: dict[Kind, str] = {"plain": "x", "sealed": "+"}
+TIME_UNITS = ((3 * 3600, "h", 3600), (180, "min", 60), (0, "s", 1))
+MANY_POINTS = 20_000
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What became of one packet."""
+
+    seq: int  # counts up from 0, for each kind
+    kind: Kind
+    sent_at_s: float  # seconds since 1970
+    # Back in time; lost; late, back after it had been counted as lost; or cut, under way when we stopped.
+    outcome: Outcome
+    # From before sealing to after opening, by a monotonic clock; None unless it came back.
+    latency_ms: float | None = None
+
+
+Packets = dict[Kind, tuple[Row, ...]]
+
+
+def head(*, broker: str, interval_s: float, lost_after_s: float, version: str) -> Table:
+    """Of the table. Another version of the program may go on with it: what is measured is the broker and the network.
+
+    `broker` is mosquitto for one of ours, else its URL; never a login.
+    """
+    origin = {"broker": broker, "interval_s": interval_s, "lost_after_s": lost_after_s, "version": version}
+    return Table("link-fig4", origin, COLUMNS, by_line=True, free=frozenset({"version"}))
+
+
+def cells(row: Row) -> tuple[str, ...]:
+    """Of its line."""
+    latency = "" if row.latency_ms is None else f"{row.latency_ms:.3f}"
+    return str(row.seq), row.kind, f"{row.sent_at_s:.3f}", row.outcome, latency
+
+
+def packets(table: Table) -> Packets:
+    """By kind and in the order of sequence numbers, one row each: a late packet has two lines, first lost, then late.
+
+    Raises: UsageError: a line is none, or the head does not say with what they were measured.
+    """
+    found: dict[Kind, dict[int, Row]] = {kind: {} for kind in KINDS}
+    if table.columns != COLUMNS or {"broker", "interval_s", "lost_after_s"} - table.origin.keys():
+        raise UsageError(f"{table.figure} was measured otherwise: other columns, or another origin", ELSEWHERE)
+    for number, line in table.lines:
+        try:
+            row = _parse_row(line)
+        except ValueError as error:
+            raise UsageError(f"line {number} of {table.figure}.csv is not a packet", ELSEWHERE) from error
+        found[row.kind][row.seq] = row
+    return {kind: tuple(rows[seq] for seq in sorted(rows)) for kind, rows in found.items()}
+
+
+def _told(words: str, form: str) -> dict[str, str]:
+    """How a figure is told to people."""
+    return {"words": words, "form": form}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Summary:
+    """The figures of Qrkey §V, for one kind of packet; None where there are no packets of which to tell."""
+
+    sent: int = field(metadata=_told("packets sent", "d"))
+    lost: int = field(metadata=_told("lost", "d"))
+    late: int = field(metadata=_told("  of these, back too late", "d"))
+    undecided: int = field(metadata=_told("under way when interrupted", "d"))  # counted in nothing below
+    reliability_pct: float | None = field(metadata=_told("reliability, %", ".4f"))
+    # These four over every packet that came back, however late.
+    mean_ms: float | None = field(metadata=_told("mean latency, ms", ".2f"))
+    median_ms: float | None = field(metadata=_told("median, ms", ".2f"))
+    p99_ms: float | None = field(metadata=_told("99th percentile, ms", ".2f"))
+    max_ms: float | None = field(metadata=_told("largest, ms", ".2f"))
+    # The lost among them.
+    slow_pct: float | None = field(metadata=_told("above 200 ms, %", ".3f"))
+    longest_slow_run: int = field(metadata=_told("longest run above 200 ms", "d"))
+
+
+def summarize(rows: Sequence[Row]) -> Summary:
+    """The figures for the rows of one kind, in the order of sequence numbers.
+
+    Source: Qrkey §V. What it leaves open is decided against us: a lost packet counts as above 200 ms, in the share
+    and in a run, and a late one enters the mean.
+    """
+    sent = rows[-1].seq + 1 if rows else 0
+    decided = [row for row in rows if row.outcome != "cut"]
+    lost = [row for row in decided if row.outcome != "back"]
+    latencies = sorted(row.latency_ms for row in decided if row.latency_ms is not None)
+    return Summary(
+        sent=sent,
+        undecided=sent - len(decided),
+        lost=len(lost),
+        late=sum(row.outcome == "late" for row in lost),
+        reliability_pct=_percent(len(decided) - len(lost), len(decided)),
+        mean_ms=statistics.fmean(latencies) if latencies else None,
+        median_ms=statistics.median(latencies) if latencies else None,
+        p99_ms=quantile(latencies, 0.99),
+        max_ms=latencies[-1] if latencies else None,
+        slow_pct=_percent(sum(map(is_slow, decided)), len(decided)),
+        longest_slow_run=_longest_slow_run(decided),
+    )
+
+
+def report(table: Table) -> Report:
+    """The paper's figures, and ours for each kind of packet."""
+    ours = {kind: asdict(summarize(rows)) for kind, rows in packets(table).items()}
+    paper = {**PAPER, "reliability_pct": 100.0}
+    rows: list[dict[str, Any]] = []
+    lines = [f"{'':28}" + "".join(f"{who:>10}" for who in ("paper", *KINDS))]
+    for each in fields(Summary):
+        row: dict[str, Any] = {"paper": paper.get(each.name), **{kind: ours[kind][each.name] for kind in KINDS}}
+        rows.append({"metric": each.name, **row})
+        told = ("-" if value is None else format(value, each.metadata["form"]) for value in row.values())
+        lines.append(f"{each.metadata['words']:28}" + "".join(f"{cell:>10}" for cell in told))
+    return Report(rows, lines, {"broker": table.origin["broker"]})
+
+
+def compare(table: Table) -> list[Statement]:
+    """What Qrkey §V says of Fig. 4, and ours."""
+    ours = [summarize(rows) for rows in packets(table).values()]
+    broker = table.origin["broker"]
+
+    def told(name: str, form: str) -> str:
+        values = [getattr(each, name) for each in ours]
+        return "; ".join("-" if value is None else format(value, form) for value in values)
+
+    return [
+        Statement(
+            what="packets lost, plain; sealed",
+            paper=f"{PAPER['lost']} of {PAPER['sent']}",
+            ours=f"{told('lost', 'd')} of {told('sent', 'd')}",
+            agrees=all(each.lost == 0 for each in ours),
+            asked="not worse",
+            why="none",
+        ),
+        *(
+            Statement(
+                what=f"{words}, plain; sealed",
+                paper=f"{PAPER[name]:g}",
+                ours=told(name, form),
+                agrees=all((getattr(each, name) or 0) <= PAPER[name] for each in ours),
+                asked="not worse",
+                why=f"no more than the paper's, through HiveMQ's public broker; ours through {broker}",
+            )
+            for name, words, form in (("mean_ms", "mean latency, ms", ".2f"), ("slow_pct", "above 200 ms, %", ".3f"))
+        ),
+    ]
+
+
+def is_slow(row: Row) -> bool:
+    """Whether a packet took more than 200 ms, or never came."""
+    return row.latency_ms is None or row.latency_ms > SLOW_MS
+
+
+def quantile(ordered: Sequence[float], share: float) -> float | None:
+    """The smallest value that `share` of all values do not exceed; None if there are none."""
+    return ordered[max(0, math.ceil(share * len(ordered)) - 1)] if ordered else None
+
+
+def _percent(part: int, whole: int) -> float | None:
+    return 100 * part / whole if whole else None
+
+
+def _longest_slow_run(decided: Iterable[Row]) -> int:
+    longest = run = 0
+    before = -1
+    for row in decided:
+        # A packet of which we know nothing ends a run: it may have been fast.
+        run = (run if row.seq == before + 1 else 0) + 1 if is_slow(row) else 0
+        before = row.seq
+        longest = max(longest, run)
+    return longest
+
+
+def _parse_row(line: list[str]) -> Row:
+    seq, kind, sent_at_s, outcome, latency_ms = line
+    latency = float(latency_ms) if latency_ms else None
+    came_back = latency is not None and latency >= 0
+    if kind not in KINDS or outcome not in get_args(Outcome) or came_back is not (outcome in ("back", "late")):
+        raise ValueError(kind)
+    return Row(int(seq), kind, float(sent_at_s), cast("Outcome", outcome), latency)
+
+
+def draw(table: Table, picture: Picture) -> str:
+    """Latency over time, and its distribution. Source: Qrkey Fig. 4; the paper's points from the text of §V."""
+    rows = packets(table)
+    over_time, distribution = picture.subplots(1, 2, width_ratios=(6, 5))
+    summaries = {kind: summarize(rows[kind]) for kind in KINDS}
+    _draw_over_time(over_time, table, rows, summaries)
+    _draw_distribution(distribution, table, rows, summaries)
+    for axes in (over_time, distribution):
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter("")
+        legend_above(axes)
+    sent = ", ".join(f"{summaries[kind].sent} {kind}" for kind in KINDS)
+    return (
+        f"{sent} packets of 20 characters, one of each every {table.origin['interval_s']:g} s; "
+        f"lost after {table.origin['lost_after_s']:g} s; hollow: the paper's, through HiveMQ\n"
+        f"phalanx {table.version}; broker: {table.origin['broker']}"
+    )
+
+
+def _draw_over_time(axes: Axes, table: Table, rows: Packets, summaries: dict[Kind, Summary]) -> None:
+    interval_s = table.origin["interval_s"]
+    span_s = max(1, *(summary.sent for summary in summaries.values())) * interval_s
+    unit, unit_s = next((unit, unit_s) for least_s, unit, unit_s in TIME_UNITS if span_s >= least_s)
+    span = span_s / unit_s
+    # In the order of time, or the kind that is drawn last would hide the other.
+    every = sorted((row for kind in KINDS for row in rows[kind]), key=lambda row: row.seq)
+    back = [(row.seq * interval_s / unit_s, row.latency_ms, row.kind) for row in every if row.latency_ms is not None]
+    many = len(back) > MANY_POINTS
+    axes.scatter(
+        [at for at, _, _ in back],
+        [latency_ms for _, latency_ms, _ in back],
+        s=2 if many else 12,
+        c=[COLOUR[kind] for _, _, kind in back],
+        alpha=0.4 if many else 0.7,
+        linewidths=0,
+        rasterized=many,
+    )
+    lost_ms = table.origin["lost_after_s"] * 1000
+    if any(summary.lost for summary in summaries.values()):
+        axes.text(0.01 * span, lost_ms, "lost:", va="center", fontsize=8)
+    # The means side by side in a margin, for they may well be the same.
+    for place, kind in zip((1.04, 1.08), KINDS, strict=True):
+        lost = [row.seq * interval_s / unit_s for row in rows[kind] if row.outcome in ("lost", "late")]
+        axes.plot(lost, [lost_ms] * len(lost), CROSS[kind], color=COLOUR[kind])
+        mean_ms = summaries[kind].mean_ms
+        words = "nothing came back" if mean_ms is None else f"mean {mean_ms:.2f} ms, {len(lost)} lost"
+        axes.plot([place * span], [mean_ms or lost_ms], SHAPE[kind], color=COLOUR[kind], label=f"{kind}: {words}")
+    paper_ms = PAPER["mean_ms"]
+    axes.plot(
+        [1.12 * span],
+        [paper_ms],
+        "o",
+        mfc="none",
+        mec="black",
+        label=f"paper: mean {paper_ms} ms, {PAPER['lost']} lost",
+    )
+    axes.axvline(span, color="0.6", linewidth=0.8)
+    axes.text(1.08 * span, 0.985, "means", ha="center", va="top", fontsize=8, transform=axes.get_xaxis_transform())
+    axes.axhline(SLOW_MS, color="0.4", linewidth=0.8, linestyle=":")
+    axes.set(xlabel=f"time measured ({unit})", ylabel="latency (ms)", yscale="log")
+    axes.set_xlim(0, 1.16 * span)
+    axes.set_xticks([tick for tick in axes.get_xticks() if 0 <= tick <= span])
+    axes.set_ylim(*_latency_limits(table, rows))
+
+
+def _draw_distribution(axes: Axes, table: Table, rows: Packets, summaries: dict[Kind, Summary]) -> None:
+    most = 1
+    for kind in KINDS:
+        decided = [row for row in rows[kind] if row.outcome != "cut"]
+        most = max(most, len(decided))
+        latencies, shares_pct = _shares_above(decided)
+        slow, share_pct = sum(map(is_slow, decided)), summaries[kind].slow_pct
+        label = f"{kind}: {slow} of {len(decided)} above {SLOW_MS:g} ms"
+        marker = SHAPE[kind] if share_pct else ""  # nought has no place on a logarithmic axis
+        axes.step(latencies, shares_pct, where="post", color=COLOUR[kind], alpha=0.85)
+        axes.plot([SLOW_MS], [share_pct or 100], color=COLOUR[kind], marker=marker, label=label)
+    paper_pct = PAPER["slow_pct"]
+    label = f"paper: {paper_pct} % of {PAPER['sent']} above {SLOW_MS:g} ms"
+    axes.plot([SLOW_MS], [paper_pct], "o", mfc="none", mec="black", label=label)
+    axes.axvline(SLOW_MS, color="0.4", linewidth=0.8, linestyle=":")
+    axes.set(xlabel="latency (ms)", ylabel="packets above that latency (%)", xscale="log", yscale="log")
+    axes.set_xlim(*_latency_limits(table, rows))
+    axes.set_ylim(min(50 / most, paper_pct / 2), 150)
+
+
+def _shares_above(decided: Sequence[Row]) -> tuple[list[float], list[float]]:
+    """Latencies in order, and the share of packets above each, percent; a lost packet is above all of them."""
+    latencies = sorted(row.latency_ms for row in decided if row.latency_ms is not None)
+    shares_pct = [100 * (len(decided) - i) / len(decided) for i in range(1, len(latencies) + 1)]
+    return [*latencies[:1], *latencies], [100.0] * bool(latencies) + shares_pct
+
+
+def _latency_limits(table: Table, rows: Packets) -> tuple[float, float]:
+    shown = [row.latency_ms for each in rows.values() for row in each if row.latency_ms]
+    some_lost = any(row.outcome in ("lost", "late") for each in rows.values() for row in each)
+    least = min([*shown, PAPER["mean_ms"]])
+    most = max([*shown, SLOW_MS, table.origin["lost_after_s"] * 1000 * some_lost])
+    # Whole decades, so that there are at least two labelled ticks.
+    return 10.0 ** math.floor(math.log10(least / 1.2)), 10.0 ** math.ceil(math.log10(most * 1.2))

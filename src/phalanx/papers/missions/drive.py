@@ -1,0 +1,192 @@
+"""What Figures 8a, 8b, 8c and 10 have in common: one drive through the office, and its localisation by what is encoded.
+
+The drive is recorded once: true poses, turns of the wheels, ranges. Every noise of the odometry, every kind of landmark
+and every grid is then replayed on the same scans, as the paper does with its recording of 150 s.
+"""
+
+from __future__ import annotations
+
+import importlib.resources
+import math
+import random
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import islice
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from phalanx.config.lidar import ExtractionConfig
+from phalanx.config.mission import CodingConfig, MissionConfig
+from phalanx.mission import BuildOptions, EncodedMission, Experience, Landmark, Mission, Profile, build, plain_mission
+from phalanx.mission.authoring.findable import apart_in
+from phalanx.mission.landmarks import FloorPlan, LaserScan, extract
+from phalanx.mission.landmarks.lidar import Lidar
+from phalanx.mission.walk.fix import begun_at, fixed, wheels_of
+from phalanx.mission.walk.walker import State, Walker
+from phalanx.papers.plot import Axes, banded, draw_walls
+from phalanx.papers.table import Rows, Table, seed_of
+from phalanx.world.building.floorplan import DEFAULT, load_floorplan
+from phalanx.world.building.odometry import DiffDrive, Odometry, OdometryNoise, Pose
+
+Motion = tuple[float, float]
+# Paths that are drawn: the columns' name, colour, words.
+Ways = tuple[tuple[str, str, str], ...]
+
+TICK_S = 0.1
+DURATION_S = 150.0
+SPEED_MPS = 0.65
+TURN_GAIN, TURN_RADPS = 2.5, 1.5
+NEAR_M = 0.4
+# From the main door through the west corridor, the hall, the north and east corridors into the room R2.
+PATH_M = (
+    (3.0, 6.0), (7.5, 11.9), (9.0, 12.0), (10.2, 12.2), (10.6, 13.5), (10.6, 16.0), (12.5, 17.0), (15.0, 17.2),
+    (17.0, 21.5), (22.0, 24.5), (22.0, 26.0), (22.3, 27.7), (30.0, 27.7), (30.5, 26.0), (30.4, 23.5), (28.0, 23.2),
+    (25.0, 21.0), (24.0, 16.0), (20.2, 14.8), (20.0, 13.5), (20.4, 12.0), (25.3, 11.7), (25.5, 10.0), (24.5, 5.0),
+    (22.0, 3.5), (25.0, 7.5), (25.5, 10.0), (25.7, 11.7), (29.8, 12.0), (30.2, 13.5), (30.3, 16.0),
+)  # fmt: skip
+
+# A replay only localises: nothing is to be done by when.
+PATIENT = MissionConfig(timeout_s=1e6)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drive:
+    """A recording."""
+
+    poses: NDArray[np.float64]  # (T, 3) true ones, map frame
+    motions: NDArray[np.float64]  # (T, 2) way and turn by the wheels since the sample before
+    scans: tuple[LaserScan, ...]
+
+    @property
+    def start(self) -> Pose:
+        """Where it begins: known to the robot."""
+        x, y, heading = self.poses[0].tolist()
+        return x, y, heading
+
+
+def driven(plan: FloorPlan, path_m: tuple[tuple[float, float], ...], speed_mps: float) -> Iterator[tuple[Pose, Motion]]:
+    """Where a robot is that drives along a path and knows where it is, and how its wheels turned since the tick before.
+
+    Between the places of the path it goes straight, and at its end it stands still: this goes on for ever.
+    """
+    assert plan.start is not None, "our floor plans say where robots begin"
+    body, leg, motion = DiffDrive(plan, plan.start), 0, (0.0, 0.0)
+    while True:
+        yield body.pose, motion
+        x, y, heading = body.pose
+        near = math.dist((x, y), path_m[leg]) < NEAR_M
+        if near and leg + 1 < len(path_m):
+            leg, near = leg + 1, False
+        bearing = math.remainder(math.atan2(path_m[leg][1] - y, path_m[leg][0] - x) - heading, math.tau)
+        turn = max(-TURN_RADPS, min(TURN_RADPS, TURN_GAIN * bearing))
+        speed = speed_mps * max(0.0, math.cos(bearing)) ** 2
+        motion = (0.0, 0.0) if near else body.step(*body.wheels(speed, turn), TICK_S)
+
+
+@lru_cache(maxsize=2)
+def record(seed: int = 0, duration_s: float = DURATION_S) -> Drive:
+    """The drive along PATH_M; the seed decides the noise of the lidar.
+
+    Source: Encoded graphs §VI-B (150 s, lidar at 10 Hz).
+    """
+    plan = load_floorplan(DEFAULT)
+    lidar, chance = Lidar(plan.walls), np.random.default_rng([seed, 8])
+    ticks = list(islice(driven(plan, PATH_M, SPEED_MPS), round(duration_s / TICK_S)))
+    poses, motions = zip(*ticks, strict=True)
+    return Drive(np.array(poses), np.array(motions), tuple(lidar.sweep(pose, chance) for pose in poses))
+
+
+def office() -> Mission:
+    """The built-in mission of our floor plan's 32 landmarks."""
+    text = (importlib.resources.files("phalanx") / "data" / "missions" / "office.yaml").read_text()
+    return apart_in(load_floorplan(DEFAULT), plain_mission(yaml.safe_load(text)))
+
+
+@lru_cache(maxsize=16)
+def encoded(kinds: tuple[str, ...] = (), delta_mm: int = 100) -> EncodedMission:
+    """The office in the paper profile, any node at any time, with these kinds of landmarks or with all.
+
+    Source: Encoded graphs §VI-B (0.1 m).
+    """
+    plain = office()
+    kept = {
+        node.name
+        for node in plain.nodes
+        if node.start
+        or not kinds
+        or all(thing.type in kinds for alias in node.see for thing in alias if isinstance(thing, Landmark))
+    }
+    chosen = replace(
+        plain,
+        nodes=tuple(node for node in plain.nodes if node.name in kept),
+        ways=tuple(way for way in plain.ways if way.source in kept and way.target in kept),
+        coding=CodingConfig(delta_mm=delta_mm),
+        roam=True,
+    )
+    return build(chosen, BuildOptions(profile=Profile.PAPER), random.Random(0).randbytes)[0].mission  # noqa: S311
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Replay:
+    """A localised drive."""
+
+    odometry: NDArray[np.float64]  # (T, 3) poses by odometry alone
+    estimates: NDArray[np.float64]  # (T, 3) poses with fixes
+    trials: NDArray[np.int64]
+
+
+def replay(
+    drive: Drive, mission: EncodedMission, noise: OdometryNoise, seed: int, feature_range_m: float = 10.0
+) -> Replay:
+    """The drive as a robot believes it to be, that knows its start, its wheels and the encoded mission.
+
+    Any node of the mission can be decoded at any time; the seed is the noise's.
+    """
+    walker, state = Walker(mission, config=PATIENT), State()
+    alone = Odometry(drive.start, noise, np.random.default_rng([seed, 1]))
+    belief = begun_at(PATIENT, drive.start)
+    extraction = ExtractionConfig(feature_range_m=feature_range_m)
+    odometry, estimates, trials = [], [], []
+    for i, ((way, turn), scan) in enumerate(zip(drive.motions.tolist(), drive.scans, strict=True)):
+        belief = belief.driven(alone.pose, alone.step(way, turn), wheels_of(PATIENT))
+        landmarks = extract(scan, extraction).landmarks(*belief.pose)
+        seen = Experience(i * TICK_S, *belief.pose, alone.travelled_m, landmarks, spread=belief.doubt)
+        state, outcome = walker.step(state, seen)
+        if outcome.fix is not None:
+            belief = fixed(PATIENT, belief, outcome.fix)
+        odometry.append(alone.pose)
+        estimates.append(belief.pose)
+        trials.append(outcome.trials)
+    return Replay(np.array(odometry), np.array(estimates), np.array(trials))
+
+
+def errors_m(drive: Drive, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(T,): from the true places to those believed."""
+    errors: NDArray[np.float64] = np.hypot(*(poses[:, :2] - drive.poses[:, :2]).T)
+    return errors
+
+
+def path_errors_m(table: Table, way: str) -> list[Rows]:
+    """(T,) of each case: from the true path to another, both columns of the table."""
+
+    def apart(case: str, axis: str) -> Rows:
+        return table.column(case, f"{way}_{axis}_m") - table.column(case, f"true_{axis}_m")
+
+    return [np.hypot(apart(case, "x"), apart(case, "y")) for case in table.cases]
+
+
+def draw_paths(table: Table, ways: Ways, walls_m: NDArray[np.float64], ground: Axes, over_time: Axes) -> None:
+    """The first case's true path and others on the floor plan, and the errors of all cases as long as it over time."""
+    first = min(table.cases, key=seed_of)
+    times_s = table.column(first, "t_s")
+    draw_walls(ground, walls_m)
+    ground.plot(table.column(first, "true_x_m"), table.column(first, "true_y_m"), color="black", lw=3, label="truth")
+    for way, colour, words in ways:
+        x, y = (table.column(first, f"{way}_{axis}_m") for axis in "xy")
+        ground.plot(x, y, color=colour, linewidth=1.2, label=words)
+        errors_m = [errors_m for errors_m in path_errors_m(table, way) if len(errors_m) == len(times_s)]
+        banded(over_time, times_s, np.array(errors_m), colour, words)
+    over_time.set(xlabel="time (s)", ylabel="error (m); median and 5 to 95 % of seeds", yscale="log")

@@ -1,0 +1,324 @@
+"""One attack on a mission against one defence, beside the same errand without it; and whether the verdict is borne out.
+
+The defences: a robot with `none` follows the same mission as a plain graph, and believes what it senses. With `paper`
+it has the paper profile, unsigned, and runs whatever it gets. With `bound`, ours, the mission is sealed, signed, bound
+to this robot and to a window of time, and started once.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from numpy.typing import NDArray
+
+from phalanx.attacks.missions.between import Between, MissionPlan, Sent
+from phalanx.attacks.missions.guesses import Guess
+from phalanx.attacks.missions.unprotected import PlainWalker
+from phalanx.config.defence import Defence
+from phalanx.config.mission import CodingConfig, MissionConfig
+from phalanx.errors import PeerError, UsageError
+from phalanx.mission import (
+    BuildOptions,
+    Mission,
+    Phase,
+    Profile,
+    Walker,
+    admit,
+    build,
+    check_signature,
+    parse_mission,
+    parse_start_key,
+    public_key,
+    sign,
+)
+from phalanx.mission.graph import Node
+from phalanx.mission.landmarks import FloorPlan, LaserScan
+from phalanx.mission.landmarks.lidar import Lidar
+from phalanx.papers.bti.attack_trial import Trial, said_of
+from phalanx.robot.adversary.attack import Attack, Verdict
+from phalanx.robot.adversary.harm import FALSE_FIX_M, FALSE_FIX_RAD, Guessed, Walked
+from phalanx.world.building.odometry import OdometryNoise, Pose
+from phalanx.world.missions.body import Building
+from phalanx.world.missions.setup import MissionRun, Part, pool_of
+from phalanx.world.missions.world import STEP_S, MissionRobot, MissionWorld
+
+from .errand import AREA_M, START, building, errand, shelf_alone, theft
+
+ROBOT, OTHER, ADVERSARY = 1, 2, 3
+DAY_S = 86_400
+NOW_S = DAY_S + 3600.0
+DURATION_S = 150.0
+# A node that a robot takes for reached farther than this from where it believes to be was another place.
+FALSE_NODE_M = 1.0
+# A thing done so much farther off than from where its node counts was done elsewhere.
+ELSEWHERE_M = 1.0
+OPERATOR = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
+NOISE = OdometryNoise(0.03, 0.05)
+ROBOT_CONFIG = MissionConfig(timeout_s=15.0)
+# What a try costs decides how long guessing takes (`try_guess`), and nothing here.
+CHEAP = CodingConfig(delta_mm=400, kdf_log2_n=2)
+NO_PEOPLE = np.zeros((0, 3))
+LATEST_S = 3600.0
+SEALED = CodingConfig(delta_mm=400)
+OUT_OF_REACH = 2.0**100  # tries that nobody makes
+
+
+@dataclass(frozen=True, slots=True)
+class Operator:
+    """Who sends missions; two with the same seed send the same."""
+
+    defence: Defence  # decides in which form
+    seed: int  # of ids, gates and secrets. A simulation's secrets keep nobody out.
+
+    def send(self, mission: Mission, robot: int, day: int) -> Sent:
+        """What goes to a robot on a day, and the controller's messages."""
+        random = np.random.default_rng([self.seed, robot, day]).bytes
+        if self.defence == "bound":
+            options = BuildOptions(robots=(robot,), valid_from_s=day * DAY_S, valid_to_s=(day + 1) * DAY_S)
+            (made,) = build(replace(mission, coding=mission.coding or CHEAP), options, random)
+            encoded = sign(made.mission, OPERATOR)
+        else:
+            (made,) = build(mission, BuildOptions(profile=Profile.PAPER), random)
+            encoded = made.mission
+        messages = made.key.messages
+        said = (name.encode() for name in messages) if self.defence == "none" else messages.values()
+        return Sent(mission, encoded.encode(), made.key.encode(), tuple(said))
+
+
+def admitted(
+    sent: Sent, defence: Defence, now_s: float, started: Collection[bytes] = (), *, checked: bool = True
+) -> Walker:
+    """The walker of a robot that got this mission, and has started those with the ids `started` before.
+
+    Not `checked`, a robot of ours looks at no signature, name, window or id: what else stops an attack then.
+
+    Raises: PeerError: it refuses the mission.
+    """
+    if defence == "none":
+        return PlainWalker(sent.plain, ROBOT_CONFIG)
+    mission = parse_mission(sent.file)
+    if defence == "paper":
+        return Walker(mission, None, ROBOT_CONFIG)
+    if checked:
+        check_signature(mission, [public_key(OPERATOR)])
+        admit(mission, ROBOT, now_s, started)
+    return Walker(mission, parse_start_key(sent.key), ROBOT_CONFIG)
+
+
+class _SpoofedLidar(Lidar):
+    """A lidar that shows what an attack makes of its scans."""
+
+    def __init__(self, plan: FloorPlan, attack: Between) -> None:
+        super().__init__(plan.walls)
+        self._attack = attack
+
+    def sweep(self, pose: Pose, random: np.random.Generator, people: NDArray[np.float64] = NO_PEOPLE) -> LaserScan:
+        """A scan from a pose, or whatever the attack says."""
+        true = super().sweep
+        return self._attack.scan(pose, lambda at: true(at, random, people))
+
+
+class _Witness:
+    """Watches a robot with the world's eyes."""
+
+    def __init__(self, robot: MissionRobot, ordered: Iterable[Node]) -> None:
+        self._robot = robot
+        self._due = {
+            node.do.name: (node.place, node.within_m + ELSEWHERE_M) for node in ordered if node.do and node.place
+        }
+        self._seen = 0, 0, 0  # nodes, actions and steps of the report
+        self.false_nodes = 0
+        self.wrong: list[str] = []
+        self.false_fixes = 0
+        self.worst_fix_m = 0.0
+
+    def look(self) -> None:
+        """Judge what came since the last look."""
+        report, before = self._robot.report, self._seen
+        self._seen = len(report.decoded), len(report.actions), len(report.pose_error_m)
+        error_m = report.pose_error_m[-1]
+        if len(report.decoded) > before[0] and error_m > FALSE_NODE_M:
+            self.false_nodes += 1
+        for _, action in report.actions[before[1] :]:
+            place, reach_m = self._due.pop(action, ((0.0, 0.0), -1.0))
+            if math.dist(self._robot.body.wheels.pose[:2], place) > reach_m:
+                self.wrong.append(action)
+        outcome = self._robot.controller.outcome
+        is_new = len(report.pose_error_m) > before[2] and outcome is not None and outcome.fix is not None
+        if is_new and (error_m > FALSE_FIX_M or report.heading_error_rad[-1] > FALSE_FIX_RAD):
+            self.false_fixes += 1
+            self.worst_fix_m = max(self.worst_fix_m, error_m)
+
+
+def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: bool = True) -> Walked:
+    """What becomes of a robot on its errand, with an attack between it and the world; `checked` as for `admitted`."""
+    sent = attack.deliver(today)
+    now_s = NOW_S + attack.clock_s
+    try:
+        started = [parse_mission(sent.file).header.mission_id] if attack.again else []
+        walker = admitted(sent, defence, now_s, started, checked=checked)
+    except PeerError as error:
+        return Walked(refused=error.reason, held=True)
+    there = Building(attack.building(building()))
+    there.lidar = _SpoofedLidar(there.plan, attack)
+    pool = tuple(dict.fromkeys((*pool_of(errand()), *pool_of(theft()))))
+    part = Part(walker.mission, None, START)
+    run = MissionRun(plan=there.plan, parts=(part,), noise=NOISE, seed=seed, pool=pool, begin_s=now_s)
+    world = MissionWorld(run, (ROBOT,), building=there, walkers=[walker])
+    (robot,) = world.robots
+    witness = _Witness(
+        robot, [node for node in errand().nodes if attack.ordered and (attack.released or not node.wait)]
+    )
+    said = sent.said if attack.released else ()
+    for step in range(round(DURATION_S / STEP_S)):
+        attack.now_s = step * STEP_S
+        robot.body.wheels.left, robot.body.wheels.right = attack.wheels()
+        robot.hears = attack.messages(said if not step else ())
+        world.advance(attack.now_s + STEP_S)
+        witness.look()
+        if robot.controller.over:
+            break
+    (report,) = world.finish()
+    walked = robot.controller.memory.walk
+    place = None if walked.at is None else sent.plain.nodes[walked.at].place
+    return Walked(
+        done=report.done,
+        held=walked.phase is Phase.HELD,
+        decoded=tuple(node for _, node in report.decoded),
+        false_nodes=witness.false_nodes,
+        actions=tuple(action for _, action in report.actions),
+        wrong_actions=tuple(witness.wrong),
+        false_fixes=witness.false_fixes,
+        worst_fix_m=round(witness.worst_fix_m, 3),
+        not_validated=tuple(reason for _, reason in report.not_validated),
+        from_last_m=None if place is None else round(math.dist(place, robot.body.wheels.pose[:2]), 3),
+        pose_error_m=round(report.pose_error_m[-1], 3),
+        t_s=round(report.t_s, 1),
+    )
+
+
+def plan_of(defence: Defence, seed: int, start_s: float, options: Mapping[str, float | str]) -> MissionPlan:
+    """What the adversary has, who has listened since yesterday."""
+    operator = Operator(defence, seed)
+    return MissionPlan(
+        start_s=start_s,
+        chance=np.random.default_rng([seed, ADVERSARY]),
+        yesterday=operator.send(errand(), ROBOT, 0),
+        others=operator.send(errand(), OTHER, 1),
+        wanted=theft(),
+        options=options,
+    )
+
+
+@cache
+def honest_errand(defence: Defence, seed: int, *, released: bool = True) -> Walked:
+    """What becomes of a robot that nobody attacks; without a release it waits for it and gives up."""
+    today = Operator(defence, seed).send(errand(), ROBOT, 1)
+    nobody = Between(plan_of(defence, seed, 0.0, {}))
+    return walk(nobody, today if released else replace(today, said=()), defence, seed)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MissionTrial(Trial):
+    """What an attack on a mission came to.
+
+    `attacked` is what became of the robot (`Walked`), or of the mission that was guessed (`Guessed`); `honest`, of the
+    robot that nobody attacks, None where a mission was guessed or nothing was ordered.
+    """
+
+    against: str  # what it lies about
+    kept: bool  # whether the declared verdict is what was seen
+
+    @property
+    def broken(self) -> bool:
+        """Whether something that is promised was not kept."""
+        return not self.kept
+
+
+def try_mission_attack(
+    attack: Attack, defence: Defence, seed: int = 0, options: Mapping[str, float | str] | None = None
+) -> MissionTrial:
+    """An attack on an errand or on a captured file, run, and measured by the world's truth.
+
+    Options: `at`, when it begins to lie, s; `bit`, which one `flip-bit` changes; `unchecked`, 1 for a robot of ours
+    that looks at no signature, name or window.
+
+    Raises: UsageError: no such option, or a number that is none for it.
+    """
+    kind, said = attack.kind, dict(options or {})
+    attack.check(said)
+    start_s = float(said.get("at", kind.starts_s))
+    if seed < 0 or not 0 <= start_s <= LATEST_S:
+        raise UsageError(
+            f"{attack.name} at {start_s:g} s, seed {seed}", f"0 to {LATEST_S:g} s, and a seed of 0 or more"
+        )
+    made = kind(plan_of(defence, seed, start_s, said))
+    honest: Walked | None = None
+    attacked: Walked | Guessed
+    if isinstance(made, Guess):
+        attacked = try_guess(made, defence, seed)
+    else:
+        today = Operator(defence, seed).send(errand(), ROBOT, 1)
+        attacked = walk(made, today, defence, seed, checked=not said.get("unchecked"))
+        if kind.ordered:
+            honest = honest_errand(defence, seed, released=kind.released)
+    harm = attack.harm.of(attacked)
+    return MissionTrial(
+        **said_of(attack, defence),
+        against=attack.against,
+        kept=is_kept(attack.verdicts[defence], attack, attacked, harm),
+        harm=harm,
+        attacked=attacked,
+        honest=honest,
+    )
+
+
+def try_guess(
+    attack: Guess, defence: Defence, seed: int, *, coding: CodingConfig | None = None, tries: int | None = None
+) -> Guessed:
+    """What came of guessing, on one core, with at most about so many tries; by default as many as the attack has.
+
+    The mission was captured in the form that `defence` has, in a `coding` that costs what robots' does unless given.
+    """
+    coding = coding or (SEALED if defence == "bound" else None)
+    plain = shelf_alone(coding) if attack.one_node else errand(coding)
+    sent = Operator(defence, seed).send(plain, ROBOT, 1)
+    nodes = len(plain.nodes)
+    if defence == "none":
+        return Guessed(nodes, nodes, 0, 0.0, 0.0, 0.0, 0.0)
+    profile = parse_mission(sent.file).header.profile
+    most = attack.tries_max[profile] if tries is None else tries
+    read: set[int] = set()
+    made, of = 0, 0
+    began = time.perf_counter()
+    for batch in attack.guess(sent, AREA_M, building()):
+        made, of = made + batch.tries, batch.of
+        read |= {found.node for found in batch.found}
+        if made >= most:
+            break
+    seconds = time.perf_counter() - began
+    rate = made / seconds
+    whole = attack.in_all(plain, of)
+    return Guessed(nodes, len(read), made, seconds, rate, whole, whole / rate)
+
+
+def is_kept(declared: Verdict, attack: Attack, attacked: Walked | Guessed, harm: float) -> bool:
+    """Whether a declared verdict is what was seen, with this harm. Source: docs/attacks.md (what the verdicts mean)."""
+    if declared in ("bites", "not covered"):
+        return harm >= attack.bites_from
+    if isinstance(attacked, Guessed):
+        return harm == 0 and (attacked.candidates >= OUT_OF_REACH) == (declared == "harmless")
+    if attacked.wrong_actions or attacked.false_nodes:
+        return False
+    if declared == "stopped":
+        gave_a_reason = bool(attacked.refused or attacked.not_validated)
+        return attacked.held and gave_a_reason and not attacked.done and attacked.worst_fix_m <= FALSE_FIX_M
+    if declared == "limited":
+        return harm <= attack.limit
+    return attacked.done and harm < attack.bites_from

@@ -1,0 +1,117 @@
+"""Warn of a scenario that can hardly end well, before it runs."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.bti.nodes import limits_of
+from phalanx.scenarios.scenario import Scenario
+from phalanx.world.audited.setup import audits_share, make_lists
+from phalanx.world.radio.reach import in_range, rebuild, set_aisles
+
+# Of the channel. Where all hear each other it works up to 0.6, but 324 robots at 20 m (0.46) lost some after 40 s.
+MOST_AUDITS = 0.45
+# With logs that f_max liars fill: at 0.40 they stopped correct robots, at 0.31 none (docs/results.md).
+MOST_FILLED = 0.35
+# What the AUDIT buckets of f_max liars may let out. Where they had a quarter or more, nothing was measured.
+MOST_BUCKETS = 0.25
+US_PER_S = 1e6
+
+
+def cautions(scenario: Scenario) -> list[str]:
+    """Return a line for each reason why the audits may fail: the channel, T_val, the robots in range, or the liars."""
+    if scenario.defence == "none":
+        return []
+    others = neighbours_at_start(scenario)
+    told = [*_crowded(scenario), *_seldom(scenario), *_lonely(scenario, others), *_many(scenario, others)]
+    return [*told, *_flooded(scenario), *_overrun(scenario)]
+
+
+def _overrun(scenario: Scenario) -> list[str]:
+    liars, f_max = len(scenario.attacks), scenario.bti.f_max
+    if liars <= f_max:
+        return []
+    return [f"{liars} compromised robots, and f_max is {f_max}: nothing is promised; f_max {liars}, or fewer attacks"]
+
+
+def _many(scenario: Scenario, others: NDArray[np.int64]) -> list[str]:
+    n_max, most = scenario.bti.n_max, int(others.max(initial=0))
+    if most <= n_max:
+        return []
+    robot = int(others.argmax()) + 1
+    return [
+        f"robot {robot} has {most} others in range at the start, and n_max is {n_max}: it may be stopped; n_max {most}"
+    ]
+
+
+def _flooded(scenario: Scenario) -> list[str]:
+    bti = scenario.bti
+    share = bti.f_max * limits_of(bti, scenario.radio).audit_us_per_s / US_PER_S
+    if scenario.defence != "bound" or share < MOST_BUCKETS:
+        return []
+    lets = f"with n_max {bti.n_max} the a-nodes of f_max compromised robots let out audit packets for {share:.0%}"
+    return [
+        f"{lets} of the channel, and above {MOST_BUCKETS:.0%} correct robots may be stopped; a smaller n_max or f_max"
+    ]
+
+
+def _seldom(scenario: Scenario) -> list[str]:
+    bti = scenario.bti
+    # The first round begins up to T_audit + 0.2 s after the key; the second has to have time for silent auditors.
+    least_ms = max(5 * bti.t_audit_ms // 2, 2 * bti.t_audit_ms + 1000)
+    if bti.t_val_ms >= least_ms:
+        return []
+    lasts = f"tokens count for {bti.t_val_ms / 1000:g} s and a round of audits comes every {bti.t_audit_ms / 1000:g} s"
+    return [f"{lasts}: one round that fails may stop a correct robot; t_val from {least_ms / 1000:g} s on bears one"]
+
+
+def _crowded(scenario: Scenario) -> list[str]:
+    robots = f"{scenario.robots_in_range:.0f} robots in one radio range"
+    share = audits_share(scenario.bti, scenario.radio, scenario.robots_in_range)
+    if share > MOST_AUDITS:
+        want = f"{robots}: their audits want {share:.0%} of the channel"
+        return [f"{want}, and above {MOST_AUDITS:.0%} robots may be stopped for want of a quorum"]
+    filled = audits_share(scenario.bti, scenario.radio, scenario.robots_in_range, filled=True)
+    if filled <= MOST_FILLED:
+        return []
+    want = f"{robots}: if f_max liars fill their logs, audits want {filled:.0%} of the channel"
+    return [f"{want}, and above {MOST_FILLED:.0%} correct robots may be stopped; a smaller f_max or fewer robots help"]
+
+
+def _lonely(scenario: Scenario, others: NDArray[np.int64]) -> list[str]:
+    bti, is_correct, near = scenario.bti, *_liars_near(scenario)
+    correct, lonely = int(is_correct.sum()), int((is_correct & (others - near < bti.quorum)).sum())
+    if lonely == 0:
+        return []
+    of = "robots" if correct == scenario.robots else "correct robots"
+    who = f"none of the {of} has" if lonely == correct else f"{lonely} of {correct} {of} do not have"
+    quorum = f"a quorum at the start, {bti.quorum} correct others (f_max + 2) within {scenario.radio.range_m:.0f} m"
+    ends = "compromised robots may have them stopped"
+    if (others[is_correct] < bti.tokens_needed).any():
+        ends = f"with fewer than {bti.tokens_needed} a robot is stopped after {bti.t_val_ms / 1000:g} s"
+    return [f"{who} {quorum}: {ends}; more robots, a closer grid or a smaller f_max help"]
+
+
+def _liars_near(scenario: Scenario) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    """Return which robots are correct, (N,), and how many compromised ones each has in range when it starts, (N,)."""
+    starts_m, n = np.array(scenario.starts_m, np.float64), scenario.robots
+    is_correct, near = np.ones(n, bool), np.zeros(n, np.int64)
+    for attack in scenario.drawn_attacks():
+        liar = int(attack.robot or 0) - 1
+        hears = np.linalg.norm(starts_m[:n] - starts_m[liar], axis=1) <= scenario.radio.range_m
+        if 0 < scenario.hub <= liar:  # in an aisle
+            hears[scenario.hub :] = False
+        is_correct[liar], hears[liar] = False, False
+        near += hears
+    return is_correct, near
+
+
+def neighbours_at_start(scenario: Scenario) -> NDArray[np.int64]:
+    """Return how many others each robot has in range when it starts, (N,)."""
+    reach = make_lists(scenario.robots, scenario.bti, scenario.radio, skin=0.0)
+    rebuild(reach, np.array(scenario.starts_m, np.float64))
+    if scenario.hub:
+        set_aisles(reach, scenario.hub, scenario.robots)
+    ends: NDArray[np.int64] = np.array([in_range(reach, i) for i in range(scenario.robots)])
+    return ends - reach.near[:-1]

@@ -1,0 +1,354 @@
+"""The demo's swarm, protected: robots on wheels that audit each other, driven by orders over their radio.
+
+A station stands in the middle and says what visitors and the operator order (station.py). What a robot does with that
+is logged, replayed and audited like everything else.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from numpy.typing import NDArray
+
+from phalanx.attacks.library import ATTACKS
+from phalanx.bti.refusal import Refusal
+from phalanx.config import BtiConfig, RadioConfig, WheelsConfig
+from phalanx.errors import Unknown, UsageError
+from phalanx.robot import Led, Point, Robot
+from phalanx.robot.adversary.liar import Liar, Plan, lying
+from phalanx.robot.controllers import dispatch, orders
+from phalanx.robot.controllers.bundled import wheels
+from phalanx.robot.controllers.peer_bodies import STANDS_MM
+from phalanx.robot.robot import Robot as AuditedRobot
+from phalanx.robot.roster import HISTORY_STEP_MM, Member, member
+from phalanx.robot.signer import Signer
+from phalanx.robot.station import Ordered, Station
+from phalanx.robot.swarm import AttackChoice, Audit, Done, Shield
+from phalanx.scenarios.behaviour import FOREVER_MS
+from phalanx.scenarios.scenario import ORDERS_AS_NEIGHBOURS
+from phalanx.wire.driven import EVERYBODY, GATEWAY, OPERATOR, SIGNER_KEY_BYTES
+from phalanx.wire.fields import get_u64
+from phalanx.world.audited import loop, pybot
+from phalanx.world.audited.body import driven_by
+from phalanx.world.audited.events import refused
+from phalanx.world.audited.setup import PROFILES, Board, Setup, make_world, start
+from phalanx.world.audited.world import PYTHON, VerdictReader, World, clock_ms, shields
+from phalanx.world.radio.channel import BROADCAST
+
+from .dotbots import AREA_MM, BATTERY_EMPTY_MV, BATTERY_FULL_MV, DRIVE_MVPS, IDLE_MVPS
+from .work import Work
+
+# More in one radio range than this saturate the channel: audits would come too late, and honest robots be stopped.
+MOST_ROBOTS = 100
+# Ten times a second, so that a joystick is felt at once; the rest are the paper's parameters.
+DEMO = BtiConfig(t_control_ms=100, steps_per_state=15, delta_ms=40)
+EDGE_MM = 200.0
+# Told apart on a phone, and far from touching. Where so many do not fit, as far apart as so many tries find.
+APART_MM = 200.0
+TRIES = 64
+# The first that an operator is offered: anybody can see what it does.
+PLAIN_TO_SEE = "hijack"
+FULL_TURN_DEG = 360.0
+# Sets the station's keys apart from whatever else comes from the same seed.
+STATION = 0x0DE5
+MISSION = 1  # the number of the key that robots are powered up with
+HEARD_AT = wheels.SIGNERS + orders.EACH_BYTES * GATEWAY + orders.HIGHEST
+
+
+def fewest_robots(f_max: int) -> int:
+    """Return how many robots can lose f_max and still get f_max + 1 tokens from each other.
+
+    P2 takes one more: `BtiConfig.least_robots`. With fewer than that, compromised robots may have others stopped.
+    """
+    return 2 * f_max + 2
+
+
+def draw_places(count: int, chance: np.random.Generator) -> NDArray[np.float64]:
+    """Places inside the area, APART_MM from each other or, where so many do not fit, as far as TRIES tries find.
+
+    Returns: (count, 2), mm.
+    """
+    places = np.empty((count, 2))
+    for i in range(count):
+        tried = chance.uniform(EDGE_MM, np.array(AREA_MM) - EDGE_MM, (TRIES, 2))
+        nearest = np.linalg.norm(tried[:, None] - places[:i], axis=2).min(axis=1, initial=APART_MM)
+        places[i] = tried[nearest.argmax()]
+    return places
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class SwarmKeys:
+    """What a swarm's owner gives it for one mission."""
+
+    mission: int
+    boards: Sequence[Board]  # of each robot, in the order of ids
+    gateway: Ed25519PrivateKey  # signs visitors' orders
+    operator: Ed25519PrivateKey  # and who stops all
+
+
+def drawn_keys(seed: int) -> SwarmKeys:
+    """Those of a simulation of its own, where they keep nothing secret: each world draws its boards' itself."""
+    chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, STATION])))
+    gateway, operator = (Ed25519PrivateKey.from_private_bytes(chance.bytes(SIGNER_KEY_BYTES)) for _ in range(2))
+    return SwarmKeys(MISSION, (), gateway, operator)
+
+
+class StationAir:
+    """The simulated radio as the station in the middle has it: the row behind the robots'."""
+
+    def __init__(self, world: World, row: int) -> None:
+        self._world, self._row = world, row
+
+    def is_busy(self) -> bool:
+        """See `phalanx.robot.station.Air`."""
+        return bool(self._world.air.nic[self._row].long_used)
+
+    def is_deaf(self, robot: int) -> bool:
+        """See `phalanx.robot.station.Air`."""
+        return bool(self._world.safe[robot - 1])
+
+    def say(self, frame: bytes, robot: int) -> None:
+        """See `phalanx.robot.station.Air`."""
+        to = BROADCAST if robot == EVERYBODY else robot - 1
+        loop.transmit(self._world, self._row, np.frombuffer(bytearray(frame), np.uint8), len(frame), to)
+
+
+class ProtectedSwarm(Ordered):
+    """A `phalanx.robot.swarm.Shielded` swarm of 2 f_max + 2 to 100 that goes on when told that time has passed.
+
+    When f_max are stopped, each of the others still gets f_max + 1 tokens. The clock says seconds since 1970.
+    Without `keys` they have keys of their own. With a `protocol`, one of ON_WHEELS, they do its work while nobody
+    drives them.
+    Raises: UsageError: the count is out of range.
+    """
+
+    def __init__(
+        self,
+        count: int,
+        seed: int,
+        clock: Callable[[], float],
+        *,
+        defence: str = "bound",
+        f_max: int = 3,
+        keys: SwarmKeys | None = None,
+        protocol: str = "",
+    ) -> None:
+        if not fewest_robots(f_max) <= count <= MOST_ROBOTS:
+            raise UsageError(
+                f"{count} robots in one radio range cannot audit each other with f_max {f_max}",
+                f"{fewest_robots(f_max)} to {MOST_ROBOTS} robots; or --defence none",
+            )
+        keys = keys or drawn_keys(seed)
+        station = Station(Signer(keys.gateway, keys.mission, GATEWAY), Signer(keys.operator, keys.mission, OPERATOR))
+        super().__init__((member(i) for i in range(count)), range(1, count + 1), station)
+        chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 0x7077])))
+        self._chance, self._clock = chance, clock
+        self._config = replace(DEMO, f_max=f_max, n_max=count + ORDERS_AS_NEIGHBOURS)
+        places_mm = draw_places(count, chance)
+        middle_m = np.array([AREA_MM]) / 2000
+        params = wheels.CONTROLLER.params(
+            WheelsConfig(
+                state_every=self._config.steps_per_state,
+                mission=keys.mission,
+                gateway_key=station.gateway.public,
+                operator_key=station.operator.public,
+            )
+        )
+        self._work: Work | None = None
+        if protocol:
+            self._work = Work(protocol, self._config, params, places_mm / 1000, seed)
+            self._config = self._work.bti
+        self.world = make_world(
+            Setup(
+                robots=count,
+                starts_m=np.vstack((places_mm / 1000, middle_m)),
+                profile=PROFILES[defence],
+                controller=0 if self._work else dispatch.NUMBERS["wheels"],
+                params=params,
+                body=driven_by(wheels.CONTROLLER),
+                seed=seed,
+                contact_m=0.08,
+                bti=self._config,
+                radio=RadioConfig(),
+                area_m=(AREA_MM[0] / 1000, AREA_MM[1] / 1000),
+                boards=keys.boards,
+            ),
+            chance,
+        )
+        self._air = StationAir(self.world, count)
+        self.world.vel[:count, 0] = chance.uniform(0, FULL_TURN_DEG, count)
+        self._battery_mv = BATTERY_EMPTY_MV + chance.uniform(0.5, 1.0, count) * (BATTERY_FULL_MV - BATTERY_EMPTY_MV)
+        # Said by another thread, heard at the next step.
+        self._to_stop = set[int]()
+        self._liars: dict[int, Liar] = {}
+        # By row, those that run in Python.
+        self._nodes: dict[int, AuditedRobot] = {}
+        if self._work:
+            make = self._work.make_controller
+            self._nodes = {i: AuditedRobot(self.world.fleet, i, self.world.work, make) for i in range(count)}
+        self._verdicts = VerdictReader(self.world)
+        self._now_s = 0.0
+        self._stopped_at_s: dict[int, float] = {}
+        start(self.world, self._nodes)
+        for i, each in enumerate(self._members):
+            self._show(i, each.led)
+            each.led = Led(0, 0, 0)
+
+    # --- the swarm ----------------------------------------------------------------------------------------------------
+
+    @property
+    def area_mm(self) -> tuple[int, int]:
+        """Width and height of the area."""
+        return AREA_MM
+
+    def robots(self) -> Sequence[Robot]:
+        """Every robot, where the world has it."""
+        now = self._clock()
+        told = []
+        for i, each in enumerate(self._members):
+            x_m, y_m = self.world.pos[i].tolist()
+            each.led = Led(*self.world.led[i].tolist())
+            direction_deg, battery_v = round(float(self.world.vel[i, 0])), float(self._battery_mv[i]) / 1000
+            heard_at_s = self._stopped_at_s.get(i, now)
+            told.append(each.seen(Point(x_m * 1000, y_m * 1000), direction_deg, battery_v, heard_at_s))
+        return told
+
+    def stop(self, address: str) -> None:
+        """Stand still until told otherwise."""
+        self._to_stop.add(self._find(address))
+
+    def follow(self, address: str, route: Sequence[Point], threshold_mm: float) -> None:
+        """Visit these points in order; none stops the robot.
+
+        Raises: UsageError: more than `longest_route`.
+        """
+        i = self._find(address)
+        self._follow(i, route, threshold_mm, Point(*(self.world.pos[i] * 1000).tolist()))
+
+    def step(self, dt_s: float) -> None:
+        """Let `dt_s` seconds pass."""
+        while self._to_stop:
+            self.drive(self._members[self._to_stop.pop()].address, 0, 0)
+        end_s, stage = self._now_s + dt_s, self._work.stage if self._work else None
+        while self._now_s < end_s:
+            self._now_s = min(end_s, self._station.speak(self._air, self._now_s, self._now_ms))
+            until_us = round(self._now_s * 1e6)
+            while loop.run(self.world, until_us) == loop.FOR_PYTHON:
+                pybot.handle(self.world, self._nodes, stage=stage)
+        for node in self._nodes.values():
+            node.bring_up()
+        assert refused(self.world.queue) == 0, "the queue of events was too short"
+        effort = np.abs(self.world.acc[: len(self._members)]).mean(axis=1)
+        drained = self._battery_mv - (IDLE_MVPS + DRIVE_MVPS * effort) * dt_s
+        # An empty robot is given a fresh battery where it stands: who audits must not leave.
+        self._battery_mv = np.where(drained <= BATTERY_EMPTY_MV, BATTERY_FULL_MV, drained)
+        for i in np.flatnonzero(effort > 0).tolist():
+            x_mm, y_mm = (self.world.pos[i] * 1000).tolist()
+            self._members[i].went(x_mm, y_mm, HISTORY_STEP_MM)
+        for i, each in enumerate(self._members):
+            state, told = self.world.fleet.state[i], self._station.told(i + 1)
+            # Nobody's route is left to it, and none is on its way.
+            is_free = told is not None and get_u64(state, HEARD_AT) >= told and not state[wheels.COUNT]
+            if each.route and is_free:
+                each.route = ()
+            if self.world.safe[i] and i not in self._stopped_at_s:
+                self._stopped_at_s[i] = self._clock()
+                each.route = ()
+            elif self._work and is_free:
+                self._show_aim(self._work, i, each)
+
+    def _show_aim(self, work: Work, i: int, each: Member) -> None:
+        """Pages draw where a robot goes by itself as a route of one point."""
+        aim_m, (x_m, y_m) = work.aim_m(self._nodes[i].controller, clock_ms(self.world, i)), self.world.pos[i].tolist()
+        if aim_m is None or self.world.safe[i] or math.dist(aim_m, (x_m, y_m)) < 2 * STANDS_MM / 1000:
+            each.route = ()
+        elif not each.route or each.route[-1] != Point(aim_m[0] * 1000, aim_m[1] * 1000):
+            each.route = (Point(x_m * 1000, y_m * 1000), Point(aim_m[0] * 1000, aim_m[1] * 1000))
+
+    # --- its work -----------------------------------------------------------------------------------------------------
+
+    def done(self) -> Done | None:
+        """What has come of it, called about once a second; None where they wait for people."""
+        return self._work.done(self._now_s) if self._work else None
+
+    def things(self) -> Sequence[Point]:
+        """Where the things are now that the work is about, those in the area."""
+        return [Point(x * 1000, y * 1000) for x, y in self._work.things_m(self._now_s)] if self._work else ()
+
+    # --- the shields --------------------------------------------------------------------------------------------------
+
+    def shields(self) -> Sequence[Shield]:
+        """One for every robot."""
+        return [self._shield(i) for i in range(len(self._members))]
+
+    def _shield(self, i: int) -> Shield:
+        liar = self._liars.get(i)
+        return Shield(
+            address=self._members[i].address,
+            needed=self._config.tokens_needed,
+            full_s=self._config.t_val_ms / 1000,
+            vouchers=tuple((self._members[tor - 1].address, left_s) for tor, left_s in shields(self.world, i)),
+            safe_mode=bool(self.world.safe[i]),
+            attack=liar.attack.name if isinstance(liar, Liar) else "",
+        )
+
+    def new_audits(self) -> Sequence[Audit]:
+        """Those that ended since the last call, oldest first."""
+        return [
+            Audit(
+                auditor=self._members[tor - 1].address,
+                auditee=self._members[tee - 1].address,
+                refusal="" if why is Refusal.NONE else why.name.lower().replace("_", " "),
+            )
+            for _, tor, tee, why in self._verdicts.new()
+        ]
+
+    def attacks(self) -> Sequence[AttackChoice]:
+        """What a robot can be made to do, first what is plain to see."""
+        own = self._work.protocol if self._work else None
+        choices = [
+            AttackChoice(name, attack.does)
+            for name, attack in ATTACKS.items()
+            if (attack.scene == "flock" and attack.on_wheels) or (attack.scene == "protocol" and attack.against == own)
+        ]
+        return sorted(choices, key=lambda choice: choice.name != PLAIN_TO_SEE)
+
+    def compromise(self, address: str, attack: str) -> None:
+        """The robot lies from now on."""
+        i = self._find(address)
+        if attack not in {choice.name for choice in self.attacks()}:
+            raise Unknown(f"no attack {attack[:64]!r}")
+        if i in self._liars or self.world.safe[i]:
+            raise Unknown(f"{self._members[i].name} is compromised or stopped already")
+        now_ms = clock_ms(self.world, i)
+        plan = Plan(
+            ids=tuple(range(1, len(self._members) + 1)),
+            goal_m=(0.0, 0.0),
+            colluding=tuple(other + 1 for other in self._liars),
+            start_ms=now_ms,
+            stop_ms=FOREVER_MS,
+            chance=self._chance,
+        )
+        make = self._work.make_controller if self._work else None
+        if self._work:
+            self._nodes[i].bring_up()  # what it remembers is what the liar goes on from
+        liar = lying(ATTACKS[attack], self.world.fleet, i, self.world.work, plan, make)
+        self._liars[i] = self._nodes[i] = liar
+        self.world.runs[i] = PYTHON
+        pybot.wake(self.world, liar, int(self.world.clock[0].now_us))
+
+    @property
+    def liars(self) -> Mapping[int, Liar]:
+        """The compromised, by row."""
+        return self._liars
+
+    # --- inside -------------------------------------------------------------------------------------------------------
+
+    @property
+    def _now_ms(self) -> int:
+        """Of the station's clock, which is the world's."""
+        return int(self.world.clock[0].now_us) // 1000
