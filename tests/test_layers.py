@@ -24,9 +24,10 @@ LAYERS = [
     "robot",
     "scenarios",
     "recording",
-    "sim io",
-    "experiments gateway demo daemon",
-    "lab",
+    "world net",
+    "attacks",
+    "gateway daemon papers",
+    "lab bridges",
     "cli",
 ]
 RANK = {package: i for i, row in enumerate(LAYERS) for package in row.split()}
@@ -48,10 +49,10 @@ LAYERS_OF_COMPILER = [
 RANK_IN_COMPILER = {module: i for i, row in enumerate(LAYERS_OF_COMPILER) for module in row.split()}
 # The compiler knows the package only by its name, to import its kernels.
 IMPORTS_KERNELS = {"generate.py", "fresh.py"}
-# They stand above the simulator and do not import it: the gateway knows protocols of robot/, the daemon real robots.
-APART = {"gateway": {"sim"}, "daemon": {"sim"}}
+# It stands above the simulator and does not import it: the process of a real robot.
+APART = {"daemon": {"world"}}
 # The one door upwards: people look for link.Server, which needs sockets (docs/adr/0003).
-DOORS = {("link/__init__.py", "io")}
+DOORS = {("link/__init__.py", "net")}
 # No clock, socket, random source or await below the files of recordings: time and nonces are arguments.
 IMPURE = {"asyncio", "socket", "time", "random", "secrets", "os", "subprocess", "threading", "aiomqtt", "aiohttp"}
 PURE_BELOW = RANK["recording"]
@@ -134,7 +135,13 @@ def test_protocols_are_pure():
 
 
 def test_a_forbidden_import_is_caught():
-    for importer, imported in (("link", "io"), ("sim", "io"), ("io", "sim"), ("crypto", "link"), ("daemon", "sim")):
+    for importer, imported in (
+        ("link", "net"),
+        ("world", "net"),
+        ("net", "world"),
+        ("crypto", "link"),
+        ("daemon", "world"),
+    ):
         with pytest.raises(AssertionError):
             check_import(importer, imported)
 

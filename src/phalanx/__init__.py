@@ -1,14 +1,14 @@
 """Phalanx keeps robot swarms in honest hands: who may command, what may be done, what is really done.
 
-The rooms, each imported when it is first used:
+Its packages, each imported when it is first used:
 
     link        who may command: servers and clients behind a QR code
-    mission     what may be done: missions that a robot can only read by living them
+    mission     what may be done: missions that a robot can read only by experiencing them
     bti         what is really done: logs, audits, tokens
-    robot       controllers, attacks, and what a swarm of your own has to be
-    sim         simulated swarms: scenarios, `simulate`, arrays
+    robot       one robot, its controllers, and the interface of a swarm
+    world       simulated swarms: scenarios, `simulate`, arrays
     gateway     pages for visitors and the operator, before any swarm
-    io          brokers and sockets
+    net         brokers and sockets
     config      the papers' parameters
     errors      whose fault it is
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-__all__ = ["__version__", "bti", "config", "errors", "gateway", "io", "link", "mission", "robot", "sim"]
+__all__ = ["__version__", "bti", "config", "errors", "gateway", "link", "mission", "net", "robot", "world"]
 
 
 def __getattr__(name: str) -> "Any":

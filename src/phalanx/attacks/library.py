@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 from phalanx.robot.adversary.attack import HOLE_OF_THE_PAPER, STOPPED, Attack, Option, by_defence
 from phalanx.robot.adversary.harm import AIRTIME, ASTRAY, FALSE, FIX, READ, STARVED, WRONG
@@ -13,46 +14,53 @@ BITES = by_defence("bites", "bites", "bites")
 LIMITED = by_defence("bites", "bites", "limited")
 
 CHECKED = {"unchecked": Option((0, 1))}
-errand = partial(Attack, scene="errand", options={"at": Option(), **CHECKED})
-guess = partial(Attack, scene="file", against="secrecy")
-team = partial(Attack, scene="team", against="peers")
-protocol = partial(Attack, scene="protocol")  # its harm is what its protocol counts
+
+
+def flock(name: str, made_of: str, *rest: Any, **more: Any) -> Attack:
+    """Return an attack whose class `made_of` is a module of this package and a name."""
+    return Attack(name, f"{__package__}.{made_of}", *rest, **more)
+
+
+errand = partial(flock, scene="errand", options={"at": Option(), **CHECKED})
+guess = partial(flock, scene="file", against="secrecy")
+team = partial(flock, scene="team", against="peers")
+protocol = partial(flock, scene="protocol")  # its harm is what its protocol counts
 
 # fmt: off
 LIBRARY: dict[str, tuple[Attack, ...]] = {
     "What it says and does": (
-        Attack("spoof", "claims.Spoof", STOPPED, ASTRAY, 5,
+        flock("spoof", "claims.Spoof", STOPPED, ASTRAY, 5,
                options={"strong": Option((0, 1), ("none",)), "every": Option(least=0.1)},
                does="claims on behalf of other robots that they stand between a victim and the goal",
                stopped_by="replay never sends such a state: no auditor issues a token, and the tokens it has run out"),
-        Attack("masquerade", "claims.Masquerade", STOPPED, ASTRAY, 1,
+        flock("masquerade", "claims.Masquerade", STOPPED, ASTRAY, 1,
                does="speaks in one other robot's name only, which it has stand in the nearest robot's way",
                stopped_by="replay sends its own state under its own id"),
-        Attack("false-state", "claims.FalseState", STOPPED, ASTRAY, 1,
+        flock("false-state", "claims.FalseState", STOPPED, ASTRAY, 1,
                does="broadcasts in its own name a place before the nearest robot, where it is not",
                stopped_by="replay broadcasts what the s-node chained"),
-        Attack("equivocate", "claims.Equivocate", STOPPED, ASTRAY, 4,
+        flock("equivocate", "claims.Equivocate", STOPPED, ASTRAY, 4,
                does="tells each robot another place where it is, always in that robot's way",
                stopped_by="replay sends one state; and with an a-node each frame is a broadcast, which all hear "
                           "and log"),
-        Attack("nan", "claims.NotANumber", by_defence("harmless", "stopped", "stopped"), ASTRAY, 0.5,
+        flock("nan", "claims.NotANumber", by_defence("harmless", "stopped", "stopped"), ASTRAY, 0.5,
                does="broadcasts NaN, infinity and 10^30 as everybody's place",
                stopped_by="controllers drop such numbers before they compute; and replay sends none"),
         # The same flock with other dice: 0.2 to 0.3 m.
-        Attack("omit-sends", "hijack.OmitSends", STOPPED, ASTRAY, 0.4, on_wheels=True,
+        flock("omit-sends", "hijack.OmitSends", STOPPED, ASTRAY, 0.4, on_wheels=True,
                does="stops broadcasting where it is: others forget it, and do not keep clear",
                stopped_by="replay sends states that the log lacks"),
-        Attack("hijack", "hijack.Hijack", STOPPED, ASTRAY, 1.5, on_wheels=True,
+        flock("hijack", "hijack.Hijack", STOPPED, ASTRAY, 1.5, on_wheels=True,
                does="drives into the way of others, whatever its controller says",
                stopped_by="the a-node has chained the commands, and replay gives others"),
-        Attack("flee", "hijack.Flee", STOPPED, ASTRAY, 0.5,
+        flock("flee", "hijack.Flee", STOPPED, ASTRAY, 0.5,
                does="drives away from the goal as fast as it can, out of everybody's range",
                stopped_by="its commands differ from replay; and out of range it gets no tokens at all"),
-        Attack("expel", "claims.Expel", by_defence("harmless", "bites", "stopped"), STARVED, 1,
+        flock("expel", "claims.Expel", by_defence("harmless", "bites", "stopped"), STARVED, 1,
                does="says that invented robots race outwards past those farthest out: who keeps pace is out of range",
                stopped_by="replay sends no such state; and in `bound` all that neighbours say pushes no harder than "
                           "four of them can (docs/adr/0026)"),
-        Attack("seize-orders", "claims.SeizeOrders", by_defence("harmless", "stopped", "stopped"), ASTRAY, 0.5,
+        flock("seize-orders", "claims.SeizeOrders", by_defence("harmless", "stopped", "stopped"), ASTRAY, 0.5,
                on_wheels=True,
                does="gives orders to all in the gateway's name, with the highest number, stops, and old ones again",
                stopped_by="robots check who signed an order, its number and its age; and replay sends none"),
@@ -84,159 +92,159 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
     ),
     "What it shows to auditors": (
         # Little, and no noise, as with `reorder-entries`: three metres in 90 s (tests/attacks/test_small_harm.py).
-        Attack("drop-entries", "logs.DropEntries", STOPPED, ASTRAY, 0.1, on_wheels=True,
+        flock("drop-entries", "logs.DropEntries", STOPPED, ASTRAY, 0.1, on_wheels=True,
                does="leaves out of its log what its neighbours say, and drives as if it were alone",
                stopped_by="the a-node has chained each message: without them its chain does not re-hash to the top"),
-        Attack("alter-entries", "logs.AlterEntries", STOPPED, ASTRAY, 0.5,
+        flock("alter-entries", "logs.AlterEntries", STOPPED, ASTRAY, 0.5,
                does="writes into its log that it is 30 m from where it is, and drives and speaks accordingly",
                stopped_by="the s-node has chained the true reading"),
-        Attack("reorder-entries", "logs.ReorderEntries", STOPPED, ASTRAY, 0.05,
+        flock("reorder-entries", "logs.ReorderEntries", STOPPED, ASTRAY, 0.05,
                does="moves what it hears 3 s down in its log, behind what it should have told it",
                stopped_by="the order in the a-node's chain is another one"),
-        Attack("insert-entries", "logs.InsertEntries", STOPPED, ASTRAY, 0.4,
+        flock("insert-entries", "logs.InsertEntries", STOPPED, ASTRAY, 0.4,
                does="writes into its log that an invented robot crowds it, and makes way for that",
                stopped_by="the a-node has chained no such message"),
-        Attack("truncate-log", "logs.TruncateLog", STOPPED, ASTRAY, 1.5, on_wheels=True,
+        flock("truncate-log", "logs.TruncateLog", STOPPED, ASTRAY, 1.5, on_wheels=True,
                does="drives as it likes, and cuts its log off behind it: each log begins at a boot that never was",
                stopped_by="a log that begins at boot begins with empty chains, and these are long"),
-        Attack("forge-checkpoint", "logs.ForgeCheckpoint", STOPPED, ASTRAY, 1.5, on_wheels=True,
+        flock("forge-checkpoint", "logs.ForgeCheckpoint", STOPPED, ASTRAY, 1.5, on_wheels=True,
                does="drives as it likes, and begins its log at a checkpoint taken after that, with the tokens of "
                     "an older one",
                stopped_by="tokens cover the hash of the checkpoint that was audited"),
-        Attack("swap-nodes", "logs.SwapNodes", STOPPED, ASTRAY, 1.5, on_wheels=True,
+        flock("swap-nodes", "logs.SwapNodes", STOPPED, ASTRAY, 1.5, on_wheels=True,
                does="drives as it likes, and shows the a-node's chain and authenticator as the s-node's",
                stopped_by="authenticators are made over the kind of their chain (`paper`) or not made by a-nodes "
                           "at all (`bound`)"),
-        Attack("stale-log", "logs.StaleLog", HOLE_OF_THE_PAPER, ASTRAY, 1.5, on_wheels=True,
+        flock("stale-log", "logs.StaleLog", HOLE_OF_THE_PAPER, ASTRAY, 1.5, on_wheels=True,
                does="drives as it likes, and shows its last honest log, authenticators and all, with each new "
                     "token request",
                stopped_by="in `bound` the token request is made over the chain's top, and the authenticators over "
                           "the request"),
-        Attack("interleave", "logs.Interleave", HOLE_OF_THE_PAPER, ASTRAY, 0.2,
+        flock("interleave", "logs.Interleave", HOLE_OF_THE_PAPER, ASTRAY, 0.2,
                does="polls its sensors twelve times at once, and for 3 s acts on and broadcasts where it was then",
                stopped_by="in `bound`, entries carry the trusted nodes' time: readings lie on a grid, outputs "
                           "follow within δ"),
-        Attack("starve-sensors", "logs.StarveSensors", HOLE_OF_THE_PAPER, ASTRAY, 0.4,
+        flock("starve-sensors", "logs.StarveSensors", HOLE_OF_THE_PAPER, ASTRAY, 0.4,
                does="does not poll its sensors, so that nothing is due, and goes on as last commanded; is audited "
                     "as ever",
                stopped_by="in `bound`, readings lie on a grid and none may be missing up to the token request"),
-        Attack("t-key", "logs.KeyOfTomorrow", STOPPED, ASTRAY, 0.4,
+        flock("t-key", "logs.KeyOfTomorrow", STOPPED, ASTRAY, 0.4,
                does="polls no sensors, and says that the mission key comes in 49 days, so that no reading is due "
                     "until then",
                stopped_by="a log that begins at boot begins before its own token request"),
-        Attack("refuse-audit", "hijack.RefuseAudit", STOPPED, ASTRAY, 1.5, on_wheels=True,
+        flock("refuse-audit", "hijack.RefuseAudit", STOPPED, ASTRAY, 1.5, on_wheels=True,
                does="drives as it likes, and shows its log to nobody",
                stopped_by="tokens run out by themselves: not to be audited is to be stopped"),
-        Attack("refuse-to-audit", "hijack.RefuseToAudit", HARMLESS, STARVED, 1, crowd=True,
+        flock("refuse-to-audit", "hijack.RefuseToAudit", HARMLESS, STARVED, 1, crowd=True,
                does="takes requests for audits, and answers none",
                stopped_by="nothing has to: others are asked instead, of which P2 wants f_max + 2 correct ones in "
                           "range"),
     ),
     "How it comes by tokens": (
-        Attack("forge-tokens", "tokens.ForgeTokens", STOPPED, ASTRAY, 1.5, on_wheels=True,
+        flock("forge-tokens", "tokens.ForgeTokens", STOPPED, ASTRAY, 1.5, on_wheels=True,
                does="drives as it likes, and offers its a-node a hundred tokens with guessed MACs each second",
                stopped_by="a MAC of 64 bits under a key that no c-node knows"),
-        Attack("share-tokens", "tokens.ShareTokens", STOPPED, ASTRAY, 1.5, on_wheels=True,
+        flock("share-tokens", "tokens.ShareTokens", STOPPED, ASTRAY, 1.5, on_wheels=True,
                does="drives as it likes, and installs the tokens that it made for others as its own",
                stopped_by="the MAC is over the auditee's id"),
-        Attack("replay-tokens", "tokens.ReplayTokens", STOPPED, ASTRAY, 1.5, on_wheels=True,
+        flock("replay-tokens", "tokens.ReplayTokens", STOPPED, ASTRAY, 1.5, on_wheels=True,
                does="drives as it likes, and installs the tokens of its honest days again and again",
                stopped_by="a token counts from the moment of its request, however late it is installed"),
-        Attack("self-issue", "tokens.SelfIssue", STOPPED, ASTRAY, 1.5, on_wheels=True,
+        flock("self-issue", "tokens.SelfIssue", STOPPED, ASTRAY, 1.5, on_wheels=True,
                does="drives as it likes, and has its own a-node issue it tokens",
                stopped_by="IssueToken never issues to itself; and one auditor counts once"),
-        Attack("collude", "tokens.Collude", STOPPED, ASTRAY, 4, crowd=True,
+        flock("collude", "tokens.Collude", STOPPED, ASTRAY, 4, crowd=True,
                does="drives as it likes; compromised robots issue tokens to each other without a look at the log",
                stopped_by="each gets f_max - 1 tokens from the others, and f_max + 1 are needed"),
-        Attack("zero-key", "tokens.ZeroKey", HOLE_OF_THE_PAPER, ASTRAY, 1.5,
+        flock("zero-key", "tokens.ZeroKey", HOLE_OF_THE_PAPER, ASTRAY, 1.5,
                does="makes itself tokens before the mission key comes, under the key zero and dated 49 days "
                     "ahead; then drives",
                stopped_by="in `bound` a node without a key computes no MAC, and loading one clears the tokens"),
     ),
     "What it does to the channel and to the audits of others": (
-        Attack("request-flood", "channel.RequestFlood", by_defence("harmless", "bites", "limited"), STARVED, 1,
+        flock("request-flood", "channel.RequestFlood", by_defence("harmless", "bites", "limited"), STARVED, 1,
                does="sends auditors empty requests for audits in everybody's name, so that true ones are turned away",
                stopped_by="nothing; in `bound` the a-node writes the source, and auditors take one a robot and "
                           "T_audit / 2"),
-        Attack("frame-flood", "channel.FrameFlood", LIMITED, AIRTIME, 40,
+        flock("frame-flood", "channel.FrameFlood", LIMITED, AIRTIME, 40,
                does="fills the channel with long AUDIT frames, which no log shows",
                stopped_by="nothing ends it; in `bound` AUDIT frames draw airtime from a leaky bucket of the a-node's"),
-        Attack("talk-over", "channel.TalkOver", HARMLESS, STARVED, 1, crowd=True,
+        flock("talk-over", "channel.TalkOver", HARMLESS, STARVED, 1, crowd=True,
                does="talks, in short AUDIT frames, whenever somebody whom it does not hear asks for audits",
                stopped_by="a fragment that was lost is said again, at a time that nobody can foresee; in `bound` the "
                           "a-node's bucket limits how much of the time can be talked over"),
-        Attack("mask", "channel.Mask", HARMLESS, STARVED, 1, crowd=True,
+        flock("mask", "channel.Mask", HARMLESS, STARVED, 1, crowd=True,
                does="talks whenever somebody says that it is there, and audits nobody: others shall know no auditors",
                stopped_by="who lacks tokens asks who is there, at a time that nobody can foresee, and each who hears "
                           "it answers it alone, until that has arrived"),
-        Attack("talk-over-replies", "replies.TalkOverReplies", HARMLESS, STARVED, 1, crowd=True,
+        flock("talk-over-replies", "replies.TalkOverReplies", HARMLESS, STARVED, 1, crowd=True,
                does="talks whenever a victim asks, so that it does not hear the tokens of auditors that cannot hear "
                     "the liars",
                stopped_by="a robot that lacks tokens sends SEEK at a random time, and each auditor repeats its token "
                           "at another"),
-        Attack("relay-hello", "replies.RelayHello", HARMLESS, STARVED, 1, crowd=True,
+        flock("relay-hello", "replies.RelayHello", HARMLESS, STARVED, 1, crowd=True,
                options={"both": Option((0, 1))},
                does="sends again, near a victim, that robots far away are there: it asks them for audits in vain",
                stopped_by="a robot whom an auditor did not answer asks only those that answer the nonce of its SEEK"),
-        Attack("covert-talk", "channel.CovertTalk", LIMITED, AIRTIME, 4,
+        flock("covert-talk", "channel.CovertTalk", LIMITED, AIRTIME, 4,
                does="sends another compromised robot, or the nearest ear, whatever it likes in AUDIT frames, which no "
                     "log shows",
                stopped_by="nothing ends it; in `bound` the a-node's bucket limits how much"),
-        Attack("ghost-auditors", "channel.GhostAuditors", by_defence("harmless", "bites", "stopped"), STARVED, 1,
+        flock("ghost-auditors", "channel.GhostAuditors", by_defence("harmless", "bites", "stopped"), STARVED, 1,
                does="broadcasts states of 400 invented robots, of which others then ask audits in vain",
                stopped_by="in `bound` auditors are chosen among those whose tokens or AUDIT frames came, never "
                           "among claimed ones"),
-        Attack("log-flood", "channel.LogFlood", by_defence("harmless", "bites", "stopped"), STARVED, 1,
+        flock("log-flood", "channel.LogFlood", by_defence("harmless", "bites", "stopped"), STARVED, 1,
                does="broadcasts long frames of no meaning, which all others must log and show until their logs "
                     "are full",
                stopped_by="replay sends no such frame; and in `bound` the a-node's bucket for broadcasts lets few "
                           "bytes out"),
-        Attack("long-frames", "channel.LongFrames", by_defence("harmless", "bites", "stopped"), STARVED, 1, crowd=True,
+        flock("long-frames", "channel.LongFrames", by_defence("harmless", "bites", "stopped"), STARVED, 1, crowd=True,
                does="audits nobody, and broadcasts the longest frames that cost the airtime of four states, to "
                     "fill others' logs",
                stopped_by="replay sends no such frame; and in `bound` logs have room for f_max robots that do so "
                           "until then"),
-        Attack("slot-squat", "channel.SlotSquat", HARMLESS, STARVED, 1, crowd=True,
+        flock("slot-squat", "channel.SlotSquat", HARMLESS, STARVED, 1, crowd=True,
                does="begins requests for audits with everybody and never ends them, so that no others fit in",
                stopped_by="a request that is not whole in time loses its place, and its sender none before "
                           "T_audit / 2"),
-        Attack("push-out", "channel.PushOut", HARMLESS, STARVED, 1, crowd=True,
+        flock("push-out", "channel.PushOut", HARMLESS, STARVED, 1, crowd=True,
                does="audits nobody, and begins a request with whomever a victim asks, between the victim's fragments",
                stopped_by="an auditor has places for f_max + 3 robots, and a robot has one"),
-        Attack("stale-answers", "tokens.StaleAnswers", HARMLESS, STARVED, 1, crowd=True,
+        flock("stale-answers", "tokens.StaleAnswers", HARMLESS, STARVED, 1, crowd=True,
                does="answers every other request for an audit with the last token that it really issued to that robot",
                stopped_by="nothing has to: as an answer counts only a token that is not older than the request"),
-        Attack("wrong-checkpoint", "tokens.WrongCheckpoint", HARMLESS, STARVED, 1, crowd=True,
+        flock("wrong-checkpoint", "tokens.WrongCheckpoint", HARMLESS, STARVED, 1, crowd=True,
                does="answers requests for audits with fresh tokens for the checkpoint at which the log begins",
                stopped_by="nothing has to: as an answer counts only a token for the checkpoint that the request "
                           "claims"),
-        Attack("drain", "tokens.Drain", HARMLESS, STARVED, 1, crowd=True,
+        flock("drain", "tokens.Drain", HARMLESS, STARVED, 1, crowd=True,
                does="sends each auditor one true token request again and again, so that it has no audits left for "
                     "others",
                stopped_by="nothing has to: a token request counts once, and a-nodes make few"),
     ),
     "Faults, and what no audit can see": (
-        Attack("nondeterministic", "hijack.Nondeterministic", by_defence("harmless", "stopped", "stopped"), ASTRAY, 1,
+        flock("nondeterministic", "hijack.Nondeterministic", by_defence("harmless", "stopped", "stopped"), ASTRAY, 1,
                does="a fault, no attack: the last bit of each command is a matter of chance",
                stopped_by="replay gives other bytes: audits cannot tell such a robot from a liar (docs/adr/0012)"),
-        Attack("crash", "hijack.Crash", STOPPED, ASTRAY, 0.4, on_wheels=True,
+        flock("crash", "hijack.Crash", STOPPED, ASTRAY, 0.4, on_wheels=True,
                does="does nothing any more; its actuators keep doing the last thing they were told",
                stopped_by="replay commands and sends what the log lacks; and nobody asks for its audits"),
-        Attack("stuck-sensor", "logs.StuckSensor", NOT_COVERED, ASTRAY, 0.4,
+        flock("stuck-sensor", "logs.StuckSensor", NOT_COVERED, ASTRAY, 0.4,
                does="a fault, no attack: its position sensor repeats its last reading",
                stopped_by="nothing: the log shows a robot that stands still, and that is what an honest one would "
                           "do there"),
-        Attack("gps-spoof", "logs.SpoofGps", NOT_COVERED, ASTRAY, 0.4,
+        flock("gps-spoof", "logs.SpoofGps", NOT_COVERED, ASTRAY, 0.4,
                does="somebody outside has its position sensor drift aside",
                stopped_by="nothing: the s-node chains what the sensor says, and a robot that believes it behaves "
                           "correctly (§2.2)"),
         # Little, and no noise: the run beside it is the same to the bit until the first delay, and one that delays by
         # the period alone stays within a millimetre of it (tests/attacks/test_small_harm.py).
-        Attack("in-protocol", "hijack.Dawdle", NOT_COVERED, ASTRAY, 0.02,
+        flock("in-protocol", "hijack.Dawdle", NOT_COVERED, ASTRAY, 0.02,
                does="does what it must, as late as is not late: each reading by almost δ, each output by that again",
                stopped_by="nothing: a robot that keeps to the protocol is a correct one, whatever its owner wants "
                           "(§3.9)"),
-        Attack("jam", "channel.Jam", NOT_COVERED, AIRTIME, 40,
+        flock("jam", "channel.Jam", NOT_COVERED, AIRTIME, 40,
                does="a transmitter of its own, past the a-node, fills the channel",
                stopped_by="nothing in software: radio is physics. Robots that get no tokens stop, which is safe"),
     ),

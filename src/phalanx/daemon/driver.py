@@ -10,7 +10,8 @@ import math
 import reprlib
 import socket
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,6 +19,7 @@ from phalanx.config.flock import WheelsConfig
 from phalanx.errors import PeerError, Unavailable, UsageError
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.python_controller import OwnMistake
+from phalanx.robot.planner import Planner
 from phalanx.scenarios.own import find_class
 from phalanx.wire.record import FLOATS, LARGEST_NUMBER, Record
 from phalanx.wire.table import FRAME_MAX
@@ -88,6 +90,26 @@ class Hardware(ABC):
     @abstractmethod
     def close(self) -> None:
         """Stop the motors and release everything. Idempotent."""
+
+
+class AdvisedHardware(Hardware):
+    """A driver that brings its own planner along, as ROS 2 does (bridges/ros2/node.py)."""
+
+    @abstractmethod
+    async def ready(self) -> None:
+        """Wait until the base and its planner are there."""
+
+    @abstractmethod
+    def planner(self, rob_id: int, goal_m: tuple[float, float]) -> Planner:
+        """Return the planner of a robot."""
+
+    @abstractmethod
+    def on_advice(self, wake: Callable[[], object]) -> None:
+        """Call `wake` from now on, in any thread, when there is advice that was not taken yet."""
+
+    @abstractmethod
+    def tell(self, state: dict[str, Any]) -> None:
+        """Publish the robot's state (daemon/state.py)."""
 
 
 class OwnDriver(Hardware):
@@ -203,9 +225,8 @@ def make_driver(settings: RobotSettings, declared: Declaration) -> Hardware:
     if kind == "dotbot":
         if declared.config is not WheelsConfig:
             raise UsageError("a driver for DotBots", "a mission with controller: wheels")
-        from .dotbot import DotbotDriver  # noqa: PLC0415 - aiohttp, which no other driver needs
-
-        return OwnDriver(DotbotDriver(settings.said.robot, settings.said.driver), declared)
+        (point,) = entry_points(group="phalanx.drivers", name=kind)  # bridges stand above the daemon
+        return OwnDriver(point.load()(settings.said.robot, settings.said.driver), declared)
     path, _, name = where.partition(":")
     made: Any = find_class(f"{settings.path(path)}{name and ':'}{name}", Driver)
     if made.drive is not Driver.drive and made.stop is Driver.stop:

@@ -9,7 +9,6 @@ import logging
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from phalanx.bti.nodes import Refused, limits_of
 from phalanx.config.builtin import built_in
@@ -24,7 +23,7 @@ from phalanx.scenarios.file import find_scenario, written_scenario
 from phalanx.scenarios.own import find_controller, find_planner, mistakes_in
 from phalanx.scenarios.scenario import WHEELS, Scenario, for_robots
 
-from .driver import make_driver
+from .driver import AdvisedHardware, make_driver
 from .far_planner import FarPlanner, is_far
 from .kept_log import KeptLog
 from .life import Life
@@ -34,9 +33,6 @@ from .settings import RobotSettings
 from .signed_mission import signed_for
 from .state import EVERY_S, state_of, tell
 from .trusted import OwnClock, check_may_have_key, give_keys, open_nodes, start
-
-if TYPE_CHECKING:
-    from phalanx.bridges.ros2.node import RosBase
 
 log = logging.getLogger(__name__)
 
@@ -96,7 +92,7 @@ async def run_robot(
     in_arena: bool = False,
     on_air: OnAir | None = None,
     attacks: tuple[AttackSpec, ...] = (),
-    make_base: Callable[[int, Scenario, Declaration], RosBase] | None = None,
+    make_base: Callable[[int, Scenario, Declaration], AdvisedHardware] | None = None,
 ) -> None:
     """Run the robot until this is cancelled; in Safe Mode it stands, and tells of it.
 
@@ -161,7 +157,9 @@ async def run_robot(
         await _live(life, kept, settings.state_file, base, own_files)
 
 
-async def _live(life: Life, kept: KeptLog, state_file: Path, base: RosBase | None, own_files: tuple[str, ...]) -> None:
+async def _live(
+    life: Life, kept: KeptLog, state_file: Path, base: AdvisedHardware | None, own_files: tuple[str, ...]
+) -> None:
     living = asyncio.create_task(life.live(kept))
     try:
         with mistakes_in(*own_files):
@@ -179,7 +177,7 @@ async def _live(life: Life, kept: KeptLog, state_file: Path, base: RosBase | Non
             tell(state_file, state_of(life))
 
 
-async def _tell_of(life: Life, living: asyncio.Task[None], state_file: Path, base: RosBase | None) -> None:
+async def _tell_of(life: Life, living: asyncio.Task[None], state_file: Path, base: AdvisedHardware | None) -> None:
     untold = ""
     while True:
         state = state_of(life)

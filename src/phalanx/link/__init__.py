@@ -36,4 +36,4 @@ __all__ = [
 
 
 # The one door upwards (ADR 0003): people look for `link.Server`, and the protocol must not import sockets.
-__getattr__ = loaded_when_used(__name__, {"QrkeyClient": ".io", "Server": ".io", "Client": ".io"})
+__getattr__ = loaded_when_used(__name__, dict.fromkeys(("Client", "QrkeyClient", "Server"), ".net"))

@@ -52,13 +52,13 @@ __all__ = [
 _FOUND_IN = {
     "Action": "actions",
     "Act": "controllers.python_controller",
-    "Attack": "attacks.attack",
+    "Attack": "adversary.attack",
     "Controller": "controllers.python_controller",
-    "Liar": "attacks.liar",
+    "Liar": "adversary.liar",
     "Planner": "planner",
     "Send": "controllers.python_controller",
     "Senses": "controllers.senses",
-    "own_attack": "attacks.attack",
+    "own_attack": "adversary.attack",
     **dict.fromkeys(("Command", "Reading", "State"), ".wire.typed_records"),
     **dict.fromkeys("F32 F64 I8 I16 I32 I64 U8 U16 U32 U64".split(), ".wire.widths"),
 }

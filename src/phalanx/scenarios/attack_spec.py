@@ -6,10 +6,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from phalanx.attacks.library import ATTACKS
 from phalanx.config.parameter import check_limits, described, told, within
 from phalanx.errors import UsageError
 from phalanx.robot.adversary.attack import Attack
+from phalanx.robot.adversary.registry import attacks
 
 LONGEST_S = 7 * 86_400.0
 
@@ -18,7 +18,7 @@ LONGEST_S = 7 * 86_400.0
 class AttackSpec:
     """An attack on a robot and when it lies. Raises: UsageError: a value is out of range. Source: RoboRebound §5.3."""
 
-    name: str = field(metadata=told("of one of the attacks in robot/attacks"))
+    name: str = field(metadata=told("of one of the attacks that phalanx attack list names"))
     robot: int | None = described(None, "id of who is compromised; None: the seed chooses")
     at_s: float = within(15.0, 0.0, LONGEST_S, "when it begins to lie")
     until_s: float | None = described(None, "when it is honest again; None for never")
@@ -30,13 +30,13 @@ class AttackSpec:
     @property
     def attack(self) -> Attack:
         """Return the attack's record."""
-        return self.own or ATTACKS[self.name]
+        return self.own or attacks()[self.name]
 
     def __post_init__(self) -> None:
         check_limits(self)
         if self.until_s is not None and not self.at_s < self.until_s < math.inf:
             raise UsageError(f"until_s is {self.until_s:g}", f"later than {self.at_s:g}, when {self.name} begins")
-        if self.own or self.name in ATTACKS:  # for others a scenario has words of its own
+        if self.own or self.name in attacks():  # for others a scenario has words of its own
             self.attack.check(self.options)
 
 

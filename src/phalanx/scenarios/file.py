@@ -7,7 +7,6 @@ import difflib
 from pathlib import Path
 from typing import Any
 
-from phalanx.attacks.library import IN_SWARMS
 from phalanx.config import BtiConfig
 from phalanx.config.builtin import built_in
 from phalanx.config.flock import FlockConfig
@@ -15,6 +14,7 @@ from phalanx.config.guard import GuardConfig
 from phalanx.config.reader import Derived, Reader, as_written, schema_of
 from phalanx.config.written import read_at_most
 from phalanx.errors import ALIKE, UsageError, did_you_mean
+from phalanx.robot.adversary.registry import swarm_attacks
 
 from .attack_spec import AttackSpec
 from .scenario import Scenario
@@ -76,5 +76,5 @@ def written_scenario(scenario: Scenario) -> dict[str, Any]:
 
 
 def _attack_meant(word: str) -> str:
-    near = difflib.get_close_matches(word, IN_SWARMS, 1, ALIKE) or [word]
+    near = difflib.get_close_matches(word, swarm_attacks(), 1, ALIKE) or [word]
     return f"- name: {near[0]}"

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 from numbers import Integral
 from typing import Any, Literal, TypeVar, get_args
 
-from phalanx.attacks.library import IN_SWARMS
 from phalanx.config import BtiConfig
 from phalanx.config.bti import NEIGHBOUR_BYTES, quorum_of
 from phalanx.config.defence import DEFENCES, Defence
@@ -18,6 +17,7 @@ from phalanx.config.guard import GuardConfig
 from phalanx.config.parameter import check_key, check_limits, check_within, described, limits_in, told, within
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError, did_you_mean
+from phalanx.robot.adversary.registry import swarm_attacks
 from phalanx.robot.controllers.declaration import OWN, bundled
 from phalanx.robot.controllers.protocol import Task, protocols
 from phalanx.wire.driven import SIGNER_KEY_BYTES
@@ -228,8 +228,8 @@ class Scenario:
     def _check_attacks(self) -> None:
         seen = set()
         for attack in self.attacks:
-            if not attack.own and attack.name not in IN_SWARMS:
-                raise _none_such("attack", attack.name, sorted(IN_SWARMS))
+            if not attack.own and attack.name not in swarm_attacks():
+                raise _none_such("attack", attack.name, sorted(swarm_attacks()))
             against = attack.attack.against if attack.attack.scene == "protocol" else ""
             if against not in ("", self.controller):
                 hint = f"controller: {against}"

@@ -1,106 +1,21 @@
-"""Robots that cheat on their mission although peers replay it: four ways to be somewhere, or to have seen something.
-
-Like every liar (liar.py), they are honest until they begin, and an honest controller runs beside the lying one: the
-first output that it would not have put out is the deviation from which promise P1 counts.
-"""
+"""Cheat on a mission although peers replay it: four ways to be somewhere, or to have seen something."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import MappingProxyType
-from typing import ClassVar
 
-from phalanx.bti import request
-from phalanx.bti.fleet import Fleet
-from phalanx.bti.log import ENTRY_HEAD_BYTES, ENTRY_T
-from phalanx.bti.work import Work
 from phalanx.mission import OpenWay
 from phalanx.mission.angles import wrap
 from phalanx.mission.walk.opening import Known
-from phalanx.mission.walk.state import Keyring
-from phalanx.robot.actions import Action
-from phalanx.robot.adversary.attack import Scene
-from phalanx.robot.controllers.mission.controller import MissionController
+from phalanx.robot.adversary.mission_cheat import MissionCheat
 from phalanx.robot.controllers.mission.evidence import pack_evidence, unpack_evidence
 from phalanx.robot.controllers.mission.readings import with_hash_of
-from phalanx.robot.controllers.mission.surroundings import Pose
 from phalanx.robot.controllers.python_controller import Act, Output
-from phalanx.robot.robot import MakeController, Robot
-from phalanx.wire.fields import get_u32
 from phalanx.wire.table import DRIVE, KIND_DRIVE
 
 FULL_MMPS, MOST_MRADPS = 500, 1200
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CheatPlan:
-    """What the adversary knows, when it takes a robot over: the floor plan, and what colluding robots have opened."""
-
-    after_ms: int  # it begins so long after the mission key was loaded
-    toward_m: tuple[float, float] = (0.0, 0.0)  # where it wants to be, map frame
-    # A scan's bytes as the robot's lidar would make them, in a building of the adversary's choice
-    imagine: Callable[[Pose], bytes] = lambda _pose: b""
-    # Gates that colluding robots opened
-    keys: Keyring = Keyring()  # noqa: RUF009  # frozen
-    node: int = 0  # to be skipped
-    onward: int = 0  # the node behind it
-
-
-class MissionCheat(Robot):
-    """A compromised c-node on a mission."""
-
-    scene: ClassVar[Scene] = "team"
-
-    def __init__(self, fleet: Fleet, i: int, work: Work, make_controller: MakeController, *, plan: CheatPlan) -> None:
-        super().__init__(fleet, i, work, make_controller)
-        self.is_own = False  # its mistakes are the adversary's
-        self.plan = plan
-        self.first_deviation_ms: int | None = None
-        self.output_missing = False
-        self._honest = make_controller(self.id)
-        self._from_ms = 0
-
-    @property
-    def mission(self) -> MissionController:
-        """Return the controller that is made to lie."""
-        assert isinstance(self.controller, MissionController)
-        return self.controller
-
-    def take_over(self, controller: MissionController) -> None:
-        """Go on from what an honest robot has come to know, in the middle of a mission."""
-        assert isinstance(self._honest, MissionController)
-        self.controller, self._honest.memory = controller, controller.memory
-
-    def on_boot(self, now_ms: int) -> None:
-        self._from_ms = now_ms + self.plan.after_ms
-        super().on_boot(now_ms)
-
-    def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
-        if not frame[0] & request.AUDIT:
-            self._honest.on_recv(now_ms, frame)
-        return super().on_packet(now_ms, frame)
-
-    def decide(self, entry_len: int) -> list[Output]:
-        reading = self.w.entry[ENTRY_HEAD_BYTES:entry_len].tobytes()
-        step, t_ms = int(self._step_of[self.i]), get_u32(self.w.entry, ENTRY_T)
-        assert isinstance(self._honest, MissionController)
-        due = self._honest.on_evidence(step, t_ms, reading, self._honest.keep(step, t_ms, reading, self.raw))
-        if t_ms < self._from_ms:
-            return super().decide(entry_len)
-        outputs = self.lie(step, t_ms, reading)
-        self.f.robot[self.i].step = step + 1
-        self.keep_state()
-        if outputs != due and self.first_deviation_ms is None:
-            self.first_deviation_ms, self.output_missing = t_ms, len(outputs) < len(due)
-        return outputs
-
-    def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
-        """Return what it puts out instead; here, still what an honest robot would."""
-        evidence = self.evidence(step, t_ms, reading)
-        self.keep_evidence(evidence)
-        return self.mission.on_evidence(step, t_ms, reading, evidence)
 
 
 class SkipNode(MissionCheat):

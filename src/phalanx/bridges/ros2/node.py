@@ -19,7 +19,7 @@ from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_system_default
 
-from phalanx.daemon.driver import Hardware, NoReading
+from phalanx.daemon.driver import AdvisedHardware, NoReading
 from phalanx.daemon.driver_thread import HUNG_S
 from phalanx.errors import PeerError, UsageError
 from phalanx.robot.controllers.declaration import Declaration
@@ -51,7 +51,7 @@ PACE_S = 0.005
 FARTHEST_M = 1e6  # what a guard takes for a reading
 
 
-class RosBase(Hardware):
+class RosBase(AdvisedHardware):
     """Connects a robot's base and its planner by topics. Raises: UsageError: wrong arguments, or nobody can advise."""
 
     def __init__(

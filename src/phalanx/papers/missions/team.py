@@ -14,7 +14,6 @@ from functools import partial
 
 import numpy as np
 
-from phalanx.attacks.missions.cheat import CheatPlan, MissionCheat
 from phalanx.config.defence import Defence
 from phalanx.config.mission import CodingConfig
 from phalanx.mission import Action, BuildOptions, Built, Draft, Landmark, Mission, Position, Profile, build
@@ -23,6 +22,7 @@ from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.walk.state import Keyring
 from phalanx.robot.adversary.attack import Attack
+from phalanx.robot.adversary.mission_cheat import CheatPlan, MissionCheat
 from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.robot.controllers.mission.surroundings import Pose
 from phalanx.world.building.floorplan import load_floorplan

@@ -55,8 +55,8 @@ class Attack:
     """One way to lie, or to be lied to."""
 
     name: str  # as typed in commands
-    # The class that carries it out, or its dotted name in this package: a `Liar`, or for other scenes a `Between`, a
-    # `Guess` or a `MissionCheat`.
+    # The class that carries it out, or its dotted name: a `Liar`, or for other scenes a `Between`, a `Guess` or a
+    # `MissionCheat`.
     made_of: str | type[Any]
     verdicts: Mapping[Defence, Verdict] = field(default_factory=lambda: STOPPED)  # what each defence makes of it
     harm: Harm = ASTRAY  # how its damage to others is measured
@@ -76,7 +76,7 @@ class Attack:
         if isinstance(self.made_of, type):
             return self.made_of
         module, _, name = self.made_of.rpartition(".")
-        kind: type[Any] = getattr(import_module(f"{__package__}.{module}"), name)
+        kind: type[Any] = getattr(import_module(module), name)
         return kind
 
     def liars(self, f_max: int) -> int:

@@ -15,9 +15,9 @@ from ctypes import c_byte
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 
-from phalanx.attacks import ON_MISSIONS
-from phalanx.attacks.missions.cheat import CheatPlan
 from phalanx.mission import Phase
+from phalanx.robot.adversary.mission_cheat import CheatPlan
+from phalanx.robot.adversary.registry import attacks
 from phalanx.robot.on_mission import Completed, Decoded, Drift, News, NotValidated, drift_of
 from phalanx.world.audited.world import shields
 
@@ -93,7 +93,7 @@ class Crew:
         x0, y0, x1, y1 = self._run.plan.bounds
         corners = [(x, y) for x in (x0 + EDGE_M, x1 - EDGE_M) for y in (y0 + EDGE_M, y1 - EDGE_M)]
         toward_m = max(corners, key=lambda corner: math.dist(corner, robot.body.wheels.pose[:2]))
-        self._world.compromise(lie.robot, ON_MISSIONS[lie.attack], CheatPlan(after_ms=0, toward_m=toward_m))
+        self._world.compromise(lie.robot, attacks()[lie.attack], CheatPlan(after_ms=0, toward_m=toward_m))
 
     def _standing(self, i: int, robot: MissionRobot) -> Standing:
         phase, told = robot.controller.memory.walk.phase, robot.report.not_validated

@@ -13,14 +13,14 @@ from itertools import combinations
 
 import numpy as np
 
-from phalanx.attacks import Attack
-from phalanx.attacks.missions.cheat import CheatPlan
 from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
 from phalanx.config.bti import quorum_of
 from phalanx.config.radio import RadioConfig
 from phalanx.mission import Walker
 from phalanx.robot.actions import Actuate
+from phalanx.robot.adversary.attack import Attack
+from phalanx.robot.adversary.mission_cheat import CheatPlan
 from phalanx.robot.controllers.mission.controller import Assignment, Missions, message_frame
 from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.robot.robot import Robot

@@ -18,12 +18,12 @@ from typing import Self
 
 import numpy as np
 
-from phalanx.attacks import ON_MISSIONS
 from phalanx.config import BtiConfig
 from phalanx.errors import Unavailable, Unknown, UsageError
 from phalanx.mission import Built, Mission, admit
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.robot import Point, Robot
+from phalanx.robot.adversary.registry import attacks
 from phalanx.robot.on_mission import Decoded, Lit, News, Progress, Walk
 from phalanx.robot.roster import Roster, member
 from phalanx.robot.swarm import AttackChoice, Audit, Shield
@@ -303,7 +303,7 @@ class ShieldedMissionSwarm(MissionSwarm):
 
     def attacks(self) -> Sequence[AttackChoice]:
         """The one that wants nothing beside the robot: the others need colluding robots, or scans that were made up."""
-        return [AttackChoice(ATTACK, ON_MISSIONS[ATTACK].does)]
+        return [AttackChoice(ATTACK, attacks()[ATTACK].does)]
 
     def compromise(self, address: str, attack: str) -> None:
         """The robot lies from now on."""

@@ -14,12 +14,12 @@ import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from numpy.typing import NDArray
 
-from phalanx.attacks.library import ATTACKS
 from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig, RadioConfig, WheelsConfig
 from phalanx.errors import Unknown, UsageError
 from phalanx.robot import Led, Point, Robot
 from phalanx.robot.adversary.liar import Liar, Plan, lying
+from phalanx.robot.adversary.registry import attacks
 from phalanx.robot.controllers import dispatch, orders
 from phalanx.robot.controllers.bundled import wheels
 from phalanx.robot.controllers.peer_bodies import STANDS_MM
@@ -312,7 +312,7 @@ class ProtectedSwarm(Ordered):
         own = self._work.protocol if self._work else None
         choices = [
             AttackChoice(name, attack.does)
-            for name, attack in ATTACKS.items()
+            for name, attack in attacks().items()
             if (attack.scene == "flock" and attack.on_wheels) or (attack.scene == "protocol" and attack.against == own)
         ]
         return sorted(choices, key=lambda choice: choice.name != PLAIN_TO_SEE)
@@ -336,7 +336,7 @@ class ProtectedSwarm(Ordered):
         make = self._work.make_controller if self._work else None
         if self._work:
             self._nodes[i].bring_up()  # what it remembers is what the liar goes on from
-        liar = lying(ATTACKS[attack], self.world.fleet, i, self.world.work, plan, make)
+        liar = lying(attacks()[attack], self.world.fleet, i, self.world.work, plan, make)
         self._liars[i] = self._nodes[i] = liar
         self.world.runs[i] = PYTHON
         pybot.wake(self.world, liar, int(self.world.clock[0].now_us))

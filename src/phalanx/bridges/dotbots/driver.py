@@ -11,12 +11,13 @@ import math
 import time
 from collections.abc import Mapping
 
-from phalanx.bridges.dotbots import DotbotSwarm, parse_dotbot_url
-from phalanx.bridges.dotbots.told import ADDRESS
+from phalanx.daemon.driver import Driver, NoReading
 from phalanx.errors import Unknown, UsageError
 from phalanx.robot import Led, Robot
 
-from .driver import Driver, NoReading
+from .line import parse_dotbot_url
+from .swarm import DotbotSwarm
+from .told import ADDRESS
 
 HINT = "dotbot://HOST:PORT/ADDRESS, 16 digits: dotbot://127.0.0.1:8000/DECAFBAD00000001"
 WAIT_S = 20.0
