@@ -254,7 +254,7 @@ class TestPage:
         assert scenario.attacks[0].name in IN_FLOCKS
 
     def test_its_words_on_reading_a_recording_read_one(self, tmp_path, monkeypatch, capsys):
-        (script,) = re.findall(r"^```python\n(.*?)^```$", self.PAGE, re.MULTILINE | re.DOTALL)
+        script = re.findall(r"^```python\n(.*?)^```$", self.PAGE, re.MULTILINE | re.DOTALL)[0]
         play(Scenario(robots=2, duration_s=1.0, defence="none"), tmp_path / "fig9.mcap")
         monkeypatch.chdir(tmp_path)
         exec(script, {})
