@@ -18,8 +18,8 @@ from mcp.shared.exceptions import MCPError
 
 from conftest import eventually
 from injected_agent import OPERATORS, attempts, raw_commands
+from phalanx.gateway.chain_file import read_lines
 from phalanx.gateway.session_link import now
-from phalanx.gateway.trail import read_trail
 from phalanx.link.session import Invitation, Kind, Role, Secret, Ticket
 from phalanx.net.session_client import Client, RequestRefused, SessionOver
 from phalanx.world import Dotbots
@@ -100,7 +100,7 @@ async def test_an_agent_lists_looks_drives_follows_a_route_and_stops(tmp_path):
             assert [each.name for each in link.server.visitors] == ["Claude"]
             with pytest.raises(PermissionError, match="not allowed"):
                 await call(client, "drive", robot=other, left_percent=1, right_percent=1)
-    trail = list(read_trail(tmp_path / "trail"))
+    trail = list(read_lines(tmp_path / "trail"))
     assert [line["name"] for line in trail if line["event"] == "joined"] == ["Claude"]
     assert {line["robot"] for line in trail if line["event"] == "drives"} == {own}
     assert [(line["robot"], line["reason"]) for line in trail if line["event"] == "refused"] == [(other, "not_allowed")]
