@@ -11,10 +11,10 @@ import pytest
 
 from phalanx.attacks import ATTACKS, Attack, own_attack
 from phalanx.attacks.missions.between import Between
-from phalanx.attacks.missions.cheat import MissionCheat
 from phalanx.attacks.missions.guesses import Guess
 from phalanx.errors import UsageError
 from phalanx.robot.adversary.liar import Liar
+from phalanx.robot.adversary.mission_cheat import MissionCheat
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
 

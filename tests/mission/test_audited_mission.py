@@ -11,11 +11,11 @@ from audited import ELSEWHERE_M, PLAN, ROBOTS, STORE, cheating, errand, swarm, t
 from worlds import BOTH
 
 from phalanx.attacks import ON_MISSIONS
-from phalanx.attacks.missions.cheat import CheatPlan
 from phalanx.bti.log import logged
 from phalanx.bti.refusal import Refusal
 from phalanx.errors import UsageError
 from phalanx.mission import Experience, Phase, Profile
+from phalanx.robot.adversary.mission_cheat import CheatPlan
 from phalanx.world.missions.setup import MissionRun, Part
 from phalanx.world.missions.world import MissionWorld
 
