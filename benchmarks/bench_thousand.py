@@ -1,6 +1,6 @@
 """A thousand visitors and a thousand robots that move, ten updates a second: what they cost, and how soon one is out.
 
-    python benchmarks/bench_thousand.py [--visitors 1000] [--robots 1000] [--seconds 10] [--joins-per-s 50]
+    python benchmarks/bench_thousand.py [--visitors 1000] [--robots 1000] [--seconds 10] [--joins-per-s 35]
 
 The gateway is `phalanx up` as people run it. Visitors are this process: they join and send a route as pages do, and
 read of updates the head alone, as their work is not counted. Processor time is that of each process, not of the clock.
@@ -125,7 +125,7 @@ def main() -> None:
     parser.add_argument("--visitors", type=int, default=1000)
     parser.add_argument("--robots", type=int, default=1000)
     parser.add_argument("--seconds", type=float, default=10.0)
-    parser.add_argument("--joins-per-s", type=float, default=50.0)
+    parser.add_argument("--joins-per-s", type=float, default=35.0)
     chosen = parser.parse_args()
     allow_files(8192)
     with tempfile.TemporaryDirectory() as folder:

@@ -91,7 +91,7 @@ class Agent:
         return await self._bounded(follow)
 
     async def stop(self, robot: Robot) -> str:
-        """Stop one robot at once. Always allowed for a robot that you may drive."""
+        """Stop one robot at once. Refused as busy while somebody else drives it."""
         with_name = [each for each in self._listed[1] if _is_called(each, robot)]
         address = with_name[0]["address"] if len(with_name) == 1 else robot
         await _told(lambda: self._client.stop(address, refused_within_s=REFUSED_S))

@@ -30,9 +30,10 @@ describe("slots", () => {
     expect(said(slots, 5)).toEqual(["move_raw", "move_raw", "move_raw", "alive", "alive"]);
   });
 
-  test("a stop takes the next slot, before all that waits, and is said once", () => {
+  test("a stop takes the next slot, is said once, and forgets what its robot was told before", () => {
     const slots = new Slots();
-    slots.put(command("rgb_led"));
+    slots.put(command("waypoints"));
+    slots.put(command("rgb_led", { robot: "B" }));
     slots.hold(command("move_raw"), 0);
     slots.stop(command("move_raw", { stop: true }));
     expect(slots.hasStop).toBe(true);

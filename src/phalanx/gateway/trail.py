@@ -99,7 +99,7 @@ class Trail:
         drive.commands += 1
 
     def stops(self, visitor: int, robot: str, now_s: float) -> None:
-        """Count a stop, which anybody may do: it begins and ends no drive. One of who drives says nothing."""
+        """Count a stop; it begins and ends no drive. A driver's own stop is not counted."""
         drive = self._drives.get(robot)
         if drive is None or drive.visitor != visitor:
             self._add("stopped", visitor, robot, "", now_s)

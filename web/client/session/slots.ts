@@ -35,9 +35,10 @@ export class Slots {
     this.#steady = { command, until_ms: now_ms + STEADY_MS };
   }
 
-  /** Say this in the next slot, before all else. */
+  /** Say this in the next slot, before all else, and forget the robot's commands that wait: they came before it. */
   stop(command: Command): void {
     if (this.#steady?.command.robot === command.robot) this.#steady = undefined;
+    for (const [key, waiting] of this.#waiting) if (waiting.robot === command.robot) this.#waiting.delete(key);
     this.#stops.set(command.robot, command);
   }
 
