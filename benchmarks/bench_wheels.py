@@ -22,8 +22,8 @@ import aiohttp
 from aiohttp import web
 
 from phalanx.gateway import UpOptions, up
+from phalanx.link import Client
 from phalanx.link.session import parse_invitation
-from phalanx.net import QrkeyClient
 from phalanx.world import Dotbots
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
@@ -39,7 +39,7 @@ class Wheels(Dotbots):
     """Robots that note when their wheels are told to turn."""
 
     def __init__(self) -> None:
-        super().__init__(1, 1, time.time)
+        super().__init__(2, 1, time.time)
         self.turned = asyncio.Event()
         self.at_s = 0.0
 
@@ -104,8 +104,9 @@ async def measure(count: int) -> dict[str, list[float]]:
         invitation = parse_invitation(ready["qr_url"])
         port = int(ready["page_url"].rstrip("/").rpartition(":")[2])
         ada = await enter(visiting(port, invitation, "Ada"))
-        by_broker = await enter(a_gateway(shared, qrkey=True, broker="mosquitto"))
-        page = await enter(QrkeyClient(by_broker["qr_url"]))
+        by_broker = await enter(a_gateway(shared, broker="mosquitto"))
+        # A page and the Python client send in slots of 0.1 s; the visitor of the tests sends at once.
+        bob, eve = [await enter(Client(each["qr_url"])) for each in (ready, by_broker)]
         while not ada.frames:  # noqa: ASYNC110  # a visitor of the tests has no event for it
             await asyncio.sleep(0.02)
 
@@ -116,16 +117,20 @@ async def measure(count: int) -> dict[str, list[float]]:
             await asyncio.wait_for(wheels.turned.wait(), PATIENCE_S)
             return (wheels.at_s - began_s) * 1000
 
-        other = shared.robots()[0].address
-        took: dict[str, list[float]] = {"websocket echo, half": [], "direct": [], "broker (mode qrkey)": []}
+        robot, other = direct.robots()[1].address, shared.robots()[0].address
+        took: dict[str, list[float]] = {
+            "websocket echo, half": [],
+            "direct": [],
+            "direct, in slots": [],
+            "broker, in slots": [],
+        }
         for _ in range(count):
             began_s = time.perf_counter()
             await echo()
             took["websocket echo, half"].append((time.perf_counter() - began_s) * 500)
             took["direct"].append(await until_turned(direct, lambda: ada.command(address, "move_raw", words)))
-            took["broker (mode qrkey)"].append(
-                await until_turned(shared, lambda: page.command(other, "move_raw", words))
-            )
+            took["direct, in slots"].append(await until_turned(direct, lambda: bob.command(robot, "move_raw", words)))
+            took["broker, in slots"].append(await until_turned(shared, lambda: eve.command(other, "move_raw", words)))
             await asyncio.sleep(PAUSE_S)
     return took
 
