@@ -9,9 +9,9 @@ from phalanx.config.session import SessionConfig
 from phalanx.errors import UsageError
 from phalanx.wire.sessions import TICKET_KEY, TICKET_ROW
 
-from .errors import UnknownSecret
+from .errors import TooMany, UnknownSecret
 from .invitation import new_room_code
-from .limits import RoomTries
+from .limits import Bucket, RoomTries
 from .messages import Role
 from .secret import INVITATION_BYTES, NO_ID, Kind, Secret
 from .store import Store
@@ -63,6 +63,7 @@ class Door:
         self.open_role = open_role
         self._tries = RoomTries(config)
         self._tickets: dict[bytes, Ticket] = {}
+        self._hellos: dict[bytes, Bucket] = {}  # of tickets, on a broker
         for key, row in store.load().items():
             if key[:1] == TICKET_KEY.encode(id=NO_ID)[:1]:
                 self._tickets[TICKET_KEY.decode(key)["id"]] = _ticket(row)
@@ -131,7 +132,16 @@ class Door:
     def revoke_ticket(self, ticket_id: bytes) -> dict[bytes, bytes | None]:
         """Refuse a ticket from now on; return the rows that the caller writes."""
         ticket = self._tickets.pop(ticket_id, None)
+        self._hellos.pop(ticket_id, None)
         return {_key(ticket): None} if ticket else {}
+
+    def count_hello(self, ticket_id: bytes, now_ms: int) -> None:
+        """Count a first message on a broker with a valid ticket: at once one of each who has it. Raises: TooMany."""
+        if ticket_id not in self._hellos:
+            at_once = self._config.handshakes_at_once + self._tickets[ticket_id].uses
+            self._hellos[ticket_id] = Bucket(self._config.handshakes_per_min / 60, now_ms, at_once)
+        if not self._hellos[ticket_id].take(now_ms):
+            raise TooMany("first messages with this ticket")
 
     def secret(self, kind: Kind, secret_id: bytes, address: str, now_ms: int, unix_s: int) -> Secret:
         """Return the secret that a first message names. Raises: UnknownSecret; TriesUsedUp."""
