@@ -18,17 +18,7 @@ from .assignment import Assignment
 from .connections import Connection, Connections, is_record
 from .door import Door, Grant
 from .errors import Busy, EndReason, NotAllowed, Reason, TooMany, Unexpected, UnknownSecret
-from .events import (
-    Close,
-    Commanded,
-    CommandRefused,
-    Joined,
-    Left,
-    Now,
-    Publish,
-    Requested,
-    ServerEvent,
-)
+from .events import Close, Commanded, CommandRefused, Joined, Left, Now, Publish, Requested, ServerEvent
 from .limits import AllCaps, Joins
 from .messages import (
     Command,
