@@ -90,7 +90,7 @@ class Door:
         return len(self._codes(now_ms)) == 2
 
     def tickets(self) -> list[Ticket]:
-        """Return the tickets that still admit somebody, unless their time is over."""
+        """Return the tickets with uses left; those whose time is over are here until the next is added."""
         return list(self._tickets.values())
 
     def tick(self, now_ms: int) -> bool:
@@ -122,11 +122,17 @@ class Door:
         """Admit nobody by room code."""
         self._room = None
 
-    def add_ticket(self, ticket: Ticket) -> None:
-        """Write a ticket, before it is shown. Raises: UsageError: there are too many."""
-        if len(self._tickets) >= self._config.tickets_max:
-            raise UsageError(f"more than {self._config.tickets_max} tickets", "revoke some")
-        self._store.write({_key(ticket): _row(ticket)})
+    def add_ticket(self, ticket: Ticket, unix_s: int) -> None:
+        """Write a ticket, before it is shown; those whose time is over go. Raises: UsageError: there are too many."""
+        over = [each for each, known in self._tickets.items() if known.expires_s <= unix_s]
+        if len(self._tickets) - len(over) >= self._config.tickets_max:
+            left_s = min(each.expires_s for each in self._tickets.values()) - unix_s
+            hint = f"wait: the time of one is over in {max(0, left_s)} s; one ticket can be for many --uses"
+            raise UsageError(f"more than {self._config.tickets_max} tickets", hint)
+        rows: dict[bytes, bytes | None] = {_key(ticket): _row(ticket)}
+        for each in over:
+            rows |= self.revoke_ticket(each)
+        self._store.write(rows)
         self._tickets[ticket.secret.id] = ticket
 
     def revoke_ticket(self, ticket_id: bytes) -> dict[bytes, bytes | None]:
