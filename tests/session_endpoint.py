@@ -82,7 +82,7 @@ class Endpoint:
 
     def ticket(self, role: Role = Role.DRIVE, uses: int = 1, **more: Any) -> str:
         secret = Secret(Kind.TICKET, os.urandom(16))
-        self.server.door.add_ticket(Ticket(secret, role, uses, self.now.unix_s + 3600, **more))
+        self.server.door.add_ticket(Ticket(secret, role, uses, self.now.unix_s + 3600, **more), self.now.unix_s)
         return self.url(secret)
 
     async def __aenter__(self) -> Self:

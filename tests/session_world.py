@@ -165,5 +165,5 @@ class World:
         from phalanx.link.session import Ticket
 
         secret = Secret(Kind.TICKET, self.random(16))
-        self.server.door.add_ticket(Ticket(secret, role, uses, self.unix_s + lifetime_s, **more))
+        self.server.door.add_ticket(Ticket(secret, role, uses, self.unix_s + lifetime_s, **more), self.unix_s)
         return self.invitation(secret)

@@ -34,7 +34,7 @@ AGENT = ROOT / "examples" / "agent_mcp.py"
 def ticket(link, **more):
     """A ticket's URL."""
     secret = Secret(Kind.TICKET, os.urandom(16))
-    link.server.door.add_ticket(Ticket(secret, Role.DRIVE, 1, now().unix_s + 3600, **more))
+    link.server.door.add_ticket(Ticket(secret, Role.DRIVE, 1, now().unix_s + 3600, **more), now().unix_s)
     return f"http://127.0.0.1:{link.port}/#{Invitation(link.invitation.static, secret).fragment()}"
 
 

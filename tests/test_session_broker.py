@@ -276,7 +276,7 @@ def test_a_page_that_is_loaded_again_takes_its_session_over():
 
 
 def test_first_messages_have_a_budget_for_each_kind_and_bounded_memory():
-    broker = Broker(hellos_per_s=5, connections_max=8)
+    broker = Broker(open_hellos_per_s=5, open_hellos_at_once=5, connections_max=8)
     ada = broker.join()
     broker.loses = lambda topic, data: data[:1] == b"\x02"
     for _ in range(20):
@@ -293,6 +293,46 @@ def test_first_messages_have_a_budget_for_each_kind_and_bounded_memory():
     assert len(list(broker.server.connections)) <= 8
     assert len(broker.listens) <= 8
     assert len(broker.server.connections._hellos) <= HELLOS_REMEMBERED
+
+
+def knock(broker: Broker, secret: Secret, times: int) -> int:
+    """Send first messages with a secret and no more; return how many were answered."""
+    answered = 0
+    for n in range(times):
+        where = WHERE["broker"], WHERE["root"], 5
+        client = SessionClient(broker.world.config, Invitation(PUBLIC, secret, *where), random_source(f"knock {n}"))
+        (hello,) = [each.data for each in client.start(broker.world.ms) if isinstance(each, Transmit)]
+        answered += bool(broker.server.receive_hello(hello, broker.world.now))
+    return answered
+
+
+def test_no_visitor_locks_others_out_by_first_messages():
+    broker = Broker(hellos_per_s=100, handshakes_at_once=10)
+    ada, eve = broker.join(), broker.join()
+    assert knock(broker, eve.kept, 200) == 10
+    assert broker.join(ada.kept).client.is_joined
+    assert not broker.join(eve.kept).client.is_joined
+    broker.wait(5_000)
+    assert broker.join(eve.kept).client.is_joined
+
+
+def test_a_resumption_on_a_broker_is_counted_once():
+    broker = Broker(handshakes_at_once=5)
+    ada = broker.join()
+    for _ in range(5):
+        ada = broker.join(ada.kept)
+        assert ada.client.is_joined
+    assert not broker.join(ada.kept).client.is_joined
+
+
+def test_no_ticket_locks_others_out_by_first_messages():
+    broker = Broker(hellos_per_s=100, handshakes_at_once=10)
+    his, hers = broker.world.ticket(uses=3).secret, broker.world.ticket().secret
+    assert knock(broker, his, 200) == 13
+    assert broker.join(hers).client.is_joined
+    assert not broker.join(his).client.is_joined
+    broker.wait(5_000)
+    assert broker.join(his).client.is_joined
 
 
 def test_who_is_removed_learns_so_and_hears_nothing_more():

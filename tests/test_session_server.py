@@ -607,9 +607,27 @@ def test_tickets_are_bounded():
     world = World(tickets_max=2)
     world.ticket()
     world.ticket()
+    with pytest.raises(UsageError) as refused:
+        world.ticket()
+    assert "in 3600 s" in refused.value.hint
+    assert Ticket(Secret(Kind.TICKET, bytes(16)), Role.WATCH, 1, UNIX_S).uses == 1
+
+
+@pytest.mark.parametrize("killed", [False, True])
+def test_tickets_whose_time_is_over_make_room(killed):
+    world = World(tickets_max=2)
+    first, second = world.ticket(lifetime_s=60), world.ticket(lifetime_s=61)
+    assert [each.secret.id for each in world.server.door.tickets()] == [first.secret.id, second.secret.id]
+    world.unix_s += 60
+    if killed:
+        world.boot()
+    third = world.ticket()
     with pytest.raises(UsageError):
         world.ticket()
-    assert Ticket(Secret(Kind.TICKET, bytes(16)), Role.WATCH, 1, UNIX_S).uses == 1
+    world.boot()
+    ids = {each.secret.id for each in world.server.door.tickets()}
+    assert ids == {second.secret.id, third.secret.id}, "the row is gone as well"
+    assert world.join(third).client.is_joined
 
 
 def test_a_record_of_another_session_is_refused():

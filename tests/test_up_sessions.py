@@ -19,6 +19,8 @@ from phalanx.gateway import UpOptions, up
 from phalanx.gateway.chain_file import read_lines
 from phalanx.link.session import Invitation, Reason, parse_invitation
 from phalanx.link.session.errors import EndReason
+from phalanx.net import QrkeyClient
+from phalanx.robot import Led
 from phalanx.world import Dotbots
 from session_front import visiting
 
@@ -104,6 +106,26 @@ async def test_who_was_removed_stays_removed_after_a_kill_and_who_was_not_comes_
     assert state.stat().st_mode & 0o777 == 0o700
 
 
+async def test_the_shared_code_commands_no_robot_that_a_visitor_of_a_session_has():
+    async with running(broker="mosquitto", qrkey=True) as (gateway, ready, swarm):
+        hers, other = (robot.address for robot in swarm.robots()[:2])
+        shown = parse_invitation(ready["session_url"])
+        red, led = {"red": 9, "green": 0, "blue": 0}, lambda i: swarm.robots()[i].led
+        async with visit(ready, Invitation(shown.static, shown.secret), "Ada") as ada:
+            await eventually(lambda: ada.frames)
+            await ada.command(hers, "move_raw", {"left_y": 1, "right_y": 1})
+            await eventually(lambda: ada.standing.robot == hers)
+            async with QrkeyClient(ready["qr_url"]) as page:
+                await page.command(hers, "rgb_led", red)
+                await page.command(hers.lower(), "move_raw", {"left_y": 0, "right_y": 0})
+                await page.command(other, "rgb_led", red)
+                await eventually(lambda: led(1) == Led(9, 0, 0))
+                assert led(0) != Led(9, 0, 0)
+                assert gateway.shared.server.rejected == {"busy": 2}
+                await ada.command(hers, "rgb_led", red)
+                await eventually(lambda: led(0) == Led(9, 0, 0))
+
+
 async def test_a_ticket_from_the_terminal_limits_its_visitor_to_its_robot(tmp_path, state):
     with a_gateway("--robots", "3", qrkey=False) as (_, ready):
         robots = (await asyncio.to_thread(ask_gateway, None, "state"))["robots"]
@@ -171,6 +193,7 @@ def test_no_gateway_no_ticket(state):
         (("--broker-ws", "ws://x"), "--broker mosquitto|URL"),
         (("--root", "/lab"), "--broker mosquitto|URL"),
         (("--qrkey",), "--broker URL, or --broker mosquitto"),
+        (("--qrkey", "--broker", "mosquitto", "--assign", "tickets"), "leave one out"),
         (("--rotate-s", "600"), "--qrkey"),
         (("--pin-digits", "12"), "--qrkey"),
         (("--visitors-login", "file"), "visitors come without a login"),
@@ -189,6 +212,9 @@ def test_pages_and_options_that_do_not_go_together():
         UpOptions(port=8080, operator_port=8080)
     with pytest.raises(UsageError, match="--qrkey without a broker"):
         UpOptions(qrkey=True)
+    for assign in ("tickets", "one-each"):
+        with pytest.raises(UsageError, match=f"--assign {assign} with --qrkey"):
+            UpOptions(qrkey=True, broker="mosquitto", assign=assign)
     assert UpOptions(tls=(Path("c"), Path("k"))).page_at(1) == "https://127.0.0.1:1/"
     assert UpOptions(host="::1").page_at(1) == "http://[::1]:1/"
     assert UpOptions(page_url="https://x/y").page_at(1) == "https://x/y"

@@ -48,7 +48,9 @@ class SessionConfig:
     waiting_max: int = 256  # for approval
     tickets_max: int = 4096
     bad_records_max: int = 64  # of a direct connection, which then ends
-    hellos_per_s: int = 500  # on a broker, of one kind of secret
+    hellos_per_s: int = 500  # on a broker, of tickets, and as many to resume
+    open_hellos_per_s: int = 20  # on a broker, with the open code
+    open_hellos_at_once: int = 100
     room_tries: int = 120  # an hour, for each code that an operator makes
     room_tries_per_address: int = 10
 

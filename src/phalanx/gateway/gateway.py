@@ -11,6 +11,7 @@ from typing import Any
 
 from phalanx.errors import Late, Unknown, UsageError
 from phalanx.link import Command, Request, SharedAnswer
+from phalanx.link.session.errors import Busy
 from phalanx.robot import Robot, Swarm
 from phalanx.robot.on_mission import OnMission
 from phalanx.robot.swarm import AtWork, Routed, Shielded
@@ -64,14 +65,21 @@ class Told:
 
 
 class Gateway:
-    """Serves one swarm over links, on which handlers are registered here. `say` gets events of shields and missions."""
+    """Serves one swarm over links, on which handlers are registered here.
+
+    Args:
+        say: gets events of shields and missions.
+        is_driven: returns whether a session's visitor has a robot: who is nobody's visitor must not command it.
+    """
 
     def __init__(
         self,
         swarm: Swarm,
         *links: Link,
         say: Callable[[dict[str, Any]], None] = lambda _: None,
+        is_driven: Callable[[str], bool] = lambda _: False,
     ) -> None:
+        self._is_driven = is_driven
         # Those that carry small frames are in mode qrkey: pages of the older words may listen there.
         self._small = [link for link in links if link.frame_bytes is not None]
         self._whole = [link for link in links if link.frame_bytes is None]
@@ -127,10 +135,14 @@ class Gateway:
         def handle(command: Command) -> None:
             if command.topic.application != vocabulary.APPLICATION:
                 raise Unknown(f"no application {command.topic.application}")
+            address = command.address.upper()
+            # Sessions have asked who drives. The shared code says nobody's name, and has no lease of its own.
+            if command.by is None and self._is_driven(address):
+                raise Busy("a visitor of a session drives this robot")
             if command.is_stop:
-                self.brakes.stop(command.address.upper())
+                self.brakes.stop(address)
             else:
-                handler(command.address.upper(), command)
+                handler(address, command)
 
         return handle
 

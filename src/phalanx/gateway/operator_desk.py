@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import os
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -209,7 +208,8 @@ class OperatorDesk:
             raise BadPayload("'robots' is a list")
         named = frozenset(map(self._robot, robots))
         secret = Secret(Kind.TICKET, os.urandom(INVITATION_BYTES))
-        self._link.server.door.add_ticket(Ticket(secret, role, uses, int(time.time()) + valid_s, name, named))
+        unix_s = now().unix_s
+        self._link.server.door.add_ticket(Ticket(secret, role, uses, unix_s + valid_s, name, named), unix_s)
         words = {"role": role.name.lower(), "uses": uses, "valid_s": valid_s, "name": name, "robots": sorted(named)}
         self._link.trail.write("invited", **words, ticket=secret.id.hex(), by=by)
         return {"url": self._page_url + "#" + replace(self._link.invitation, secret=secret).fragment()}

@@ -56,7 +56,7 @@ class Running:
         self.page_url = page_url
         self.link, self.shared, self._broker = link, shared, broker
         links: list[Link] = [link, *([shared.server] if shared else [])]
-        self.gateway = Gateway(swarm, *links, say=say)
+        self.gateway = Gateway(swarm, *links, say=say, is_driven=link.is_driven)
         self.desk = OperatorDesk(link, swarm, self.gateway.brakes, page_url, self.hold)
         self._options = options
         self._loop = asyncio.get_running_loop()

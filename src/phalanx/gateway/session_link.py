@@ -366,6 +366,10 @@ class SessionLink:
         self.server.rejected[error.reason] += 1
         return next((told for kind, told in _REASONS.items() if isinstance(error, kind)), Reason.BAD)
 
+    def is_driven(self, robot: str) -> bool:
+        """Return whether a visitor drives a robot now, or has it assigned."""
+        return self.server.assignment.driver_of(robot, now().ms) is not None
+
     def name_of(self, visitor: int) -> str:
         """Return a visitor's nickname, or "" if it was removed."""
         known = self.server.visitors.find(visitor)

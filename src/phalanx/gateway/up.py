@@ -81,6 +81,8 @@ class UpOptions:
             raise UsageError(f"port {self.port} for both pages", "--port and --operator-port are two")
         if self.qrkey and not self.broker:
             raise UsageError("--qrkey without a broker", "--broker URL, or --broker mosquitto")
+        if self.qrkey and self.assign != "free":
+            raise UsageError(f"--assign {self.assign} with --qrkey, whose visitors are nobody", "leave one out")
 
     def session_config(self, broker: str = "") -> SessionConfig:
         """Return the parameters of sessions, with a broker's URL for visitors if there is one."""

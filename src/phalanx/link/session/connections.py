@@ -70,6 +70,7 @@ class Connections:
         self._on_broker = 0
         self._hellos: OrderedDict[bytes, None] = OrderedDict()
         self._budgets = {kind: Bucket(config.hellos_per_s, now.ms) for kind in Kind}
+        self._budgets[Kind.OPEN] = Bucket(config.open_hellos_per_s, now.ms, config.open_hellos_at_once)
 
     def __iter__(self) -> Iterator[Connection]:
         return iter(list(self._all.values()))
@@ -118,11 +119,11 @@ class Connections:
         secret = self._find_secret(kind, fields["id"], connection.address, now)
         return self._accept(connection, secret, fields["noise"], now)
 
-    def answer_on_broker(self, raw: bytes, known: Callable[[bytes], int], now: Now) -> list[ServerEvent]:
+    def answer_on_broker(self, raw: bytes, count: Callable[[Secret], int], now: Now) -> list[ServerEvent]:
         """Answer a first message on a broker: nobody but its sender sees whether that was done.
 
         Args:
-            known: returns the visitor that a resume secret's id is of.
+            count: counts it for who has the secret, and returns the visitor that resumes; 0: none. Raises: TooMany.
         Raises: PeerError: it is refused.
         """
         fields = SIGNED_HELLO.decode(raw)
@@ -134,12 +135,14 @@ class Connections:
         secret.check_mac1(hello, fields["mac1"])
         if hello in self._hellos:
             raise Replayed("a first message, again")
+        # First what its sender has: else one visitor would use up what all others resume with.
+        resumed = count(secret)
         if not self._budgets[kind].take(now.ms):
             raise TooMany("first messages of this kind")
         self._hellos[hello] = None
         if len(self._hellos) > HELLOS_REMEMBERED:
             self._hellos.popitem(last=False)
-        connection = self.of_visitor(known(fields["id"])) if kind is Kind.RESUME else None
+        connection = self.of_visitor(resumed)
         dropped: list[ServerEvent] = []
         if connection is None or not connection.on_broker:
             dropped = self._make_room()

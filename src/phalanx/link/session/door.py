@@ -9,9 +9,9 @@ from phalanx.config.session import SessionConfig
 from phalanx.errors import UsageError
 from phalanx.wire.sessions import TICKET_KEY, TICKET_ROW
 
-from .errors import UnknownSecret
+from .errors import TooMany, UnknownSecret
 from .invitation import new_room_code
-from .limits import RoomTries
+from .limits import Bucket, RoomTries
 from .messages import Role
 from .secret import INVITATION_BYTES, NO_ID, Kind, Secret
 from .store import Store
@@ -63,6 +63,7 @@ class Door:
         self.open_role = open_role
         self._tries = RoomTries(config)
         self._tickets: dict[bytes, Ticket] = {}
+        self._hellos: dict[bytes, Bucket] = {}  # of tickets, on a broker
         for key, row in store.load().items():
             if key[:1] == TICKET_KEY.encode(id=NO_ID)[:1]:
                 self._tickets[TICKET_KEY.decode(key)["id"]] = _ticket(row)
@@ -89,7 +90,7 @@ class Door:
         return len(self._codes(now_ms)) == 2
 
     def tickets(self) -> list[Ticket]:
-        """Return the tickets that still admit somebody, unless their time is over."""
+        """Return the tickets with uses left; those whose time is over are here until the next is added."""
         return list(self._tickets.values())
 
     def tick(self, now_ms: int) -> bool:
@@ -121,17 +122,32 @@ class Door:
         """Admit nobody by room code."""
         self._room = None
 
-    def add_ticket(self, ticket: Ticket) -> None:
-        """Write a ticket, before it is shown. Raises: UsageError: there are too many."""
-        if len(self._tickets) >= self._config.tickets_max:
-            raise UsageError(f"more than {self._config.tickets_max} tickets", "revoke some")
-        self._store.write({_key(ticket): _row(ticket)})
+    def add_ticket(self, ticket: Ticket, unix_s: int) -> None:
+        """Write a ticket, before it is shown; those whose time is over go. Raises: UsageError: there are too many."""
+        over = [each for each, known in self._tickets.items() if known.expires_s <= unix_s]
+        if len(self._tickets) - len(over) >= self._config.tickets_max:
+            left_s = min(each.expires_s for each in self._tickets.values()) - unix_s
+            hint = f"wait: the time of one is over in {max(0, left_s)} s; one ticket can be for many --uses"
+            raise UsageError(f"more than {self._config.tickets_max} tickets", hint)
+        rows: dict[bytes, bytes | None] = {_key(ticket): _row(ticket)}
+        for each in over:
+            rows |= self.revoke_ticket(each)
+        self._store.write(rows)
         self._tickets[ticket.secret.id] = ticket
 
     def revoke_ticket(self, ticket_id: bytes) -> dict[bytes, bytes | None]:
         """Refuse a ticket from now on; return the rows that the caller writes."""
         ticket = self._tickets.pop(ticket_id, None)
+        self._hellos.pop(ticket_id, None)
         return {_key(ticket): None} if ticket else {}
+
+    def count_hello(self, ticket_id: bytes, now_ms: int) -> None:
+        """Count a first message on a broker with a valid ticket: at once one of each who has it. Raises: TooMany."""
+        if ticket_id not in self._hellos:
+            at_once = self._config.handshakes_at_once + self._tickets[ticket_id].uses
+            self._hellos[ticket_id] = Bucket(self._config.handshakes_per_min / 60, now_ms, at_once)
+        if not self._hellos[ticket_id].take(now_ms):
+            raise TooMany("first messages with this ticket")
 
     def secret(self, kind: Kind, secret_id: bytes, address: str, now_ms: int, unix_s: int) -> Secret:
         """Return the secret that a first message names. Raises: UnknownSecret; TriesUsedUp."""

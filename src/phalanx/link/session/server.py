@@ -18,17 +18,7 @@ from .assignment import Assignment
 from .connections import Connection, Connections, is_record
 from .door import Door, Grant
 from .errors import Busy, EndReason, NotAllowed, Reason, TooMany, Unexpected, UnknownSecret
-from .events import (
-    Close,
-    Commanded,
-    CommandRefused,
-    Joined,
-    Left,
-    Now,
-    Publish,
-    Requested,
-    ServerEvent,
-)
+from .events import Close, Commanded, CommandRefused, Joined, Left, Now, Publish, Requested, ServerEvent
 from .limits import AllCaps, Joins
 from .messages import (
     Command,
@@ -130,7 +120,7 @@ class SessionServer:
     def receive_hello(self, raw: bytes, now: Now) -> list[ServerEvent]:
         """Read what came by the topic of first messages, on a broker."""
         try:
-            return self.connections.answer_on_broker(raw, lambda each: self._resumes(each, now).id, now)
+            return self.connections.answer_on_broker(raw, lambda secret: self._count_hello(secret, now), now)
         except PeerError as error:
             self._reject(error)
             return []
@@ -232,6 +222,16 @@ class SessionServer:
             return self.visitors.by_secret(secret_id, now.unix_s)[1]
         return self.door.secret(kind, secret_id, address, now.ms, now.unix_s)
 
+    def _count_hello(self, secret: Secret, now: Now) -> int:
+        """Count a first message on a broker for its visitor or ticket; return who resumes, or 0. Raises: TooMany."""
+        if secret.kind is Kind.TICKET:
+            self.door.count_hello(secret.id, now.ms)
+        if secret.kind is not Kind.RESUME:
+            return 0
+        visitor = self._resumes(secret.id, now)
+        self.caps.of(visitor.id, now.ms).handshake(now.ms)
+        return visitor.id
+
     def _resumes(self, secret_id: bytes, now: Now) -> Visitor:
         return self.visitors.by_secret(secret_id, now.unix_s)[0]
 
@@ -295,7 +295,8 @@ class SessionServer:
 
     def _resume(self, secret: Secret, connection: Connection, now: Now) -> Visitor:
         visitor = self._resumes(secret.id, now)
-        if connection.on_broker or connection.visitor != visitor.id:  # else it was counted with its first message
+        # Else it was counted with its first message.
+        if not connection.on_broker and connection.visitor != visitor.id:
             self.caps.of(visitor.id, now.ms).handshake(now.ms)
         fresh = self._random_bytes(RESUME_BYTES)
         return self.visitors.renew(visitor.id, secret.raw, fresh, now.unix_s, self.door.spend)
