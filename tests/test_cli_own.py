@@ -315,7 +315,9 @@ class TestQuorum:
         code, _, err = phalanx(*command, "--robots", "3", "--duration", "1")
         assert code == 0
         assert err.startswith(
-            "phalanx: warning: none of the robots has a quorum at the start, 5 others (f_max + 2) within"
+            "phalanx: warning: none of the robots has a quorum at the start, 5 correct others (f_max + 2) within"
+            if command[0] == "sim"
+            else "phalanx: warning: none of the correct robots has a quorum at the start, 5 correct others (f_max + 2)"
         )
         assert err.count("warning") == 1
         code, _, err = phalanx(*command, "--robots", "4", "--duration", "1", "--f-max", "1")

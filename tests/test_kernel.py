@@ -77,7 +77,7 @@ def test_arguments_are_given_by_place_or_by_name():
 )
 def test_an_argument_that_is_missing_unknown_or_given_twice_is_refused(given, named, why):
     queue = make_queue(4)
-    with pytest.raises(TypeError, match=rf"phalanx\.sim\.audited\.events\.push.*{why}"):
+    with pytest.raises(TypeError, match=rf"phalanx\.world\.audited\.events\.push.*{why}"):
         push(queue, *given, **named)
     assert queue.tally[0] == 0
 

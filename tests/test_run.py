@@ -138,7 +138,7 @@ class TestQuorum:
 
     def test_whoever_is_shouted_down_by_liars_is_told_as_wronged(self):
         jam = AttackSpec(name="jam", at_s=3.0)
-        run = ran(16.0, robots=20, seed=1, grid_step_m=16.0, d_m=16.0, bti=BtiConfig(f_max=2), attacks=(jam,) * 15)
+        run = ran(16.0, robots=20, seed=3, grid_step_m=16.0, d_m=16.0, bti=BtiConfig(f_max=2), attacks=(jam,) * 15)
         assert run.airtime_s.sum() > 16.0
         assert len(run.summary()["correct_in_safe_mode"]) > 0
         assert run.summary()["without_quorum"] == []

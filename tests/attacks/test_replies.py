@@ -50,8 +50,8 @@ def test_liars_that_relay_seek_and_its_answers_both_ways_are_not_stopped(scripts
 
 
 def test_robots_that_drive_from_place_to_place_lose_some_as_printed_and_none_that_seeks(scripts):
-    assert len(stopped(scripts, "waypoints", 1, 0, "paper")) > 1
-    assert stopped(scripts, "waypoints", 1, 0) == []
+    assert len(stopped(scripts, "waypoints", 1, 2, "paper")) > 1
+    assert stopped(scripts, "waypoints", 1, 2) == []
 
 
 @pytest.mark.long
