@@ -320,7 +320,7 @@ class TestQuorum:
             else "phalanx: warning: none of the correct robots has a quorum at the start, 5 correct others (f_max + 2)"
         )
         assert err.count("warning") == 1
-        code, _, err = phalanx(*command, "--robots", "4", "--duration", "1", "--f-max", "1")
+        code, _, err = phalanx(*command, "--robots", "5", "--duration", "1", "--f-max", "1")
         assert code == 0
         assert "warning" not in err
 
