@@ -6,6 +6,7 @@ import asyncio
 import json
 import os
 import stat
+from collections import Counter
 
 import pytest
 from aiohttp import web
@@ -18,6 +19,7 @@ from phalanx.link.session import EndReason, Kind, Reason, Role, Secret
 from phalanx.link.session.invitation import BadInvitation
 from phalanx.net.session_client import Client, RequestRefused, SessionOver
 from phalanx.net.session_connection import websocket_url
+from phalanx.net.session_ways import WebsocketWay
 from session_endpoint import Endpoint
 
 pytestmark = pytest.mark.waits
@@ -302,3 +304,14 @@ class TestHostileServers:
             await runner.cleanup()
 
         asyncio.run(visit())
+
+
+async def test_whoever_is_cancelled_while_a_websocket_closes_leaves_nothing_open(monkeypatch):
+    async def cancelled(_):
+        raise asyncio.CancelledError
+
+    monkeypatch.setattr(WebsocketWay, "close", cancelled)
+    way = WebsocketWay("ws://127.0.0.1:1", 1, Counter())
+    with pytest.raises(asyncio.CancelledError):
+        await way.__aexit__()
+    assert way._http.closed

@@ -70,8 +70,10 @@ class WebsocketWay:
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        await self.close()
-        await self._http.close()
+        try:
+            await self.close()
+        finally:  # also where whoever leaves is cancelled meanwhile
+            await self._http.close()
 
     async def messages(self) -> AsyncIterator[bytes]:
         """Yield binary messages until the socket is closed."""
