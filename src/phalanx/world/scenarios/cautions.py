@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,8 +25,8 @@ def cautions(scenario: Scenario) -> list[str]:
     """Return a line for each reason why the audits may fail: the channel, T_val, the robots in range, or the liars."""
     if scenario.defence == "none":
         return []
-    others = neighbours_at_start(scenario)
-    told = [*_crowded(scenario), *_seldom(scenario), *_lonely(scenario, others), *_many(scenario, others)]
+    near = _in_range_at_start(scenario)
+    told = [*_crowded(scenario), *_seldom(scenario), *_lonely(scenario, near), *_many(scenario, near)]
     return [*told, *_flooded(scenario), *_overrun(scenario)]
 
 
@@ -35,11 +37,12 @@ def _overrun(scenario: Scenario) -> list[str]:
     return [f"{liars} compromised robots, and f_max is {f_max}: nothing is promised; f_max {liars}, or fewer attacks"]
 
 
-def _many(scenario: Scenario, others: NDArray[np.int64]) -> list[str]:
-    n_max, most = scenario.bti.n_max, int(others.max(initial=0))
+def _many(scenario: Scenario, near: Sequence[NDArray[np.int32]]) -> list[str]:
+    others = [len(each) for each in near]
+    n_max, most = scenario.bti.n_max, max(others)
     if most <= n_max:
         return []
-    robot = int(others.argmax()) + 1
+    robot = others.index(most) + 1
     return [
         f"robot {robot} has {most} others in range at the start, and n_max is {n_max}: it may be stopped; n_max {most}"
     ]
@@ -79,9 +82,11 @@ def _crowded(scenario: Scenario) -> list[str]:
     return [f"{want}, and above {MOST_FILLED:.0%} correct robots may be stopped; a smaller f_max or fewer robots help"]
 
 
-def _lonely(scenario: Scenario, others: NDArray[np.int64]) -> list[str]:
-    bti, is_correct, near = scenario.bti, *_liars_near(scenario)
-    correct, lonely = int(is_correct.sum()), int((is_correct & (others - near < bti.quorum)).sum())
+def _lonely(scenario: Scenario, near: Sequence[NDArray[np.int32]]) -> list[str]:
+    bti, is_correct = scenario.bti, np.ones(scenario.robots, bool)
+    is_correct[[int(attack.robot or 0) - 1 for attack in scenario.drawn_attacks()]] = False
+    others, hears = np.array([len(each) for each in near]), np.array([is_correct[each].sum() for each in near])
+    correct, lonely = int(is_correct.sum()), int((is_correct & (hears < bti.quorum)).sum())
     if lonely == 0:
         return []
     of = "robots" if correct == scenario.robots else "correct robots"
@@ -93,25 +98,16 @@ def _lonely(scenario: Scenario, others: NDArray[np.int64]) -> list[str]:
     return [f"{who} {quorum}: {ends}; more robots, a closer grid or a smaller f_max help"]
 
 
-def _liars_near(scenario: Scenario) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Return which robots are correct, (N,), and how many compromised ones each has in range when it starts, (N,)."""
-    starts_m, n = np.array(scenario.starts_m, np.float64), scenario.robots
-    is_correct, near = np.ones(n, bool), np.zeros(n, np.int64)
-    for attack in scenario.drawn_attacks():
-        liar = int(attack.robot or 0) - 1
-        hears = np.linalg.norm(starts_m[:n] - starts_m[liar], axis=1) <= scenario.radio.range_m
-        if 0 < scenario.hub <= liar:  # in an aisle
-            hears[scenario.hub :] = False
-        is_correct[liar], hears[liar] = False, False
-        near += hears
-    return is_correct, near
-
-
 def neighbours_at_start(scenario: Scenario) -> NDArray[np.int64]:
     """Return how many others each robot has in range when it starts, (N,)."""
+    return np.array([len(each) for each in _in_range_at_start(scenario)], np.int64)
+
+
+def _in_range_at_start(scenario: Scenario) -> list[NDArray[np.int32]]:
+    """Return whom each of N robots has in range when it starts, as indices."""
     reach = make_lists(scenario.robots, scenario.bti, scenario.radio, skin=0.0)
     rebuild(reach, np.array(scenario.starts_m, np.float64))
     if scenario.hub:
         set_aisles(reach, scenario.hub, scenario.robots)
-    ends: NDArray[np.int64] = np.array([in_range(reach, i) for i in range(scenario.robots)])
-    return ends - reach.near[:-1]
+    ends = [in_range(reach, i) for i in range(scenario.robots)]
+    return [reach.ids[reach.near[i] : end] for i, end in enumerate(ends)]
