@@ -33,7 +33,7 @@ def run(name: str, defence: Any, controller: str | None, as_json: bool, **said: 
         raise UsageError(f"no attack {first.name!r}", f"{did_you_mean(first.name, ATTACKS)}phalanx attack list has all")
     trial: FlockTrial | MissionTrial | TeamTrial
     goal_m: tuple[float, float] | None = None
-    if first.attack.scene in ("flock", "protocol"):
+    if first.attack.in_swarm:
         with said_aside(), mistakes_in(controller, name):
             trial, goal_m = _try_in_flock(first, said, defence, controller)
     elif first.attack.scene == "team":

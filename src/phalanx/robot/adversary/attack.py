@@ -71,6 +71,11 @@ class Attack:
     options: Mapping[str, Option] = field(default_factory=dict)  # what else can be asked of it, by name
 
     @property
+    def in_swarm(self) -> bool:
+        """Return whether a robot of a swarm carries it out."""
+        return self.scene in ("flock", "protocol")
+
+    @property
     def kind(self) -> type[Any]:
         """Return the class that carries it out."""
         if isinstance(self.made_of, type):
@@ -90,7 +95,7 @@ class Attack:
         """
         for name, value in options.items():
             if name not in self.options:
-                always = ("robot", "at", "until") if self.scene in ("flock", "protocol") else ()
+                always = ("robot", "at", "until") if self.in_swarm else ()
                 known = (*self.options, *always)
                 hint = f"{did_you_mean(name, known)}it takes {', '.join(known) or 'none'}"
                 raise UsageError(f"options of {self.name} have no {name!r}", hint)

@@ -11,10 +11,9 @@ from functools import cache
 from importlib.metadata import entry_points
 from types import MappingProxyType
 
-from .attack import Attack, Scene
+from .attack import Attack
 
 GROUP = "phalanx.attacks"
-IN_SWARMS: frozenset[Scene] = frozenset(("flock", "protocol"))
 
 
 @cache
@@ -26,4 +25,4 @@ def attacks() -> Mapping[str, Attack]:
 @cache
 def swarm_attacks() -> Mapping[str, Attack]:
     """Return the attacks that a robot of a swarm carries out, by name."""
-    return MappingProxyType({name: each for name, each in attacks().items() if each.scene in IN_SWARMS})
+    return MappingProxyType({name: each for name, each in attacks().items() if each.in_swarm})
