@@ -1,4 +1,4 @@
-"""What visitors are still to be sent, in turns: an update is short, however much changes at once.
+"""Queue what visitors are still to be sent, in turns: an update is short, however much changes at once.
 
 An entry waits behind those that were there before it. While it waits, a newer one of its key takes its place, so that
 the queue is no longer than there are robots.
@@ -6,7 +6,7 @@ the queue is no longer than there are robots.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,16 +21,18 @@ class Entry:
 
     Attributes:
         sent: to be called when it was sent.
+        size: its length as JSON.
+
+    Raises: ValueError, TypeError: it is not JSON.
     """
 
     list_name: str
     item: Any
     sent: Callable[[], None] = lambda: None
+    size: int = field(init=False)
 
-    @property
-    def size(self) -> int:
-        """Return its length as JSON. Raises: ValueError, TypeError: it is not JSON."""
-        return len(encode_json(self.item)) + 1
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "size", len(encode_json(self.item)) + 1)
 
 
 Key = tuple[Any, ...]
@@ -40,20 +42,19 @@ Make = Callable[[], Iterable[Entry]]
 
 @dataclass(slots=True)
 class Batch:
-    """What an update has room for. Attributes: lists: by their names; size: as JSON, at most."""
+    """The part of the queue that fits an update. Attributes: lists: by their names; size: as JSON, at most."""
 
     lists: dict[str, list[Any]] = field(default_factory=dict)
     size: int = 0
     taken: list[Key] = field(default_factory=list)
     entries: list[Entry] = field(default_factory=list)
 
-    def costs(self, entries: Iterable[Entry]) -> int:
-        """Return by how much entries make it longer. Raises: ValueError, TypeError: one is not JSON."""
-        entries = list(entries)
+    def costs(self, entries: Sequence[Entry]) -> int:
+        """Return by how much entries make it longer."""
         new = {entry.list_name for entry in entries} - self.lists.keys()
         return sum(entry.size for entry in entries) + sum(len(name) + KEY_BYTES for name in new)
 
-    def add(self, key: Key, entries: Iterable[Entry], cost: int) -> None:
+    def add(self, key: Key, entries: Sequence[Entry], cost: int) -> None:
         """Add the entries of a key."""
         self.taken.append(key)
         self.size += cost
@@ -78,8 +79,7 @@ class Outbox:
 
     def put_item(self, key: Key, list_name: str, item: Any) -> None:
         """Have an item sent. Raises: ValueError, TypeError: it is not JSON, and nothing waits."""
-        entry = Entry(list_name, item)
-        entry.size  # noqa: B018  # what is not JSON must not stop all that waits behind it
+        entry = Entry(list_name, item)  # made now: what is not JSON must not stop all that waits behind it
         self.put(key, lambda: (entry,))
 
     def forget(self, key: Key) -> None:

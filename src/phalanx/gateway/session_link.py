@@ -207,7 +207,10 @@ class SessionLink:
             except Exception as error:
                 # Whatever one connection did, the others are served.
                 log.exception("a connection is closed (%s)", type(error).__name__)
-                self.carry([Close(event.connection, "failed"), *self.server.closed(event.connection, now())])
+                self._fail(event.connection)
+
+    def _fail(self, connection: int) -> None:
+        self.carry([Close(connection, "failed"), *self.server.closed(connection, now())])
 
     def _on_event(self, event: Event) -> None:
         match event:
@@ -245,8 +248,7 @@ class SessionLink:
         except Exception as error:  # noqa: BLE001 - whatever the disk does, who drives is served
             log.error("visitors cannot be written, and are not admitted: %s", error)  # noqa: TRY400
             for connection in held:
-                self._ways.carry(Close(connection, "failed"))
-                self.carry(self.server.closed(connection, now()))
+                self._fail(connection)
             return
         for events in held.values():
             self.carry(events)
