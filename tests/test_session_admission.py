@@ -1,4 +1,4 @@
-"""Who is admitted, in whose place, and what one visitor may do however often it comes."""
+"""Admission: in whose place newcomers come, and what one visitor may do however often it comes."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ def _units(robots: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """What is sent in a tick: in small frames, whole, and for those who read the older words."""
+    """The frames of one tick: small ones, a whole one, and what readers of the older words need."""
 
     frames: tuple[dict[str, Any], ...]
     joined: tuple[Robot, ...]

@@ -1,4 +1,4 @@
-"""Where robots are, in six bytes each, and where they go, in four a point: frames are mostly this.
+"""Pack where robots are, in six bytes each, and where they go, in four a point: frames are mostly this.
 
 Source: docs/spec/vocabulary.md#places.
 """

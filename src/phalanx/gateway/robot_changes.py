@@ -1,4 +1,4 @@
-"""What seldom changes of a robot, compared with what visitors know (docs/spec/vocabulary.md)."""
+"""Compare what seldom changes of a robot with what visitors know (docs/spec/vocabulary.md)."""
 
 from __future__ import annotations
 

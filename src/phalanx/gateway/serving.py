@@ -1,4 +1,4 @@
-"""How long a gateway waits for a broker, and how long it lives."""
+"""Wait for a gateway's broker, and end a gateway after its time."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from phalanx.net.session_broker import SessionBroker, Told
 
 
 class FrontEnd(Protocol):
-    """What is needed of `phalanx.net.front.Front`."""
+    """The part of `phalanx.net.front.Front` that sessions use."""
 
     def events(self) -> AsyncIterator[Event]:
         """Yield what happens to connections."""

@@ -10,7 +10,7 @@ from phalanx.cli.options import option, runs
 
 @click.group(epilog="Example: phalanx link connect 'http://192.168.1.7:8080/#j=…'")
 def link() -> None:
-    """Who may command: visit a swarm from a terminal, invite others, see who drove."""
+    """Visit a swarm from a terminal, invite others, see who drove."""
 
 
 @link.command(

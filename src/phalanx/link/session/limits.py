@@ -37,7 +37,7 @@ class Bucket:
 
 
 class Caps:
-    """What one visitor may send, whatever its connections."""
+    """The rates of one visitor, whatever its connections."""
 
     __slots__ = ("_commands", "_handshakes", "_requests", "_routes")
 

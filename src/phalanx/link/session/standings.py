@@ -1,4 +1,4 @@
-"""What visitors were told of what they may do, so that each is told what changes of it and no more."""
+"""Remember what visitors know of what they may do, so that each is sent changes only."""
 
 from __future__ import annotations
 
