@@ -148,6 +148,17 @@ def again_after(f: Fleet) -> int:
 
 
 @kernel
+def is_waiting(f: Fleet, i: int, now: int) -> bool:
+    """Return whether a robot that has not answered in this round was asked so lately that it cannot be asked now."""
+    r, pause_ms = f.robot[i], again_after(f)
+    for k in range(r.peers):
+        p = f.peer[i, k]
+        if p.answered != r.round_no and now < p.asked_ms + pause_ms:
+            return True
+    return False
+
+
+@kernel
 def next_retry(f: Fleet, i: int, now: int) -> int:
     """Return when to ask further robots, or the same again, ms of the robot's clock; -1 if all tokens are there.
 
@@ -161,8 +172,9 @@ def next_retry(f: Fleet, i: int, now: int) -> int:
         r.retry_at = r.repeat_at
     elif soon > now:
         r.retry_at = soon
-    elif r.seeks:
-        # An answer may come at any time; and if its a-node has no token request left, it soon has.
+    elif r.seeks or (s.profile != PAPER and is_waiting(f, i, now)):
+        # An answer may come at any time; and if its a-node has no token request left, it soon has. A robot that does
+        # not seek yet looks as often: liars that delay a fragment would otherwise keep it silent for half a round.
         r.retry_at = now + s.retry
     else:
         r.retry_at = max(now + s.retry, r.asked_at + again_after(f))
@@ -209,10 +221,11 @@ def withdraw(f: Fleet, i: int) -> None:
 def retry(f: Fleet, i: int, now: int) -> int:
     """Return how many tokens are missing in this round if it is time to ask as many further robots, else 0.
 
+    Before the first round none is: whoever answers a SEEK then would otherwise use up token requests, with no HELLO.
     Source: RoboRebound §5.2.
     """
     r = f.robot[i]
-    if now < r.retry_at:
+    if r.round_no == 0 or now < r.retry_at:
         return 0
     missing = max(f.settings[0].f_max + 1 - r.got, 0)
     if r.request_len == 0:

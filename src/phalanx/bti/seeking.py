@@ -1,7 +1,7 @@
 """Seeking: how a robot that lacks tokens finds auditors that it can reach now, and how others answer.
 
-A robot seeks if an auditor stays silent in this round, or if its last round ended without enough tokens. It broadcasts
-SEEK at a random time, and again until it has its tokens. Each robot that receives SEEK answers once, at a random time:
+A robot seeks if an auditor stays silent in this round, if it lacks tokens and has nobody left to ask, or if its last
+round ended without enough tokens. It broadcasts SEEK at a random time, and again until it has its tokens. Each robot that receives SEEK answers once, at a random time:
 with the token that it has issued in this round, which may be lost, or with HERE, which repeats the nonce of SEEK. A
 robot that seeks asks only robots that have just answered: each request uses up one of its a-node's few token requests.
 
@@ -23,7 +23,7 @@ from . import trusted
 from .fleet import PAPER, PENDING, Fleet
 from .log import FLUSH_S, mark
 from .request import AUTH_MAC, audit_head, token_packet
-from .rounds import again_after, mixed, next_candidate, peer_at, withdraw
+from .rounds import again_after, is_waiting, mixed, next_candidate, peer_at, withdraw
 
 SEEK, HERE = table.SEEK, table.HERE
 SEEK_BYTES, HERE_BYTES = table.AUDIT_SEEK.size, table.AUDIT_HERE.size
@@ -35,6 +35,8 @@ REPEATS = 4
 PATIENT = 5
 # A HELLO is over by then, if it waited for a fragment or two of others.
 LISTENS_MS = 5
+# Robots answer a SEEK within T_audit >> ANSWERS_IN: in a sixteenth, liars' buckets filled the channel (docs/adr/0039).
+ANSWERS_IN = 3
 # By then all robots answer, however many they are.
 MOST_DOUBLED = 9
 # What is drawn: the nonce, how long to listen, when to seek, answer, repeat a fragment, and ask the same robot again.
@@ -110,27 +112,31 @@ def _is_replaceable(f: Fleet, i: int, now: int) -> bool:
 
 @kernel
 def seek(f: Fleet, i: int, now: int, auth_s: Row, frame: Row) -> int:
-    """Write the next SEEK if it is due, and return its length; begin to seek if an auditor is silent.
+    """Write the next SEEK if it is due, and return its length; begin to seek if an auditor is silent or none is left.
 
     `auth_s` (30,) is scratch.
     """
     r = f.robot[i]
     if not r.seeks:
-        if r.request_len == 0 and _is_one_silent(f, i, now):
+        if r.request_len == 0 and _has_to_seek(f, i, now):
             _start(f, i, now, int(r.round_no), auth_s)
         return 0
     return int(packet(f, i, now, frame)) if now >= r.seek_at else 0
 
 
 @kernel
-def _is_one_silent(f: Fleet, i: int, now: int) -> bool:
-    """Return whether a robot that was asked in this round has not answered within the retry time."""
-    r = f.robot[i]
+def _has_to_seek(f: Fleet, i: int, now: int) -> bool:
+    """Return whether, after the retry time, a robot asked in this round is silent, or all were asked too lately.
+
+    The latter is so if they were asked late in the last round: nobody is silent then, and yet no token will come.
+    """
+    r, retry_ms = f.robot[i], f.settings[0].retry
     for k in range(r.peers):
         p = f.peer[i, k]
-        if p.asked == r.round_no and p.answered != r.round_no and now >= p.asked_ms + f.settings[0].retry:
+        if p.asked == r.round_no and p.answered != r.round_no and now >= p.asked_ms + retry_ms:
             return True
-    return False
+    began = r.round_no > 0 and now >= r.round_at + retry_ms
+    return bool(began and is_waiting(f, i, now) and next_candidate(f, i, now) == 0)
 
 
 @kernel
@@ -209,7 +215,7 @@ def receive_seek(f: Fleet, i: int, src: int, now: int, packet: Row, auth_s: Row)
     ):
         return -1
     o.sought, o.nonce, o.since = now, nonce, since
-    o.answer_at = now + 1 + draw(f, i, ANSWER, src, now, auth_s) % max(1, s.t_audit >> 4)
+    o.answer_at = now + 1 + draw(f, i, ANSWER, src, now, auth_s) % max(1, s.t_audit >> ANSWERS_IN)
     r.answer_at = o.answer_at if r.answer_at == 0 else min(r.answer_at, o.answer_at)
     return int(o.answer_at)
 
