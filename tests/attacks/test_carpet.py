@@ -28,8 +28,8 @@ from phalanx.world.scenarios.run import Run
 F_MAX, T_AUDIT_MS, T_VAL_MS = 5, 4000, 10_000
 HERE_US = 76  # what a HERE is on the air
 NOISE_BYTES = 2048 - request.AUDIT_HEAD_BYTES
-# Seeds with which the victim's first round comes late: it has one less before its first T_val is over.
-SEEDS = [21]
+# n_max and seeds with which the victim's first round comes late: it has one less before its first T_val is over.
+LATE = [(24, 21), (90, 23), (90, 27)]
 
 
 class Carpet(RefuseToAudit):
@@ -142,13 +142,13 @@ def scenario(seed: int, n_max: int = 24) -> Scenario:
     )
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_liars_that_fill_all_moments_of_a_victim_s_audits_do_not_stop_it(monkeypatch, seed):
-    """Before, the victim was stopped."""
+@pytest.mark.parametrize("n_max, seed", LATE)
+def test_liars_that_fill_all_moments_of_a_victim_s_audits_do_not_stop_it(monkeypatch, n_max, seed):
+    """Before, the victim was stopped in each."""
     monkeypatch.syspath_prepend(str(ROOT / "scripts"))
     import layouts
 
-    made, where = scenario(seed), places(seed)
+    made, where = scenario(seed, n_max), places(seed)
     run = Run(made)
     monkeypatch.setattr(Carpet, "air", run.world.air, raising=False)
     layouts.drive(run, layouts.Layout(lambda _: where), made.duration_s)

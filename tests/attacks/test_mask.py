@@ -95,7 +95,7 @@ def test_liars_who_have_others_answer_stop_nobody_either(attack, seeds):
 @pytest.mark.parametrize("t_val_ms, alone", [(6000, [20]), (8000, [])])
 def test_a_t_val_of_a_round_and_a_half_lets_liars_that_audit_nobody_stop_one(t_val_ms, alone):
     """Below 2 T_audit P2 promises nothing: see docs/promises.md."""
-    made = star(5, 57, "refuse-to-audit")
+    made = star(5, 65, "refuse-to-audit")
     liars = tuple(replace(each, at_s=8.0) for each in made.attacks)
     run = Run(replace(made, duration_s=27.0, bti=BtiConfig(f_max=5, t_val_ms=t_val_ms), attacks=liars))
     run.advance(27.0)
