@@ -86,8 +86,8 @@ RULES: dict[str, list[tuple[str, str]]] = {
         (r"\ba->audit\b", "a->send"),
         (r"_unicast\b", "_broadcast"),
         (r"_broadcast\b", "_unicast"),
-        (r"\btee, tor\b", "tor, tee"),
-        (r"\btor, tee\b", "tee, tor"),
+        (r"\bauditee, auditor\b", "auditor, auditee"),
+        (r"\bauditor, auditee\b", "auditee, auditor"),
     ],
     "a statement is left out": [
         (r"^ +(?:memset|memcpy|phx_\w+|shift)\([^\n]*\);\n", ""),
@@ -98,7 +98,7 @@ RULES: dict[str, list[tuple[str, str]]] = {
 # The size of an array: C does not look at a parameter's, and more room changes nothing.
 SIZE = re.compile(r"\S|\s+(?:static )?(?:const )?uint\d+_t [^=]*\[[^]]*$")
 # A case apart, at the beginning of a function that returns an error: of these parameters.
-APART = r"\buint(?:16|32)_t (now|t|tee|tor|id|seq|len|src)\b"
+APART = r"\buint(?:16|32)_t (now|t|auditee|auditor|id|seq|len|src)\b"
 
 
 @dataclass(frozen=True)

@@ -66,26 +66,26 @@ class Nodes(nodes.Nodes):
         """`paper` only: robot i's s-node knows an a-node's authenticator for good."""
         _checked(trusted.snode_check_auth_a(self.profile, self.snode[i], _row(top), robot_id, _row(mac)))
 
-    def token_request(self, i, now, tor):
+    def token_request(self, i, now, auditor):
         """The record `token_request`."""
         out = np.zeros(trusted.TREQ_BYTES, np.uint8)
-        _checked(trusted.anode_token_request(self.profile, self.anode[i], now, tor, out))
+        _checked(trusted.anode_token_request(self.profile, self.anode[i], now, auditor, out))
         return out.tobytes()
 
-    def issue_token(self, i, tee, t, top, treq_mac, hckpt):
-        """The MAC of robot i's token for `tee`."""
+    def issue_token(self, i, auditee, t, top, treq_mac, hckpt):
+        """The MAC of robot i's token for `auditee`."""
         mac = np.zeros(MAC_BYTES, np.uint8)
         rows = _row(top), _row(treq_mac), _row(hckpt), mac
-        _checked(trusted.anode_issue_token(self.profile, self.anode[i], tee, t, *rows))
+        _checked(trusted.anode_issue_token(self.profile, self.anode[i], auditee, t, *rows))
         return mac.tobytes()
 
-    def check_token(self, i, tor, tee, t, hckpt, mac):
+    def check_token(self, i, auditor, auditee, t, hckpt, mac):
         """Robot i's a-node knows the token for good."""
-        _checked(trusted.anode_check_token(self.profile, self.anode[i], tor, tee, t, _row(hckpt), _row(mac)))
+        _checked(trusted.anode_check_token(self.profile, self.anode[i], auditor, auditee, t, _row(hckpt), _row(mac)))
 
-    def install_token(self, i, now, tor, t, hckpt, mac):
+    def install_token(self, i, now, auditor, t, hckpt, mac):
         """Robot i's a-node counts the token."""
-        _checked(trusted.anode_install_token(self.profile, self.anode[i], now, tor, t, _row(hckpt), _row(mac)))
+        _checked(trusted.anode_install_token(self.profile, self.anode[i], now, auditor, t, _row(hckpt), _row(mac)))
 
 
 def _row(raw):

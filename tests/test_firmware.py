@@ -61,11 +61,11 @@ def refusal(action, *arguments):
     return refused.value.reason
 
 
-def audited(nodes, tee, tor, now):
-    """A token for robot `tee` from robot `tor`, by rows: (t, mac)."""
-    request = nodes.token_request(tee, now, tor + 1)
+def audited(nodes, auditee, auditor, now):
+    """A token for robot `auditee` from robot `auditor`, by rows: (t, mac)."""
+    request = nodes.token_request(auditee, now, auditor + 1)
     t = int.from_bytes(request[:4], "little")
-    return t, nodes.issue_token(tor, tee + 1, t, request[4:24], request[24:], HCKPT)
+    return t, nodes.issue_token(auditor, auditee + 1, t, request[4:24], request[24:], HCKPT)
 
 
 class TestVectors:
@@ -260,9 +260,9 @@ class TestTokens:
     def test_enough_fresh_tokens_keep_a_robot_alive(self, profile):
         nodes = keyed(profile, n=5, f_max=1)
         for now in range(4000, 40_000, 4000):
-            for tor in (1, 2):
-                t, mac = audited(nodes, 0, tor, now)
-                nodes.install_token(0, now, tor + 1, t, HCKPT, mac)
+            for auditor in (1, 2):
+                t, mac = audited(nodes, 0, auditor, now)
+                nodes.install_token(0, now, auditor + 1, t, HCKPT, mac)
             assert trusted.anode_check(profile, nodes.anode[0], now) == 0
         last = 36_000
         assert trusted.anode_check(profile, nodes.anode[0], last + LIMITS.t_val_ms) == 0
@@ -285,9 +285,9 @@ class TestTokens:
         # f_max = 1: three places. Two fresh tokens are needed, so the age of the second newest shows.
         nodes = keyed(profile, n=6, f_max=1)
         late = audited(nodes, 0, 5, 3900)
-        for tor, now in ((1, 4000), (3, 6000), (2, 5000), (4, 7000)):
-            t, mac = audited(nodes, 0, tor, now)
-            nodes.install_token(0, 7000, tor + 1, t, HCKPT, mac)
+        for auditor, now in ((1, 4000), (3, 6000), (2, 5000), (4, 7000)):
+            t, mac = audited(nodes, 0, auditor, now)
+            nodes.install_token(0, 7000, auditor + 1, t, HCKPT, mac)
         nodes.install_token(0, 7000, 6, late[0], HCKPT, late[1])
         nodes.anode[1] = nodes.anode[0]
         assert trusted.anode_check(profile, nodes.anode[0], 6000 + LIMITS.t_val_ms) == 0
@@ -298,8 +298,8 @@ class TestTokens:
         nodes = keyed(profile, f_max=1)
         old, new = audited(nodes, 0, 1, 4000), audited(nodes, 0, 1, 8000)
         other = audited(nodes, 0, 2, 8000)
-        for tor, (t, mac) in ((2, new), (3, other), (2, old)):
-            nodes.install_token(0, 9000, tor, t, HCKPT, mac)
+        for auditor, (t, mac) in ((2, new), (3, other), (2, old)):
+            nodes.install_token(0, 9000, auditor, t, HCKPT, mac)
         # As printed the map is overwritten with whatever comes last.
         assert trusted.anode_check(profile, nodes.anode[0], 15_000) == (profile == trusted.PAPER)
 
@@ -325,9 +325,9 @@ class TestTokens:
     def test_a_full_map_keeps_its_tokens_when_an_older_one_comes_late(self):
         nodes = keyed(n=6, f_max=1)
         late = audited(nodes, 0, 5, 3900)
-        for tor, now in ((1, 4000), (2, 5000), (3, 6000)):
-            t, mac = audited(nodes, 0, tor, now)
-            nodes.install_token(0, 7000, tor + 1, t, HCKPT, mac)
+        for auditor, now in ((1, 4000), (2, 5000), (3, 6000)):
+            t, mac = audited(nodes, 0, auditor, now)
+            nodes.install_token(0, 7000, auditor + 1, t, HCKPT, mac)
         before = nodes.anode[0].copy()
         nodes.install_token(0, 7000, 6, late[0], HCKPT, late[1])
         assert (nodes.anode[0] == before).all()
@@ -435,12 +435,15 @@ class TestHolesOfThePrintedProtocol:
         for profile in (trusted.BOUND, trusted.PAPER):
             nodes = Nodes(1, profile, replace(LIMITS, f_max=1))
             nodes.load_master(0, MASTER, 1)
-            forged = {tor: lightmac(bytes(20), b"\x14" + u16(tor) + u16(1) + u32(2**32 - 1) + HCKPT) for tor in (2, 3)}
-            for tor, mac in forged.items():
+            forged = {
+                auditor: lightmac(bytes(20), b"\x14" + u16(auditor) + u16(1) + u32(2**32 - 1) + HCKPT)
+                for auditor in (2, 3)
+            }
+            for auditor, mac in forged.items():
                 if profile == trusted.PAPER:
-                    nodes.install_token(0, 0, tor, 2**32 - 1, HCKPT, mac)
+                    nodes.install_token(0, 0, auditor, 2**32 - 1, HCKPT, mac)
                 else:
-                    assert refusal(nodes.install_token, 0, 0, tor, 2**32 - 1, HCKPT, mac) == "no_key"
+                    assert refusal(nodes.install_token, 0, 0, auditor, 2**32 - 1, HCKPT, mac) == "no_key"
             nodes.load_mission(0, 0, seal_mission_key(MASTER, MISSION, R, 1))
             an_hour_later = trusted.anode_check(profile, nodes.anode[0], 3_600_000)
             assert an_hour_later == (0 if profile == trusted.PAPER else 1)

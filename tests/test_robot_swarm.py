@@ -118,17 +118,17 @@ def protected(file):
     return file, unsealed(master, read_mission_key(file.with_name("key.json"), 9))
 
 
-def claims(robots, which, tee, hckpt):
+def claims(robots, which, auditee, hckpt):
     """A robot begins to show what it wants a token for."""
     head = bytearray(REQUEST.size)
     head[REQUEST.at("hckpt") : REQUEST.at("hckpt") + len(hckpt)] = hckpt
-    robots.say(which, AUDIT_FRAGMENT.encode(src=tee, dst=1, request=1, index=0, count=1, bytes=bytes(head)))
+    robots.say(which, AUDIT_FRAGMENT.encode(src=auditee, dst=1, request=1, index=0, count=1, bytes=bytes(head)))
 
 
-def vouches(robots, which, key, tor, tee, t, hckpt):
+def vouches(robots, which, key, auditor, auditee, t, hckpt):
     """A robot says a token for another."""
-    mac = mac_of(key, TOKEN.encode(tor=tor, tee=tee, t=t, hckpt=hckpt))
-    robots.say(which, AUDIT_TOKEN.encode(src=tor, dst=tee, request=1, t=t, mac=mac))
+    mac = mac_of(key, TOKEN.encode(auditor=auditor, auditee=auditee, t=t, hckpt=hckpt))
+    robots.say(which, AUDIT_TOKEN.encode(src=auditor, dst=auditee, request=1, t=t, mac=mac))
 
 
 def both_seen(swarm, robots):

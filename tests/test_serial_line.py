@@ -152,7 +152,7 @@ class TestBoard:
         for k in range(12):
             frame = bytes([1, k]) * 20
             assert board.ask(lines.RECV, 100 + k, frame=frame) == calm.ask(lines.RECV, 100 + k, frame=frame)
-        asked = {"now_ms": 200, "tor": 3}
+        asked = {"now_ms": 200, "auditor": 3}
         assert board.ask(lines.TOKEN_REQUEST, **asked) == calm.ask(lines.TOKEN_REQUEST, **asked)
         assert board.again >= 13
         board.close()

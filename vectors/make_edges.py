@@ -43,10 +43,10 @@ class Tale(Story):
         for kind in ("snode", "anode"):
             self.call(f"{kind}_load_mission", robot, (self.now, seq), sealed_key(seq))
 
-    def token(self, robot: int, tor: int, t: int, now: int | None = None, tee: int | None = None) -> None:
+    def token(self, robot: int, auditor: int, t: int, now: int | None = None, auditee: int | None = None) -> None:
         """Robot installs a true token."""
-        mac = token_mac(tor, IDS[robot] if tee is None else tee, t)
-        self.call("anode_install_token", robot, (self.now if now is None else now, tor, t), (HCKPT, mac))
+        mac = token_mac(auditor, IDS[robot] if auditee is None else auditee, t)
+        self.call("anode_install_token", robot, (self.now if now is None else now, auditor, t), (HCKPT, mac))
 
     def case(self) -> Case:
         return {"name": f"{self.profile}: {self.name}", "profile": self.profile, "limits": self.limits} | {
@@ -60,8 +60,8 @@ def sealed_key(seq: int) -> tuple[bytes, bytes, bytes]:
     return k, r, lightmac(MASTER, b"\x10" + k + r + u32(seq))
 
 
-def token_mac(tor: int, tee: int, t: int) -> bytes:
-    return lightmac(MISSION, b"\x14" + u16(tor) + u16(tee) + u32(t) + HCKPT)
+def token_mac(auditor: int, auditee: int, t: int) -> bytes:
+    return lightmac(MISSION, b"\x14" + u16(auditor) + u16(auditee) + u32(t) + HCKPT)
 
 
 def sealed_frame(t: int, src: int, frame: bytes = b"\x01far away") -> bytes:
@@ -121,14 +121,14 @@ def macs(profile: str) -> Case:
 def zeros(profile: str) -> Case:
     """Time 0, robot 0 and a key of zeros are numbers like others: a MAC decides."""
     tale = Tale("zeros", profile)
-    for t, tee in ((0, IDS[0]), (0, 0), (5, 0)):
-        treq = b"\x13" + u32(t) + u16(tee) + u16(IDS[1]) + (TOP if tale.bound else b"")
+    for t, auditee in ((0, IDS[0]), (0, 0), (5, 0)):
+        treq = b"\x13" + u32(t) + u16(auditee) + u16(IDS[1]) + (TOP if tale.bound else b"")
         for mac in (lightmac(MISSION, treq), lightmac(bytes(20), treq), bytes(8)):
-            tale.call("anode_issue_token", 1, (tee, t), (TOP, mac, HCKPT))
-    for tor, tee, t in ((IDS[1], 0, 5), (IDS[1], IDS[0], 0), (0, IDS[0], 5), (0, 0, 0)):
-        for mac in (token_mac(tor, tee, t), bytes(8)):
-            tale.call("anode_check_token", 0, (tor, tee, t), (HCKPT, mac))
-            tale.call("anode_install_token", 0, (6, tor, t), (HCKPT, mac))
+            tale.call("anode_issue_token", 1, (auditee, t), (TOP, mac, HCKPT))
+    for auditor, auditee, t in ((IDS[1], 0, 5), (IDS[1], IDS[0], 0), (0, IDS[0], 5), (0, 0, 0)):
+        for mac in (token_mac(auditor, auditee, t), bytes(8)):
+            tale.call("anode_check_token", 0, (auditor, auditee, t), (HCKPT, mac))
+            tale.call("anode_install_token", 0, (6, auditor, t), (HCKPT, mac))
     for name in ("snode_load_mission", "anode_load_mission"):
         for mac in (sealed_key(0)[2], bytes(8)):
             tale.call(name, 2, (0, 0), (*sealed_key(0)[:2], mac))
@@ -202,8 +202,8 @@ def errors(profile: str) -> Case:
     tale.call("anode_token_request", 0, (LIMITS["bucket_period_ms"], IDS[1]))
     tale.call("anode_token_request", 0, (LIMITS["bucket_period_ms"], IDS[1]))
     tale.call("anode_issue_token", 0, (IDS[0], 4), (TOP, bytes(8), HCKPT))
-    for tor, t in ((IDS[1], 51), (0, 51), (0, 50), (IDS[1], 50)):
-        tale.token(0, tor, t, now=50)
+    for auditor, t in ((IDS[1], 51), (0, 51), (0, 50), (IDS[1], 50)):
+        tale.token(0, auditor, t, now=50)
     tale.call("snode_poll", 0, (END - 1,), (b"one before the end",))
     tale.call("anode_recv", 0, (END - 1,), (b"\x01",))
     all_calls(0, END)

@@ -230,21 +230,21 @@ def story(profile: str, seed: int) -> Case:
 
 def audits(tale: Story, chance: random.Random, i: int, hckpt: bytes, requests: list[Any], macs: list[bytes]) -> None:
     """Robot i asks two others, and shows somebody's MAC where it does not belong."""
-    for tor in chance.sample(range(1, ROBOTS + 1), 2):
-        asked = tale.call("anode_token_request", i, (tale.now, tor))
+    for auditor in chance.sample(range(1, ROBOTS + 1), 2):
+        asked = tale.call("anode_token_request", i, (tale.now, auditor))
         if asked:
-            requests.append((asked, i + 1, tor))
+            requests.append((asked, i + 1, auditor))
     if not requests:
         return
-    for asked, tee, tor in (requests[-1], chance.choice(requests)):
+    for asked, auditee, auditor in (requests[-1], chance.choice(requests)):
         t, top, mac = int.from_bytes(asked[:4], "little"), asked[4:24], asked[24:]
-        token = tale.call("anode_issue_token", tor - 1, (tee, t), (top, mac, hckpt))
-        tale.call("anode_issue_token", tor - 1, (tee, t), (top, chance.choice(macs), hckpt))
+        token = tale.call("anode_issue_token", auditor - 1, (auditee, t), (top, mac, hckpt))
+        tale.call("anode_issue_token", auditor - 1, (auditee, t), (top, chance.choice(macs), hckpt))
         if token:
             macs.append(token)
-            tale.call("anode_check_token", chance.randrange(ROBOTS), (tor, tee, t), (hckpt, token))
-            tale.call("anode_install_token", tee - 1, (tale.now, tor, t), (hckpt, token))
-            tale.call("anode_install_token", tee % ROBOTS, (tale.now, tor, t), (hckpt, token))
+            tale.call("anode_check_token", chance.randrange(ROBOTS), (auditor, auditee, t), (hckpt, token))
+            tale.call("anode_install_token", auditee - 1, (tale.now, auditor, t), (hckpt, token))
+            tale.call("anode_install_token", auditee % ROBOTS, (tale.now, auditor, t), (hckpt, token))
 
 
 def nodes() -> list[Case]:

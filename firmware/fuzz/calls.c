@@ -123,9 +123,9 @@ static void sound(const robot *r)
     stop_unless(r->a.send.level <= (uint64_t)limits->send_capacity_us * 1000u);
     stop_unless(r->a.audit.level <= (uint64_t)limits->audit_capacity_us * 1000u);
     for (unsigned i = 0; i < PHX_TOKENS; i++) {
-        stop_unless(r->a.tokens[i].tor == 0 || (i <= limits->f_max && r->a.tokens[i].t <= r->now));
+        stop_unless(r->a.tokens[i].auditor == 0 || (i <= limits->f_max && r->a.tokens[i].t <= r->now));
         for (unsigned k = 0; k < i; k++)
-            stop_unless(r->a.tokens[i].tor == 0 || r->a.tokens[i].tor != r->a.tokens[k].tor);
+            stop_unless(r->a.tokens[i].auditor == 0 || r->a.tokens[i].auditor != r->a.tokens[k].auditor);
     }
 }
 
@@ -206,7 +206,7 @@ static void unseal(stream *in, const world *w, robot *r)
 
 static void ask(stream *in, world *w, robot *r, unsigned call)
 {
-    uint16_t id = (uint16_t)number(in, 1), tee = (uint16_t)(call == CHECK_TOKEN ? number(in, 1) : 0);
+    uint16_t id = (uint16_t)number(in, 1), auditee = (uint16_t)(call == CHECK_TOKEN ? number(in, 1) : 0);
     uint32_t t = number(in, 1) & 1u ? w->asked_at : number(in, 4);
     uint8_t *one = argument(in, w, PHX_HASH_BYTES), *two = argument(in, w, PHX_HASH_BYTES);
     uint8_t *mac = argument(in, w, PHX_MAC_BYTES), *out = calloc(1, PHX_TREQ_OUT_BYTES);
@@ -227,7 +227,7 @@ static void ask(stream *in, world *w, robot *r, unsigned call)
         got = phx_anode_issue_token(&r->a, id, t, one, mac, two, out);
         break;
     case CHECK_TOKEN:
-        phx_anode_check_token(&r->a, id, tee, t, two, mac);
+        phx_anode_check_token(&r->a, id, auditee, t, two, mac);
         break;
     case INSTALL_TOKEN:
         phx_anode_install_token(&r->a, r->now, id, t, two, mac);

@@ -96,7 +96,7 @@ typedef struct {
 
 typedef struct {
     uint32_t t;
-    uint16_t tor;                          /* 0: free */
+    uint16_t auditor;                      /* 0: free */
 } phx_token;
 
 typedef struct {
@@ -144,15 +144,15 @@ int phx_snode_check_auth(phx_snode *s, const uint8_t thash[PHX_HASH_BYTES], uint
                          const uint8_t nonce[PHX_NONCE_BYTES], const uint8_t mac[PHX_MAC_BYTES]);
 
 /* out: t (4), tHash_a (20), MAC (8); the chain is flushed. In `paper` neither is done and tHash_a is zero. */
-int phx_anode_token_request(phx_anode *a, uint32_t now, uint16_t tor, uint8_t out[PHX_TREQ_OUT_BYTES]);
-/* mac: the token's. Whoever calls it vouches that the log of `tee` was replayed and found right. */
-int phx_anode_issue_token(phx_anode *a, uint16_t tee, uint32_t t, const uint8_t thash_a[PHX_HASH_BYTES],
+int phx_anode_token_request(phx_anode *a, uint32_t now, uint16_t auditor, uint8_t out[PHX_TREQ_OUT_BYTES]);
+/* mac: the token's. Whoever calls it vouches that the log of `auditee` was replayed and found right. */
+int phx_anode_issue_token(phx_anode *a, uint16_t auditee, uint32_t t, const uint8_t thash_a[PHX_HASH_BYTES],
                           const uint8_t treq_mac[PHX_MAC_BYTES], const uint8_t hckpt[PHX_HASH_BYTES],
                           uint8_t mac[PHX_MAC_BYTES]);
-int phx_anode_check_token(phx_anode *a, uint16_t tor, uint16_t tee, uint32_t t, const uint8_t hckpt[PHX_HASH_BYTES],
-                          const uint8_t mac[PHX_MAC_BYTES]);
-int phx_anode_install_token(phx_anode *a, uint32_t now, uint16_t tor, uint32_t t, const uint8_t hckpt[PHX_HASH_BYTES],
-                            const uint8_t mac[PHX_MAC_BYTES]);
+int phx_anode_check_token(phx_anode *a, uint16_t auditor, uint16_t auditee, uint32_t t,
+                          const uint8_t hckpt[PHX_HASH_BYTES], const uint8_t mac[PHX_MAC_BYTES]);
+int phx_anode_install_token(phx_anode *a, uint32_t now, uint16_t auditor, uint32_t t,
+                            const uint8_t hckpt[PHX_HASH_BYTES], const uint8_t mac[PHX_MAC_BYTES]);
 /* CheckTokens, to be called every 100 ms at least: 0, or 1 in Safe Mode. */
 int phx_anode_check(phx_anode *a, uint32_t now);
 int phx_anode_is_safe(const phx_anode *a);

@@ -45,22 +45,22 @@
 #define PHX_TREQ 0x13u
 #define PHX_TREQ_BYTES 29u
 #define PHX_TREQ_T 1u
-#define PHX_TREQ_TEE 5u
-#define PHX_TREQ_TOR 7u
+#define PHX_TREQ_AUDITEE 5u
+#define PHX_TREQ_AUDITOR 7u
 #define PHX_TREQ_THASH_A 9u
 
 /* the same in profile `paper` */
 #define PHX_TREQ_PAPER 0x13u
 #define PHX_TREQ_PAPER_BYTES 9u
 #define PHX_TREQ_PAPER_T 1u
-#define PHX_TREQ_PAPER_TEE 5u
-#define PHX_TREQ_PAPER_TOR 7u
+#define PHX_TREQ_PAPER_AUDITEE 5u
+#define PHX_TREQ_PAPER_AUDITOR 7u
 
 /* an auditor's word that it replayed the log and found no fault */
 #define PHX_TOKEN 0x14u
 #define PHX_TOKEN_BYTES 29u
-#define PHX_TOKEN_TOR 1u
-#define PHX_TOKEN_TEE 3u
+#define PHX_TOKEN_AUDITOR 1u
+#define PHX_TOKEN_AUDITEE 3u
 #define PHX_TOKEN_T 5u
 #define PHX_TOKEN_HCKPT 9u
 

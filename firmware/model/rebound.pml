@@ -36,7 +36,7 @@
 #define NONE (T_VAL + 1)            /* older than any that counts */
 
 /* Of robot 0's a-node: */
-byte tor[SLOTS];                    /* whose token; 0: free */
+byte auditor[SLOTS];                    /* whose token; 0: free */
 byte age[SLOTS] = NONE;             /* how long ago it was asked for */
 byte keyed;                         /* since the mission key came */
 bool safe;
@@ -59,7 +59,7 @@ inline install(j, a)
 		do
 		:: k == SLOTS -> break
 #ifndef ANY_AUDITOR
-		:: k < SLOTS && tor[k] == j ->
+		:: k < SLOTS && auditor[k] == j ->
 			age[k] = (a < age[k] -> a : age[k]);
 			place = SLOTS;
 			break
@@ -70,7 +70,7 @@ inline install(j, a)
 		od;
 		if
 		:: place < SLOTS && a < age[place] ->
-			tor[place] = j;
+			auditor[place] = j;
 			age[place] = a
 		:: else
 		fi;
@@ -178,9 +178,9 @@ active proctype Clock() provided (ticks)
 		/* CheckTokens: f_max + 1 good ones, of different auditors as `install` sees to; or the time of grace. */
 		for (k : 0 .. SLOTS - 1) {
 #ifdef TOKENS_LAST
-			good = good + (tor[k] != 0)
+			good = good + (auditor[k] != 0)
 #else
-			good = good + (tor[k] != 0 && age[k] <= T_VAL)
+			good = good + (auditor[k] != 0 && age[k] <= T_VAL)
 #endif
 		}
 		safe = safe || (keyed >= T_VAL && good < NEEDED);

@@ -63,8 +63,8 @@ static int sound_tokens(const phx_anode *a, uint32_t now, unsigned i, unsigned j
 {
     const phx_token *one = &a->tokens[i], *before = &a->tokens[j];
 
-    return one->tor == 0 || (i <= a->node.flash.limits.f_max && one->t <= now &&
-                             (j >= i || (before->tor != 0 && before->tor != one->tor)));
+    return one->auditor == 0 || (i <= a->node.flash.limits.f_max && one->t <= now &&
+                             (j >= i || (before->auditor != 0 && before->auditor != one->auditor)));
 }
 
 static int sound_times(const phx_anode *a, uint32_t now)
@@ -103,7 +103,7 @@ static uint32_t good_tokens(const phx_anode *a, uint32_t now)
     uint32_t count = 0;
 
     for (unsigned i = 0; i < PHX_TOKENS; i++)
-        count += a->tokens[i].tor != 0 && now <= (uint64_t)a->tokens[i].t + a->node.flash.limits.t_val_ms;
+        count += a->tokens[i].auditor != 0 && now <= (uint64_t)a->tokens[i].t + a->node.flash.limits.t_val_ms;
     return count;
 }
 

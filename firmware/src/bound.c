@@ -87,27 +87,27 @@ void phx_request_top(phx_node *node, uint8_t thash[PHX_HASH_BYTES])
     memcpy(thash, node->top, PHX_HASH_BYTES);
 }
 
-uint32_t phx_treq_bytes(uint8_t out[PHX_TREQ_BYTES], uint32_t t, uint16_t tee, uint16_t tor,
+uint32_t phx_treq_bytes(uint8_t out[PHX_TREQ_BYTES], uint32_t t, uint16_t auditee, uint16_t auditor,
                         const uint8_t thash[PHX_HASH_BYTES])
 {
     out[0] = PHX_TREQ;
     phx_put32(out + PHX_TREQ_T, t);
-    phx_put16(out + PHX_TREQ_TEE, tee);
-    phx_put16(out + PHX_TREQ_TOR, tor);
+    phx_put16(out + PHX_TREQ_AUDITEE, auditee);
+    phx_put16(out + PHX_TREQ_AUDITOR, auditor);
     memcpy(out + PHX_TREQ_THASH_A, thash, PHX_HASH_BYTES);
     return PHX_TREQ_BYTES;
 }
 
 /* The newest token of each auditor; of more than f_max + 1 auditors those with the newest, as no check needs more.
    Places fill in order. */
-int phx_keep_token(phx_anode *a, uint32_t now, uint16_t tor, uint32_t t)
+int phx_keep_token(phx_anode *a, uint32_t now, uint16_t auditor, uint32_t t)
 {
     unsigned place = 0;
 
     if (t > now)
         return PHX_E_FUTURE;
     for (unsigned i = 0; i <= a->node.flash.limits.f_max; i++) {
-        if (a->tokens[i].tor == tor || a->tokens[i].tor == 0) {
+        if (a->tokens[i].auditor == auditor || a->tokens[i].auditor == 0) {
             place = i;
             break;
         }
@@ -115,7 +115,7 @@ int phx_keep_token(phx_anode *a, uint32_t now, uint16_t tor, uint32_t t)
             place = i;
     }
     if (t >= a->tokens[place].t) {
-        a->tokens[place].tor = tor;
+        a->tokens[place].auditor = auditor;
         a->tokens[place].t = t;
     }
     return 0;

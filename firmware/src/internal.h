@@ -46,8 +46,8 @@ void phx_mark_source(const phx_node *node, uint8_t *frame);
 uint32_t phx_auth_bytes(uint8_t out[PHX_AUTH_S_BYTES], uint8_t type, const uint8_t thash[PHX_HASH_BYTES], uint16_t id,
                         const uint8_t *nonce);
 void phx_request_top(phx_node *node, uint8_t thash[PHX_HASH_BYTES]); /* what of the chain a token request binds */
-uint32_t phx_treq_bytes(uint8_t out[PHX_TREQ_BYTES], uint32_t t, uint16_t tee, uint16_t tor,
+uint32_t phx_treq_bytes(uint8_t out[PHX_TREQ_BYTES], uint32_t t, uint16_t auditee, uint16_t auditor,
                         const uint8_t thash[PHX_HASH_BYTES]);
-int phx_keep_token(phx_anode *a, uint32_t now, uint16_t tor, uint32_t t); /* of a token that was checked */
+int phx_keep_token(phx_anode *a, uint32_t now, uint16_t auditor, uint32_t t); /* of a token that was checked */
 
 #endif

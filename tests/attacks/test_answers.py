@@ -72,14 +72,14 @@ class Asking:
         rounds.withdraw(self.fleet, VICTIM)
         return int(self.robot.request_to), q
 
-    def token(self, tor: int, q: bytes, which: int) -> tuple[int, int, np.ndarray]:
+    def token(self, auditor: int, q: bytes, which: int) -> tuple[int, int, np.ndarray]:
         """The auditor's, for one of the victim's checkpoints."""
         head, mac = np.frombuffer(bytearray(q), np.uint8), np.zeros(8, np.uint8)
         t = int.from_bytes(q[request.AT_T : request.AT_TOP_A], "little")
         top, treq = head[request.AT_TOP_A :][:20].copy(), head[request.AT_TREQ_MAC :][:8].copy()
-        hckpt, anode = self.fleet.hckpt[VICTIM, which], self.fleet.anode[tor - 1]
+        hckpt, anode = self.fleet.hckpt[VICTIM, which], self.fleet.anode[auditor - 1]
         assert trusted.anode_issue_token(self.profile, anode, VICTIM + 1, t, top, treq, hckpt, mac) >= 0
-        return tor, t, mac
+        return auditor, t, mac
 
     def gets(self, token: tuple[int, int, np.ndarray], now_ms: int) -> int:
         """The token is installed; how many robots have answered in this round by now."""
@@ -94,14 +94,14 @@ def test_a_token_from_before_the_request_is_no_answer_to_it():
     issued = {}
     for k in range(F_MAX):
         now_ms = BOOT_MS + (k + 1) * GRANT_MS
-        tor, q = asking.ask(now_ms)
-        issued[tor] = asking.token(tor, q, PENDING)
-        assert asking.gets(issued[tor], now_ms) == k + 1
+        auditor, q = asking.ask(now_ms)
+        issued[auditor] = asking.token(auditor, q, PENDING)
+        assert asking.gets(issued[auditor], now_ms) == k + 1
     later_ms = BOOT_MS + ROUND_MS
     asking.round_begins(later_ms)
-    tor, q = asking.ask(later_ms)
-    assert asking.gets(issued[tor], later_ms + 1) == 0
-    assert asking.gets(asking.token(tor, q, PENDING), later_ms + 2) == 1
+    auditor, q = asking.ask(later_ms)
+    assert asking.gets(issued[auditor], later_ms + 1) == 0
+    assert asking.gets(asking.token(auditor, q, PENDING), later_ms + 2) == 1
 
 
 def test_a_fresh_token_for_where_the_log_begins_is_no_answer():
@@ -109,15 +109,15 @@ def test_a_fresh_token_for_where_the_log_begins_is_no_answer():
     asking.round_begins(BOOT_MS)
     for k in range(F_MAX + 1):
         now_ms = BOOT_MS + (k + 1) * GRANT_MS
-        tor, q = asking.ask(now_ms)
-        asking.gets(asking.token(tor, q, PENDING), now_ms)
+        auditor, q = asking.ask(now_ms)
+        asking.gets(asking.token(auditor, q, PENDING), now_ms)
     assert not asking.robot.booted
     asking.hears(now_ms)
     later_ms = BOOT_MS + ROUND_MS
     asking.round_begins(later_ms)
-    tor, q = asking.ask(later_ms)
-    assert asking.gets(asking.token(tor, q, START), later_ms + 1) == 0
-    assert asking.gets(asking.token(tor, q, PENDING), later_ms + 2) == 1
+    auditor, q = asking.ask(later_ms)
+    assert asking.gets(asking.token(auditor, q, START), later_ms + 1) == 0
+    assert asking.gets(asking.token(auditor, q, PENDING), later_ms + 2) == 1
 
 
 @pytest.mark.parametrize("name", ["stale-answers", "wrong-checkpoint", "drain", "long-frames"])
@@ -155,8 +155,8 @@ def test_a_mission_key_of_tomorrow_is_refused_even_with_an_empty_log():
         asking.robot.t_key = t_key_ms
         put_u32(asking.fleet.checkpoint[VICTIM, START], 0, t_key_ms)
         asking.round_begins(now_ms)
-        tor, q = asking.ask(now_ms)
-        refused, _ = Judge(asking.fleet, asking.config)(VICTIM, tor - 1, q)
+        auditor, q = asking.ask(now_ms)
+        refused, _ = Judge(asking.fleet, asking.config)(VICTIM, auditor - 1, q)
         assert Refusal(refused) == verdict
 
 

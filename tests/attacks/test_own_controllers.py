@@ -50,7 +50,7 @@ def test_the_bundled_flock_as_a_python_controller_flies_the_same_flight():
     np.testing.assert_array_equal(own.positions_m, bundled.positions_m)
     assert own.summary()["compromised"] == bundled.summary()["compromised"]
     assert own.summary()["correct_in_safe_mode"] == own.summary()["without_quorum"] == []
-    assert {why for *_, tee, why in own.new_verdicts() if tee not in own.compromised} == {Refusal.NONE}
+    assert {why for *_, auditee, why in own.new_verdicts() if auditee not in own.compromised} == {Refusal.NONE}
 
 
 def credulous():

@@ -232,7 +232,7 @@ class WorldObserver:
         fleet = self._world.fleet
         hashes, token = _split(fleet.hckpt), fleet.token
         counts = np.stack((fleet.robot["tokens_start"], fleet.robot["tokens_pending"]), axis=1).tolist()
-        auditor, at_ms, mac = token["tor"], token["t"], token["mac"]
+        auditor, at_ms, mac = token["auditor"], token["t"], token["mac"]
         return [
             hashes[i]
             + b"".join(

@@ -226,16 +226,16 @@ class ANode(Node):
 
     # --- tokens
 
-    def treq(self, t: int, tee: int, tor: int, top: bytes) -> bytes:
-        return b"\x13" + u32(t) + u16(tee) + u16(tor) + (top if self.bound else b"")
+    def treq(self, t: int, auditee: int, auditor: int, top: bytes) -> bytes:
+        return b"\x13" + u32(t) + u16(auditee) + u16(auditor) + (top if self.bound else b"")
 
-    def token(self, tor: int, tee: int, t: int, hckpt: bytes) -> bytes:
-        return self.mac(b"\x14" + u16(tor) + u16(tee) + u32(t) + hckpt)
+    def token(self, auditor: int, auditee: int, t: int, hckpt: bytes) -> bytes:
+        return self.mac(b"\x14" + u16(auditor) + u16(auditee) + u32(t) + hckpt)
 
-    def token_request(self, now: int, tor: int) -> bytes:
+    def token_request(self, now: int, auditor: int) -> bytes:
         self.clock(now)
         self.mac(b"")
-        if tor == 0:
+        if auditor == 0:
             raise No("ARG")
         if not self.requests.draw(now, self.limits.bucket_period_ms):
             raise No("BUCKET")
@@ -243,37 +243,37 @@ class ANode(Node):
         if self.bound:
             self.flush()
             top = self.top
-        return u32(now) + top + self.mac(self.treq(now, self.robot_id, tor, top))
+        return u32(now) + top + self.mac(self.treq(now, self.robot_id, auditor, top))
 
-    def issue_token(self, tee: int, t: int, top: bytes, treq_mac: bytes, hckpt: bytes) -> bytes:
+    def issue_token(self, auditee: int, t: int, top: bytes, treq_mac: bytes, hckpt: bytes) -> bytes:
         self.mac(b"")
-        if tee == self.robot_id:
+        if auditee == self.robot_id:
             raise No("SELF")
-        if self.mac(self.treq(t, tee, self.robot_id, top)) != treq_mac:
+        if self.mac(self.treq(t, auditee, self.robot_id, top)) != treq_mac:
             raise No("BAD_MAC")
-        return self.token(self.robot_id, tee, t, hckpt)
+        return self.token(self.robot_id, auditee, t, hckpt)
 
-    def check_token(self, tor: int, tee: int, t: int, hckpt: bytes, mac: bytes) -> None:
-        if self.token(tor, tee, t, hckpt) != mac:
+    def check_token(self, auditor: int, auditee: int, t: int, hckpt: bytes, mac: bytes) -> None:
+        if self.token(auditor, auditee, t, hckpt) != mac:
             raise No("BAD_MAC")
 
-    def install_token(self, now: int, tor: int, t: int, hckpt: bytes, mac: bytes) -> None:
+    def install_token(self, now: int, auditor: int, t: int, hckpt: bytes, mac: bytes) -> None:
         self.clock(now)
-        self.check_token(tor, self.robot_id, t, hckpt, mac)
-        if tor == 0:
+        self.check_token(auditor, self.robot_id, t, hckpt, mac)
+        if auditor == 0:
             raise No("ARG")
         if self.bound and t > now:
             raise No("FUTURE")
-        if tor in self.tokens:
-            if not self.bound or t > self.tokens[tor]:
-                self.tokens[tor] = t
+        if auditor in self.tokens:
+            if not self.bound or t > self.tokens[auditor]:
+                self.tokens[auditor] = t
         elif len(self.tokens) < 2 * self.limits.f_max + 1:
-            self.tokens[tor] = t
+            self.tokens[auditor] = t
         else:
             oldest = min(self.tokens, key=self.tokens.__getitem__)
             if t > self.tokens[oldest]:
                 # In place: of two tokens of the same age the one in the earlier place goes first.
-                self.tokens = dict((tor, t) if o == oldest else (o, old) for o, old in self.tokens.items())
+                self.tokens = dict((auditor, t) if o == oldest else (o, old) for o, old in self.tokens.items())
 
     def check(self, now: int) -> int:
         try:

@@ -145,16 +145,16 @@ class StaleLog(Hijack):
             return super().make_request(now_ms)
         f, i, r = self.f, self.i, self.f.robot[self.i]
         treq = self.w.small[0]
-        tor = int(rounds.next_candidate(f, i, now_ms))
-        if r.quota <= 0 or tor == 0:
+        auditor = int(rounds.next_candidate(f, i, now_ms))
+        if r.quota <= 0 or auditor == 0:
             return False
-        if trusted.anode_token_request(self.profile, f.anode[i], now_ms, tor, treq) < 0:
+        if trusted.anode_token_request(self.profile, f.anode[i], now_ms, auditor, treq) < 0:
             r.quota = 0
             return False
-        f.peer[i, rounds.peer_at(f, i, tor)].asked = r.round_no
+        f.peer[i, rounds.peer_at(f, i, auditor)].asked = r.round_no
         r.quota -= 1
         r.request_no = (int(r.request_no) + 1) & 0xFFFF
-        r.request_to, r.request_next, r.asked_at, r.request_len = tor, 0, now_ms, len(self._kept)
+        r.request_to, r.request_next, r.asked_at, r.request_len = auditor, 0, now_ms, len(self._kept)
         q = f.request.rows[request.row_of(f, i)]
         q[: len(self._kept)] = memoryview(self._kept)
         q[request.AT_T : request.AT_TOP_A] = treq[: rounds.TREQ_TOP]

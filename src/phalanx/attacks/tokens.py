@@ -32,7 +32,7 @@ from .hijack import Hijack, RefuseToAudit
 class Token(NamedTuple):
     """The arguments of `anode_install_token`."""
 
-    tor: int
+    auditor: int
     t: int
     hckpt: bytes
     mac: bytes
@@ -48,7 +48,7 @@ class TokenForger(Hijack, ABC):
             for token in self.tokens(now_ms):
                 hckpt, mac = row(token.hckpt), row(token.mac)
                 anode = self.f.anode[self.i]
-                if trusted.anode_install_token(self.profile, anode, now_ms, token.tor, token.t, hckpt, mac) >= 0:
+                if trusted.anode_install_token(self.profile, anode, now_ms, token.auditor, token.t, hckpt, mac) >= 0:
                     self.gained += 1
         return []
 
@@ -85,7 +85,7 @@ class ShareTokens(TokenForger):
     def tokens(self, now_ms: int) -> list[Token]:
         """Return the newest, in its own name and in the auditees'."""
         newest = list(self._issued[-10:])
-        return newest + [token._replace(tor=rob_id, t=now_ms) for token in newest for rob_id in self.plan.ids[:3]]
+        return newest + [token._replace(auditor=rob_id, t=now_ms) for token in newest for rob_id in self.plan.ids[:3]]
 
 
 class ReplayTokens(TokenForger):
@@ -99,7 +99,7 @@ class ReplayTokens(TokenForger):
         for which, count in ((START, r.tokens_start), (PENDING, r.tokens_pending)):
             hckpt = f.hckpt[i, which].tobytes()
             tokens = f.token[i, which, : int(count)]
-            self._kept |= {Token(int(each.tor), int(each.t), hckpt, each.mac.tobytes()) for each in tokens}
+            self._kept |= {Token(int(each.auditor), int(each.t), hckpt, each.mac.tobytes()) for each in tokens}
         return actions
 
     def tokens(self, now_ms: int) -> list[Token]:
@@ -139,12 +139,12 @@ class ZeroKey(Hijack):
     def before_key(cls, rob_id: int, profile: int, anode: Row, f_max: int) -> None:
         """Install tokens of f_max + 1 invented auditors, dated at the clock's end; no true token replaces them."""
         zero, hckpt = bytes(KEY_BYTES), bytes(HASH_BYTES)
-        for tor in range(0xFFFF - f_max, 0x10000):
+        for auditor in range(0xFFFF - f_max, 0x10000):
             t = (1 << 32) - 1
-            message = TOKEN.encode(tor=tor, tee=rob_id, t=t, hckpt=hckpt)
+            message = TOKEN.encode(auditor=auditor, auditee=rob_id, t=t, hckpt=hckpt)
             mac = np.zeros(MAC_BYTES, np.uint8)
             trusted.lightmac(row(zero), row(message), len(message), mac)
-            trusted.anode_install_token(profile, anode, 0, tor, t, row(hckpt), mac)
+            trusted.anode_install_token(profile, anode, 0, auditor, t, row(hckpt), mac)
 
 
 class StaleAnswers(Liar):
@@ -211,35 +211,39 @@ class Drain(RefuseToAudit):
             return []
         t_audit, peers = int(f.settings[0].t_audit), int(f.robot["peers"][i])
         # As lists: reading a record's field takes microseconds, and this runs often.
-        for tor, asked_ms in zip(f.peer_id[i, :peers].tolist(), f.peer["asked_ms"][i, :peers].tolist(), strict=True):
+        for auditor, asked_ms in zip(
+            f.peer_id[i, :peers].tolist(), f.peer["asked_ms"][i, :peers].tolist(), strict=True
+        ):
             asked = now_ms - asked_ms < 2 * t_audit
-            just_sent = now_ms - self._sent_ms.get(tor, 0) <= t_audit // 2
-            if tor in self.plan.colluding or asked or just_sent:
+            just_sent = now_ms - self._sent_ms.get(auditor, 0) <= t_audit // 2
+            if auditor in self.plan.colluding or asked or just_sent:
                 continue
-            if tor not in self.kept and not self._make(now_ms, tor):
+            if auditor not in self.kept and not self._make(now_ms, auditor):
                 continue
             self._no = (self._no + 1) & 0xFFFF
-            self._sent_ms[tor] = now_ms
+            self._sent_ms[auditor] = now_ms
             self.gained += 1
-            only = AUDIT_FRAGMENT.encode(src=self.id, dst=tor, request=self._no, index=0, count=1, bytes=self.kept[tor])
-            return self.send(now_ms, only, tor)
+            only = AUDIT_FRAGMENT.encode(
+                src=self.id, dst=auditor, request=self._no, index=0, count=1, bytes=self.kept[auditor]
+            )
+            return self.send(now_ms, only, auditor)
         return []
 
-    def _make(self, now_ms: int, tor: int) -> bool:
+    def _make(self, now_ms: int, auditor: int) -> bool:
         """Make a true token request, in a request with an empty log since boot; log the flush that it causes."""
         spare_ms = int(self.f.settings[0].t_audit) * 2 // 5
         treq = row(bytes(TOKEN_REQUEST.size))
         if now_ms - self._made_ms < spare_ms:  # its own audits need token requests too
             return False
-        if trusted.anode_token_request(self.profile, self.f.anode[self.i], now_ms, tor, treq) < 0:
+        if trusted.anode_token_request(self.profile, self.f.anode[self.i], now_ms, auditor, treq) < 0:
             return False
         self._made_ms = now_ms
         if self.profile == BOUND:
             log.mark(self.f, self.i, log.FLUSH_A)
         q = row(bytes(request.HEAD_BYTES + BOOTED.size))
         q[0], q[request.AT_FLAGS] = request.VERSION, 1
-        put_u16(q, request.AT_TEE, self.id)
+        put_u16(q, request.AT_AUDITEE, self.id)
         q[request.AT_T : request.AT_TOP_S] = treq
         put_u16(q, request.AT_CHECKPOINT_LEN, BOOTED.size)
-        self.kept[tor] = q.tobytes()
+        self.kept[auditor] = q.tobytes()
         return True

@@ -71,7 +71,7 @@ ROBOT = layout(
     "accepted i8",  # requests taken for audit, ever
     "requests_sent tokens_got audits_passed audits_refused i8",
 )
-TOKEN = layout("tor t i8", f"mac {MAC_BYTES}u1")
+TOKEN = layout("auditor t i8", f"mac {MAC_BYTES}u1")
 PEER = layout(
     "heard i8",  # ms of our clock, of the newest AUDIT frame from it
     "token i8",  # t of its newest token
@@ -212,5 +212,5 @@ def vouchers(fleet: Fleet, i: int, now_ms: int) -> list[tuple[int, float]]:
     newest: dict[int, int] = {}
     for which, count in enumerate((robot.tokens_start, robot.tokens_pending)):
         for token in fleet.token[i, which, : int(count)]:
-            newest[int(token.tor)] = max(int(token.t), newest.get(int(token.tor), 0))
-    return [(tor, (t + t_val - now_ms) / 1000) for tor, t in newest.items() if t + t_val > now_ms]
+            newest[int(token.auditor)] = max(int(token.t), newest.get(int(token.auditor), 0))
+    return [(auditor, (t + t_val - now_ms) / 1000) for auditor, t in newest.items() if t + t_val > now_ms]

@@ -18,12 +18,14 @@ from .log import read
 from .rounds import flush_marks, next_candidate, peer_at, withdraw
 
 VERSION = table.REQUEST_VERSION
-AT_FLAGS, AT_TEE, AT_T, AT_TOP_A, AT_TREQ_MAC = map(table.REQUEST.at, ("flags", "tee", "t", "top_a", "treq_mac"))
+AT_FLAGS, AT_AUDITEE, AT_T, AT_TOP_A, AT_TREQ_MAC = map(
+    table.REQUEST.at, ("flags", "auditee", "t", "top_a", "treq_mac")
+)
 AT_TOP_S, AT_AUTH_S, AT_AUTH_A = map(table.REQUEST.at, ("top_s", "auth_s_mac", "auth_a_mac"))
 AT_HCKPT, AT_TOKENS = map(table.REQUEST.at, ("hckpt", "tokens"))
 AT_CHECKPOINT_LEN, AT_SEGMENT_LEN = map(table.REQUEST.at, ("start_length", "segment_length"))
 HEAD_BYTES = table.REQUEST.size
-TOKEN_TOR, TOKEN_T, TOKEN_MAC = map(table.COVERING_TOKEN.at, ("tor", "t", "mac"))
+TOKEN_AUDITOR, TOKEN_T, TOKEN_MAC = map(table.COVERING_TOKEN.at, ("auditor", "t", "mac"))
 TOKEN_BYTES = table.COVERING_TOKEN.size
 
 AUDIT = table.KIND_AUDIT
@@ -62,20 +64,20 @@ def make_request(f: Fleet, i: int, now: int, treq: Row, auth_s: Row, auth_a: Row
     r = f.robot[i]
     if r.quota <= 0 or r.log_full == 1 or r.request_len > 0:
         return 0
-    tor = next_candidate(f, i, now)
-    if tor == 0:
+    auditor = next_candidate(f, i, now)
+    if auditor == 0:
         return 0
-    code = flush_marks(f, i, treq, auth_s, auth_a, tor, now)
+    code = flush_marks(f, i, treq, auth_s, auth_a, auditor, now)
     if code < 0:
         r.quota = 0
         return code
-    asked = f.peer[i, peer_at(f, i, tor)]
+    asked = f.peer[i, peer_at(f, i, auditor)]
     asked.asked = r.round_no
     asked.asked_ms = now
     asked.claimed = r.checkpoint_no
     r.quota -= 1
     r.request_no = (int(r.request_no) + 1) & 0xFFFF
-    r.request_to = tor
+    r.request_to = auditor
     r.request_next = 0
     r.repeats = 0
     r.repeat_at = now
@@ -94,7 +96,7 @@ def _write(f: Fleet, i: int, treq: Row, auth_s: Row, auth_a: Row) -> int:
         return 0
     out[0] = VERSION
     out[AT_FLAGS] = r.booted
-    put_u16(out, AT_TEE, int(r.id))
+    put_u16(out, AT_AUDITEE, int(r.id))
     copy(out, AT_T, treq, 0, TREQ_BYTES)  # they agree from t to the MAC
     copy(out, AT_TOP_S, auth_s, 0, HASH_BYTES)
     copy(out, AT_AUTH_S, auth_s, AUTH_MAC, MAC_BYTES)
@@ -106,7 +108,7 @@ def _write(f: Fleet, i: int, treq: Row, auth_s: Row, auth_a: Row) -> int:
     at = HEAD_BYTES
     for k in range(tokens):
         token = f.token[i, START, k]
-        put_u16(out, at + TOKEN_TOR, token.tor)
+        put_u16(out, at + TOKEN_AUDITOR, token.auditor)
         put_u32(out, at + TOKEN_T, token.t)
         copy(out, at + TOKEN_MAC, token.mac, 0, MAC_BYTES)
         at += TOKEN_BYTES

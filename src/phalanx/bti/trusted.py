@@ -210,7 +210,7 @@ def snode_check_auth_a(profile: int, node: Row, top: Row, robot_id: int, mac: Ro
 
 
 @_in_c
-def anode_token_request(profile: int, node: Row, now: int, tor: int, treq: Row) -> int:
+def anode_token_request(profile: int, node: Row, now: int, auditor: int, treq: Row) -> int:
     """`treq` is the record `token_request`; the a-chain is flushed. In `paper` the top is left out: zeros.
 
     Source: RoboRebound Alg. 4 (MakeTokenRequest).
@@ -218,20 +218,25 @@ def anode_token_request(profile: int, node: Row, now: int, tor: int, treq: Row) 
 
 
 @_in_c
-def anode_issue_token(profile: int, node: Row, tee: int, t: int, top: Row, treq_mac: Row, hckpt: Row, mac: Row) -> int:
-    """`mac` is the token for `tee`'s request: the caller has replayed its log up to `top` and found no fault.
+def anode_issue_token(
+    profile: int, node: Row, auditee: int, t: int, top: Row, treq_mac: Row, hckpt: Row, mac: Row
+) -> int:
+    """`mac` is the token for `auditee`'s request: the caller has replayed its log up to `top` and found no fault.
 
     Source: RoboRebound Alg. 4 (IssueToken).
     """
 
 
 @_in_c
-def anode_check_token(profile: int, node: Row, tor: int, tee: int, t: int, hckpt: Row, mac: Row) -> int:
-    """0 if `tor` issued this token to `tee`. Source: RoboRebound Alg. 4 (IsTokenValid, with the auditee named)."""
+def anode_check_token(profile: int, node: Row, auditor: int, auditee: int, t: int, hckpt: Row, mac: Row) -> int:
+    """Return 0 if `auditor` issued this token to `auditee`.
+
+    Source: RoboRebound Alg. 4 (IsTokenValid, with the auditee named).
+    """
 
 
 @_in_c
-def anode_install_token(profile: int, node: Row, now: int, tor: int, t: int, hckpt: Row, mac: Row) -> int:
+def anode_install_token(profile: int, node: Row, now: int, auditor: int, t: int, hckpt: Row, mac: Row) -> int:
     """0: the token counts from now on until it is too old. Source: RoboRebound Alg. 4 (InstallToken)."""
 
 

@@ -13,7 +13,7 @@ from phalanx.wire import table
 from phalanx.wire.table import HASH_BYTES
 
 CASE = layout(
-    "tee i8",
+    "auditee i8",
     "t i8",  # of the token request
     "tokens start_at start_len i8",
     "at i8",  # where in the request the replay stands

@@ -106,23 +106,23 @@ class GatewayNode:
             if said["index"] == 0 and len(hckpt) == HASH_BYTES and hckpt not in self._claims[said["src"]]:
                 self._claims[said["src"]].append(hckpt)
 
-    def is_token(self, tor: int, tee: int, t: int, mac: bytes) -> bool:
-        """Whether tor's nodes made this, for a checkpoint that tee was heard to show."""
+    def is_token(self, auditor: int, auditee: int, t: int, mac: bytes) -> bool:
+        """Whether auditor's nodes made this, for a checkpoint that auditee was heard to show."""
         return any(
-            self._node.ask(lines.CHECK_TOKEN, tor=tor, tee=tee, t=t, hckpt=hckpt, mac=mac)[0] >= 0
-            for hckpt in reversed(self._claims[tee])
+            self._node.ask(lines.CHECK_TOKEN, auditor=auditor, auditee=auditee, t=t, hckpt=hckpt, mac=mac)[0] >= 0
+            for hckpt in reversed(self._claims[auditee])
         )
 
-    def age_s(self, tee: int, t: int, now_s: float) -> float:
+    def age_s(self, auditee: int, t: int, now_s: float) -> float:
         """How old a true token is that a robot asked for at `t` of its clock.
 
         That clock is where the least `now - t` of all true tokens for it says; of the same time a part in DRIFT more.
         """
         behind_s = now_s - t / 1000
-        least_s, since_s = self._least_s.get(tee, (behind_s, now_s))
+        least_s, since_s = self._least_s.get(auditee, (behind_s, now_s))
         age_s = behind_s - least_s - (now_s - since_s) / DRIFT
         if age_s <= 0:
-            self._least_s[tee] = behind_s, now_s
+            self._least_s[auditee] = behind_s, now_s
         return max(0.0, age_s)
 
     def _reserve(self, now_ms: int) -> None:

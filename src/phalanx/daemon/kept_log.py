@@ -77,7 +77,9 @@ class KeptLog:
                 shown = fleet.request.rows[0]  # the only one; whole, though it may have been said and given back
                 begin = min(length, max(begin, int(get_u32(shown, request.AT_SEGMENT_LEN))))
                 head = shown[: request.HEAD_BYTES].tobytes()
-                self._write(logged(fleet, 0, self._seen, begin) + PROOF.encode(tor=int(robot.request_to), head=head))
+                self._write(
+                    logged(fleet, 0, self._seen, begin) + PROOF.encode(auditor=int(robot.request_to), head=head)
+                )
             self._write(logged(fleet, 0, begin, length))
         self._seen, self._asked = length, asked
 

@@ -109,7 +109,7 @@ def proven(kept: Kept, mission_key: bytes) -> Proven:
         if each.kind == PROOF.tag:
             said = PROOF.decode(raw)
             head = dict(zip(HEAD, REQUEST.form.unpack(said["head"]), strict=True))
-            if held[0] or held[1] or not _is_true(mission_key, kept.robot, tops, said["tor"], head):
+            if held[0] or held[1] or not _is_true(mission_key, kept.robot, tops, said["auditor"], head):
                 return Proven(entries, t_ms, count)
             entries, t_ms = count, int(head["t"])
             continue
@@ -124,9 +124,9 @@ def proven(kept: Kept, mission_key: bytes) -> Proven:
     return Proven(entries, t_ms, None)
 
 
-def _is_true(key: bytes, robot: int, tops: list[bytes], tor: int, head: dict[str, Any]) -> bool:
+def _is_true(key: bytes, robot: int, tops: list[bytes], auditor: int, head: dict[str, Any]) -> bool:
     """Whether both nodes made MACs over these tops, the s-node's for the a-node's request."""
-    asked = mac_of(key, TREQ.encode(t=head["t"], tee=robot, tor=tor, thash_a=tops[1]))
+    asked = mac_of(key, TREQ.encode(t=head["t"], auditee=robot, auditor=auditor, thash_a=tops[1]))
     shown = mac_of(key, AUTH_S.encode(thash=tops[0], id=robot, nonce=asked))
     return hmac.compare_digest(asked, head["treq_mac"]) and hmac.compare_digest(shown, head["auth_s_mac"])
 

@@ -42,16 +42,16 @@ def state_of(life: Life) -> dict[str, Any]:
         "why_ended": life.why_ended,
         "no_reading": life.no_reading and {"for_s": (now_ms - life.no_reading[0]) / 1000, "why": life.no_reading[1]},
         "tokens": [
-            {"auditor": tor, "age_s": t_val_s - left_s, "left_s": left_s}
-            for tor, left_s in sorted(vouchers(life.fleet, 0, now_ms))
+            {"auditor": auditor, "age_s": t_val_s - left_s, "left_s": left_s}
+            for auditor, left_s in sorted(vouchers(life.fleet, 0, now_ms))
         ],
         "tokens_needed": life.scenario.bti.tokens_needed,
         "tokens_got": int(robot.tokens_got),
         "requests_sent": int(robot.requests_sent),
-        "given": [{"auditee": tee, **_ended(each, now_ms)} for tee, each in life.given.items()],
+        "given": [{"auditee": auditee, **_ended(each, now_ms)} for auditee, each in life.given.items()],
         "refused": [
-            {"auditee": tee, "reason": why.name.lower().replace("_", " "), **_ended(each, now_ms)}
-            for (tee, why), each in life.refused.items()
+            {"auditee": auditee, "reason": why.name.lower().replace("_", " "), **_ended(each, now_ms)}
+            for (auditee, why), each in life.refused.items()
         ],
         "log_bytes": int(robot.log_len),
         "log_bytes_max": int(robot.log_max),

@@ -96,7 +96,7 @@ def first_lie(
 
     def begin(count: int) -> None:
         c = work.case[0]
-        c.tee, c.at, c.end, c.waiting, c.step = rob_id, 0, entries["end"][count - 1], 0, 0
+        c.auditee, c.at, c.end, c.waiting, c.step = rob_id, 0, entries["end"][count - 1], 0, 0
         c.newest, c.t = t_key_ms, newest[count - 1]
         c.due = t_key_ms + int(rounds.phase_of(mission_seed, rob_id, config.t_control_ms))
         work.tops[:] = 0

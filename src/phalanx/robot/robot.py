@@ -96,7 +96,7 @@ class Robot:
             self.controller.on_recv(int(get_u32(self.w.entry, ENTRY_T)), packet)
             self._is_kept = False
         elif heard == handlers.WHOLE:
-            place, src = int(self.w.place[0]), int(self.w.case[0].tee)
+            place, src = int(self.w.place[0]), int(self.w.case[0].auditee)
             return self.answer(now_ms, place, src, self._judge(place, src))
         return actions.decode(self.w)
 
@@ -261,7 +261,7 @@ class Robot:
     def _replay(self, q: Row) -> int:
         assert self.make_controller
         case, w = self.w.case[0], self.w
-        controller = self.make_controller(int(case.tee))
+        controller = self.make_controller(int(case.auditee))
         known = int(case.known)
         if known or q[request.AT_FLAGS] == 0:
             end = CHECKPOINT_BYTES + int(case.state_len) if known else int(case.start_len)

@@ -26,8 +26,8 @@ _NUMBER = "number u16: of the call; said again, it is answered again, and not do
 _TOP = "top b20: of the chain"
 _HCKPT = "hckpt b20: hash of the checkpoint"
 _MAC = "mac b8"
-_TOR = "tor u16: auditor"
-_TEE = "tee u16: auditee"
+_AUDITOR = "auditor u16: auditor"
+_AUDITEE = "auditee u16: auditee"
 _T = "t u32: ms, of the token request"
 
 
@@ -62,10 +62,12 @@ SEND = _call(0x47, "send: a-node; an `entry`", "frame rest: to the radio")
 ACTUATE = _call(0x48, "actuate: a-node; an `entry`", "command rest: to the actuators")
 MAKE_AUTH = _call(0x49, "make_auth: s-node; an `authenticator`", "nonce b8: MAC of the token request")
 CHECK_AUTH = _call(0x4A, "check_auth: s-node", _TOP, "id u16: robot id", "nonce b8", _MAC)
-TOKEN_REQUEST = _call(0x4B, "token_request: a-node; a `token_request`", _TOR)
-ISSUE_TOKEN = _call(0x4C, "issue_token: a-node; the token's MAC", _TEE, _T, _TOP, "treq_mac b8: of the request", _HCKPT)
-CHECK_TOKEN = _call(0x4D, "check_token: a-node", _TOR, _TEE, _T, _HCKPT, _MAC)
-INSTALL_TOKEN = _call(0x4E, "install_token: a-node", _TOR, _T, _HCKPT, _MAC)
+TOKEN_REQUEST = _call(0x4B, "token_request: a-node; a `token_request`", _AUDITOR)
+ISSUE_TOKEN = _call(
+    0x4C, "issue_token: a-node; the token's MAC", _AUDITEE, _T, _TOP, "treq_mac b8: of the request", _HCKPT
+)
+CHECK_TOKEN = _call(0x4D, "check_token: a-node", _AUDITOR, _AUDITEE, _T, _HCKPT, _MAC)
+INSTALL_TOKEN = _call(0x4E, "install_token: a-node", _AUDITOR, _T, _HCKPT, _MAC)
 CHECK = _call(0x4F, "check: a-node; code 1 in Safe Mode")
 SEAL = _call(0x50, "seal: manufacture: the radio is sealed, for ever; until a master key is loaded")
 

@@ -171,13 +171,13 @@ _AUTH = fields("thash b20: top of the chain", "id u16: robot id")
 AUTH_S = record("auth_s: authenticator of an s-node", *_AUTH, "nonce b8: MAC of the token request", tag=0x11)
 AUTH_S_PAPER = record("auth_s_paper: the same in profile `paper`", *_AUTH, tag=0x11)
 AUTH_A_PAPER = record("auth_a_paper: authenticator of an a-node; in profile `paper` only", *_AUTH, tag=0x12)
-_TREQ = fields("t u32: ms, auditee's a-node clock", "tee u16: auditee", "tor u16: auditor")
+_TREQ = fields("t u32: ms, auditee's a-node clock", "auditee u16: auditee", "auditor u16: auditor")
 TREQ = record("treq: token request", *_TREQ, "thash_a b20: top of the a-chain, just flushed", tag=0x13)
 TREQ_PAPER = record("treq_paper: the same in profile `paper`", *_TREQ, tag=0x13)
 TOKEN = record(
     "token: an auditor's word that it replayed the log and found no fault",
-    "tor u16: auditor",
-    "tee u16: auditee",
+    "auditor u16: auditor",
+    "auditee u16: auditee",
     "t u32: ms, of the request",
     "hckpt b20: hash of the checkpoint that was audited",
     tag=0x14,
@@ -206,7 +206,7 @@ REQUEST_VERSION = 0x01
 REQUEST = record(
     "request: request for an audit; the tag is its version",
     "flags u8: 1: the log begins at boot",
-    "tee u16: auditee",
+    "auditee u16: auditee",
     "t u32: ms, of the token request",
     "top_a b20: top of the a-chain",
     "treq_mac b8: of the token request",
@@ -221,7 +221,7 @@ REQUEST = record(
     tag=REQUEST_VERSION,
 )
 COVERING_TOKEN = record(
-    "covering_token: an auditor's word for the start", "tor u16: auditor", "t u32: ms, of its request", "mac b8"
+    "covering_token: an auditor's word for the start", "auditor u16: auditor", "t u32: ms, of its request", "mac b8"
 )
 BOOTED = record("booted: the start of a log that begins at boot", "t_key u32: ms, when the mission key was loaded")
 CHECKPOINT = record(
@@ -240,7 +240,7 @@ KEPT = record(
 )
 PROOF = record(
     "proof: in a robot's kept log: what its trusted nodes said of all that stands before",
-    "tor u16: whom a request asked",
+    "auditor u16: whom a request asked",
     f"head b{REQUEST.size}: what it begins with",
     tag=0x86,
 )

@@ -250,7 +250,7 @@ class Liar(Robot):
 
     def vouch(self, now_ms: int, place: int) -> list[Action]:
         """Send a token to the sender of the request just opened, without an audit."""
-        src = int(self.w.case[0].tee)
+        src = int(self.w.case[0].auditee)
         refused = audit.issue(self.f, self.i, self.w, self.shown(place), self.w.small[2])
         actions = self.answer(now_ms, place, src, refused)
         self.gained += len(actions) > 1

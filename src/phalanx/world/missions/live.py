@@ -83,7 +83,8 @@ class Crew:
             tuple(self._standing(i, robot) for i, robot in enumerate(self._world.robots)),
             tuple(news for i, robot in enumerate(self._world.robots) for news in self._news(i, robot)),
             tuple(
-                (tor - 1, tee - 1, why.name.lower().replace("_", " ") if why else "") for _, tor, tee, why in verdicts
+                (auditor - 1, auditee - 1, why.name.lower().replace("_", " ") if why else "")
+                for _, auditor, auditee, why in verdicts
             ),
         )
 
@@ -104,7 +105,9 @@ class Crew:
             *robot.body.wheels.pose,
             Phase.HELD.value if is_stopped else phase.value if begun else WAITING,
             "Safe Mode" if is_stopped else why,
-            tuple((tor - 1, left_s) for tor, left_s in shields(self._world.world, i)) if self._run.audited else (),
+            tuple((auditor - 1, left_s) for auditor, left_s in shields(self._world.world, i))
+            if self._run.audited
+            else (),
             is_stopped,
             robot.attack,
             drift_of(*robot.controller.memory.belief.drift),

@@ -289,7 +289,7 @@ class ShieldedMissionSwarm(MissionSwarm):
                 address=each.address,
                 needed=bti.tokens_needed,
                 full_s=bti.t_val_ms / 1000,
-                vouchers=tuple((self._members[tor].address, left_s) for tor, left_s in stands.vouchers),
+                vouchers=tuple((self._members[auditor].address, left_s) for auditor, left_s in stands.vouchers),
                 safe_mode=stands.safe_mode,
                 attack=stands.attack,
             )
@@ -318,6 +318,6 @@ class ShieldedMissionSwarm(MissionSwarm):
     def _take(self, moment: Moment) -> None:
         super()._take(moment)
         self._audits += [
-            Audit(auditor=self._members[tor].address, auditee=self._members[tee].address, refusal=why)
-            for tor, tee, why in moment.audits
+            Audit(auditor=self._members[auditor].address, auditee=self._members[auditee].address, refusal=why)
+            for auditor, auditee, why in moment.audits
         ]

@@ -291,7 +291,7 @@ class ProtectedSwarm(Ordered):
             address=self._members[i].address,
             needed=self._config.tokens_needed,
             full_s=self._config.t_val_ms / 1000,
-            vouchers=tuple((self._members[tor - 1].address, left_s) for tor, left_s in shields(self.world, i)),
+            vouchers=tuple((self._members[auditor - 1].address, left_s) for auditor, left_s in shields(self.world, i)),
             safe_mode=bool(self.world.safe[i]),
             attack=liar.attack.name if isinstance(liar, Liar) else "",
         )
@@ -300,11 +300,11 @@ class ProtectedSwarm(Ordered):
         """Those that ended since the last call, oldest first."""
         return [
             Audit(
-                auditor=self._members[tor - 1].address,
-                auditee=self._members[tee - 1].address,
+                auditor=self._members[auditor - 1].address,
+                auditee=self._members[auditee - 1].address,
                 refusal="" if why is Refusal.NONE else why.name.lower().replace("_", " "),
             )
-            for _, tor, tee, why in self._verdicts.new()
+            for _, auditor, auditee, why in self._verdicts.new()
         ]
 
     def attacks(self) -> Sequence[AttackChoice]:

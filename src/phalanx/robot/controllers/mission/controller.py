@@ -79,12 +79,12 @@ class Missions:
         self, rob_id: int, own: Walker, kind: type[MissionController] | None = None
     ) -> Callable[[int], Controller]:
         """Return what makes controllers inside a robot: its own, of a `kind`, with its walker; others' to replay."""
-        others = cache(lambda tee: Walker(self.assigned[tee].mission, config=self.config, replays=True))
+        others = cache(lambda auditee: Walker(self.assigned[auditee].mission, config=self.config, replays=True))
 
-        def make(tee: int) -> Controller:
-            if tee == rob_id:
-                return (kind or MissionController)(tee, self, own)
-            return MissionController(tee, self, others(tee))
+        def make(auditee: int) -> Controller:
+            if auditee == rob_id:
+                return (kind or MissionController)(auditee, self, own)
+            return MissionController(auditee, self, others(auditee))
 
         return make
 
