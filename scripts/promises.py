@@ -114,7 +114,7 @@ def scenario_of(case: Case) -> Scenario:
         hub=hub,
         goal_m=NEAR_M if case.layout == "grid" else made.goal_m,
         seed=case.seed,
-        defence="bound",
+        defence="hardened",
         duration_s=round(at_s + 2.5 * t_val_s + 1.0, 3),  # a clock of whole microseconds gets there
         bti=bti,
         n_max=None,

@@ -26,12 +26,12 @@ MASTER, MISSION, R = bytes(range(20)), bytes(range(50, 70)), b"random" * 3 + b"!
 LIMITS = Limits.of(BtiConfig(), fixed_us=100, ns_per_byte_broadcast=1333, ns_per_byte_unicast=300)
 HCKPT = b"checkpoint" * 2
 STATE = b"\x01".ljust(27, b"s")
-BOTH = pytest.mark.parametrize("profile", [trusted.BOUND, trusted.PAPER], ids=["bound", "paper"])
+BOTH = pytest.mark.parametrize("profile", [trusted.HARDENED, trusted.PAPER], ids=["hardened", "paper"])
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _as_robots_compute():
-    for profile in (trusted.BOUND, trusted.PAPER):
+    for profile in (trusted.HARDENED, trusted.PAPER):
         trusted.host_use(profile, 0)
 
 
@@ -47,7 +47,7 @@ def row(raw):
     return np.frombuffer(bytearray(raw), np.uint8)
 
 
-def keyed(profile=trusted.BOUND, n=3, now=0, **more):
+def keyed(profile=trusted.HARDENED, n=3, now=0, **more):
     nodes = Nodes(n, profile, replace(LIMITS, **more))
     for i in range(n):
         nodes.load_master(i, MASTER, i + 1)
@@ -79,7 +79,7 @@ class TestVectors:
 
     @each("present")
     def test_present_encrypts_as_published(self, case):
-        ffi, lib = trusted.FIRMWARE[trusted.BOUND]
+        ffi, lib = trusted.FIRMWARE[trusted.HARDENED]
         cipher = bytearray(8)
         lib.phx_present80(
             bytes.fromhex(case["key"]), bytes.fromhex(case["plain"]), ffi.from_buffer("uint8_t[]", cipher)
@@ -103,7 +103,7 @@ class TestVectors:
 
     @each("nodes")
     def test_nodes_answer_as_the_oracle_does(self, case):
-        profile = ["bound", "paper"].index(case["profile"])
+        profile = ["hardened", "paper"].index(case["profile"])
         ffi, lib = trusted.FIRMWARE[profile]
         nodes = Nodes(4, profile, Limits(**case["limits"]))
         for step, call in enumerate(case["calls"]):
@@ -140,14 +140,14 @@ class TestForwarding:
     @BOTH
     def test_audit_frames_are_forwarded_and_not_chained(self, profile):
         nodes = keyed(profile)
-        before = nodes.token_request(0, 5000, 2)[4:24] if profile == trusted.BOUND else nodes.make_auth_a(0)[:20]
+        before = nodes.token_request(0, 5000, 2)[4:24] if profile == trusted.HARDENED else nodes.make_auth_a(0)[:20]
         frame = b"\x80" + u16(7) + u16(2) + b"\x01fragment"
         assert nodes.recv(0, 5001, frame)[7:] == frame
         sent = nodes.send(0, 5002, frame)[7:]
-        after = nodes.token_request(0, 5003, 2)[4:24] if profile == trusted.BOUND else nodes.make_auth_a(0)[:20]
+        after = nodes.token_request(0, 5003, 2)[4:24] if profile == trusted.HARDENED else nodes.make_auth_a(0)[:20]
         assert before == after
-        # In `bound` nobody sends one in another's name.
-        assert sent == (b"\x80" + u16(1) + frame[3:] if profile == trusted.BOUND else frame)
+        # In `hardened` nobody sends one in another's name.
+        assert sent == (b"\x80" + u16(1) + frame[3:] if profile == trusted.HARDENED else frame)
 
     def test_only_audit_frames_get_their_true_source(self):
         frame = b"\x01" + u16(9) + bytes(24)
@@ -249,10 +249,10 @@ class TestKeys:
         assert refusal(nodes.send, 0, 100, frame[:-1]) == refusal(nodes.send, 0, 100, b"")
 
     def test_limits_that_make_no_sense_are_refused(self):
-        Nodes(1, trusted.BOUND, replace(LIMITS, f_max=15))
+        Nodes(1, trusted.HARDENED, replace(LIMITS, f_max=15))
         for wrong in ({"f_max": 16}, {"batch_size": 0}, {"bucket_period_ms": 0}, {"t_val_ms": -1}, {"t_val_ms": 2**32}):
             with pytest.raises(UsageError, match="limits"):
-                Nodes(1, trusted.BOUND, replace(LIMITS, **wrong))
+                Nodes(1, trusted.HARDENED, replace(LIMITS, **wrong))
 
 
 class TestTokens:
@@ -381,7 +381,7 @@ def told_apart(one, other):
 
 @pytest.mark.parametrize("name", ["snode", "anode"])
 def test_nothing_of_a_key_is_left_in_safe_mode(name):
-    nodes, others = keyed(), Nodes(3, trusted.BOUND, LIMITS)
+    nodes, others = keyed(), Nodes(3, trusted.HARDENED, LIMITS)
     others.load_master(0, MASTER, 1)
     others.load_mission(0, 0, seal_mission_key(MASTER, bytes(20), R, 1))
     at = told_apart(getattr(nodes, name)[0], getattr(others, name)[0])
@@ -394,7 +394,7 @@ def test_nothing_of_a_key_is_left_in_safe_mode(name):
 def test_an_s_node_that_goes_on_after_safe_mode_helps_nobody():
     nodes = keyed()
     request = nodes.token_request(0, 5000, 2)
-    assert trusted.anode_check(trusted.BOUND, nodes.anode[0], LIMITS.t_val_ms) == 1
+    assert trusted.anode_check(trusted.HARDENED, nodes.anode[0], LIMITS.t_val_ms) == 1
     later = 2 * LIMITS.t_val_ms
     assert nodes.poll(0, later, STATE)
     kept = nodes.make_auth(0, request[24:])
@@ -410,7 +410,7 @@ def test_an_s_node_that_goes_on_after_safe_mode_helps_nobody():
 
 class TestHolesOfThePrintedProtocol:
     def test_an_old_authenticator_answers_a_new_request_in_paper_only(self):
-        for profile in (trusted.BOUND, trusted.PAPER):
+        for profile in (trusted.HARDENED, trusted.PAPER):
             nodes = keyed(profile)
             nodes.poll(0, 10, STATE)
             first = nodes.token_request(0, 5000, 2)
@@ -432,7 +432,7 @@ class TestHolesOfThePrintedProtocol:
         assert refusal(nodes.issue_token, 1, 1, 6000, old[4:24], new[24:], HCKPT) == "bad_mac"
 
     def test_the_zero_key_makes_a_token_for_ever_in_paper_only(self):
-        for profile in (trusted.BOUND, trusted.PAPER):
+        for profile in (trusted.HARDENED, trusted.PAPER):
             nodes = Nodes(1, profile, replace(LIMITS, f_max=1))
             nodes.load_master(0, MASTER, 1)
             forged = {
@@ -449,7 +449,7 @@ class TestHolesOfThePrintedProtocol:
             assert an_hour_later == (0 if profile == trusted.PAPER else 1)
 
     def test_without_a_key_no_mac_is_made_in_bound(self):
-        nodes = Nodes(1, trusted.BOUND, LIMITS)
+        nodes = Nodes(1, trusted.HARDENED, LIMITS)
         assert refusal(nodes.load_mission, 0, 0, seal_mission_key(bytes(20), bytes(20), R, 1)) == "no_key"
         nodes.load_master(0, MASTER, 1)
         assert refusal(nodes.make_auth, 0, bytes(8)) == "no_key"

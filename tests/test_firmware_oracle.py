@@ -48,7 +48,7 @@ PAYLOADS = st.one_of(
 
 @pytest.fixture(scope="module", autouse=True)
 def _as_robots_compute():
-    for profile in (trusted.BOUND, trusted.PAPER):
+    for profile in (trusted.HARDENED, trusted.PAPER):
         trusted.host_use(profile, 0)
 
 
@@ -59,10 +59,10 @@ class Both(RuleBasedStateMachine):
 
     @initialize(unloaded=SELDOM)
     def manufacture(self, unloaded):
-        self.bound = self.profile == trusted.BOUND
+        self.hardened = self.profile == trusted.HARDENED
         self.c = Nodes(N, self.profile, LIMITS)
-        self.s = [oracle.SNode(self.bound, LIMITS) for _ in range(N)]
-        self.a = [oracle.ANode(self.bound, LIMITS) for _ in range(N)]
+        self.s = [oracle.SNode(self.hardened, LIMITS) for _ in range(N)]
+        self.a = [oracle.ANode(self.hardened, LIMITS) for _ in range(N)]
         self.now = 0
         self.made = set()
         self.macs = [bytes(8)]
@@ -92,9 +92,9 @@ class Both(RuleBasedStateMachine):
         return said
 
     def remember_or_require(self, i, name, arguments, said):
-        """In `bound`, what is checked for good was made by the one who is named; what is issued was asked for."""
+        """In `hardened`, what is checked for good was made by the one who is named; what is issued was asked for."""
         node = self.s[i] if "auth" in name else self.a[i]
-        if not self.bound or node.key != MISSION:
+        if not self.hardened or node.key != MISSION:
             return
         if name == "make_auth":
             self.made.add(("auth", said[:20], i + 1, *arguments))
@@ -185,7 +185,7 @@ class Both(RuleBasedStateMachine):
 
     @rule(i=ROBOTS, j=ROBOTS)
     def authenticate_a(self, i, j):
-        if self.bound:
+        if self.hardened:
             return
         said = self.same(i, "make_auth_a", nodes="a")
         self.macs.append(said[22:])
@@ -278,7 +278,7 @@ class Both(RuleBasedStateMachine):
 
 
 class BothBound(Both):
-    profile = trusted.BOUND
+    profile = trusted.HARDENED
 
 
 class BothPaper(Both):
@@ -303,5 +303,5 @@ class TestPaper(BothPaper.TestCase):
 
 
 def test_limits_have_the_order_of_the_c_struct():
-    ffi, _ = trusted.FIRMWARE[trusted.BOUND]
+    ffi, _ = trusted.FIRMWARE[trusted.HARDENED]
     assert [name for name, _ in ffi.typeof("phx_limits").fields] == [f.name for f in dataclasses.fields(Limits)]

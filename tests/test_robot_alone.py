@@ -25,7 +25,7 @@ import numpy as np
 import pytest
 
 from ordered import MISSION, PUBLIC, order, wheels_order
-from phalanx.bti.fleet import BOUND, make_fleet
+from phalanx.bti.fleet import HARDENED, make_fleet
 from phalanx.bti.nodes import seal_mission_key
 from phalanx.cli.reproduce import _write
 from phalanx.cli.robot import _is, status
@@ -351,7 +351,7 @@ def stopped(heard_ago_ms=(), asked_ago_ms=(), late_ms=0.0, log_full=False):
     """Why a robot says that it is stopped, 60 s after the beginning, that heard and asked others so long ago."""
     now_ms, bti = 60_000, BtiConfig(f_max=1, t_audit_ms=2000, t_val_ms=5000)
     nodes = np.zeros((1, 8), np.uint8)
-    fleet = make_fleet(1, bti, np.zeros(1), profile=BOUND, controller=0, mission_seed=1, snode=nodes, anode=nodes)
+    fleet = make_fleet(1, bti, np.zeros(1), profile=HARDENED, controller=0, mission_seed=1, snode=nodes, anode=nodes)
     fleet.robot["peers"], fleet.robot["log_full"] = len(heard_ago_ms), log_full
     for k, (heard, asked) in enumerate(zip(heard_ago_ms, asked_ago_ms, strict=True)):
         fleet.peer[0, k]["heard"], fleet.peer[0, k]["asked_ms"] = now_ms - heard, now_ms - asked

@@ -259,7 +259,7 @@ def test_what_a_taken_over_radio_does_no_protected_robot_hears(tmp_path, attack,
     assert (hostile["safe_mode_s"] is not None) == (attack in ("hold", "foreign-key"))
 
 
-STOPPED = [name for name, attack in IN_FLOCKS.items() if attack.verdicts["bound"] == "stopped"]
+STOPPED = [name for name, attack in IN_FLOCKS.items() if attack.verdicts["hardened"] == "stopped"]
 
 
 @pytest.mark.long

@@ -33,7 +33,7 @@ from test_firmware_oracle import LIMITS
 (STORY,) = json.loads((ROOT / "vectors" / "sealed.json").read_text())["cases"]
 ROOMY = replace(LIMITS, send_capacity_us=10**9, audit_capacity_us=10**9, t_val_ms=10_000)
 MASTER, MISSION = bytes(range(20)), bytes(range(7, 27))
-FFI, LIB = trusted.FIRMWARE[trusted.BOUND]
+FFI, LIB = trusted.FIRMWARE[trusted.HARDENED]
 
 
 class Robot:
@@ -42,7 +42,7 @@ class Robot:
     def __init__(self, rob_id, limits=ROOMY):
         self.c, self.seals = FFI.new("phx_anode *"), FFI.new("phx_seals *")
         assert LIB.phx_anode_make(self.c, FFI.new("phx_limits *", list(vars_of(limits)))) == 0
-        self.oracle = SealedANode(bound=True, limits=limits)
+        self.oracle = SealedANode(hardened=True, limits=limits)
         self.do("anode_load_master", "load_master", (MASTER, rob_id))
         k, r, seq, mac = seal_mission_key(MASTER, MISSION, bytes(20), 1)
         self.do("anode_load_mission", "load_mission", (0, k, r, seq, mac))

@@ -10,7 +10,7 @@ from dataclasses import astuple
 import pytest
 
 from phalanx.bti import elsewhere, request, trusted
-from phalanx.bti.fleet import BOUND, make_fleet
+from phalanx.bti.fleet import HARDENED, make_fleet
 from phalanx.bti.nodes import limits_of, seal_mission_key
 from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig
@@ -24,7 +24,7 @@ from phalanx.wire import lines
 from phalanx.wire.fields import get_u16, row
 from phalanx.wire.table import AUDIT_HELLO, AUDIT_HERE, ENTRY_HEADER_BYTES, FRAME_MAX, SEAL, SENSOR
 
-FFI, LIB = trusted.FIRMWARE[BOUND]
+FFI, LIB = trusted.FIRMWARE[HARDENED]
 MASTER, MISSION = bytes(range(20)), bytes(range(7, 27))
 KERNELS = {call: kernel.__name__ for kernel, call in elsewhere.FUNCTIONS.items()}
 SEALED = {lines.SEND: LIB.phx_sealed_send, lines.RECV: LIB.phx_sealed_recv}
@@ -78,7 +78,7 @@ class Member:
             1,
             scenario.bti,
             params_of(scenario),
-            profile=BOUND,
+            profile=HARDENED,
             controller=number_of(scenario, None),
             mission_seed=scenario.seed,
             snode=self.rows,

@@ -3,7 +3,7 @@
    Four robots, f_max 1. Robot 0 is looked at; 1 to 3 audit it, and 1 of them, robot 1, is its enemy's.
    LIAR 1: robot 0's c-node is the adversary's too, and robot 1 a liar too. It asks whom it wants when it wants,
    keeps requests for as long as it likes and deviates when it wants. Its trusted nodes are right: a token request says
-   when it was made and, in profile `bound`, what the log was then; a token needs a true request to its own auditor.
+   when it was made and, in profile `hardened`, what the log was then; a token needs a true request to its own auditor.
    P1: whoever deviates is in Safe Mode T_val later.
    LIAR 0: robot 0 is correct. It asks f_max + 1 others in each round, and half a round later others for what is
    missing. Robot 1 answers as it likes. The radio loses what it wants, but of two robots' exchanges at most LOSSES in a

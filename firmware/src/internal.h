@@ -35,7 +35,7 @@ int phx_check_auth(const phx_node *node, uint8_t type, const uint8_t thash[PHX_H
 /* bucket.c */
 int phx_draw(phx_bucket *bucket, uint32_t now, uint32_t per_ms, uint64_t capacity, uint64_t cost);
 
-/* The profile: bound.c or paper.c, whichever is linked. */
+/* The profile: hardened.c or paper.c, whichever is linked. */
 int phx_is_key(const uint8_t key[PHX_KEY_BYTES]);          /* whether these bytes count as a key */
 void phx_no_key(phx_node *node);                           /* the mission key is gone */
 int phx_may_mac(const phx_node *node);                     /* whether the mission key may be used */

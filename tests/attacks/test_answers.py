@@ -11,7 +11,7 @@ from caught import Judge
 from trials import F_MAX, attacked, run, scenario
 
 from phalanx.bti import request, rounds, trusted
-from phalanx.bti.fleet import BOUND, PENDING, START, make_fleet
+from phalanx.bti.fleet import HARDENED, PENDING, START, make_fleet
 from phalanx.bti.nodes import limits_of
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.work import make_work
@@ -36,7 +36,7 @@ VICTIM = 0
 class Asking:
     """A robot that asks for audits, and auditors that sign whatever they want to sign."""
 
-    def __init__(self, profile=BOUND, config=None, controller="flock", params=None):
+    def __init__(self, profile=HARDENED, config=None, controller="flock", params=None):
         self.profile, self.config, n = profile, config or BtiConfig(), 8
         limits = limits_of(self.config, RadioConfig())
         nodes = power_up(n, profile, limits, np.full(n, BOOT_MS), np.random.default_rng(1), {})
@@ -129,7 +129,7 @@ def test_f_max_of_them_starve_nobody_on_the_paper_s_grid(name, seed):
 
 
 def test_one_token_request_is_audited_once_however_often_it_is_sent():
-    trial = attacked("drain", "bound")
+    trial = attacked("drain", "hardened")
     made, sent = sum(len(liar.kept) for liar in trial.liars), sum(liar.gained for liar in trial.liars)
     assert 0 < trial.refusals[Refusal.AUTHENTICATOR_INVALID] <= made < sent / 5
 
@@ -161,5 +161,5 @@ def test_a_mission_key_of_tomorrow_is_refused_even_with_an_empty_log():
 
 
 def test_a_key_of_tomorrow_claimed_from_boot_on_ends_with_the_time_of_grace():
-    summary = run(scenario("bound", AttackSpec(name="t-key", at_s=0.0), end_s=15)).summary()
+    summary = run(scenario("hardened", AttackSpec(name="t-key", at_s=0.0), end_s=15)).summary()
     assert summary["compromised"][0]["safe_mode_s"] == pytest.approx(10.0, abs=0.2)

@@ -23,7 +23,7 @@ MUCH = 10
 HUGE = (0xFF, 0x7F, 0x80, 0x00, 0xFE)
 
 
-@pytest.fixture(scope="module", params=["bound", "paper"])
+@pytest.fixture(scope="module", params=["hardened", "paper"])
 def caught(request):
     return quiet_run(request.param, 22)
 

@@ -6,7 +6,7 @@ import pytest
 from test_answers import BOOT_MS, GRANT_MS, VICTIM, Asking
 
 from phalanx.bti import rounds, seeking
-from phalanx.bti.fleet import BOUND, PAPER
+from phalanx.bti.fleet import HARDENED, PAPER
 from phalanx.config import BtiConfig
 from phalanx.robot import handlers
 from phalanx.scenarios.attack_spec import AttackSpec
@@ -75,7 +75,7 @@ class Unheard(Asking):
             now_ms += pause_ms
 
 
-def begun(at_ms: int, profile: int = BOUND) -> Unheard:
+def begun(at_ms: int, profile: int = HARDENED) -> Unheard:
     robot = Unheard(profile)
     robot.round_begins(at_ms)
     assert robot.sends(at_ms + GRANT_MS) != b""
@@ -172,7 +172,15 @@ def test_f_max_that_were_good_auditors_and_are_gone_at_once_stop_nobody():
     liars = tuple(AttackSpec(name="hijack", at_s=9.0) for _ in range(12))
     bti = BtiConfig(f_max=12)
     grid = Scenario(
-        robots=32, grid_step_m=8, d_m=8, goal_m=(30, 30), duration_s=30, seed=0, defence="bound", attacks=liars, bti=bti
+        robots=32,
+        grid_step_m=8,
+        d_m=8,
+        goal_m=(30, 30),
+        duration_s=30,
+        seed=0,
+        defence="hardened",
+        attacks=liars,
+        bti=bti,
     )
     run = Run(grid)
     run.advance(grid.duration_s)

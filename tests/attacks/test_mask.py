@@ -11,7 +11,7 @@ from test_answers import BOOT_MS, GRANT_MS, ROUND_MS, VICTIM, Asking
 
 from phalanx.attacks.channel import Mask
 from phalanx.bti import audit, log, request, rounds, seeking
-from phalanx.bti.fleet import BOUND, PAPER
+from phalanx.bti.fleet import HARDENED, PAPER
 from phalanx.bti.nodes import Limits
 from phalanx.config import BtiConfig
 from phalanx.robot import actions, handlers
@@ -173,7 +173,7 @@ def test_a_robot_that_has_its_tokens_or_begins_its_first_round_sends_hello_at_on
     assert sent(robot.round_due(listened=False)) == [AUDIT_HELLO.encode(src=VICTIM + 1, dst=0)]
 
 
-@pytest.mark.parametrize("profile, seeks", [(BOUND, 1), (PAPER, 0)])
+@pytest.mark.parametrize("profile, seeks", [(HARDENED, 1), (PAPER, 0)])
 def test_a_robot_seeks_when_an_auditor_is_silent_for_the_retry_time(profile, seeks):
     robot = Asking(profile)
     robot.round_begins(BOOT_MS)

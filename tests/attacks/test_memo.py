@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from phalanx.bti import request
-from phalanx.bti.fleet import BOUND, PAPER
+from phalanx.bti.fleet import HARDENED, PAPER
 from phalanx.bti.refusal import Refusal
 
-RUNS = {"bound": BOUND, "paper": PAPER}
+RUNS = {"hardened": HARDENED, "paper": PAPER}
 
 
 @pytest.fixture(scope="module", params=RUNS)

@@ -37,7 +37,7 @@ def controller(outputs, state=b""):
     return Own
 
 
-def advanced(made, defence="bound"):
+def advanced(made, defence="hardened"):
     run = Run(scenario(defence, robots=6, end_s=12), made)
     run.advance(12.0)
     return run
@@ -63,7 +63,7 @@ def advanced(made, defence="bound"):
         ([Act(bytes(19))], "no command of its body's: 19 bytes, the first 0"),
     ],
 )
-@pytest.mark.parametrize("defence", ["none", "bound"])
+@pytest.mark.parametrize("defence", ["none", "hardened"])
 def test_what_cannot_be_put_out_is_refused_at_the_first_reading(outputs, complaint, defence):
     with pytest.raises(UsageError) as refused:
         advanced(controller(outputs), defence)
@@ -142,7 +142,7 @@ class Suspicious(controller([], b"state")):
 )
 def test_what_only_shows_under_audit_has_its_reason(made, reason):
     """As docs/own-controller.md says; the first segment, from boot on, may pass."""
-    ended = Run(scenario("bound", robots=6, end_s=20), made)
+    ended = Run(scenario("hardened", robots=6, end_s=20), made)
     ended.advance(20.0)
     assert {why for *_, why in ended.new_verdicts()} - {Refusal.NONE} == {reason}
     assert ended.in_safe_mode.all()

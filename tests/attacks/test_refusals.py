@@ -15,7 +15,7 @@ from test_answers import BOOT_MS, VICTIM, Asking
 
 from phalanx.bti import audit, log, request, rounds, trusted
 from phalanx.bti.audit import ACMD, INPUT, RECV, SEND
-from phalanx.bti.fleet import BOUND, PENDING
+from phalanx.bti.fleet import HARDENED, PENDING
 from phalanx.bti.log import ENTRY_HEAD_BYTES
 from phalanx.bti.refusal import Refusal
 from phalanx.robot import handlers
@@ -120,13 +120,13 @@ class Auditee(Asking):
         rounds.withdraw(self.fleet, VICTIM)
         auditor = int(rounds.next_candidate(self.fleet, VICTIM, now_ms))
         treq, auth = row(bytes(request.TREQ_BYTES)), row(bytes(30))
-        assert trusted.anode_token_request(BOUND, self.fleet.anode[VICTIM], now_ms, auditor, treq) >= 0
+        assert trusted.anode_token_request(HARDENED, self.fleet.anode[VICTIM], now_ms, auditor, treq) >= 0
         log.mark(self.fleet, VICTIM, log.FLUSH_A)
         return auditor, treq, auth
 
     def signed(self, auditor: int, treq: np.ndarray, auth: np.ndarray) -> tuple[int, bytes]:
         """The rest of it."""
-        assert trusted.snode_make_auth(BOUND, self.fleet.snode[VICTIM], treq[request.TREQ_BYTES - 8 :], auth) >= 0
+        assert trusted.snode_make_auth(HARDENED, self.fleet.snode[VICTIM], treq[request.TREQ_BYTES - 8 :], auth) >= 0
         log.mark(self.fleet, VICTIM, log.FLUSH_S)
         n = int(request._write(self.fleet, VICTIM, treq, auth, row(bytes(30))))
         return auditor, self.fleet.request.rows[self.robot.request_row, :n].tobytes()

@@ -67,7 +67,7 @@ def test_a_bit_of_a_command_is_found_compiled_and_not(flight, tmp_path):
     assert [refused for refused, _ in flight.judge.elsewhere(forged, tmp_path)] == here
 
 
-@pytest.mark.parametrize("defence", ["none", "paper", "bound"])
+@pytest.mark.parametrize("defence", ["none", "paper", "hardened"])
 def test_the_same_seed_gives_the_same_bytes_and_another_others(defence):
     liar = AttackSpec(name="spoof", at_s=5.0)
     digests = [run(scenario(defence, liar, end_s=20, seed=seed)).summary()["digest"] for seed in (4, 4, 5)]

@@ -119,7 +119,7 @@ def test_a_fixed_memory_makes_room_for_itself():
 
 
 def refusals(made):
-    ended = Run(scenario("bound", robots=6, end_s=12), made)
+    ended = Run(scenario("hardened", robots=6, end_s=12), made)
     ended.advance(12.0)
     return {why for *_, why in ended.new_verdicts()}
 
@@ -209,7 +209,7 @@ RAW = """
         ({"def on_reading": "def on_readings"}, "mine.py:9: Mine has no on_reading"),
     ],
 )
-@pytest.mark.parametrize("defence", ["none", "bound"])
+@pytest.mark.parametrize("defence", ["none", "hardened"])
 def test_a_mistake_is_one_line_with_file_and_line(tmp_path, monkeypatch, capsys, change, complaint, defence):
     text = FILE
     for was, becomes in change.items():

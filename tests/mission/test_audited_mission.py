@@ -42,11 +42,11 @@ REFUSED = {
 
 
 def run_of(parts: tuple[Part, ...], **more) -> MissionWorld:
-    return MissionWorld(MissionRun(**{"plan": PLAN, "parts": parts, "robots": ROBOTS, "defence": "bound", **more}))
+    return MissionWorld(MissionRun(**{"plan": PLAN, "parts": parts, "robots": ROBOTS, "defence": "hardened", **more}))
 
 
 @cache
-def honest(profile: Profile, defence: str = "bound") -> MissionWorld:
+def honest(profile: Profile, defence: str = "hardened") -> MissionWorld:
     run = swarm(profile, defence)
     run.advance(END_S)
     return run
@@ -88,7 +88,7 @@ def test_who_audits_holds_no_key(profile):
 
 @CHEATED
 def test_a_cheat_is_stopped_within_the_bound_and_nobody_else_is(name, profile):
-    run = cheated(name, profile, "bound")
+    run = cheated(name, profile, "hardened")
     liar = run.robots[0].inner
     assert liar.first_deviation_ms is not None
     began_s = liar.first_deviation_ms / 1000 - int(run.world.boot_us[0]) / 1e6

@@ -1,6 +1,6 @@
 """Algorithms 2-4 of RoboRebound in plain Python, in both profiles; errors are the C's codes by name.
 
-`paper` is the algorithms as printed with the errata of docs/spec/rebound-nodes.md; `bound` is that page. The chain
+`paper` is the algorithms as printed with the errata of docs/spec/rebound-nodes.md; `hardened` is that page. The chain
 keeps its batch as printed, and every message is put together here, not by phalanx.wire.
 """
 
@@ -51,7 +51,7 @@ class Bucket:
 class Node:
     """Algorithm 2. `limits` is a phalanx.bti.nodes.Limits."""
 
-    bound: bool
+    hardened: bool
     limits: object
     robot_id: int = 0
     master: bytes | None = None
@@ -71,7 +71,7 @@ class Node:
     def load_master(self, key: bytes, robot_id: int) -> None:
         if robot_id == 0:
             raise No("ARG")
-        if self.master is not None and (self.bound or self.master != ZERO_KEY):
+        if self.master is not None and (self.hardened or self.master != ZERO_KEY):
             raise No("SEQ")
         self.master, self.robot_id = key, robot_id
 
@@ -79,7 +79,7 @@ class Node:
         self.clock(now)
         if self.safe:
             raise No("SAFE_MODE")
-        if self.bound and self.master is None:
+        if self.hardened and self.master is None:
             raise No("NO_KEY")
         master = self.master or ZERO_KEY
         if lightmac(master, b"\x10" + k + r + u32(seq)) != mac:
@@ -89,7 +89,7 @@ class Node:
         self.key_seq = seq
         self.key = bytes(a ^ b for a, b in zip(k, sha1(r + master).digest(), strict=True))
         self.was_keyed = True
-        if self.bound:
+        if self.hardened:
             self.top, self.buffer = ZERO_HASH, []
         self.mission_starts(now)
 
@@ -102,12 +102,12 @@ class Node:
             raise No("CLOCK")
 
     def has_key(self) -> bool:
-        return self.key is not None and (self.bound or self.key != ZERO_KEY)
+        return self.key is not None and (self.hardened or self.key != ZERO_KEY)
 
     def mac(self, message: bytes) -> bytes:
-        if self.bound and self.safe:
+        if self.hardened and self.safe:
             raise No("SAFE_MODE")
-        if self.bound and self.key is None:
+        if self.hardened and self.key is None:
             raise No("NO_KEY")
         return lightmac(self.key or ZERO_KEY, message)
 
@@ -143,7 +143,7 @@ class Node:
     # --- authenticators
 
     def auth_message(self, kind: int, top: bytes, robot_id: int, nonce: bytes) -> bytes:
-        return bytes([kind]) + top + u16(robot_id) + (nonce if self.bound else b"")
+        return bytes([kind]) + top + u16(robot_id) + (nonce if self.hardened else b"")
 
     def make_auth_as(self, kind: int, nonce: bytes) -> bytes:
         self.mac(b"")
@@ -191,7 +191,7 @@ class ANode(Node):
 
     def mission_starts(self, now: int) -> None:
         self.keyed_at = now
-        if not self.bound:
+        if not self.hardened:
             return
         self.tokens = {}
         self.requests.level, self.requests.last = 0, now
@@ -204,7 +204,7 @@ class ANode(Node):
 
     def send(self, now: int, frame: bytes) -> bytes:
         self.may_forward(now, frame)
-        if self.bound:
+        if self.hardened:
             audit = frame[0] >= 0x80
             if audit and len(frame) < 6:
                 raise No("ARG")
@@ -227,7 +227,7 @@ class ANode(Node):
     # --- tokens
 
     def treq(self, t: int, auditee: int, auditor: int, top: bytes) -> bytes:
-        return b"\x13" + u32(t) + u16(auditee) + u16(auditor) + (top if self.bound else b"")
+        return b"\x13" + u32(t) + u16(auditee) + u16(auditor) + (top if self.hardened else b"")
 
     def token(self, auditor: int, auditee: int, t: int, hckpt: bytes) -> bytes:
         return self.mac(b"\x14" + u16(auditor) + u16(auditee) + u32(t) + hckpt)
@@ -240,7 +240,7 @@ class ANode(Node):
         if not self.requests.draw(now, self.limits.bucket_period_ms):
             raise No("BUCKET")
         top = ZERO_HASH
-        if self.bound:
+        if self.hardened:
             self.flush()
             top = self.top
         return u32(now) + top + self.mac(self.treq(now, self.robot_id, auditor, top))
@@ -262,10 +262,10 @@ class ANode(Node):
         self.check_token(auditor, self.robot_id, t, hckpt, mac)
         if auditor == 0:
             raise No("ARG")
-        if self.bound and t > now:
+        if self.hardened and t > now:
             raise No("FUTURE")
         if auditor in self.tokens:
-            if not self.bound or t > self.tokens[auditor]:
+            if not self.hardened or t > self.tokens[auditor]:
                 self.tokens[auditor] = t
         elif len(self.tokens) < 2 * self.limits.f_max + 1:
             self.tokens[auditor] = t

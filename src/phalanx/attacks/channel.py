@@ -7,7 +7,7 @@ from bisect import bisect_right
 from typing import Any, ClassVar
 
 from phalanx.bti import request, seeking
-from phalanx.bti.fleet import BOUND, PLAIN
+from phalanx.bti.fleet import HARDENED, PLAIN
 from phalanx.robot.actions import EVERYBODY, Action, Transmit
 from phalanx.robot.adversary.liar import Liar, is_audit
 from phalanx.robot.runtime import first_round_ms
@@ -24,7 +24,7 @@ class Flood(Liar, ABC):
     """Leaves room for its own audits, which it means to pass."""
 
     QUIET_MS: ClassVar[tuple[int, int]] = (20, 200)  # before a round of its own, and from its beginning on
-    # Whether `bound` has a limit for it, which its own audits share: then it pours when it has its tokens, until so
+    # Whether `hardened` has a limit for it, which its own audits share: then it pours when it has its tokens, until so
     # much of the round is over. In the rest the bucket fills again.
     SHARES: ClassVar[bool] = True
     POURED: ClassVar[float] = 0.8
@@ -42,7 +42,7 @@ class Flood(Liar, ABC):
     def on_wake(self, now_ms: int) -> list[Action]:
         before_ms, after_ms = self.QUIET_MS
         self.period_ms = type(self).period_ms
-        shares = self.SHARES and self.profile == BOUND
+        shares = self.SHARES and self.profile == HARDENED
         if shares:
             before_ms = round((1 - self.POURED) * self._t_audit_ms)
         quiet = (now_ms - self._round_ms + before_ms) % self._t_audit_ms < before_ms + after_ms
@@ -74,7 +74,7 @@ class RequestFlood(Flood):
             return []
         auditor = others[self._turn % len(others)]
         again_ms = self._asked_ms.get(auditor, 0) + self._t_audit_ms // 2
-        if self.profile == BOUND and now_ms < again_ms:
+        if self.profile == HARDENED and now_ms < again_ms:
             return []
         self._asked_ms[auditor] = now_ms
         self._turn += 1
@@ -92,10 +92,10 @@ class FrameFlood(Flood):
 
     def pour(self, now_ms: int) -> list[Action]:
         """Send to all, or where airtime is counted, to nobody, so that the radio tries again and again."""
-        bound = self.profile == BOUND
-        if bound:
+        hardened = self.profile == HARDENED
+        if hardened:
             self.period_ms = self.TRIED_MS
-        nobody = max(self.plan.ids) + 1 if bound else 0
+        nobody = max(self.plan.ids) + 1 if hardened else 0
         frame = audit_frame(self.id, nobody, 0x7F, bytes(int(self.f.settings[0].frame_max) - request.AUDIT_HEAD_BYTES))
         return self.send(now_ms, frame, nobody or EVERYBODY)
 

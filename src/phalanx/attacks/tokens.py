@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from phalanx.bti import log, request, trusted
-from phalanx.bti.fleet import BOUND, PENDING, PLAIN, START
+from phalanx.bti.fleet import HARDENED, PENDING, PLAIN, START
 from phalanx.robot.actions import Action
 from phalanx.robot.adversary.liar import Liar, tokens_in
 from phalanx.wire.fields import Row, get_u16, put_u16, row
@@ -238,7 +238,7 @@ class Drain(RefuseToAudit):
         if trusted.anode_token_request(self.profile, self.f.anode[self.i], now_ms, auditor, treq) < 0:
             return False
         self._made_ms = now_ms
-        if self.profile == BOUND:
+        if self.profile == HARDENED:
             log.mark(self.f, self.i, log.FLUSH_A)
         q = row(bytes(request.HEAD_BYTES + BOOTED.size))
         q[0], q[request.AT_FLAGS] = request.VERSION, 1

@@ -24,7 +24,7 @@ from phalanx.wire.fields import (
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
 from . import log, memo, request, rounds, trusted
-from .fleet import BOUND, PAPER, Fleet
+from .fleet import HARDENED, PAPER, Fleet
 from .log import CHECKPOINT, ENTRY_HEAD_BYTES, ENTRY_LENGTH, ENTRY_T, EVIDENCE, FLUSH_A, FLUSH_S, MARK
 from .refusal import Refusal
 from .work import Work
@@ -118,7 +118,7 @@ def check_start(f: Fleet, i: int, w: Work, q: Row) -> int:
 
 @kernel
 def check_authenticators(f: Fleet, i: int, w: Work, q: Row) -> int:
-    """Check that the tops are the trusted nodes' own and, in `bound`, made for this token request.
+    """Check that the tops are the trusted nodes' own and, in `hardened`, made for this token request.
 
     Source: RoboRebound Alg. 3; docs/spec/rebound.md (stale log).
     """
@@ -151,7 +151,7 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912 - one
     Source: RoboRebound §3.7, §3.8; docs/spec/rebound.md (free interleaving, starving the sensors).
     """
     c, s = w.case[0], f.settings[0]
-    bound = s.profile == BOUND
+    hardened = s.profile == HARDENED
     w.held[:] = 0
     at, newest, due, checkpoints, kind = c.at, c.newest, c.due, c.checkpoints, END
     while at < c.end:
@@ -160,12 +160,12 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912 - one
         size = at - payload_at
         if INPUT <= kind <= ACMD and 0 < size <= s.frame_max:
             t = get_u32(q, begin + ENTRY_T)
-            if bound:
+            if hardened:
                 if t < newest - s.skew or t > c.t:
                     return Refusal.OUT_OF_ORDER
                 newest = max(newest, t)
             if kind == INPUT:
-                if bound and (t < due - s.delta or t > due + s.delta):
+                if hardened and (t < due - s.delta or t > due + s.delta):
                     return Refusal.INPUT_OFF_GRID
                 due += s.t_control
             elif kind != ACMD and int(q[payload_at]) & MARK:
@@ -189,7 +189,7 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912 - one
                 return Refusal.ENTRY_MALFORMED
         elif kind != log.ADVICE or size == 0:
             return Refusal.ENTRY_MALFORMED
-    if bound and due < c.t - s.delta:
+    if hardened and due < c.t - s.delta:
         return Refusal.INPUT_MISSING
     if checkpoints != 1:
         return Refusal.CHECKPOINT_MISSING
@@ -231,7 +231,7 @@ def next_event(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901 - as long as the
                 return -Refusal.OUTPUT_PENDING if c.waiting > 0 else CHECKPOINT
             continue
         c.entry_t = get_u32(q, begin + ENTRY_T)
-        if s.profile == BOUND and c.waiting > 0 and c.entry_t > get_u32(w.waiting, ENTRY_T) + s.delta:
+        if s.profile == HARDENED and c.waiting > 0 and c.entry_t > get_u32(w.waiting, ENTRY_T) + s.delta:
             return -Refusal.OUTPUT_LATE
         if kind <= RECV:
             return int(kind)

@@ -96,7 +96,7 @@ def raise_failed() -> None:
 
 def _asks(kernel: Any, call: Record) -> Callable[..., int]:
     """What `kernel` does with a node that is elsewhere."""
-    view = trusted.FIRMWARE[trusted.BOUND][0].buffer
+    view = trusted.FIRMWARE[trusted.HARDENED][0].buffer
     declared = inspect.signature(getattr(kernel, "py_func", kernel)).parameters
     told = [name for name in declared if name not in ("profile", "node")]
     fields = call.fields[1:]

@@ -20,7 +20,7 @@ from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 from .memo import Memo, make_memo
 
 # The firmware's profiles, and none: a robot without trusted nodes, whose entries nobody chains or logs.
-BOUND, PAPER, PLAIN = 0, 1, 2
+HARDENED, PAPER, PLAIN = 0, 1, 2
 # Requests that are put together from fragments at the same time, beside one of each of f_max liars: these push nobody
 # out (docs/adr/0014).
 RX_SLOTS = 3

@@ -5,5 +5,5 @@ from __future__ import annotations
 from typing import Literal, get_args
 
 # Nothing; RoboRebound as printed; RoboRebound as docs/spec/rebound.md bounds it.
-Defence = Literal["none", "paper", "bound"]
+Defence = Literal["none", "paper", "hardened"]
 DEFENCES: tuple[Defence, ...] = get_args(Defence)

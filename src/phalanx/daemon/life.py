@@ -20,7 +20,7 @@ from typing import TypeVar
 import numpy as np
 
 from phalanx.bti import elsewhere, request
-from phalanx.bti.fleet import BOUND, make_fleet
+from phalanx.bti.fleet import HARDENED, make_fleet
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.work import make_work
 from phalanx.errors import UsageError
@@ -88,8 +88,8 @@ class Life:
         controller: MakeController | None = None,
         mission: int = 1,
     ) -> None:
-        if scenario.defence != "bound":
-            raise UsageError(f"defence is {scenario.defence}", "bound: no other has boards")
+        if scenario.defence != "hardened":
+            raise UsageError(f"defence is {scenario.defence}", "hardened: no other has boards")
         if rob_id > scenario.robots:
             raise UsageError(f"robot {rob_id} is not in the mission", f"robots are 1 to {scenario.robots}")
         self.scenario, self.id, self.mission = scenario, rob_id, mission
@@ -100,7 +100,7 @@ class Life:
             1,
             scenario.bti,
             params_of(scenario, mission),
-            profile=BOUND,
+            profile=HARDENED,
             controller=number_of(scenario, controller),
             mission_seed=scenario.seed,
             snode=self._rows,
@@ -116,7 +116,7 @@ class Life:
         self._planner: Planner | None = make(rob_id, scenario.goal_m) if make and not self.far else None
         self.attack: AttackSpec | None = next((x for x in scenario.drawn_attacks() if x.robot == rob_id), None)
         if self.attack:
-            self.attack.attack.kind.before_key(rob_id, BOUND, self._rows[0], scenario.bti.f_max)
+            self.attack.attack.kind.before_key(rob_id, HARDENED, self._rows[0], scenario.bti.f_max)
         self._advised = self.waits_for_advice = False
         self._lateness, self.why_late = Lateness(), ""
         self._came = asyncio.Event()

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from phalanx.bti import audit, log, request, rounds
-from phalanx.bti.fleet import BOUND, make_fleet
+from phalanx.bti.fleet import HARDENED, make_fleet
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig
@@ -87,7 +87,14 @@ def first_lie(
         return None
     no_nodes = np.zeros((1, 8), np.uint8)
     fleet = make_fleet(
-        1, config, np.zeros(1), profile=BOUND, controller=0, mission_seed=mission_seed, snode=no_nodes, anode=no_nodes
+        1,
+        config,
+        np.zeros(1),
+        profile=HARDENED,
+        controller=0,
+        mission_seed=mission_seed,
+        snode=no_nodes,
+        anode=no_nodes,
     )
     work = make_work(config)
     newest = np.maximum.accumulate(entries["t_ms"])

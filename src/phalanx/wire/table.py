@@ -119,7 +119,7 @@ TOKEN_REPLY = 2
 SEEK = 3
 HERE = 4
 
-_AUDIT = fields("src u16: robot id; in `bound` written by the a-node", "dst u16: robot id, 0 for all")
+_AUDIT = fields("src u16: robot id; in `hardened` written by the a-node", "dst u16: robot id, 0 for all")
 AUDIT_HELLO = record("audit_hello: here is somebody who audits", *_AUDIT, f"sub u8 = {HELLO}", tag=KIND_AUDIT)
 AUDIT_SEEK = record(
     "audit_seek: lacks tokens; robots that receive it answer, each at a random time",

@@ -307,8 +307,8 @@ def _check(scenario: Scenario, weather: Weather) -> None:
     for_robots(scenario)
     if scenario.robots > MOST_ROBOTS:
         raise UsageError(f"{scenario.robots} robots", f"at most {MOST_ROBOTS}: each is two processes")
-    if scenario.defence != "bound":
-        raise UsageError(f"defence is {scenario.defence}", "bound: processes have no other nodes")
+    if scenario.defence != "hardened":
+        raise UsageError(f"defence is {scenario.defence}", "hardened: processes have no other nodes")
     if weather.speed < 1 and scenario.controller == WHEELS:
         raise UsageError("an arena slower than real time, for robots that obey orders", "their gateway's clock is true")
     if weather.cut >= scenario.robots:

@@ -15,11 +15,12 @@ import numpy as np
 
 from phalanx.attacks.library import ATTACKS
 from phalanx.config.defence import DEFENCES
+from phalanx.errors import UsageError, did_you_mean
 from phalanx.net.private_file import write_whole
 from phalanx.papers.plot import BLUE, ORANGE, VERMILION, Axes, blank, finish, legend_above
 
 COLOURS: dict[str, str] = dict(zip(DEFENCES, (VERMILION, ORANGE, BLUE), strict=True))
-WORDS: dict[str, str] = dict(zip(DEFENCES, ("no defence", "as the paper prints it", "ours (bound)"), strict=True))
+WORDS: dict[str, str] = dict(zip(DEFENCES, ("no defence", "as the paper prints it", "ours (hardened)"), strict=True))
 SHIFT: dict[str, float] = dict(zip(DEFENCES, (-0.25, 0.0, 0.25), strict=True))
 # Of what counts as a bite: less is drawn at the axis, more at the edge.
 LEAST, MOST = 0.01, 300.0
@@ -53,10 +54,15 @@ class Line:
 
 
 def lines(rows: Iterable[Mapping[str, Any]]) -> list[Line]:
-    """The table of a store's rows; of two of the same seed, the later one counts: its attack was changed since."""
+    """Return the table of a store's rows; of two of the same seed, the later one counts: its attack was changed since.
+
+    Raises: UsageError: a row is of a defence that there is not.
+    """
     newest = {tuple(row[name] for name in ("protocol", "attack", "defence", "seed")): row for row in rows}
     of: dict[tuple[str, str, str], list[Mapping[str, Any]]] = {}
     for (protocol, attack, defence, _), row in newest.items():
+        if defence not in DEFENCES:
+            raise UsageError(f"a saved run has defence {defence!r}", f"{did_you_mean(defence, DEFENCES)}sweep again")
         of.setdefault((protocol, attack, defence), []).append(row)
     order = {name: place for place, name in enumerate(ATTACKS)}
     protocols = list(dict.fromkeys(protocol for protocol, _, _ in of))
@@ -149,7 +155,7 @@ def _draw(stem: Path, protocol: str, of: Sequence[Line], version: str) -> tuple[
     damage.invert_yaxis()
     _legend(damage, of)
     runs, misses = sum(line.runs for line in of), sum(line.misses for line in of)
-    costs = [line.cost_bytes_per_s for line in of if line.defence == "bound" and line.cost_bytes_per_s]
+    costs = [line.cost_bytes_per_s for line in of if line.defence == "hardened" and line.cost_bytes_per_s]
     cost = f"; audits send {np.median(costs) / 1000:.2f} kB/s a robot" if costs else ""
     footer = f"{runs} runs, {misses} with a promise that was not kept{cost}\nphalanx {version}"
     return finish(picture, f"Every attack on {protocol}, without a defence, with the paper's, with ours", footer, stem)

@@ -44,7 +44,7 @@ def scenario_of(case: str) -> Scenario:
         grid_step_m=SPACING_M,
         d_m=SPACING_M,
         duration_s=costs.DURATION_S,
-        defence="bound" if f_max else "none",
+        defence="hardened" if f_max else "none",
         bti=bti,
         seed=seed_of(case),
     )

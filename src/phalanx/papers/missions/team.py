@@ -76,7 +76,7 @@ def try_in_team(
     Raises: UsageError: the seed is negative.
     """
     plan = load_floorplan()
-    profile = Profile.SEALED if defence == "bound" else Profile.PAPER
+    profile = Profile.SEALED if defence == "hardened" else Profile.PAPER
     plain = apart_in(plan, errand(plan, CodingConfig(delta_mm=400, kdf_log2_n=2)))
     (built,) = build(plain, BuildOptions(profile=profile), random.Random(seed).randbytes)  # noqa: S311  # a simulation's
     honest = _world(plan, built, defence, seed)

@@ -1,8 +1,8 @@
 """One attack on a mission against one defence, beside the same errand without it; and whether the verdict is borne out.
 
 The defences: a robot with `none` follows the same mission as a plain graph, and believes what it senses. With `paper`
-it has the paper profile, unsigned, and runs whatever it gets. With `bound`, ours, the mission is sealed, signed, bound
-to this robot and to a window of time, and started once.
+it has the paper profile, unsigned, and runs whatever it gets. With `hardened`, ours, the mission is sealed, signed,
+bound to this robot and to a window of time, and started once.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Operator:
     def send(self, mission: Mission, robot: int, day: int) -> Sent:
         """What goes to a robot on a day, and the controller's messages."""
         random = np.random.default_rng([self.seed, robot, day]).bytes
-        if self.defence == "bound":
+        if self.defence == "hardened":
             options = BuildOptions(robots=(robot,), valid_from_s=day * DAY_S, valid_to_s=(day + 1) * DAY_S)
             (made,) = build(replace(mission, coding=mission.coding or CHEAP), options, random)
             encoded = sign(made.mission, OPERATOR)
@@ -286,7 +286,7 @@ def try_guess(
 
     The mission was captured in the form that `defence` has, in a `coding` that costs what robots' does unless given.
     """
-    coding = coding or (SEALED if defence == "bound" else None)
+    coding = coding or (SEALED if defence == "hardened" else None)
     plain = shelf_alone(coding) if attack.one_node else errand(coding)
     sent = Operator(defence, seed).send(plain, ROBOT, 1)
     nodes = len(plain.nodes)

@@ -45,7 +45,7 @@ def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeli
     Source: docs/spec/world.md.
     """
     clock = world.clock[0]
-    for profile in (trusted.BOUND, trusted.PAPER):
+    for profile in (trusted.HARDENED, trusted.PAPER):
         trusted.host_use(profile, 1 - int(world.fleet.settings[0].plain))
     while True:
         while clock.next < clock.receivers:

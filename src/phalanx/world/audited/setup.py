@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.bti.fleet import BOUND, PAPER, PLAIN, make_fleet
+from phalanx.bti.fleet import HARDENED, PAPER, PLAIN, make_fleet
 from phalanx.bti.nodes import Limits, MissionKey, Nodes, TrustedNodes, limits_of, seal_mission_key
 from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig
@@ -34,7 +34,7 @@ from .world import PYTHON, VERDICTS, World, clock_ms, make_clock, pack
 
 # A robot's master key, 20 bytes: secret; and its mission key.
 Board = tuple[bytes, MissionKey]
-PROFILES = {"none": PLAIN, "paper": PAPER, "bound": BOUND}
+PROFILES = {"none": PLAIN, "paper": PAPER, "hardened": HARDENED}
 MOVE_US = 50_000
 # All robots are powered up within this time.
 POWER_UP_MS = 60_000
@@ -48,7 +48,7 @@ class Setup:
 
     robots: int  # N
     starts_m: NDArray[np.float64]  # (M, 2), where robots, and stations behind them, are at first
-    profile: int  # of the trusted nodes: BOUND, PAPER or PLAIN
+    profile: int  # of the trusted nodes: HARDENED, PAPER or PLAIN
     controller: int  # number of the bundled controller (dispatch.NUMBERS), 0 for one in plain Python
     params: NDArray[np.float64]  # the controller's
     body: int  # POINT_MASS or WHEELS, see `body.driven_by`

@@ -47,7 +47,7 @@ class MissionRun:
     plan: FloorPlan  # the building; its walls do not stop radio
     parts: tuple[Part, ...]  # of the mission; robot i gets part i modulo their number
     robots: int = 1
-    defence: str = "none"  # "none", "paper" or "bound": whether, and by which protocol, robots audit each other
+    defence: str = "none"  # "none", "paper" or "hardened": whether, and by which protocol, robots audit each other
     f_max: int = 1  # the most compromised robots that audits tolerate
     # Of their odometry
     noise: OdometryNoise = OdometryNoise()  # noqa: RUF009  # frozen

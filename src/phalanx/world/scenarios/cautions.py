@@ -51,7 +51,7 @@ def _many(scenario: Scenario, near: Sequence[NDArray[np.int32]]) -> list[str]:
 def _flooded(scenario: Scenario) -> list[str]:
     bti = scenario.bti
     share = bti.f_max * limits_of(bti, scenario.radio).audit_us_per_s / US_PER_S
-    if scenario.defence != "bound" or share < MOST_BUCKETS:
+    if scenario.defence != "hardened" or share < MOST_BUCKETS:
         return []
     lets = f"with n_max {bti.n_max} the a-nodes of f_max compromised robots let out audit packets for {share:.0%}"
     return [

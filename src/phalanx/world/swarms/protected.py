@@ -132,7 +132,7 @@ class ProtectedSwarm(Ordered):
         seed: int,
         clock: Callable[[], float],
         *,
-        defence: str = "bound",
+        defence: str = "hardened",
         f_max: int = 3,
         keys: SwarmKeys | None = None,
         protocol: str = "",

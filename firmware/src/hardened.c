@@ -1,4 +1,4 @@
-/* Profile `bound`, the default: the printed protocol with its holes closed (docs/spec/rebound-nodes.md). */
+/* Profile `hardened`, the default: the printed protocol with its holes closed (docs/spec/rebound-nodes.md). */
 #include <string.h>
 
 #include "internal.h"
