@@ -6,7 +6,7 @@ import numpy as np
 
 from phalanx.bti import nodes, trusted
 from phalanx.bti.nodes import Refused
-from phalanx.wire.table import ENTRY_HEADER_BYTES, FRAME_MAX, MAC_BYTES
+from phalanx.wire.table import ENTRY_HEADER_BYTES, MAC_BYTES, PACKET_MAX
 
 
 class Nodes(nodes.Nodes):
@@ -29,20 +29,20 @@ class Nodes(nodes.Nodes):
         """The entry of a sensor reading, chained."""
         return self._forward(trusted.snode_poll, self.snode[i], now, reading)
 
-    def recv(self, i, now, frame):
-        """The entry of a frame from the radio."""
-        return self._forward(trusted.anode_recv, self.anode[i], now, frame)
+    def recv(self, i, now, packet):
+        """The entry of a packet from the radio."""
+        return self._forward(trusted.anode_recv, self.anode[i], now, packet)
 
-    def send(self, i, now, frame):
-        """The entry of a frame to the radio; on air goes what is behind its header."""
-        return self._forward(trusted.anode_send, self.anode[i], now, frame)
+    def send(self, i, now, packet):
+        """The entry of a packet to the radio; on air goes what is behind its header."""
+        return self._forward(trusted.anode_send, self.anode[i], now, packet)
 
     def actuate(self, i, now, command):
         """The entry of a command to the actuators."""
         return self._forward(trusted.anode_actuate, self.anode[i], now, command)
 
     def _forward(self, function, node, now, payload):
-        entry = np.zeros(ENTRY_HEADER_BYTES + min(len(payload), FRAME_MAX), np.uint8)
+        entry = np.zeros(ENTRY_HEADER_BYTES + min(len(payload), PACKET_MAX), np.uint8)
         return bytes(entry[: _checked(function(self.profile, node, now, _row(payload), len(payload), entry))])
 
     def make_auth(self, i, nonce):

@@ -111,7 +111,7 @@ class TestVectors:
             node = getattr(nodes, call["call"].partition("_")[0])[call["robot"]]
             texts = [bytes.fromhex(text) for text in call["bytes"]]
             numbers = iter([*call["numbers"], len(texts[0]) if texts else 0])
-            out = np.zeros(table.FRAME_MAX + table.ENTRY_HEADER_BYTES, np.uint8)
+            out = np.zeros(table.PACKET_MAX + table.ENTRY_HEADER_BYTES, np.uint8)
             left = iter(texts)
             values = [ffi.cast("void *", node.ctypes.data)]
             for argument in ffi.typeof(function).args[1:]:
@@ -141,17 +141,17 @@ class TestForwarding:
     def test_audit_frames_are_forwarded_and_not_chained(self, profile):
         nodes = keyed(profile)
         before = nodes.token_request(0, 5000, 2)[4:24] if profile == trusted.HARDENED else nodes.make_auth_a(0)[:20]
-        frame = b"\x80" + u16(7) + u16(2) + b"\x01fragment"
-        assert nodes.recv(0, 5001, frame)[7:] == frame
-        sent = nodes.send(0, 5002, frame)[7:]
+        packet = b"\x80" + u16(7) + u16(2) + b"\x01fragment"
+        assert nodes.recv(0, 5001, packet)[7:] == packet
+        sent = nodes.send(0, 5002, packet)[7:]
         after = nodes.token_request(0, 5003, 2)[4:24] if profile == trusted.HARDENED else nodes.make_auth_a(0)[:20]
         assert before == after
         # In `hardened` nobody sends one in another's name.
-        assert sent == (b"\x80" + u16(1) + frame[3:] if profile == trusted.HARDENED else frame)
+        assert sent == (b"\x80" + u16(1) + packet[3:] if profile == trusted.HARDENED else packet)
 
     def test_only_audit_frames_get_their_true_source(self):
-        frame = b"\x01" + u16(9) + bytes(24)
-        assert keyed().send(0, 1, frame)[7:] == frame
+        packet = b"\x01" + u16(9) + bytes(24)
+        assert keyed().send(0, 1, packet)[7:] == packet
 
     @BOTH
     @pytest.mark.parametrize("call", ["poll", "recv", "send", "actuate"])
@@ -244,9 +244,9 @@ class TestKeys:
             seal_mission_key(MASTER, MISSION, b"", 1)
 
     def test_an_audit_frame_is_at_least_its_header(self):
-        nodes, frame = keyed(n=1), b"\x80" + bytes(5)
-        nodes.send(0, 100, frame)
-        assert refusal(nodes.send, 0, 100, frame[:-1]) == refusal(nodes.send, 0, 100, b"")
+        nodes, packet = keyed(n=1), b"\x80" + bytes(5)
+        nodes.send(0, 100, packet)
+        assert refusal(nodes.send, 0, 100, packet[:-1]) == refusal(nodes.send, 0, 100, b"")
 
     def test_limits_that_make_no_sense_are_refused(self):
         Nodes(1, trusted.HARDENED, replace(LIMITS, f_max=15))

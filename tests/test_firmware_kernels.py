@@ -31,11 +31,11 @@ from phalanx.bti import trusted
 from phalanx.bti.nodes import Limits, Nodes, seal_mission_key
 from phalanx.config import BtiConfig
 
-def story(profile, anode, snode, entry, frame, out):
+def story(profile, anode, snode, entry, packet, out):
     total = 0
     for now in range(50):
-        total += trusted.anode_send(profile, anode, 3000 + now, frame, frame.size, entry)
-        total += trusted.snode_poll(profile, snode, 3000 + now, frame, frame.size, entry)
+        total += trusted.anode_send(profile, anode, 3000 + now, packet, packet.size, entry)
+        total += trusted.snode_poll(profile, snode, 3000 + now, packet, packet.size, entry)
     total += trusted.anode_token_request(profile, anode, 5000, 2, out)
     return total + trusted.snode_make_auth(profile, snode, out[24:32], out[32:62])
 

@@ -63,7 +63,7 @@ def told(node, what, now, frame):
             return getattr(node, what)(now, frame)
         except No as no:
             return no.args[0]
-    code, made = node.ask(what, now, frame=frame)
+    code, made = node.ask(what, now, packet=frame)
     return made or REASONS[code].upper()
 
 

@@ -49,7 +49,7 @@ from phalanx.wire.table import ACCELERATION
 class Follow(Controller):
     heard = 0
 
-    def on_recv(self, t_ms, frame):
+    def on_recv(self, t_ms, packet):
         self.heard = (self.heard + 1) % 256
 
     def on_input(self, step, t_ms, reading):

@@ -152,36 +152,36 @@ static void forward(stream *in, robot *r, unsigned call)
 {
     uint32_t len = number(in, 2);
     /* What is too long is refused before it is looked at. */
-    size_t there = len <= PHX_FRAME_MAX ? len : 0;
-    uint8_t *frame = malloc(there ? there : 1u), *entry = malloc(PHX_ENTRY_HEADER_BYTES + there);
+    size_t there = len <= PHX_PACKET_MAX ? len : 0;
+    uint8_t *packet = malloc(there ? there : 1u), *entry = malloc(PHX_ENTRY_HEADER_BYTES + there);
     const phx_node *node = call == POLL ? &r->s.node : &r->a.node;
     int could = node->has_key && !node->safe, got;
 
-    take(in, frame, there);
-    got = call == RECV   ? phx_anode_recv(&r->a, r->now, frame, len, entry)
-          : call == SEND ? phx_anode_send(&r->a, r->now, frame, len, entry)
-          : call == POLL ? phx_snode_poll(&r->s, r->now, frame, len, entry)
-                         : phx_anode_actuate(&r->a, r->now, frame, len, entry);
+    take(in, packet, there);
+    got = call == RECV   ? phx_anode_recv(&r->a, r->now, packet, len, entry)
+          : call == SEND ? phx_anode_send(&r->a, r->now, packet, len, entry)
+          : call == POLL ? phx_snode_poll(&r->s, r->now, packet, len, entry)
+                         : phx_anode_actuate(&r->a, r->now, packet, len, entry);
     stop_unless(got < 0 || (could && (uint32_t)got == PHX_ENTRY_HEADER_BYTES + len));
-    free(frame);
+    free(packet);
     free(entry);
 }
 
 static void seal(stream *in, world *w, robot *r)
 {
     uint32_t len = number(in, 1) % (AIR_BYTES - PHX_SEAL_BYTES + 1u), was = r->seals.t;
-    uint8_t *frame = malloc(len ? len : 1u), *entry = malloc(PHX_ENTRY_HEADER_BYTES + len + PHX_SEAL_BYTES);
+    uint8_t *packet = malloc(len ? len : 1u), *entry = malloc(PHX_ENTRY_HEADER_BYTES + len + PHX_SEAL_BYTES);
     int could = r->a.node.has_key && !r->a.node.safe, got;
 
-    take(in, frame, len);
-    got = phx_sealed_send(&r->seals, &r->a, r->now, frame, len, entry);
+    take(in, packet, len);
+    got = phx_sealed_send(&r->seals, &r->a, r->now, packet, len, entry);
     if (got >= 0) {
         uint32_t sealed = len + PHX_SEAL_BYTES;
         stop_unless(could && (uint32_t)got == PHX_ENTRY_HEADER_BYTES + sealed && r->seals.t > was);
         memcpy(w->air[w->said % KEPT], entry + PHX_ENTRY_HEADER_BYTES, sealed);
         w->air_len[w->said++ % KEPT] = sealed;
     }
-    free(frame);
+    free(packet);
     free(entry);
 }
 
@@ -189,18 +189,18 @@ static void seal(stream *in, world *w, robot *r)
 static void unseal(stream *in, const world *w, robot *r)
 {
     uint32_t which = number(in, 1), len = w->air_len[which % KEPT], turned = number(in, 1);
-    uint8_t *frame = malloc(len ? len : 1u), *entry = malloc(PHX_ENTRY_HEADER_BYTES + len);
+    uint8_t *packet = malloc(len ? len : 1u), *entry = malloc(PHX_ENTRY_HEADER_BYTES + len);
     int alters = len > 0 && which & 0x80u, got;
 
-    memcpy(frame, w->air[which % KEPT], len);
+    memcpy(packet, w->air[which % KEPT], len);
     if (alters)
-        frame[turned % len] ^= (uint8_t)(1u << (which >> 4) % 8u);
-    got = phx_sealed_recv(&r->seals, &r->a, r->now, frame, len, entry);
+        packet[turned % len] ^= (uint8_t)(1u << (which >> 4) % 8u);
+    got = phx_sealed_recv(&r->seals, &r->a, r->now, packet, len, entry);
     if (got >= 0) {
         stop_unless(!alters && r->a.node.has_key && (uint32_t)got == PHX_ENTRY_HEADER_BYTES + len - PHX_SEAL_BYTES);
-        stop_unless(phx_sealed_recv(&r->seals, &r->a, r->now, frame, len, entry) == PHX_E_REPEATED);
+        stop_unless(phx_sealed_recv(&r->seals, &r->a, r->now, packet, len, entry) == PHX_E_REPEATED);
     }
-    free(frame);
+    free(packet);
     free(entry);
 }
 

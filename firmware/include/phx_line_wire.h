@@ -67,13 +67,13 @@
 #define PHX_CALL_RECV 0x46u
 #define PHX_CALL_RECV_BYTES 3u
 #define PHX_CALL_RECV_NUMBER 1u
-#define PHX_CALL_RECV_FRAME 3u
+#define PHX_CALL_RECV_PACKET 3u
 
 /* a-node; an `entry` */
 #define PHX_CALL_SEND 0x47u
 #define PHX_CALL_SEND_BYTES 3u
 #define PHX_CALL_SEND_NUMBER 1u
-#define PHX_CALL_SEND_FRAME 3u
+#define PHX_CALL_SEND_PACKET 3u
 
 /* a-node; an `entry` */
 #define PHX_CALL_ACTUATE 0x48u

@@ -6,7 +6,7 @@
 #define PHX_MAC_BYTES 8u
 #define PHX_KEY_BYTES 20u
 #define PHX_NONCE_BYTES 8u
-#define PHX_FRAME_MAX 2048u
+#define PHX_PACKET_MAX 2048u
 #define PHX_ENTRY_HEADER_BYTES 7u
 #define PHX_AUDIT_HEADER_BYTES 6u
 #define PHX_ENTRY_INPUT 1u
@@ -64,14 +64,14 @@
 #define PHX_TOKEN_T 5u
 #define PHX_TOKEN_HCKPT 9u
 
-/* a frame on a sealed radio */
+/* a packet on a sealed radio */
 #define PHX_SEALED 0x15u
 #define PHX_SEALED_BYTES 27u
 #define PHX_SEALED_T 1u
 #define PHX_SEALED_SRC 5u
 #define PHX_SEALED_HASH 7u
 
-/* behind each frame on a sealed radio */
+/* behind each packet on a sealed radio */
 #define PHX_SEAL_BYTES 14u
 #define PHX_SEAL_T 0u
 #define PHX_SEAL_SRC 4u

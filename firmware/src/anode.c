@@ -43,24 +43,24 @@ int phx_anode_load_mission(phx_anode *a, uint32_t now, const uint8_t k[PHX_KEY_B
     return 0;
 }
 
-int phx_anode_recv(phx_anode *a, uint32_t now, const uint8_t *frame, uint32_t len, uint8_t *entry)
+int phx_anode_recv(phx_anode *a, uint32_t now, const uint8_t *packet, uint32_t len, uint8_t *entry)
 {
     int error = phx_may_forward(&a->node, now, len);
 
-    return error ? error : phx_entry(&a->node, PHX_ENTRY_RECV, now, frame, len, entry);
+    return error ? error : phx_entry(&a->node, PHX_ENTRY_RECV, now, packet, len, entry);
 }
 
-int phx_anode_send(phx_anode *a, uint32_t now, const uint8_t *frame, uint32_t len, uint8_t *entry)
+int phx_anode_send(phx_anode *a, uint32_t now, const uint8_t *packet, uint32_t len, uint8_t *entry)
 {
     int error = phx_may_forward(&a->node, now, len);
     int size;
 
     if (!error)
-        error = phx_send_rules(a, now, frame, len);
+        error = phx_send_rules(a, now, packet, len);
     if (error)
         return error;
-    size = phx_entry(&a->node, PHX_ENTRY_SEND, now, frame, len, entry);
-    if (frame[0] & PHX_KIND_AUDIT)
+    size = phx_entry(&a->node, PHX_ENTRY_SEND, now, packet, len, entry);
+    if (packet[0] & PHX_KIND_AUDIT)
         phx_mark_source(&a->node, entry + PHX_ENTRY_HEADER_BYTES);
     return size;
 }

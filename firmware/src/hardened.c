@@ -44,17 +44,17 @@ static uint64_t airtime_ns(const phx_limits *limits, int unicast, uint32_t len)
     return (uint64_t)limits->airtime_fixed_us * 1000u + (uint64_t)per_byte * len;
 }
 
-/* Audits never see AUDIT frames, so what they may do to the channel is bounded here. us per s are ns per ms. */
-int phx_send_rules(phx_anode *a, uint32_t now, const uint8_t *frame, uint32_t len)
+/* Audits never see AUDIT packets, so what they may do to the channel is bounded here. us per s are ns per ms. */
+int phx_send_rules(phx_anode *a, uint32_t now, const uint8_t *packet, uint32_t len)
 {
     const phx_limits *limits = &a->node.flash.limits;
     int failed;
 
-    if (frame[0] & PHX_KIND_AUDIT) {
+    if (packet[0] & PHX_KIND_AUDIT) {
         int unicast;
         if (len < PHX_AUDIT_HEADER_BYTES)
             return PHX_E_ARG;
-        unicast = frame[PHX_AUDIT_DST] != 0 || frame[PHX_AUDIT_DST + 1u] != 0;
+        unicast = packet[PHX_AUDIT_DST] != 0 || packet[PHX_AUDIT_DST + 1u] != 0;
         failed = phx_draw(&a->audit, now, limits->audit_us_per_s, (uint64_t)limits->audit_capacity_us * 1000u,
                           airtime_ns(limits, unicast, len));
     } else {
@@ -64,10 +64,10 @@ int phx_send_rules(phx_anode *a, uint32_t now, const uint8_t *frame, uint32_t le
     return failed ? PHX_E_AIRTIME : 0;
 }
 
-/* Nobody answers for an AUDIT frame, so nobody may send one in another's name. */
-void phx_mark_source(const phx_node *node, uint8_t *frame)
+/* Nobody answers for an AUDIT packet, so nobody may send one in another's name. */
+void phx_mark_source(const phx_node *node, uint8_t *packet)
 {
-    phx_put16(frame + PHX_AUDIT_SRC, node->flash.robot_id);
+    phx_put16(packet + PHX_AUDIT_SRC, node->flash.robot_id);
 }
 
 uint32_t phx_auth_bytes(uint8_t out[PHX_AUTH_S_BYTES], uint8_t type, const uint8_t thash[PHX_HASH_BYTES], uint16_t id,

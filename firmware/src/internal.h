@@ -41,8 +41,8 @@ void phx_no_key(phx_node *node);                           /* the mission key is
 int phx_may_mac(const phx_node *node);                     /* whether the mission key may be used */
 int phx_may_load(const phx_node *node);                    /* whether the master key may be used */
 void phx_anode_mission_starts(phx_anode *a, uint32_t now); /* what begins with a key */
-int phx_send_rules(phx_anode *a, uint32_t now, const uint8_t *frame, uint32_t len);
-void phx_mark_source(const phx_node *node, uint8_t *frame);
+int phx_send_rules(phx_anode *a, uint32_t now, const uint8_t *packet, uint32_t len);
+void phx_mark_source(const phx_node *node, uint8_t *packet);
 uint32_t phx_auth_bytes(uint8_t out[PHX_AUTH_S_BYTES], uint8_t type, const uint8_t thash[PHX_HASH_BYTES], uint16_t id,
                         const uint8_t *nonce);
 void phx_request_top(phx_node *node, uint8_t thash[PHX_HASH_BYTES]); /* what of the chain a token request binds */

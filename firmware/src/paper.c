@@ -41,19 +41,19 @@ void phx_anode_mission_starts(phx_anode *a, uint32_t now)
     (void)now;
 }
 
-int phx_send_rules(phx_anode *a, uint32_t now, const uint8_t *frame, uint32_t len)
+int phx_send_rules(phx_anode *a, uint32_t now, const uint8_t *packet, uint32_t len)
 {
     (void)a;
     (void)now;
-    (void)frame;
+    (void)packet;
     (void)len;
     return 0;
 }
 
-void phx_mark_source(const phx_node *node, uint8_t *frame)
+void phx_mark_source(const phx_node *node, uint8_t *packet)
 {
     (void)node;
-    (void)frame;
+    (void)packet;
 }
 
 uint32_t phx_auth_bytes(uint8_t out[PHX_AUTH_S_BYTES], uint8_t type, const uint8_t thash[PHX_HASH_BYTES], uint16_t id,

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from typing import ClassVar
 
 ALIKE = 0.6  # so alike, a name is what was meant
-RENAMED = {"bound": "hardened"}  # values of earlier releases
+RENAMED = {"bound": "hardened", "frames": "packets", "frame_max_bytes": "packet_max_bytes"}  # names of earlier releases
 
 
 class PhalanxError(Exception):

@@ -194,12 +194,12 @@ def test_fragments_of_any_bytes_do_no_harm(caught):
     before, audited = untouched(f, lent), 0
     for k in range(3000):
         length = int(dice.choice([1, 5, 6, 10, 11, 15, 20, 60, 2048]))
-        frame = np.frombuffer(bytearray(dice.bytes(length)), np.uint8)
-        frame[0] |= request.AUDIT
+        packet = np.frombuffer(bytearray(dice.bytes(length)), np.uint8)
+        packet[0] |= request.AUDIT
         if k % 4 and length > 10:
-            request.audit_head(frame, int(dice.integers(0, 12)), 1, int(dice.integers(0, 5)))
-            frame[8], frame[9] = int(dice.choice([0, 1, 5, 62, 63, 255])), int(dice.choice([0, 1, 2, 6, 63, 64, 255]))
-        told = handlers.on_packet(f, 0, w, now + k * 7, frame, length)
+            request.audit_head(packet, int(dice.integers(0, 12)), 1, int(dice.integers(0, 5)))
+            packet[8], packet[9] = int(dice.choice([0, 1, 5, 62, 63, 255])), int(dice.choice([0, 1, 2, 6, 63, 64, 255]))
+        told = handlers.on_packet(f, 0, w, now + k * 7, packet, length)
         asked = actions.decode(w)
         assert told == handlers.NOTHING or (told < 0 and not asked)
         assert not tokens_in(asked)

@@ -21,7 +21,7 @@ PASSED_OVER = handlers.NOTHING, []
 
 
 class Door(Auditee):
-    """The auditee's frames come to an auditor, in whose memory another's request has begun."""
+    """The auditee's packets come to an auditor, in whose memory another's request has begun."""
 
     def __init__(self, **said):
         super().__init__(**said)
@@ -34,23 +34,23 @@ class Door(Auditee):
 
     @property
     def body(self) -> int:
-        return self.config.frame_max_bytes - request.FRAGMENT_HEAD_BYTES
+        return self.config.packet_max_bytes - request.FRAGMENT_HEAD_BYTES
 
     def fragment(self, part: bytes, *, src=VICTIM_ID, dst=None, index=0, count=1, sub=request.FRAGMENT) -> bytes:
-        frame = row(bytes(request.FRAGMENT_HEAD_BYTES) + part)
-        request.audit_head(frame, src, self.auditor if dst is None else dst, sub)
-        frame[request.AT_REQUEST] = NO
-        frame[request.AT_INDEX], frame[request.AT_COUNT] = index, count
-        return frame.tobytes()
+        packet = row(bytes(request.FRAGMENT_HEAD_BYTES) + part)
+        request.audit_head(packet, src, self.auditor if dst is None else dst, sub)
+        packet[request.AT_REQUEST] = NO
+        packet[request.AT_INDEX], packet[request.AT_COUNT] = index, count
+        return packet.tobytes()
 
     def hears_frame(
-        self, frame: bytes, now_ms: int | None = None, robot: int | None = None
+        self, packet: bytes, now_ms: int | None = None, robot: int | None = None
     ) -> tuple[int, list[Action]]:
         """What `on_packet` returns, and its actions."""
         now_ms = self.now_ms if now_ms is None else now_ms
         self.work.place[0] = -7
         at = self.auditor - 1 if robot is None else robot
-        told = int(handlers.on_packet(self.fleet, at, self.work, now_ms, row(frame), len(frame)))
+        told = int(handlers.on_packet(self.fleet, at, self.work, now_ms, row(packet), len(packet)))
         return told, actions.decode(self.work)
 
     def hears_request(self, q: bytes, now_ms: int | None = None, **said) -> tuple[int, list[Action]]:
@@ -79,9 +79,9 @@ def door():
 
 
 def test_who_is_found_right_is_sent_a_token_and_takes_it(door):
-    frame = door.answers(door.q)
+    packet = door.answers(door.q)
     assert door.work.place[0] == 1
-    assert len(frame) == request.TOKEN_FRAME_BYTES
+    assert len(packet) == request.TOKEN_FRAME_BYTES
     assert (door.auditor_robot.audits_passed, door.auditor_robot.audits_refused, door.auditor_robot.accepted) == (
         1,
         0,
@@ -91,36 +91,36 @@ def test_who_is_found_right_is_sent_a_token_and_takes_it(door):
     request.audit_head(head, door.auditor, VICTIM_ID, request.TOKEN)
     head[request.AT_REQUEST] = NO
     head[request.REPLY_T : request.REPLY_T + 4] = row(door.q[request.AT_T :][:4])
-    assert frame[: request.REPLY_MAC] == head[: request.REPLY_MAC].tobytes()
-    claimed, mac = row(door.q[request.AT_HCKPT :][:20]), row(frame[request.REPLY_MAC :])
+    assert packet[: request.REPLY_MAC] == head[: request.REPLY_MAC].tobytes()
+    claimed, mac = row(door.q[request.AT_HCKPT :][:20]), row(packet[request.REPLY_MAC :])
     t_ms = int.from_bytes(door.q[request.AT_T :][:4], "little")
     assert (
         trusted.anode_check_token(door.profile, door.fleet.anode[0], door.auditor, VICTIM_ID, t_ms, claimed, mac) == 0
     )
     assert door.robot.got == 0
-    assert door.hears_frame(frame, robot=VICTIM) == PASSED_OVER
+    assert door.hears_frame(packet, robot=VICTIM) == PASSED_OVER
     assert door.robot.got == 1
 
 
 @pytest.mark.parametrize("change", [-1, 1])
 def test_a_token_of_another_length_is_none(door, change):
-    frame = (door.answers(door.q) + b"\0")[: request.TOKEN_FRAME_BYTES + change]
-    assert door.hears_frame(frame, robot=VICTIM) == PASSED_OVER
+    packet = (door.answers(door.q) + b"\0")[: request.TOKEN_FRAME_BYTES + change]
+    assert door.hears_frame(packet, robot=VICTIM) == PASSED_OVER
     assert door.robot.got == 0
 
 
 @pytest.mark.parametrize("sub", [request.HELLO, 9])
 def test_a_token_that_is_called_something_else_is_none(door, sub):
-    frame = row(door.answers(door.q))
-    frame[request.AT_SUB] = sub
-    assert door.hears_frame(frame.tobytes(), robot=VICTIM) == PASSED_OVER
+    packet = row(door.answers(door.q))
+    packet[request.AT_SUB] = sub
+    assert door.hears_frame(packet.tobytes(), robot=VICTIM) == PASSED_OVER
     assert door.robot.got == 0
 
 
 def test_a_token_with_another_mac_is_none(door):
-    frame = bytearray(door.answers(door.q))
-    frame[-1] ^= 1
-    assert door.hears_frame(bytes(frame), robot=VICTIM) == PASSED_OVER
+    packet = bytearray(door.answers(door.q))
+    packet[-1] ^= 1
+    assert door.hears_frame(bytes(packet), robot=VICTIM) == PASSED_OVER
 
 
 @pytest.mark.parametrize(
@@ -194,9 +194,9 @@ def test_a_swarm_in_plain_python_replays_for_itself(door):
 
 class TestWhose:
     def hello(self, src: int, dst: int = 0) -> bytes:
-        frame = row(bytes(request.AUDIT_HEAD_BYTES))
-        request.audit_head(frame, src, dst, request.HELLO)
-        return frame.tobytes()
+        packet = row(bytes(request.AUDIT_HEAD_BYTES))
+        request.audit_head(packet, src, dst, request.HELLO)
+        return packet.tobytes()
 
     def test_who_says_hello_is_in_range(self, door):
         robot = STRANGER_ID if door.auditor != STRANGER_ID else 7

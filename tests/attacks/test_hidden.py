@@ -42,7 +42,7 @@ class Unheard(Asking):
     def sends(self, now_ms: int) -> bytes:
         """Return the fragment that goes out now, if one does."""
         n = handlers.next_fragment(self.fleet, VICTIM, self.work, now_ms)
-        return self.work.frame[:n].tobytes()
+        return self.work.packet[:n].tobytes()
 
     def loses(self, now_ms: int) -> None:
         """Lose the last fragment."""
@@ -51,7 +51,7 @@ class Unheard(Asking):
     def seeks(self, now_ms: int) -> None:
         """Send SEEK, and receive answers of all others."""
         self.loses(now_ms)
-        seeking.packet(self.fleet, VICTIM, now_ms, self.work.frame)
+        seeking.write_seek(self.fleet, VICTIM, now_ms, self.work.packet)
         for rob_id in range(2, 9):
             self.receives_here(rob_id, int(self.robot.nonce), now_ms)
         self.robot.quota = 1
@@ -131,7 +131,7 @@ def test_an_auditor_that_received_nothing_may_be_asked_again_soon_and_another_af
     robot.round_begins(BOOT_MS)
     for k in range(12):
         robot.hears(BOOT_MS + k)
-    robot.fleet.settings[0].frame_max = 256
+    robot.fleet.settings[0].packet_max = 256
     robot.sends(BOOT_MS + 600)
     robot.sends(BOOT_MS + 601)
     to = rounds.peer_at(robot.fleet, VICTIM, int(robot.robot.request_to))

@@ -60,9 +60,9 @@ def credulous():
     spec.loader.exec_module(example)
 
     class Credulous(example.GoThere):
-        def on_recv(self, t_ms, frame):
-            if len(frame) == STATE.size:
-                _, rob_id, _, x_m, y_m, _, _ = STATE.form.unpack(frame)
+        def on_recv(self, t_ms, packet):
+            if len(packet) == STATE.size:
+                _, rob_id, _, x_m, y_m, _, _ = STATE.form.unpack(packet)
                 self.memory = example.Memory(rob_id, x_m, y_m)
 
         def on_reading(self, step, t_ms, at):
@@ -91,7 +91,7 @@ class Plain(Controller):
     def decode(self, encoding):
         assert not encoding
 
-    def on_recv(self, t_ms, frame):
+    def on_recv(self, t_ms, packet):
         pass
 
     def on_input(self, step, t_ms, reading):

@@ -28,7 +28,7 @@ def controller(outputs, state=b""):
         def decode(self, encoding):
             assert encoding == state
 
-        def on_recv(self, t_ms, frame):
+        def on_recv(self, t_ms, packet):
             pass
 
         def on_input(self, step, t_ms, reading):
@@ -77,10 +77,10 @@ def test_a_checkpoint_that_is_none_or_too_long_is_refused(state, complaint):
         advanced(controller([Act(STAND)], state))
 
 
-@pytest.mark.parametrize("frame", [bytes([1]) * 1000, bytes([1]) * 27], ids=["too long", "too often"])
-def test_a_frame_for_which_the_a_node_has_no_airtime_is_told(frame):
-    with pytest.raises(UsageError, match=f"no airtime left for a frame of {len(frame)} bytes"):
-        advanced(controller([Act(STAND), Send(frame)]))
+@pytest.mark.parametrize("packet", [bytes([1]) * 1000, bytes([1]) * 27], ids=["too long", "too often"])
+def test_a_frame_for_which_the_a_node_has_no_airtime_is_told(packet):
+    with pytest.raises(UsageError, match=f"no airtime left for a packet of {len(packet)} bytes"):
+        advanced(controller([Act(STAND), Send(packet)]))
 
 
 def test_a_liar_s_controller_is_looked_at_like_the_others():

@@ -74,10 +74,10 @@ class Auditee(Asking):
 
     def hears_of(self, t_ms: int) -> bytes:
         """A state of robot 3's; the controller knows it, the log not yet."""
-        frame = MOTION.pack(KIND_STATE, 3, t_ms, 5.0, 5.0, 0.0, 0.0)
-        entry = self.chained(RECV, t_ms, frame)
+        packet = MOTION.pack(KIND_STATE, 3, t_ms, 5.0, 5.0, 0.0, 0.0)
+        entry = self.chained(RECV, t_ms, packet)
         f, s = self.fleet, self.fleet.settings[0]
-        dispatch.on_recv(s.controller, f.params, 1, t_ms, row(frame), len(frame), f.state[VICTIM])
+        dispatch.on_recv(s.controller, f.params, 1, t_ms, row(packet), len(packet), f.state[VICTIM])
         self.robot.state_len = dispatch.size(s.controller, f.state[VICTIM])
         return entry
 
@@ -288,7 +288,7 @@ class TestEntries:
         auditee.goes_on()
         auditor, q = auditee.asks()
         segment = q[segment_at(q) :]
-        forged = entry(RECV, auditee.due_ms(0), b"\x80 an AUDIT frame")
+        forged = entry(RECV, auditee.due_ms(0), b"\x80 an AUDIT packet")
         assert auditee.verdict((auditor, with_segment(q, forged + segment))) == Refusal.AUDIT_FRAME_LOGGED
 
     @pytest.mark.parametrize("kind, refusal", [(RECV, Refusal.A_CHAIN), (INPUT, Refusal.S_CHAIN)])

@@ -281,7 +281,7 @@ class TestParts:
         auditee.goes_on()
         auditor, q = auditee.asks()
         segment, t_ms = q[segment_at(q) :], auditee.due_ms(auditee.step - 1) + 1
-        most = auditee.config.frame_max_bytes
+        most = auditee.config.packet_max_bytes
         for length, refusal in (
             (0, Refusal.ENTRY_MALFORMED),
             (1, Refusal.A_CHAIN),

@@ -31,7 +31,7 @@ def auditee():
 class TestRoom:
     def test_outputs_of_all_the_room_there_is_are_compared_and_one_more_is_not_taken(self, auditee):
         """No controller of ours puts out so much; another's might."""
-        f, w, most = auditee.fleet, auditee.judge.work, auditee.config.frame_max_bytes
+        f, w, most = auditee.fleet, auditee.judge.work, auditee.config.packet_max_bytes
         auditee.goes_on()
         _, q = auditee.asks()
         assert audit.open_request(w, row(q), len(q), VICTIM + 1) == 0

@@ -68,8 +68,8 @@ def test_a_broken_sensor_and_a_liar_reach_no_method(number):
     coasts = [Act(ACCELERATION.encode(id=7, t=1000, ax_mps2=0.0, ay_mps2=0.0))]
     assert Never(7).on_input(0, 1000, SENSOR.form.pack(SENSOR.tag, 7, 0, *values.values())) == coasts
     Never(7).on_recv(1000, STATE.form.pack(STATE.tag, 9, 0, *values.values()))
-    for frame in (b"", b"\1", OTHER.encode()[:-1], OTHER.encode() + b"\0", b"\2" + OTHER.encode()[1:]):
-        Never(7).on_recv(1000, frame)
+    for packet in (b"", b"\1", OTHER.encode()[:-1], OTHER.encode() + b"\0", b"\2" + OTHER.encode()[1:]):
+        Never(7).on_recv(1000, packet)
 
 
 def test_what_stands_behind_a_reading_is_beside_it():

@@ -14,7 +14,7 @@ from .lightmac import lightmac
 ZERO_KEY, ZERO_HASH = bytes(20), bytes(20)
 END_OF_CLOCK = 2**32 - 1
 INPUT, RECV, SEND, ACMD = 1, 2, 3, 4
-FRAME_MAX = 2048
+PACKET_MAX = 2048
 
 
 class No(Exception):
@@ -129,7 +129,7 @@ class Node:
             raise No("SAFE_MODE")
         if not self.has_key():
             raise No("NO_KEY")
-        if len(payload) > FRAME_MAX:
+        if len(payload) > PACKET_MAX:
             raise No("TOO_LONG")
         if not payload:
             raise No("ARG")
@@ -198,24 +198,24 @@ class ANode(Node):
         for bucket in self.airtime.values():
             bucket.level, bucket.last = bucket.capacity, now
 
-    def recv(self, now: int, frame: bytes) -> bytes:
-        self.may_forward(now, frame)
-        return self.forward(RECV, now, frame)
+    def recv(self, now: int, packet: bytes) -> bytes:
+        self.may_forward(now, packet)
+        return self.forward(RECV, now, packet)
 
-    def send(self, now: int, frame: bytes) -> bytes:
-        self.may_forward(now, frame)
+    def send(self, now: int, packet: bytes) -> bytes:
+        self.may_forward(now, packet)
         if self.hardened:
-            audit = frame[0] >= 0x80
-            if audit and len(frame) < 6:
+            audit = packet[0] >= 0x80
+            if audit and len(packet) < 6:
                 raise No("ARG")
             lim = self.limits
-            unicast = audit and frame[3:5] != b"\0\0"
+            unicast = audit and packet[3:5] != b"\0\0"
             per_byte = lim.airtime_ns_per_byte_unicast if unicast else lim.airtime_ns_per_byte_broadcast
-            if not self.airtime[audit].draw(now, lim.airtime_fixed_us * 1000 + per_byte * len(frame)):
+            if not self.airtime[audit].draw(now, lim.airtime_fixed_us * 1000 + per_byte * len(packet)):
                 raise No("AIRTIME")
             if audit:
-                frame = frame[:1] + u16(self.robot_id) + frame[3:]
-        return self.forward(SEND, now, frame)
+                packet = packet[:1] + u16(self.robot_id) + packet[3:]
+        return self.forward(SEND, now, packet)
 
     def actuate(self, now: int, command: bytes) -> bytes:
         self.may_forward(now, command)

@@ -41,7 +41,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                stopped_by="replay broadcasts what the s-node chained"),
         flock("equivocate", "claims.Equivocate", STOPPED, ASTRAY, 4,
                does="tells each robot another place where it is, always in that robot's way",
-               stopped_by="replay sends one state; and with an a-node each frame is a broadcast, which all hear "
+               stopped_by="replay sends one state; and with an a-node each packet is a broadcast, which all hear "
                           "and log"),
         flock("nan", "claims.NotANumber", by_defence("harmless", "stopped", "stopped"), ASTRAY, 0.5,
                does="broadcasts NaN, infinity and 10^30 as everybody's place",
@@ -166,12 +166,12 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                does="sends auditors empty requests for audits in everybody's name, so that true ones are turned away",
                stopped_by="nothing; in `hardened` the a-node writes the source, and auditors take one a robot and "
                           "T_audit / 2"),
-        flock("frame-flood", "channel.FrameFlood", LIMITED, AIRTIME, 40,
-               does="fills the channel with long AUDIT frames, which no log shows",
-               stopped_by="nothing ends it; in `hardened` AUDIT frames draw airtime from a leaky bucket of the "
+        flock("packet-flood", "channel.FrameFlood", LIMITED, AIRTIME, 40,
+               does="fills the channel with long AUDIT packets, which no log shows",
+               stopped_by="nothing ends it; in `hardened` AUDIT packets draw airtime from a leaky bucket of the "
                           "a-node's"),
         flock("talk-over", "channel.TalkOver", HARMLESS, STARVED, 1, crowd=True,
-               does="talks, in short AUDIT frames, whenever somebody whom it does not hear asks for audits",
+               does="talks, in short AUDIT packets, whenever somebody whom it does not hear asks for audits",
                stopped_by="a fragment that was lost is said again, at a time that nobody can foresee; in `hardened` "
                           "the a-node's bucket limits how much of the time can be talked over"),
         flock("mask", "channel.Mask", HARMLESS, STARVED, 1, crowd=True,
@@ -188,22 +188,22 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                does="sends again, near a victim, that robots far away are there: it asks them for audits in vain",
                stopped_by="a robot whom an auditor did not answer asks only those that answer the nonce of its SEEK"),
         flock("covert-talk", "channel.CovertTalk", LIMITED, AIRTIME, 4,
-               does="sends another compromised robot, or the nearest ear, whatever it likes in AUDIT frames, which no "
+               does="sends another compromised robot, or the nearest ear, whatever it likes in AUDIT packets, which no "
                     "log shows",
                stopped_by="nothing ends it; in `hardened` the a-node's bucket limits how much"),
         flock("ghost-auditors", "channel.GhostAuditors", by_defence("harmless", "bites", "stopped"), STARVED, 1,
                does="broadcasts states of 400 invented robots, of which others then ask audits in vain",
-               stopped_by="in `hardened` auditors are chosen among those whose tokens or AUDIT frames came, never "
+               stopped_by="in `hardened` auditors are chosen among those whose tokens or AUDIT packets came, never "
                           "among claimed ones"),
         flock("log-flood", "channel.LogFlood", by_defence("harmless", "bites", "stopped"), STARVED, 1,
-               does="broadcasts long frames of no meaning, which all others must log and show until their logs "
+               does="broadcasts long packets of no meaning, which all others must log and show until their logs "
                     "are full",
-               stopped_by="replay sends no such frame; and in `hardened` the a-node's bucket for broadcasts lets few "
+               stopped_by="replay sends no such packet; and in `hardened` the a-node's bucket for broadcasts lets few "
                           "bytes out"),
-        flock("long-frames", "channel.LongFrames", by_defence("harmless", "bites", "stopped"), STARVED, 1, crowd=True,
-               does="audits nobody, and broadcasts the longest frames that cost the airtime of four states, to "
+        flock("long-packets", "channel.LongFrames", by_defence("harmless", "bites", "stopped"), STARVED, 1, crowd=True,
+               does="audits nobody, and broadcasts the longest packets that cost the airtime of four states, to "
                     "fill others' logs",
-               stopped_by="replay sends no such frame; and in `hardened` logs have room for f_max robots that do so "
+               stopped_by="replay sends no such packet; and in `hardened` logs have room for f_max robots that do so "
                           "until then"),
         flock("slot-squat", "channel.SlotSquat", HARMLESS, STARVED, 1, crowd=True,
                does="begins requests for audits with everybody and never ends them, so that no others fit in",

@@ -93,8 +93,8 @@ class ReplayTokens(TokenForger):
 
     _kept: frozenset[Token] = frozenset()
 
-    def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
-        actions = super().on_packet(now_ms, frame)
+    def on_packet(self, now_ms: int, packet: bytes) -> list[Action]:
+        actions = super().on_packet(now_ms, packet)
         f, i, r = self.f, self.i, self.f.robot[self.i]
         for which, count in ((START, r.tokens_start), (PENDING, r.tokens_pending)):
             hckpt = f.hckpt[i, which].tobytes()
@@ -125,10 +125,10 @@ class SelfIssue(TokenForger):
 class Collude(Hijack):
     """Issues tokens to the other compromised robots for whatever they show, and gets theirs."""
 
-    def asked(self, now_ms: int, frame: bytes) -> list[Action]:
-        if self.profile == PLAIN or get_u16(row(frame), request.AT_SRC) not in self.plan.colluding:
-            return super().asked(now_ms, frame)
-        place = self.whole_request(now_ms, frame)
+    def asked(self, now_ms: int, packet: bytes) -> list[Action]:
+        if self.profile == PLAIN or get_u16(row(packet), request.AT_SRC) not in self.plan.colluding:
+            return super().asked(now_ms, packet)
+        place = self.whole_request(now_ms, packet)
         return self.vouch(now_ms, place) if place >= 0 else []
 
 
@@ -161,24 +161,24 @@ class StaleAnswers(Liar):
         self._issued.update({each.to: each.packet for each in tokens_in(actions) if each.packet != self._repeated})
         return actions
 
-    def asked(self, now_ms: int, frame: bytes) -> list[Action]:
+    def asked(self, now_ms: int, packet: bytes) -> list[Action]:
         """Send the old token at the first fragment of a request, and pass over the rest."""
-        src, no = (int(get_u16(row(frame), at)) for at in (request.AT_SRC, request.AT_REQUEST))
+        src, no = (int(get_u16(row(packet), at)) for at in (request.AT_SRC, request.AT_REQUEST))
         if src in self._issued:
             self._answered[src] = no
             self.gained += 1
             self._repeated = self._issued.pop(src)
             return self.send(now_ms, self._repeated, src)
-        return [] if self._answered.get(src) == no else super().asked(now_ms, frame)
+        return [] if self._answered.get(src) == no else super().asked(now_ms, packet)
 
 
 class WrongCheckpoint(Liar):
     """Issues the token for the checkpoint where the log begins, instead of the one at its end."""
 
-    def asked(self, now_ms: int, frame: bytes) -> list[Action]:
+    def asked(self, now_ms: int, packet: bytes) -> list[Action]:
         if self.profile == PLAIN:
-            return super().asked(now_ms, frame)
-        if (place := self.whole_request(now_ms, frame)) < 0:
+            return super().asked(now_ms, packet)
+        if (place := self.whole_request(now_ms, packet)) < 0:
             return []
         q = self.shown(place)
         tokens = int(q[request.AT_TOKENS])

@@ -158,7 +158,7 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912 - one
         begin, before = at, kind
         kind, payload_at, at = log.piece_at(q, begin, c.end)
         size = at - payload_at
-        if INPUT <= kind <= ACMD and 0 < size <= s.frame_max:
+        if INPUT <= kind <= ACMD and 0 < size <= s.packet_max:
             t = get_u32(q, begin + ENTRY_T)
             if hardened:
                 if t < newest - s.skew or t > c.t:

@@ -73,7 +73,7 @@ ROBOT = layout(
 )
 TOKEN = layout("auditor t i8", f"mac {MAC_BYTES}u1")
 PEER = layout(
-    "heard i8",  # ms of our clock, of the newest AUDIT frame from it
+    "heard i8",  # ms of our clock, of the newest AUDIT packet from it
     "token i8",  # t of its newest token
     "asked_ms i8",  # when we last asked it
     "took i8",  # ms at which we last took a request of its
@@ -99,7 +99,7 @@ RX = layout(
     "row i8",  # where it is, or was last
 )
 SETTINGS = layout(
-    "profile controller f_max t_audit t_val t_control delta skew retry batch_size frame_max mission_seed i8",
+    "profile controller f_max t_audit t_val t_control delta skew retry batch_size packet_max mission_seed i8",
     "log_max i8",  # bytes that a log has room for
     "plain u1",  # nothing is computed in a clever way: a run to compare with
 )
@@ -119,7 +119,7 @@ class Fleet(NamedTuple):
     checkpoint: U8x3  # (N, 2, C + 48): the one at which the log begins, and the one that waits for tokens
     hckpt: U8x3  # (N, 2, 20): their hashes
     token: Annotated[Any, Records(TOKEN, 3)]  # (N, 2, K): the tokens that cover them
-    peer: Annotated[Any, Records(PEER, 2)]  # (N, n_max): robots whose AUDIT frames or tokens were heard
+    peer: Annotated[Any, Records(PEER, 2)]  # (N, n_max): robots whose AUDIT packets or tokens were heard
     peer_id: U16x2  # (N, n_max), who they are: beside the rest, as most of what is asked is who is known
     owed: Annotated[Any, Records(OWED, 2)]  # (N, n_max): answers and tokens for the same robots
     request: Pool  # of R bytes: requests under way
@@ -166,7 +166,7 @@ def make_fleet(
     chosen.plain = plain
     chosen.f_max, chosen.t_audit, chosen.t_val = config.f_max, config.t_audit_ms, config.t_val_ms
     chosen.t_control, chosen.delta, chosen.skew = config.t_control_ms, config.delta_ms, config.skew_ms
-    chosen.retry, chosen.batch_size, chosen.frame_max = config.retry_ms, config.batch_size, config.frame_max_bytes
+    chosen.retry, chosen.batch_size, chosen.packet_max = config.retry_ms, config.batch_size, config.packet_max_bytes
     robot = records(n, ROBOT)
     robot["id"] = np.arange(1, n + 1)
     robot["request_row"] = NO_ROW
@@ -197,7 +197,7 @@ def make_fleet(
         request=make_pool(n, requests),
         rx=make_pool(n * places, requests),
         rx_info=records((n, places), RX),
-        memo=make_memo(n, requests, state_bytes, 4 * (table.ENTRY_HEADER_BYTES + config.frame_max_bytes)),
+        memo=make_memo(n, requests, state_bytes, 4 * (table.ENTRY_HEADER_BYTES + config.packet_max_bytes)),
         taken=np.full((n, config.audits_taken), LONG_AGO, np.int64),
     )
     return pack(fleet)

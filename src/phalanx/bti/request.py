@@ -1,4 +1,4 @@
-"""The audit request: what an auditee shows, and its way through radio frames of bounded length.
+"""The audit request: what an auditee shows, and its way through radio packets of bounded length.
 
 The record `request` of phalanx.wire.table, then its tokens, the start and the segment of the log; a longer or shorter
 one is malformed. Source: RoboRebound §3.7; docs/spec/rebound.md.
@@ -127,48 +127,48 @@ def row_of(f: Fleet, i: int) -> int:
 
 
 @kernel
-def audit_head(frame: Row, src: int, dst: int, sub: int) -> None:
+def audit_head(packet: Row, src: int, dst: int, sub: int) -> None:
     """Write what every audit packet begins with; `dst` 0 is all. Source: docs/spec/rebound.md."""
-    frame[0] = AUDIT
-    put_u16(frame, AT_SRC, src)
-    put_u16(frame, AT_DST, dst)
-    frame[AT_SUB] = sub
+    packet[0] = AUDIT
+    put_u16(packet, AT_SRC, src)
+    put_u16(packet, AT_DST, dst)
+    packet[AT_SUB] = sub
 
 
 @kernel
-def next_fragment(f: Fleet, i: int, now: int, frame: Row) -> int:
+def next_fragment(f: Fleet, i: int, now: int, packet: Row) -> int:
     """Write the next fragment of the request under way; return its length, 0 if all are sent or the next has to wait.
 
     Source: RoboRebound §3.7.
     """
     r = f.robot[i]
-    body = f.settings[0].frame_max - FRAGMENT_HEAD_BYTES
+    body = f.settings[0].packet_max - FRAGMENT_HEAD_BYTES
     count = (r.request_len + body - 1) // body
     if r.request_len == 0 or r.request_next >= count:
         withdraw(f, i)
         return 0
     if now < r.repeat_at:
         return 0
-    audit_head(frame, int(r.id), int(r.request_to), FRAGMENT)
-    put_u16(frame, AT_REQUEST, int(r.request_no))
-    frame[AT_INDEX] = r.request_next
-    frame[AT_COUNT] = count
+    audit_head(packet, int(r.id), int(r.request_to), FRAGMENT)
+    put_u16(packet, AT_REQUEST, int(r.request_no))
+    packet[AT_INDEX] = r.request_next
+    packet[AT_COUNT] = count
     begin = r.request_next * body
     length = min(body, r.request_len - begin)
-    copy(frame, FRAGMENT_HEAD_BYTES, f.request.rows[r.request_row], begin, length)
+    copy(packet, FRAGMENT_HEAD_BYTES, f.request.rows[r.request_row], begin, length)
     r.request_next += 1
     return int(FRAGMENT_HEAD_BYTES + length)
 
 
 @kernel
-def hello(f: Fleet, i: int, frame: Row) -> int:
+def hello(f: Fleet, i: int, packet: Row) -> int:
     """Write the broadcast that tells others that this robot audits; return its length."""
-    audit_head(frame, int(f.robot[i].id), 0, HELLO)
+    audit_head(packet, int(f.robot[i].id), 0, HELLO)
     return AUDIT_HEAD_BYTES
 
 
 @kernel
-def new_token(f: Fleet, i: int, to: int, number: int, t: int, mac: Row, frame: Row) -> int:
+def new_token(f: Fleet, i: int, to: int, number: int, t: int, mac: Row, packet: Row) -> int:
     """Write the answer to request `number` of robot `to`, and store it in case it is lost; return its length.
 
     `t` is the token request's time, ms; `mac` (8,) is the token's.
@@ -178,21 +178,21 @@ def new_token(f: Fleet, i: int, to: int, number: int, t: int, mac: Row, frame: R
         o = f.owed[i, at]
         o.t, o.no = t, number
         copy(o.mac, 0, mac, 0, MAC_BYTES)
-    return int(token_packet(f, i, to, number, t, mac, frame))
+    return int(token_packet(f, i, to, number, t, mac, packet))
 
 
 @kernel
-def token_packet(f: Fleet, i: int, to: int, number: int, t: int, mac: Row, frame: Row) -> int:
+def token_packet(f: Fleet, i: int, to: int, number: int, t: int, mac: Row, packet: Row) -> int:
     """Write a token for robot `to`; return the packet's length. The arguments are those of `new_token`."""
-    audit_head(frame, int(f.robot[i].id), to, TOKEN)
-    put_u16(frame, AT_REQUEST, number)
-    put_u32(frame, REPLY_T, t)
-    copy(frame, REPLY_MAC, mac, 0, MAC_BYTES)
+    audit_head(packet, int(f.robot[i].id), to, TOKEN)
+    put_u16(packet, AT_REQUEST, number)
+    put_u32(packet, REPLY_T, t)
+    copy(packet, REPLY_MAC, mac, 0, MAC_BYTES)
     return TOKEN_FRAME_BYTES
 
 
 @kernel
-def take_fragment(f: Fleet, i: int, frame: Row, length: int, now: int) -> int:
+def take_fragment(f: Fleet, i: int, packet: Row, length: int, now: int) -> int:
     """Put a fragment in its place.
 
     Returns: the place among `f.rx_info[i]` of a request that is now whole, or -1. Its row of `f.rx` is given back, and
@@ -201,9 +201,9 @@ def take_fragment(f: Fleet, i: int, frame: Row, length: int, now: int) -> int:
     """
     if length < FRAGMENT_HEAD_BYTES + 1:
         return -1
-    src, no = get_u16(frame, AT_SRC), get_u16(frame, AT_REQUEST)
-    index, count = int(frame[AT_INDEX]), int(frame[AT_COUNT])
-    body = f.settings[0].frame_max - FRAGMENT_HEAD_BYTES
+    src, no = get_u16(packet, AT_SRC), get_u16(packet, AT_REQUEST)
+    index, count = int(packet[AT_INDEX]), int(packet[AT_COUNT])
+    body = f.settings[0].packet_max - FRAGMENT_HEAD_BYTES
     size = length - FRAGMENT_HEAD_BYTES
     if (
         index >= count
@@ -226,7 +226,7 @@ def take_fragment(f: Fleet, i: int, frame: Row, length: int, now: int) -> int:
         x.len = 0
     x.at = now
     x.have |= 1 << index
-    copy(f.rx.rows[x.row], index * body, frame, FRAGMENT_HEAD_BYTES, size)
+    copy(f.rx.rows[x.row], index * body, packet, FRAGMENT_HEAD_BYTES, size)
     if index == count - 1:
         x.len = index * body + size
     if x.have != (1 << count) - 1:

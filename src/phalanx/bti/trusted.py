@@ -49,10 +49,10 @@ REASONS = {
 NODE_BYTES = {
     profile: {"snode": lib.phx_snode_size(), "anode": lib.phx_anode_size()} for profile, (_, lib) in FIRMWARE.items()
 }
-# What must hold of a parameter of such a name. More than FRAME_MAX the C refuses itself, before it touches an entry.
+# What must hold of a parameter of such a name. More than PACKET_MAX the C refuses itself, before it touches an entry.
 CHECKS = {
     "data": "0 <= length <= data.size",
-    "entry": f"min(length, {table.FRAME_MAX}) + {table.ENTRY_HEADER_BYTES} <= entry.size",
+    "entry": f"min(length, {table.PACKET_MAX}) + {table.ENTRY_HEADER_BYTES} <= entry.size",
     **{name: f"{name}.size >= {table.HASH_BYTES}" for name in ("top", "hckpt", "digest")},
     **{name: f"{name}.size >= {table.MAC_BYTES}" for name in ("mac", "treq_mac")},
     "key": f"key.size >= {table.KEY_BYTES}",
@@ -166,7 +166,7 @@ def snode_poll(profile: int, node: Row, now: int, data: Row, length: int, entry:
 
 @_in_c
 def anode_recv(profile: int, node: Row, now: int, data: Row, length: int, entry: Row) -> int:
-    """A frame from the radio may go to the c-node: `entry[7:]`, chained unless it is an AUDIT frame.
+    """A packet from the radio may go to the c-node: `entry[7:]`, chained unless it is an AUDIT packet.
 
     Returns: the entry's length. Source: RoboRebound Alg. 4 (RecvWireless).
     """
@@ -174,7 +174,7 @@ def anode_recv(profile: int, node: Row, now: int, data: Row, length: int, entry:
 
 @_in_c
 def anode_send(profile: int, node: Row, now: int, data: Row, length: int, entry: Row) -> int:
-    """A frame may go to the radio: `entry[7:]`, which in `hardened` names this robot as source of an AUDIT frame.
+    """A packet may go to the radio: `entry[7:]`, which in `hardened` names this robot as source of an AUDIT packet.
 
     Returns: the entry's length. Source: RoboRebound Alg. 4 (SendWireless).
     """

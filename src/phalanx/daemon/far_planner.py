@@ -73,10 +73,10 @@ class FarPlanner:
         self._send(reading)
         return newest
 
-    def overheard(self, frame: bytes) -> None:
+    def overheard(self, packet: bytes) -> None:
         """The planner is sent a broadcast, if it is one of where a robot is."""
-        if len(frame) == STATE.size and frame[0] == KIND_STATE:
-            self._send(frame)
+        if len(packet) == STATE.size and packet[0] == KIND_STATE:
+            self._send(packet)
 
     def close(self) -> None:
         """Nobody is asked any more."""

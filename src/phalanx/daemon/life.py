@@ -122,7 +122,7 @@ class Life:
         self._came = asyncio.Event()
         self._cpu_s = self.began_s = 0.0
         self.began_ms = self.memory_began_kb = 0
-        self.longest_ms = {"late": 0.0, "reading": 0.0, "frame": 0.0, "audit": 0.0, "check": 0.0}
+        self.longest_ms = {"late": 0.0, "reading": 0.0, "packet": 0.0, "audit": 0.0, "check": 0.0}
         self.why_stopped = self.why_ended = ""
         self.no_reading: tuple[int, str] | None = None
         self.given: dict[int, tuple[int, int]] = {}
@@ -205,11 +205,11 @@ class Life:
             what, done = "audit", runtime.on_wake(now_ms)
         elif runtime.audit_ms <= now_ms:
             what, done = "audit", runtime.on_audit(now_ms)
-        elif frame := self.radio.take():
+        elif packet := self.radio.take():
             taken = self.clock.taken
-            what, done = "frame", runtime.on_packet(now_ms, frame)
+            what, done = "packet", runtime.on_packet(now_ms, packet)
             if self.clock.taken > taken:  # the a-node accepted the packet
-                self._overhear(now_ms, frame)
+                self._overhear(now_ms, packet)
         else:
             wait_ms = min(reads_ms, runtime.due_ms) - now_ms
             self._lateness.did("waiting", wait_ms)
@@ -249,11 +249,11 @@ class Life:
             log.warning("robot %d stands: no reading: %s", self.id, why)
         self.no_reading = (self.no_reading[0] if self.no_reading else now_ms), why
 
-    def _overhear(self, now_ms: int, frame: bytes) -> None:
+    def _overhear(self, now_ms: int, packet: bytes) -> None:
         if self.far:
-            self.far.overheard(frame)
+            self.far.overheard(packet)
         elif self._planner:
-            overheard(self._planner, now_ms, frame)
+            overheard(self._planner, now_ms, packet)
 
     def _perform(self, todo: list[Done]) -> None:
         assert self.runtime

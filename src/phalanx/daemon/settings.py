@@ -27,7 +27,7 @@ class RadioFile:
 
     here: str = field(metadata=told("where this robot listens, ADDRESS:PORT"))
     peers: tuple[str, ...] = field(metadata=told("the others' ADDRESS:PORT; from nobody else it hears anything"))
-    frames: Literal["plain", "sealed"] = field(
+    packets: Literal["plain", "sealed"] = field(
         default="plain", metadata=told("sealed: each carries its a-node's seal; the same for all robots")
     )
     group: str = field(default="", metadata=told("a multicast group to speak to, ADDRESS:PORT, instead of each peer"))
@@ -38,8 +38,8 @@ class RadioFile:
 
     @property
     def sealed(self) -> bool:
-        """Whether frames carry seals."""
-        return self.frames == "sealed"
+        """Whether packets carry seals."""
+        return self.packets == "sealed"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

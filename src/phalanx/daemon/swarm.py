@@ -175,35 +175,35 @@ class RobotSwarm(Ordered):
         """See `phalanx.robot.station.Air`: what is heard of it is no proof."""
         return robot not in self._at
 
-    def say(self, frame: bytes, robot: int) -> None:
+    def say(self, packet: bytes, robot: int) -> None:
         """See `phalanx.robot.station.Air`."""
-        if self._node and not (frame := self._node.seal(frame)):
+        if self._node and not (packet := self._node.seal(packet)):
             return
         if robot == EVERYBODY:
-            self._radio.send(frame)
+            self._radio.send(packet)
         else:
-            self._radio.send_to(frame, self._at[robot])
+            self._radio.send_to(packet, self._at[robot])
 
     def _listen(self, wait_s: float) -> None:
-        """One frame is heard, of each sender in its turn: boards take long for some, and a stop may wait for one."""
-        if frame := self._radio.take():
-            self._hear(frame)
+        """One packet is heard, of each sender in its turn: boards take long for some, and a stop may wait for one."""
+        if packet := self._radio.take():
+            self._hear(packet)
         else:
             select.select([self._radio], [], [], wait_s)
 
-    def _hear(self, frame: bytes) -> None:
-        if self._node and not (frame := self._node.open(frame)):
+    def _hear(self, packet: bytes) -> None:
+        if self._node and not (packet := self._node.open(packet)):
             return
         try:
-            if frame[0] == KIND_WHEELS_STATE:
-                self._hear_state(WHEELS_STATE.decode(frame))
-            elif self._node and frame[0] == KIND_AUDIT and len(frame) > SUB:
-                if frame[SUB] == FRAGMENT and self._is(AUDIT_FRAGMENT.decode(frame)["src"]):
-                    self._node.hear_fragment(frame)
-                elif frame[SUB] == TOKEN_REPLY:
-                    self._hear_token(self._node, AUDIT_TOKEN.decode(frame))
+            if packet[0] == KIND_WHEELS_STATE:
+                self._hear_state(WHEELS_STATE.decode(packet))
+            elif self._node and packet[0] == KIND_AUDIT and len(packet) > SUB:
+                if packet[SUB] == FRAGMENT and self._is(AUDIT_FRAGMENT.decode(packet)["src"]):
+                    self._node.hear_fragment(packet)
+                elif packet[SUB] == TOKEN_REPLY:
+                    self._hear_token(self._node, AUDIT_TOKEN.decode(packet))
         except PeerError:
-            log.debug("a frame that is none")
+            log.debug("a packet that is none")
 
     def _is(self, robot: int) -> bool:
         return self._at.get(robot) == self._radio.came_from

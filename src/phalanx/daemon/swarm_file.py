@@ -48,7 +48,7 @@ class SwarmFile:
     )
     number: int = field(default=0, metadata={"within": (0, 0xFFFF), **told("that these have, and no robot")})
     board: str = field(default="", metadata=told("what phalanx keys provision wrote for that number"))
-    frames: Literal["plain", "sealed"] = field(default="plain", metadata=told("as the robots' radios have it"))
+    packets: Literal["plain", "sealed"] = field(default="plain", metadata=told("as the robots' radios have it"))
 
     def __post_init__(self) -> None:
         check_limits(self)
@@ -57,8 +57,8 @@ class SwarmFile:
             raise UsageError("robots are none, or one is there twice", "each robot once")
         if bool(self.trusted) != bool(self.number) or self.number in numbers:
             raise UsageError(f"trusted nodes of number {self.number}", "trusted with a number that no robot has")
-        if self.frames == "sealed" and not self.trusted:
-            raise UsageError("frames: sealed, without trusted", "a gateway's own nodes seal what it says")
+        if self.packets == "sealed" and not self.trusted:
+            raise UsageError("packets: sealed, without trusted", "a gateway's own nodes seal what it says")
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,7 @@ class SwarmSettings:
             board=said.board,
             trusted=said.trusted,
             driver="python:",
-            radio=RadioFile(here=said.here, peers=tuple(each.at for each in said.robots), frames=said.frames),
+            radio=RadioFile(here=said.here, peers=tuple(each.at for each in said.robots), packets=said.packets),
         )
         return RobotSettings(as_robot, self.path.parent)
 
@@ -104,7 +104,7 @@ def read_swarm(path: Path) -> SwarmSettings:
     scenario = mission_in(path.parent, said.mission)
     if scenario.controller != WHEELS:
         raise UsageError(f"{said.mission} has controller: {scenario.controller}", "wheels: the others obey no orders")
-    if said.frames == "sealed":
+    if said.packets == "sealed":
         scenario = with_room_for_seals(scenario)
     signed_for(path.parent / said.key, scenario, said.mission)
     mission = {read_mission_key(path.parent / said.key, each.robot).seq for each in said.robots}

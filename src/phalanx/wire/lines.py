@@ -16,7 +16,7 @@ RUN_MAX = 254  # bytes of one block without a zero
 # What a board leaves to the c-node: bits of `told` in `about`.
 TOLD_CLOCK = 1  # a bench's: tests tell it the time
 TOLD_READINGS = 2  # the sensors hang on the c-node, which reports them
-SEALED = 4  # a bit of `told` as well: a seal goes out behind each frame, and none is taken without one
+SEALED = 4  # a bit of `told` as well: a seal goes out behind each packet, and none is taken without one
 
 # What is answered instead of a node's own code.
 E_CALL = -64  # no such call, or not of its length
@@ -57,8 +57,8 @@ LOAD_MISSION = _call(
 )
 CLOCK = _call(0x44, "clock: it is so late; for a bench only", "t u32: ms, never before the last")
 POLL = _call(0x45, "poll: s-node; an `entry`", "reading rest: empty where the board has the sensors")
-RECV = _call(0x46, "recv: a-node; an `entry`", "frame rest: from the radio")
-SEND = _call(0x47, "send: a-node; an `entry`", "frame rest: to the radio")
+RECV = _call(0x46, "recv: a-node; an `entry`", "packet rest: from the radio")
+SEND = _call(0x47, "send: a-node; an `entry`", "packet rest: to the radio")
 ACTUATE = _call(0x48, "actuate: a-node; an `entry`", "command rest: to the actuators")
 MAKE_AUTH = _call(0x49, "make_auth: s-node; an `authenticator`", "nonce b8: MAC of the token request")
 CHECK_AUTH = _call(0x4A, "check_auth: s-node", _TOP, "id u16: robot id", "nonce b8", _MAC)

@@ -109,7 +109,7 @@ def _step(controller: Controller, call: Call) -> Step:
                 controller.on_advice(call.payload)
             else:
                 told = controller.on_input(call.step, call.t_ms, call.payload)
-                outputs = checked_outputs(told, BtiConfig().frame_max_bytes, controller)
+                outputs = checked_outputs(told, BtiConfig().packet_max_bytes, controller)
                 refused = _unfit(outputs)
     except Endless:
         raise

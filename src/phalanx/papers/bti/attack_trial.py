@@ -77,7 +77,7 @@ class Stop:
 
 
 class Sent(NamedTuple):
-    """What a robot has sent until `at_s`: airtime of its AUDIT frames, each counted once; and of all tries of all."""
+    """What a robot has sent until `at_s`: airtime of its AUDIT packets, each counted once; and of all tries of all."""
 
     at_s: float
     audit_s: float
@@ -86,13 +86,13 @@ class Sent(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Airtime:
-    """What a liar's a-node let out of AUDIT frames while it lied, and what it may have."""
+    """What a liar's a-node let out of AUDIT packets while it lied, and what it may have."""
 
     robot: int
     seconds: float  # from the last quarter of a second before it lied to the end, or to Safe Mode
     used_s: float  # airtime, as a-nodes count it: each frame once
     bucket_s: float  # a full bucket, and what has flowed in since
-    on_air_s: float  # all tries of all its frames
+    on_air_s: float  # all tries of all its packets
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,9 +154,9 @@ def sent(run: Run, i: int) -> Sent:
         AUDIT_BROADCAST: limits.airtime_ns_per_byte_broadcast,
         AUDIT_UNICAST: limits.airtime_ns_per_byte_unicast,
     }
-    frames_us = sum(int(counts[row, SENT]) for row in ns_per_byte) * limits.airtime_fixed_us
+    packets_us = sum(int(counts[row, SENT]) for row in ns_per_byte) * limits.airtime_fixed_us
     bytes_us = sum(int(counts[row, BYTES]) * ns / MS for row, ns in ns_per_byte.items())
-    return Sent(run.now_s, (frames_us + bytes_us) / US, float(run.airtime_s[i]))
+    return Sent(run.now_s, (packets_us + bytes_us) / US, float(run.airtime_s[i]))
 
 
 def airtime_since(run: Run, i: int, before: Sent) -> Airtime:

@@ -26,11 +26,11 @@ def is_reading(rob_id: int, reading: Row, length: int) -> bool:
 
 
 @kernel
-def sender(rob_id: int, frame: Row, length: int) -> int:
+def sender(rob_id: int, packet: Row, length: int) -> int:
     """Return the id of the other robot whose finite `state` these bytes are, or 0."""
-    if length != STATE_BYTES or frame[0] != table.KIND_STATE or not are_fine(frame, MOTION, NUMBERS):
+    if length != STATE_BYTES or packet[0] != table.KIND_STATE or not are_fine(packet, MOTION, NUMBERS):
         return 0
-    rob = get_u16(frame, ID)
+    rob = get_u16(packet, ID)
     return rob if rob != rob_id else 0
 
 
@@ -78,14 +78,14 @@ def is_at(rob: int, at: int, state: Row, head: int) -> bool:
 
 
 @kernel
-def put(rob: int, t_ms: int, frame: Row, at: int, state: Row, head: int) -> None:
-    """`rob`, whose place is `at`, was heard to say `frame`; there is room for it."""
+def put(rob: int, t_ms: int, packet: Row, at: int, state: Row, head: int) -> None:
+    """`rob`, whose place is `at`, was heard to say `packet`; there is room for it."""
     if not is_at(rob, at, state, head):
         copy(state, at + EACH_BYTES, state, at, end(state, head) - at)
         put_u16(state, head - COUNT_BYTES, count(state, head) + 1)
     put_u16(state, at, rob)
     put_u64(state, at + HEARD, t_ms)
-    copy(state, at + PLACE, frame, MOTION, MOTION_BYTES)
+    copy(state, at + PLACE, packet, MOTION, MOTION_BYTES)
 
 
 @kernel
@@ -106,13 +106,13 @@ def remove(at: int, state: Row, head: int) -> None:
 
 
 @kernel
-def remember(rob: int, n_max: int, t_ms: int, frame: Row, state: Row, head: int) -> None:
-    """Put `rob`, which was heard to say `frame`; if it is new and there are `n_max`, in place of the oldest."""
+def remember(rob: int, n_max: int, t_ms: int, packet: Row, state: Row, head: int) -> None:
+    """Put `rob`, which was heard to say `packet`; if it is new and there are `n_max`, in place of the oldest."""
     at = place_of(rob, state, head)
     if count(state, head) == n_max and not is_at(rob, at, state, head):
         remove(oldest(state, head), state, head)
         at = place_of(rob, state, head)
-    put(rob, t_ms, frame, at, state, head)
+    put(rob, t_ms, packet, at, state, head)
 
 
 @kernel

@@ -76,17 +76,17 @@ class PeerController(Controller, ABC):
         """Whether it has been so long silent that it has stopped, or was never there."""
         return t_ms - other.heard_ms > SILENT_PERIODS * self.period_ms
 
-    def on_recv(self, t_ms: int, frame: bytes) -> None:
+    def on_recv(self, t_ms: int, packet: bytes) -> None:
         """What another robot of the mission says is remembered; anything else is the body's matter."""
-        if (said := fields_of(CLAIM, frame)) and (other := self.others.get(said[ID])):
+        if (said := fields_of(CLAIM, packet)) and (other := self.others.get(said[ID])):
             before_ms, other.heard_ms = other.heard_ms, t_ms
             other.here, other.holds, other.wants = said[BEHIND_T:]
             self.told(said[ID], t_ms, before_ms)
-        elif where := self.body.said_where(frame):
+        elif where := self.body.said_where(packet):
             if other := self.others.get(where[0]):
                 _, other.x_m, other.y_m = where
         else:
-            self.body.on_recv(t_ms, frame)
+            self.body.on_recv(t_ms, packet)
 
     def on_input(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
         """It drives; and in its turn it decides, and says where it is and what it takes on."""

@@ -141,9 +141,9 @@ class Controller:
         elif encoding:
             raise MalformedRecord(f"{len(encoding)} bytes of nothing")
 
-    def on_recv(self, t_ms: int, frame: bytes) -> None:
+    def on_recv(self, t_ms: int, packet: bytes) -> None:
         """Handle a packet, received at `t_ms` of the a-node's clock."""
-        state = State.find(frame)
+        state = State.find(packet)
         if state:
             self.on_state(t_ms, state)
 
@@ -214,7 +214,7 @@ def checked_outputs(returned: object, room: int, whose: object) -> list[Output]:
         if isinstance(output, Send):
             has_sent = True
             if payload[0] & KIND_AUDIT:
-                raise refuse("sends a frame that begins like one of the audits", "a first byte below 0x80")
+                raise refuse("sends a packet that begins like one of the audits", "a first byte below 0x80")
         elif has_sent:
             raise refuse("sends before it acts", "commands first, then what it broadcasts")
     return outputs

@@ -81,21 +81,21 @@ class SightController(PeerController):
         """Where its thing is, or its post."""
         return self.things().get(self.holds, self.task.waits_m[self.rob_id - 1])
 
-    def on_recv(self, t_ms: int, frame: bytes) -> None:
+    def on_recv(self, t_ms: int, packet: bytes) -> None:
         """What another robot of the mission sees is remembered too."""
-        said = fields_of(SIGHTING, frame)
+        said = fields_of(SIGHTING, packet)
         if said and said[ID] in self.others:
             self.sighted[said[ID]] = Sighted(t_ms, *said[BEHIND_T:])
-        super().on_recv(t_ms, frame)
+        super().on_recv(t_ms, packet)
 
     def on_input(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
         """It drives by what it sees, and says so in its turn."""
         self._now_ms = t_ms
-        frame = self._frame(t_ms, reading)
-        if frame and (said := fields_of(SIGHTING, frame)):
+        packet = self._frame(t_ms, reading)
+        if packet and (said := fields_of(SIGHTING, packet)):
             self.sighted[self.rob_id] = Sighted(t_ms, *said[BEHIND_T:])
         outputs = super().on_input(step, t_ms, reading)
-        return [*outputs, Send(frame)] if frame and len(outputs) > 1 else outputs
+        return [*outputs, Send(packet)] if packet and len(outputs) > 1 else outputs
 
     def _frame(self, t_ms: int, reading: bytes) -> bytes:
         place_m, beside = self.body.where(reading), self.body.beside(reading)

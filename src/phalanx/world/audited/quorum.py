@@ -75,7 +75,7 @@ class Quorum:
 
 @kernel
 def _full(reach: Reach, sent_us: I64x1, passed_us: int, full: BOOLx1) -> None:
-    """Set `full`, (N,), for each robot in whose range frames took longer than the time that has passed."""
+    """Set `full`, (N,), for each robot in whose range packets took longer than the time that has passed."""
     for i in range(len(full)):
         total = sent_us[i]
         for at in range(reach.near[i], in_range(reach, i)):

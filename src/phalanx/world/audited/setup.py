@@ -76,9 +76,9 @@ def audits_share(config: BtiConfig, radio: RadioConfig, robots: float, *, filled
     seen = replace(config, n_max=neighbours)
     grows = 1000 * seen.log_capacity_bytes / seen.t_val_ms if filled else seen.log_bytes_per_s
     shown = grows * seen.t_audit_ms / 1000 + seen.checkpoint_capacity_bytes + REQUEST_OVERHEAD_BYTES
-    whole, rest = divmod(math.ceil(shown), seen.frame_max_bytes - FRAGMENT_HEAD_BYTES)
+    whole, rest = divmod(math.ceil(shown), seen.packet_max_bytes - FRAGMENT_HEAD_BYTES)
     rates = rates_of(radio)
-    request_us = whole * unicast_us(rates, seen.frame_max_bytes) + unicast_us(rates, FRAGMENT_HEAD_BYTES + rest)
+    request_us = whole * unicast_us(rates, seen.packet_max_bytes) + unicast_us(rates, FRAGMENT_HEAD_BYTES + rest)
     return robots * seen.tokens_needed * request_us / (1000 * seen.t_audit_ms)
 
 
@@ -169,8 +169,8 @@ def make_world(setup: Setup, chance: np.random.Generator) -> World:
         safe_us=np.full(n, -1, np.int64),
         retry_us=np.full(n, -1, np.int64),
         receivers=np.zeros(m, np.int32),
-        frame=np.zeros(setup.radio.long_bytes + 64, np.uint8),
-        frame_len=np.zeros(1, np.int64),
+        packet=np.zeros(setup.radio.long_bytes + 64, np.uint8),
+        packet_len=np.zeros(1, np.int64),
         reading=np.zeros(64, np.uint8),
         verdicts=np.zeros((VERDICTS, 4), np.int64),
     )

@@ -21,7 +21,7 @@ from phalanx.mission import Walker
 from phalanx.robot.actions import Actuate
 from phalanx.robot.adversary.attack import Attack
 from phalanx.robot.adversary.mission_cheat import CheatPlan
-from phalanx.robot.controllers.mission.controller import Assignment, Missions, message_frame
+from phalanx.robot.controllers.mission.controller import Assignment, Missions, message_packet
 from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.robot.robot import Robot
 from phalanx.world.audited import loop, pybot
@@ -196,9 +196,9 @@ class MissionWorld:
     def _say(self) -> None:
         """The controller's messages, one after the other, again and again: a robot may have been out of hearing."""
         message = self.run.controller[self._said % len(self.run.controller)]
-        frame = np.frombuffer(bytearray(message_frame(STATION_ID, message)), np.uint8)
+        packet = np.frombuffer(bytearray(message_packet(STATION_ID, message)), np.uint8)
         self._said += 1
-        loop.transmit(self.world, len(self.robots), frame, len(frame), BROADCAST)
+        loop.transmit(self.world, len(self.robots), packet, len(packet), BROADCAST)
 
     def meet(self) -> list[tuple[MissionRobot, Proofs]]:
         """Robots on the same part that see each other exchange proofs: another part's nodes have the same numbers.

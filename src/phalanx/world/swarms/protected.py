@@ -111,10 +111,10 @@ class StationAir:
         """See `phalanx.robot.station.Air`."""
         return bool(self._world.safe[robot - 1])
 
-    def say(self, frame: bytes, robot: int) -> None:
+    def say(self, packet: bytes, robot: int) -> None:
         """See `phalanx.robot.station.Air`."""
         to = BROADCAST if robot == EVERYBODY else robot - 1
-        loop.transmit(self._world, self._row, np.frombuffer(bytearray(frame), np.uint8), len(frame), to)
+        loop.transmit(self._world, self._row, np.frombuffer(bytearray(packet), np.uint8), len(packet), to)
 
 
 class ProtectedSwarm(Ordered):

@@ -59,11 +59,11 @@ def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
 
 
 @kernel
-def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, state: Row) -> int:
+def on_recv(params: Params, rob_id: int, t_ms: int, packet: Row, length: int, state: Row) -> int:
     """Remember a broadcast, in place of the one heard longest ago if full; return the new length of the encoding."""
-    rob = neighbours.sender(rob_id, frame, length)
+    rob = neighbours.sender(rob_id, packet, length)
     if rob != 0:
-        neighbours.remember(rob, whole(params[flock_law.N_MAX]), t_ms, frame, state, HEAD_BYTES)
+        neighbours.remember(rob, whole(params[flock_law.N_MAX]), t_ms, packet, state, HEAD_BYTES)
     return size(state)
 
 

@@ -9,7 +9,7 @@ names; for the first `forget_ms`, to hear who is there; and for `forget_ms` afte
 remember, or one where that robot cannot have got to: somebody speaks in its name. A reading that makes no sense changes
 nothing: it coasts and says nothing.
 
-Source: docs/guard.md (the law, and why it keeps clear); RoboRebound Alg. 1 (the frame of it).
+Source: docs/guard.md (the law, and why it keeps clear); RoboRebound Alg. 1 (the packet of it).
 """
 
 from __future__ import annotations
@@ -154,29 +154,29 @@ def _is_signed(params: Params, adviser: int, rob_id: int, advice: Row, length: i
 
 
 @kernel
-def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, state: Row) -> int:
+def on_recv(params: Params, rob_id: int, t_ms: int, packet: Row, length: int, state: Row) -> int:
     """Remember a broadcast, ignore anything else, as a flock's robots do; return the new length of the encoding."""
-    rob = neighbours.sender(rob_id, frame, length)
+    rob = neighbours.sender(rob_id, packet, length)
     if rob == 0:
         return size(state)
     forget_ms, n_max = whole(params[guard_law.FORGET_MS]), whole(params[guard_law.N_MAX])
     at = neighbours.place_of(rob, state, HEAD_BYTES)
     stands = False
     if neighbours.is_at(rob, at, state, HEAD_BYTES):
-        stands = not _can_be(params, t_ms, frame, at, state)
+        stands = not _can_be(params, t_ms, packet, at, state)
     elif neighbours.count(state, HEAD_BYTES) == n_max:
         stands = t_ms - get_u64(state, neighbours.oldest(state, HEAD_BYTES) + HEARD) <= forget_ms
     if stands:
         put_u64(state, STANDS, t_ms + forget_ms)
-    neighbours.remember(rob, n_max, t_ms, frame, state, HEAD_BYTES)
+    neighbours.remember(rob, n_max, t_ms, packet, state, HEAD_BYTES)
     return size(state)
 
 
 @kernel
-def _can_be(params: Params, t_ms: int, frame: Row, at: int, state: Row) -> bool:
+def _can_be(params: Params, t_ms: int, packet: Row, at: int, state: Row) -> bool:
     """Whether a robot can have got from where it was heard last to where it says it is."""
-    dx = get_f32(frame, SENSED_X) - get_f32(state, at + PLACE_X)  # a state's place lies as a sensor's
-    dy = get_f32(frame, SENSED_Y) - get_f32(state, at + PLACE_Y)
+    dx = get_f32(packet, SENSED_X) - get_f32(state, at + PLACE_X)  # a state's place lies as a sensor's
+    dy = get_f32(packet, SENSED_Y) - get_f32(state, at + PLACE_Y)
     since_s = (t_ms - get_u64(state, at + HEARD) + params[guard_law.RADIO_MS]) * 1e-3
     most = params[guard_law.SPEED] * since_s + ROUNDED_M
     return bool(dx * dx + dy * dy <= most * most)

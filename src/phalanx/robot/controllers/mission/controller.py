@@ -188,10 +188,10 @@ class MissionController(EvidenceController):
 
     # --- what is replayed ---------------------------------------------------------------------------------------------
 
-    def on_recv(self, t_ms: int, frame: bytes) -> None:  # noqa: ARG002 - a message is good whenever it comes
+    def on_recv(self, t_ms: int, packet: bytes) -> None:  # noqa: ARG002 - a message is good whenever it comes
         """An encoded message is remembered; anything else is not for this controller."""
-        if len(frame) == table.MISSION_MESSAGE.size and frame[0] == table.KIND_MISSION_MESSAGE:
-            message = frame[-SECRET_BYTES:]
+        if len(packet) == table.MISSION_MESSAGE.size and packet[0] == table.KIND_MISSION_MESSAGE:
+            message = packet[-SECRET_BYTES:]
             self.memory = replace(self.memory, walk=self.walker.hear(self.memory.walk, message))
 
     def on_evidence(self, step: int, t_ms: int, reading: bytes, evidence: bytes) -> list[Output]:
@@ -288,7 +288,7 @@ class MissionController(EvidenceController):
         said, every = self.memory.said, self.missions.say_every
         if not said or (step + self.rob_id) % every:
             return []
-        return [Send(message_frame(self.rob_id, said[step // every % len(said)]))]
+        return [Send(message_packet(self.rob_id, said[step // every % len(said)]))]
 
     # --- the checkpoint -----------------------------------------------------------------------------------------------
 
@@ -332,6 +332,6 @@ class MissionController(EvidenceController):
             raise MalformedMission("a state has one spelling")
 
 
-def message_frame(rob_id: int, message: bytes) -> bytes:
+def message_packet(rob_id: int, message: bytes) -> bytes:
     """An encoded message, as a robot says it, or a station whose id is nobody's."""
     return table.MISSION_MESSAGE.form.pack(table.KIND_MISSION_MESSAGE, rob_id, message)

@@ -1,4 +1,4 @@
-"""A robot's memory of the things around it: a square of cells that moves along, in the frame of its odometry.
+"""A robot's memory of the things around it: a square of cells that moves along, in the packet of its odometry.
 
 Fixes move the map under a robot, not the things beside it: nothing here knows the map. Things out of view are
 remembered long enough to turn about and go around them, and short enough for a person who has gone. A cell is FRESH
