@@ -1,4 +1,4 @@
-"""What N c-nodes remember, as arrays with one row a robot: kernels take them and a robot's index.
+"""State of N c-nodes as arrays with one row per robot: kernels take them and a robot's index.
 
 Nothing here is trusted: the trusted nodes' own memory lies in `snode` and `anode`; only the C in firmware/ reads it.
 """

@@ -1,4 +1,4 @@
-"""What audits found right: a later request of the same robot that is the same and more is audited from there on.
+"""Cache of passed audits: a later request that extends a passed one is audited from there on.
 
 A robot shows its log to f_max + 1 others in a round, and each sees what the one before saw and a few entries more. In a
 simulation they all sit in one process. An audit's verdict is a function of the bytes shown, of the mission, and of keys

@@ -35,7 +35,7 @@ class Refused(PeerError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """What a node is given at manufacture, in the order of phx_limits in firmware/include/phx.h.
+    """Limits set in a node at manufacture, in the order of phx_limits in firmware/include/phx.h.
 
     Source: docs/spec/rebound-nodes.md.
     """
@@ -97,7 +97,7 @@ def limits_of(config: BtiConfig, radio: RadioConfig) -> Limits:
 
 
 class MissionKey(NamedTuple):
-    """What an operator hands to every node at the start of a mission. Source: RoboRebound §3.3."""
+    """The key that an operator loads into every node at the start of a mission. Source: RoboRebound §3.3."""
 
     k: bytes  # blinded: only who has the master key can tell the mission key
     r: bytes

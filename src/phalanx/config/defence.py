@@ -1,4 +1,4 @@
-"""What robots do about liars among them."""
+"""Name the defences: how robots respond to compromised robots among them."""
 
 from __future__ import annotations
 

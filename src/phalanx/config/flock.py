@@ -1,4 +1,4 @@
-"""What a mission says of a flock (the paper's Table 3), and of robots that visitors drive."""
+"""Parameters of a flock (the paper's Table 3), and of robots that visitors drive."""
 
 from __future__ import annotations
 

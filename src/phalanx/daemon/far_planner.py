@@ -85,7 +85,7 @@ class FarPlanner:
         self._socket = None
 
     def _is_advice(self, packet: bytes) -> bool:
-        """Whether it is advice for this robot: what is not, is not even logged."""
+        """Return whether it is advice for this robot: what is not, is not even logged."""
         if self._key is None:
             return len(packet) == guarded.WISH.size and packet[0] == guarded.KIND_WISH
         if len(packet) != guarded.SIGNED_BYTES or packet[0] != guarded.KIND_SIGNED_WISH:
@@ -155,5 +155,5 @@ def check_adviser(scenario: Scenario, *, is_far: bool) -> None:
 
 
 def is_far(words: str) -> bool:
-    """Whether the planner of that name is another process."""
+    """Return whether the planner of that name is another process."""
     return words.partition(":")[0] in PLANNERS

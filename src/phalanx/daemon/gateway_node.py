@@ -107,7 +107,7 @@ class GatewayNode:
                 self._claims[said["src"]].append(hckpt)
 
     def is_token(self, auditor: int, auditee: int, t: int, mac: bytes) -> bool:
-        """Whether auditor's nodes made this, for a checkpoint that auditee was heard to show."""
+        """Return whether the auditor's nodes made this token, for a checkpoint that the auditee showed."""
         return any(
             self._node.ask(lines.CHECK_TOKEN, auditor=auditor, auditee=auditee, t=t, hckpt=hckpt, mac=mac)[0] >= 0
             for hckpt in reversed(self._claims[auditee])
@@ -136,7 +136,7 @@ class GatewayNode:
 
 
 def gateway_limits(scenario: Scenario) -> Limits:
-    """What a gateway's nodes are made with."""
+    """Return the limits with which a gateway's nodes are made."""
     limits = limits_of(scenario.bti, scenario.radio)
     return replace(limits, t_val_ms=T_VAL_MS, send_us_per_s=ALL_US, send_capacity_us=ALL_US)
 

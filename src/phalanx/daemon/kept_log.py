@@ -65,7 +65,7 @@ class KeptLog:
             self._end(error.strerror)
 
     def keep(self, fleet: Fleet) -> None:
-        """What is new in the only robot's log; called after each event: one lengthens or shortens it, not both.
+        """Append new entries of the robot's log. Call it after each event, which lengthens or shortens the log.
 
         Where an audit was asked for, what the trusted nodes said for it stands too: who has the mission key checks it.
         """

@@ -80,7 +80,7 @@ class HostileRadio:
 
 
 def forgeries(packet: bytes) -> list[bytes]:
-    """What a c-node can make of a sealed packet: without its seal, altered, as if another had said it, longer."""
+    """Return forgeries of a sealed packet: without its seal, altered, with another sender, too long."""
     altered, named = bytearray(packet), bytearray(packet)
     altered[-SEAL.size - 1] ^= 1
     named[AT_ID] ^= 3

@@ -1,4 +1,4 @@
-"""What one robot's file says: who it is, its mission, and where its trusted nodes, radio, sensors and motors are."""
+"""Settings file of one robot: its id, its mission, and where its trusted nodes, radio, sensors and motors are."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ DRIVERS = "python:FILE.py:CLASS, arena:FOLDER, dotbot://HOST:PORT/ADDRESS, or ro
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RadioFile:
-    """Where it speaks and listens. Raises: UsageError: to nobody."""
+    """Addresses where the radio sends and listens. Raises: UsageError: there is no peer."""
 
     here: str = field(metadata=told("where this robot listens, ADDRESS:PORT"))
     peers: tuple[str, ...] = field(metadata=told("the others' ADDRESS:PORT; from nobody else it hears anything"))
@@ -38,7 +38,7 @@ class RadioFile:
 
     @property
     def sealed(self) -> bool:
-        """Whether packets carry seals."""
+        """Return whether packets carry seals."""
         return self.packets == "sealed"
 
 
@@ -96,12 +96,12 @@ class RobotSettings:
 
     @property
     def state_file(self) -> Path:
-        """What it tells of its state, as JSON."""
+        """Return the path of the robot's state file, JSON."""
         return self.path(self.said.folder) / f"robot-{self.said.robot}.json"
 
     @property
     def log_file(self) -> Path:
-        """What was ever in its log."""
+        """Return the path of the robot's kept log."""
         return self.path(self.said.folder) / f"robot-{self.said.robot}.log"
 
 

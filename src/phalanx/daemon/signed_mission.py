@@ -49,7 +49,7 @@ class SignedMission:
         return asdict(self)
 
     def is_of(self, scenario: Scenario, number: int) -> bool:
-        """Whether it is the mission of that number, and was signed by whom it names; not whether he is the owner."""
+        """Return whether it has that mission number and its named signer's signature; not whether he is the owner."""
         if self.number != number or self.digest != digest_of(scenario):
             return False
         try:

@@ -1,4 +1,4 @@
-"""What a gateway's file says of robots that are processes of their own: their mission, where they listen, who signs."""
+"""Settings file of a gateway for robots in processes of their own: mission, addresses, signers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .signed_mission import signed_for
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotAt:
-    """Where a robot listens. Raises: UsageError: a value is out of range."""
+    """Address at which a robot listens. Raises: UsageError: a value is out of range."""
 
     robot: int = field(metadata={"within": (1, 0xFFFF), **told("its number")})
     at: str = field(metadata=told("its radio's ADDRESS:PORT, as `here` in its own file"))
@@ -88,7 +88,7 @@ class SwarmSettings:
         return RobotSettings(as_robot, self.path.parent)
 
     def signer(self, key: Ed25519PrivateKey, who: int) -> Signer:
-        """Who signs with that key. Raises: UsageError: the mission names another."""
+        """Load the signer with that key. Raises: UsageError: the mission names another key."""
         name = ("gateway_key", "operator_key")[who]
         signer = Signer(key, self.mission, who)
         if signer.public.hex() != getattr(self.scenario, name).lower():

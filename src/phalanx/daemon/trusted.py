@@ -114,7 +114,7 @@ def _is_private(path: Path) -> bool:
 
 
 def _is_far(trusted: str) -> bool:
-    """Whether they are asked over a network."""
+    """Return whether they are asked over a network."""
     kind, _, where = trusted.partition(":")
     host = where.rpartition(":")[0].strip("[]")
     try:

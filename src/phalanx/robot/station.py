@@ -82,7 +82,7 @@ class Station:
 
     @property
     def has_to_speak(self) -> bool:
-        """Whether an order waits, or what all are told at once is not over."""
+        """Return whether an order waits, or a broadcast goes on."""
         return bool(self._waiting or self._at_once)
 
     def told(self, robot: int) -> int | None:

@@ -1,4 +1,4 @@
-"""What an arena lays out for its robots: keys, a file for each, and the sockets of its body."""
+"""Create an arena's files for its robots: keys, a settings file each, and the sockets of the bodies."""
 
 from __future__ import annotations
 

@@ -127,7 +127,7 @@ def _step(controller: Controller, call: Call) -> Step:
 
 
 def _unfit(outputs: list[Output]) -> str:
-    """What is wrong with the first of them that no body and no neighbour could use; "" if nothing is."""
+    """Describe the first output that no body and no neighbour could use; "" if all are usable."""
     for output in outputs:
         layouts = COMMANDS if isinstance(output, Act) else SAID
         known = layouts.get((output.payload[0], len(output.payload)))

@@ -29,7 +29,7 @@ ROW_IN, HEAD_IN = 0.24, 2.4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """What an attack came to under a defence in a protocol, over the seeds; None where nobody measures that."""
+    """Results of an attack under a defence in a protocol, over the seeds; None where not measured."""
 
     protocol: str
     attack: str

@@ -1,4 +1,4 @@
-"""Who is tried against what: each attack under each defence in each protocol, as runs that a sweep can deal out.
+"""Plan the scorecard: each attack under each defence in each protocol, as runs of a sweep.
 
 A protocol is what honest robots do. Bundled controllers that scenarios run are there by themselves, in a scenario that
 comes with them if there is one; so are missions, of one robot and of a team; and a controller of one's own.
@@ -111,7 +111,7 @@ def known_protocols() -> list[str]:
 
 
 def _ground(name: str) -> tuple[Scenario | None, str | None]:
-    """Where a protocol is tried, and the controller's file if it has one."""
+    """Return the scenario in which a protocol is tried, and the controller's file if it has one."""
     if name == WHEELS or name in MISSIONS:
         return None, None
     if is_file(name):

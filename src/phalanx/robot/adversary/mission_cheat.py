@@ -26,7 +26,7 @@ from phalanx.wire.fields import get_u32
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheatPlan:
-    """What the adversary knows, when it takes a robot over: the floor plan, and what colluding robots have opened."""
+    """Knowledge of the adversary at a take-over: the floor plan, and nodes that colluding robots opened."""
 
     after_ms: int  # it begins so long after the mission key was loaded
     toward_m: tuple[float, float] = (0.0, 0.0)  # where it wants to be, map frame

@@ -42,13 +42,13 @@ def count(state: Row, head: int) -> int:
 
 @kernel
 def end(state: Row, head: int) -> int:
-    """Where the list ends: the length of the encoding."""
+    """Return the length of the encoded list."""
     return head + EACH_BYTES * count(state, head)
 
 
 @kernel
 def are_neighbours(state: Row, head: int, rob_id: int) -> bool:
-    """Whether the list is one that `rob_id` can have; to be asked of every foreign checkpoint that is long enough."""
+    """Return whether `rob_id` can have the list; check each foreign checkpoint that is long enough."""
     last = whole(0)
     for at in range(head, end(state, head), EACH_BYTES):
         rob = get_u16(state, at)
@@ -60,7 +60,7 @@ def are_neighbours(state: Row, head: int, rob_id: int) -> bool:
 
 @kernel
 def place_of(rob: int, state: Row, head: int) -> int:
-    """Where `rob` is among them, or would be."""
+    """Return the position of `rob` in the list, or where to insert it."""
     low, high = whole(0), count(state, head)
     while low < high:
         middle = (low + high) >> 1
@@ -73,7 +73,7 @@ def place_of(rob: int, state: Row, head: int) -> int:
 
 @kernel
 def is_at(rob: int, at: int, state: Row, head: int) -> bool:
-    """Whether it is `rob` that is there."""
+    """Return whether it is `rob` that is there."""
     return at < end(state, head) and get_u16(state, at) == rob
 
 
@@ -90,7 +90,7 @@ def put(rob: int, t_ms: int, packet: Row, at: int, state: Row, head: int) -> Non
 
 @kernel
 def oldest(state: Row, head: int) -> int:
-    """Where the one is that was heard longest ago; of several, the lowest id."""
+    """Return the neighbour heard longest ago; of several, the lowest id."""
     found = head
     for at in range(head, end(state, head), EACH_BYTES):
         if get_u64(state, at + HEARD) < get_u64(state, found + HEARD):
@@ -100,7 +100,7 @@ def oldest(state: Row, head: int) -> int:
 
 @kernel
 def remove(at: int, state: Row, head: int) -> None:
-    """Who is there is forgotten."""
+    """Remove the neighbour at `at`."""
     copy(state, at, state, at + EACH_BYTES, end(state, head) - EACH_BYTES - at)
     put_u16(state, head - COUNT_BYTES, count(state, head) - 1)
 

@@ -36,7 +36,7 @@ NEVER = 1 << 62
 
 @kernel
 def is_order(mission: int, rob_id: int, packet: Row, length: int) -> bool:
-    """Whether the packet has an order's form, and is for this robot on this mission; nothing of it is believed yet."""
+    """Return whether the packet has an order's form, for this robot and mission; its signature is not checked."""
     size = length - BODY - driven.SIGNATURE_BYTES
     if (
         size < 0
@@ -84,7 +84,7 @@ def is_news(t_ms: int, packet: Row, state: Row, at: int) -> bool:
 
 @kernel
 def is_signed(packet: Row, length: int, state: Row, at: int) -> bool:
-    """Whether it was said by whom the mission names."""
+    """Return whether it was said by whom the mission names."""
     return trusted.order_check(state[at : at + driven.SIGNER_KEY_BYTES], packet, length) == 0
 
 
@@ -108,6 +108,6 @@ def _least_ms(t_ms: int, state: Row, at: int) -> int:
 
 @kernel
 def is_signer(state: Row, at: int) -> bool:
-    """Whether what is remembered of a signer can be; to be asked of every foreign checkpoint."""
+    """Return whether what is remembered of a signer can be; to be asked of every foreign checkpoint."""
     fine = get_u64(state, at + HIGHEST) >= 0 and get_u64(state, at + LATEST) >= 0 and get_u64(state, at + LEARNT) >= 0
     return fine and get_u64(state, at + LEAST) <= NEVER

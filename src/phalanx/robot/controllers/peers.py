@@ -23,7 +23,7 @@ SILENT_PERIODS = 4
 
 @dataclass(slots=True)
 class Peer:
-    """What another robot said last; its claim is of `heard_ms`."""
+    """Last claim of another robot, received at `heard_ms`."""
 
     heard_ms: int
     x_m: float
@@ -65,7 +65,7 @@ class PeerController(Controller, ABC):
 
     @abstractmethod
     def aim(self) -> Point:
-        """Where it drives now, m."""
+        """Return the point that it drives to, m."""
 
     def told(self, rob_id: int, t_ms: int, before_ms: int) -> None:
         """Another robot, which was heard last at `before_ms`, has claimed places, remembered by now."""
@@ -73,11 +73,11 @@ class PeerController(Controller, ABC):
     # --- what all do ---------------------------------------------------------------------------------------------
 
     def is_silent(self, other: Peer, t_ms: int) -> bool:
-        """Whether it has been so long silent that it has stopped, or was never there."""
+        """Return whether it has been so long silent that it has stopped, or was never there."""
         return t_ms - other.heard_ms > SILENT_PERIODS * self.period_ms
 
     def on_recv(self, t_ms: int, packet: bytes) -> None:
-        """What another robot of the mission says is remembered; anything else is the body's matter."""
+        """Store a message of another robot of the mission; pass anything else to the body."""
         if (said := fields_of(CLAIM, packet)) and (other := self.others.get(said[ID])):
             before_ms, other.heard_ms = other.heard_ms, t_ms
             other.here, other.holds, other.wants = said[BEHIND_T:]
@@ -105,7 +105,7 @@ class PeerController(Controller, ABC):
         return outputs
 
     def encode(self) -> bytes:
-        """What the body remembers, and a `peer_memory`."""
+        """Encode the body's state and a `peer_memory`."""
         peers = b"".join(
             PEER.form.pack(each.heard_ms, each.x_m, each.y_m, each.here, each.holds, each.wants)
             for each in self.others.values()

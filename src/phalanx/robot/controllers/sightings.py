@@ -54,7 +54,7 @@ class SightController(PeerController):
         self._now_ms = 0  # of the reading that is being answered: nothing to remember
 
     def things(self) -> dict[int, Point]:
-        """Where each thing is that somebody spoke of lately: the latest word, of two the own."""
+        """Return each reported object's place: the latest report, of two equal ones our own."""
         fresh_ms = FRESH_PERIODS * self.period_ms
         latest: dict[int, tuple[int, bool, int, Point]] = {}
         for rob_id, said in self.sighted.items():
@@ -78,11 +78,11 @@ class SightController(PeerController):
                 return
 
     def aim(self) -> Point:
-        """Where its thing is, or its post."""
+        """Return the place of its object, or its post."""
         return self.things().get(self.holds, self.task.waits_m[self.rob_id - 1])
 
     def on_recv(self, t_ms: int, packet: bytes) -> None:
-        """What another robot of the mission sees is remembered too."""
+        """Store the sighting of another robot of the mission as well."""
         said = fields_of(SIGHTING, packet)
         if said and said[ID] in self.others:
             self.sighted[said[ID]] = Sighted(t_ms, *said[BEHIND_T:])

@@ -33,7 +33,7 @@ EDGE_M = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """Where a robot truly is (map frame), how far its mission has got, and who vouches for it."""
+    """True pose of a robot (map frame), its mission's progress, and its vouchers."""
 
     x_m: float
     y_m: float
@@ -58,7 +58,7 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class Lie:
-    """What makes a robot lie from now on: its number, and the attack by its name."""
+    """Request to compromise a robot: its number, and the attack's name."""
 
     robot: int
     attack: str
@@ -74,7 +74,7 @@ class Crew:
         self._told = [(0, 0, False)] * run.robots
 
     def tick(self, held: bool = False) -> Moment:
-        """What a tenth of a second later is; if they are held, no time passes for them."""
+        """Advance by a tenth of a second; for held robots no time passes."""
         if not held:
             self._tick += 1
             self._world.advance(self._tick * TICK_S)

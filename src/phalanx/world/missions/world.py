@@ -168,7 +168,7 @@ class MissionWorld:
 
     @property
     def over(self) -> bool:
-        """Whether nobody has anything left to do."""
+        """Return whether nobody has anything left to do."""
         return all(robot.controller.over or self.world.safe[i] for i, robot in enumerate(self.robots))
 
     def advance(self, until_s: float) -> None:
@@ -248,7 +248,7 @@ class MissionWorld:
             robot.note(self.now_s)
 
     def _watched(self, robot: MissionRobot) -> list[str]:
-        """What a robot sees others do, all around it: S_ij. Source: Encoded graphs Fig. 5."""
+        """Return the actions of others that a robot sees, all around it: S_ij. Source: Encoded graphs Fig. 5."""
         if not self._is_watched:
             return []
         at, told = robot.body.wheels.pose[:2], list[str]()
@@ -278,7 +278,7 @@ class MissionWorld:
         return self._verdicts.new()
 
     def finish(self) -> list[Report]:
-        """What became of each robot."""
+        """Return the outcome of each robot."""
         told = self.world.fleet.robot
         return [
             replace(

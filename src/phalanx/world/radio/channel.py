@@ -73,7 +73,7 @@ pack = bundled(Air)
 
 
 class End(NamedTuple):
-    """What came of a transmission."""
+    """Outcome of a transmission."""
 
     receivers: int  # how many robots have the packet now; their ids are in the caller's array
     left: int  # robot whose NIC is done with the packet, or NOBODY: it may hand over the next one
@@ -162,7 +162,7 @@ def silence(air: Air, robot: int) -> None:
 
 @kernel
 def attempt(air: Air, reach: Reach, queue: Queue, robot: int, now_us: int) -> None:
-    """What an ATTEMPT asks for is done: the robot's next packet goes on the air, or the attempt is put off.
+    """Handle an ATTEMPT: transmit the robot's next packet, or defer the attempt.
 
     Source: IEEE 802.11-2020 §10.23.2 (EDCA), as in ns-3; docs/adr/0011.
     """
@@ -190,7 +190,7 @@ def attempt(air: Air, reach: Reach, queue: Queue, robot: int, now_us: int) -> No
 
 @kernel
 def finish(air: Air, reach: Reach, queue: Queue, robot: int, arg: int, now_us: int, receivers: I32x1) -> End:
-    """What a TX_END says has happened: who received, and whether the NIC is done with the packet.
+    """Handle a TX_END: decide which robots received, and whether the NIC is done with the packet.
 
     `receivers`, (≥ N,), is filled with the ids of those who received the packet now; `robot` and `arg` are the event's.
     Source: IEEE 802.11-2020 §10.23.2, as in ns-3; docs/adr/0011.

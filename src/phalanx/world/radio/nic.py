@@ -62,7 +62,7 @@ def make_nics(robots: int, seed: int) -> NDArray[np.void]:
 
 @kernel
 def listen(nic: Nic, sender: int, strong: float, capture: float, now_us: int, end_us: int) -> bool:
-    """Whether the NIC turns to the packet that begins; if not, the packet is noise to what the NIC listens to.
+    """Return whether the NIC locks onto the packet that begins; otherwise it counts as noise.
 
     A preamble is found if it is `capture` times as strong as the noise.
     Source: ns-3's ThresholdPreambleDetectionModel, without packet capture; docs/adr/0011.
@@ -83,7 +83,7 @@ def listen(nic: Nic, sender: int, strong: float, capture: float, now_us: int, en
 
 @kernel
 def received(nic: Nic, sender: int, now_us: int, capture: float, loss: float) -> bool:
-    """Whether the NIC now has the sender's packet, which ends: it listened to that one, and the noise was low enough.
+    """Return whether the NIC received the packet that ends: it was locked on it, and the noise was low enough.
 
     Of those packets it loses a share of `loss` by chance, its own; without a loss it asks no chance.
 
@@ -98,7 +98,7 @@ def received(nic: Nic, sender: int, now_us: int, capture: float, loss: float) ->
 
 @kernel
 def strength(square: float, half_exponents: int) -> float:
-    """What is left of a signal at so many metres squared; 1 at one metre, and nearer.
+    """Return the signal strength at a squared distance, m²; 1 within one metre.
 
     Source: ns-3's LogDistancePropagationLossModel.
     """

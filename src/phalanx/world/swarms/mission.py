@@ -153,7 +153,7 @@ class MissionSwarm(Roster):
         check_sensed(furnished(self.plan, plain), plain)
 
     def prepare(self, plain: Mission, built: Sequence[Built]) -> Callable[[], None]:
-        """What has all robots begin a mission, see `OnMission`."""
+        """Prepare all robots for a mission, see `OnMission`."""
         return partial(self.begin, orders_of(plain, built, self.plan))
 
     def begin(self, orders: Orders) -> None:
@@ -215,7 +215,7 @@ class MissionSwarm(Roster):
         ]
 
     def lit(self) -> Sequence[Lit]:
-        """What was decoded and is somewhere, in the order in which it was."""
+        """Return decoded nodes that have a place, in order of decoding."""
         return [lit for lit in self._lit.values() if lit is not None]
 
     def news(self) -> Sequence[tuple[str, News]]:

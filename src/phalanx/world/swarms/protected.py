@@ -82,7 +82,7 @@ def draw_places(count: int, chance: np.random.Generator) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class SwarmKeys:
-    """What a swarm's owner gives it for one mission."""
+    """Keys that a swarm's owner gives it for one mission."""
 
     mission: int
     boards: Sequence[Board]  # of each robot, in the order of ids
@@ -272,11 +272,11 @@ class ProtectedSwarm(Ordered):
     # --- its work -----------------------------------------------------------------------------------------------------
 
     def done(self) -> Done | None:
-        """What has come of it, called about once a second; None where they wait for people."""
+        """Return the work's score, about once a second; None while robots wait for visitors."""
         return self._work.done(self._now_s) if self._work else None
 
     def things(self) -> Sequence[Point]:
-        """Where the things are now that the work is about, those in the area."""
+        """Return the places of the work's objects in the area."""
         return [Point(x * 1000, y * 1000) for x, y in self._work.things_m(self._now_s)] if self._work else ()
 
     # --- the shields --------------------------------------------------------------------------------------------------
@@ -308,7 +308,7 @@ class ProtectedSwarm(Ordered):
         ]
 
     def attacks(self) -> Sequence[AttackChoice]:
-        """What a robot can be made to do, first what is plain to see."""
+        """Return the attacks a robot can be made to run, most visible first."""
         own = self._work.protocol if self._work else None
         choices = [
             AttackChoice(name, attack.does)

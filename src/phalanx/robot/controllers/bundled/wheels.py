@@ -143,7 +143,7 @@ def on_recv(params: Params, rob_id: int, t_ms: int, packet: Row, length: int, st
 
 @kernel
 def _obey(who: int, t_ms: int, packet: Row, end: int, state: Row) -> None:
-    """What the order says is done, but no motion while somebody holds the robot. Source: docs/spec/vocabulary.md."""
+    """Carry out the order, but move nothing while an operator holds the robot. Source: docs/spec/vocabulary.md."""
     action, body = int(packet[orders.ACTION]), orders.BODY
     if action == driven.TELL_STOP:
         state[HELD] |= 1 << who
@@ -196,7 +196,7 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
 
 @kernel
 def _first(state: Row) -> tuple[float, float]:
-    """Where the first point of the route lies from here, mm."""
+    """Return the vector to the first point of the route, mm."""
     x_mm, y_mm = get_u16(state, ROUTE + orders.POINT_X), get_u16(state, ROUTE + orders.POINT_Y)
     return x_mm - get_f32(state, X), y_mm - get_f32(state, Y)
 

@@ -139,7 +139,7 @@ def free_way(points: F64x2, count: int, cosine: float, sine: float, margin_m: fl
 
 @kernel
 def sight(clear: U8x1, cosines: F64x1, sines: F64x1, goal_x: float, goal_y: float, margin_m: float) -> bool:
-    """Whether a reading shows the straight way to a place, robot frame, to be free."""
+    """Return whether a reading shows the straight way to a place, robot frame, to be free."""
     away = math.sqrt(goal_x * goal_x + goal_y * goal_y)
     # What is farther than a sector's byte can say may have any wall before it.
     if goal_x <= 0.0 or away >= CLEAR * CLEAR_STEP_M:
