@@ -21,8 +21,8 @@ from .memo import Memo, make_memo
 
 # The firmware's profiles, and none: a robot without trusted nodes, whose entries nobody chains or logs.
 HARDENED, PAPER, PLAIN = 0, 1, 2
-# Requests that are put together from fragments at the same time, beside one of each of f_max liars: these push nobody
-# out (docs/adr/0014).
+# Requests that are put together from fragments at the same time, beside one of each of f_max compromised robots: these
+# push nobody out (docs/adr/0014).
 RX_SLOTS = 3
 PAPER_ROOM = 6
 START, PENDING = 0, 1
@@ -171,7 +171,8 @@ def make_fleet(
     robot["id"] = np.arange(1, n + 1)
     robot["request_row"] = NO_ROW
     state_bytes = config.checkpoint_capacity_bytes
-    # As printed nothing limits what a liar sends, and all who hear it log it: room for that is the robots' own affair.
+    # As printed nothing limits what a compromised robot sends, and all who hear it log it: room for that is the
+    # robots' own affair.
     room = PAPER_ROOM if profile == PAPER else 1
     log_bytes = room * config.log_capacity_bytes
     chosen.log_max = log_bytes

@@ -240,7 +240,8 @@ def take_fragment(f: Fleet, i: int, packet: Row, length: int, now: int) -> int:
 def _place(f: Fleet, i: int, src: int) -> int:
     """Return the sender's place, or a free one, or that of the request that has waited longest for a fragment.
 
-    Newcomers are never turned away: f_max liars who begin requests and do not end them would fill all places for ever.
+    Newcomers are never turned away: f_max compromised robots who begin requests and do not end them would fill all
+    places for ever.
     """
     oldest = 0
     for k in range(f.rx_info.shape[1]):

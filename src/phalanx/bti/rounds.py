@@ -84,8 +84,9 @@ def peer_at(f: Fleet, i: int, rob_id: int) -> int:
 def _replaceable(f: Fleet, i: int) -> int:
     """Return the row of the robot that was heard longest ago, if possible of one that was heard and no more.
 
-    Liars that relay the HELLO of more distant robots than the table holds would otherwise push out all real neighbours.
-    So robots stay that in T_val gave a token, answered a SEEK or asked for an audit. Not as printed (`paper`).
+    Compromised robots that relay the HELLO of more distant robots than the table holds would otherwise push out all
+    real neighbours. So robots stay that in T_val gave a token, answered a SEEK or asked for an audit. Not as printed
+    (`paper`).
     """
     r, s = f.robot[i], f.settings[0]
     oldest, at = 1 << 60, 0
@@ -110,9 +111,10 @@ def heard(f: Fleet, i: int, rob_id: int, now: int) -> None:
 def next_candidate(f: Fleet, i: int, now: int) -> int:
     """Return whom to ask next in this round, 0 if nobody is left: sources of fresh tokens first, then of AUDIT packets.
 
-    A robot that seeks asks only robots that have just answered its SEEK, and does not prefer fresh tokens: liars that
-    issued one once would use up its few requests. Within each group, a robot that did not answer its last requests
-    comes later. After that the order differs from robot to robot, so that no auditor is everybody's favourite.
+    A robot that seeks asks only robots that have just answered its SEEK, and does not prefer fresh tokens: compromised
+    robots that issued one once would use up its few requests. Within each group, a robot that did not answer its last
+    requests comes later. After that the order differs from robot to robot, so that no auditor is everybody's
+    favourite.
     Source: docs/spec/rebound.md (ghost auditors); docs/adr/0036.
     """
     r, s = f.robot[i], f.settings[0]
@@ -261,8 +263,8 @@ def on_token(f: Fleet, i: int, auditor: int, t: int, mac: Row, now: int) -> int:
     """Install a token and keep it; with f_max + 1 of them cut the log at their checkpoint.
 
     As an answer to this round counts only a token for the request that was sent to its auditor, by time and by the
-    checkpoint claimed: a liar that sends old tokens again, or signs for the start of the log, would otherwise keep its
-    victim from asking others (both seen to stop correct robots).
+    checkpoint claimed: a compromised robot that sends old tokens again, or signs for the start of the log, would
+    otherwise keep its victim from asking others (both seen to stop correct robots).
     Returns: 0, or negative when it is not a token for one of our checkpoints. Source: RoboRebound §3.5, §3.6.
     """
     r, s = f.robot[i], f.settings[0]

@@ -74,9 +74,9 @@ def listens(f: Fleet, i: int, now: int, auth_s: Row) -> int:
 def not_arrived(f: Fleet, i: int, now: int, auth_s: Row) -> None:
     """Give up the request whose fragment did not arrive, and seek; a robot that seeks repeats the fragment later.
 
-    A liar out of the robot's range that knows when it asks could talk over each request. So a fragment is repeated
-    after random pauses, each about twice as long as the last.
-    `auth_s` (30,) is scratch. Source: docs/adr/0028; RoboRebound §5.2.
+    A compromised robot out of the robot's range that knows when it asks could talk over each request. So a fragment is
+    repeated after random pauses, each about twice as long as the last. `auth_s` (30,) is scratch. Source:
+    docs/adr/0028; RoboRebound §5.2.
     """
     r, s = f.robot[i], f.settings[0]
     if r.request_len == 0:

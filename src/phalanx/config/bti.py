@@ -142,8 +142,8 @@ class BtiConfig:
     def log_capacity_bytes(self) -> int:
         """Bytes of log that a robot keeps: it is in Safe Mode before honest work fills them.
 
-        A liar may have its neighbours log more than its share: its a-node limits the airtime of what it sends to four
-        states' each state period, and one long packet takes no more than four short ones.
+        A compromised robot may have its neighbours log more than its share: its a-node limits the airtime of what it
+        sends to four states' each state period, and one long packet takes no more than four short ones.
         """
         return math.ceil(1.3 * (self.t_val_ms / 1000) * (self.log_bytes_per_s + self._liars_bytes_per_s)) + 1024
 

@@ -99,8 +99,8 @@ class WheelsConfig:
     good_ms: int = within(300, 1, 60_000)  # a joystick's word is obeyed for so long, then the wheels stop
     state_every: int = within(6, 1, 1000)  # broadcast at each so manieth control step
     mission: int = within(1, 1, 2**32 - 1)  # its number, as the mission key has it: orders of another are not obeyed
-    # Signatures looked at from one reading to the next: true ones are one or two. Of false ones a liar's a-node lets
-    # out two at once, and then not two a second (`hardened`).
+    # Signatures looked at from one reading to the next: true ones are one or two. Of false ones a compromised robot's
+    # a-node lets out two at once, and then not two a second (`hardened`).
     looks: int = within(16, 1, 255)
     gateway_key: bytes = b""  # Ed25519, public: who may give orders; empty for nobody
     operator_key: bytes = b""  # the same

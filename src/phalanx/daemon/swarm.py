@@ -213,7 +213,7 @@ class RobotSwarm(Ordered):
         if not self._is(robot):
             return
         i = self._ids.index(robot)
-        # A liar may say that it is anywhere: pages have the area alone.
+        # A compromised robot may say that it is anywhere: pages have the area alone.
         width_mm, height_mm = self.area_mm
         x_mm, y_mm = min(max(state["x_mm"], 0.0), width_mm), min(max(state["y_mm"], 0.0), height_mm)
         self._places[robot] = Point(x_mm, y_mm), round(state["direction_deg"])

@@ -23,7 +23,7 @@ Seeking. If an auditor stays silent, or a round ends without enough tokens, the 
 robot that receives it answers at a random time, and the robot asks only those (bti/seeking.py).
 
 A robot whose controller is plain Python runs the same kernels step by step (robot.py). So does an attack, in another
-order or with other bytes (attacks/liar.py).
+order or with other bytes (adversary/liar.py).
 """
 
 from __future__ import annotations
@@ -256,7 +256,8 @@ def hear_fragment(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int,
 def knock(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
     """Check the request's form, and have the a-node issue the token to `w.small[2]`: `answer` sends it after the audit.
 
-    Liars can make any number of false token requests, which must not count as audits. Only IssueToken detects them.
+    Compromised robots can make any number of false token requests, which must not count as audits. Only IssueToken
+    detects them.
     Returns: 0 or a `Refusal`. Source: RoboRebound §3.8, §5.1.
     """
     q = f.rx.rows[f.rx_info[i, place].row]

@@ -1,6 +1,6 @@
 """One robot for callers in Python: events in, actions out, step by step, with the kernels of `handlers`.
 
-Controllers in plain Python decide between the steps. Attacks override some of them (attacks/liar.py).
+Controllers in plain Python decide between the steps. Attacks override some of them (adversary/liar.py).
 Source: RoboRebound §3; docs/spec/rebound.md (c-node).
 """
 

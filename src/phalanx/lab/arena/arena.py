@@ -316,7 +316,7 @@ def _check(scenario: Scenario, weather: Weather) -> None:
 
 
 def _go_first() -> None:
-    """A processor that others keep busy would make robots late, and liars of them: before all that is not real-time."""
+    """Ask for real-time priority: on a busy processor honest robots would be late and look compromised."""
     try:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(os.sched_get_priority_min(os.SCHED_RR)))
     except PermissionError:

@@ -1,4 +1,4 @@
-"""Calls of a controller: a robot's life in the simulated world, then odd input of liars and broken sensors.
+"""Calls of a controller: a robot's life in the simulated world, then odd input of other robots and broken sensors.
 
 While it is called, it must not take for ever, sleep, start a thread or look at a file: `watched` finds it.
 """
@@ -106,7 +106,7 @@ def maker(words: str) -> Make:
 def calls_of(make: Make, words: str, seed: int) -> list[Call]:
     """Return the calls that robot 5 of nine gets in 15 s, and then odd ones.
 
-    Raises: whatever the controller raises in a world without liars.
+    Raises: whatever the controller raises in a world without compromised robots.
     """
     chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 0xC4EC])))
     is_advised = _is_advised(make, words)
@@ -205,7 +205,7 @@ def _odd(life: list[Call], chance: np.random.Generator) -> Iterator[Call]:
     readings = [call for call in life if call.step >= 0]
     heard = [call.payload for call in life if call.step == FRAME]
     last, step = life[-1], readings[-1].step
-    state = bytes([table.KIND_STATE]) + readings[-1].payload[ID_AT:]  # if nobody broadcasts, a liar may
+    state = bytes([table.KIND_STATE]) + readings[-1].payload[ID_AT:]  # if nobody broadcasts, a compromised robot may
     usual = {(packet[0], len(packet)): packet for packet in (state, *heard)}  # one of each kind and length
     packets = list(_odd_frames(list(usual.values()), chance))
     for k, (t_offset_ms, packet, odd) in enumerate(packets):

@@ -82,7 +82,7 @@ def check_controller(words: str, seed: int = 0) -> Report:
     Args:
         words: "FILE.py:CLASS", or the name of a controller of ours.
         seed: of the life that the controller is led through.
-    Raises: UsageError: no such controller, or it fails in a world without liars. Unavailable: a process ended early.
+    Raises: UsageError: no such controller, or it fails in an honest world. Unavailable: a process ended early.
     """
     with mistakes_in(words):
         calls = calls_of(maker(words), words, seed)

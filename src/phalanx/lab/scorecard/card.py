@@ -41,7 +41,7 @@ class Line:
     harm_undefended: float | None  # median of the same with defence none
     harm_unit: str
     bites_from: float  # from so much on, the attack calls it a bite
-    deviated: int  # liars that did what no honest robot would
+    deviated: int  # compromised robots that did what no honest robot would
     stopped: int  # of these
     stop_median_s: float | None  # from the first deviation to Safe Mode, of a run's slowest
     stop_worst_s: float | None

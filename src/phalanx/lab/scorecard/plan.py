@@ -21,8 +21,9 @@ from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attack, is_file
 from phalanx.scenarios.scenario import PROTOCOLS, Scenario, in_scenarios
 
-# When liars begin, and for how long they are watched: T_val and more than a round of audits beside it. Protocols are in
-# plain Python, ten times as dear as a flock, and what is lost to others shows in so much of their own scenarios.
+# When compromised robots begin, and for how long they are watched: T_val and more than a round of audits beside it.
+# Protocols are in plain Python, ten times as dear as a flock, and what is lost to others shows in so much of their own
+# scenarios.
 AT_S, WATCHED_S, WATCHED_IN_PROTOCOLS_S = 12.0, 24.0, 48.0
 MISSIONS: Mapping[str, tuple[Scene, ...]] = {"mission": ("errand", "file"), "team": ("team",)}
 HONEST_KEPT = 8  # honest runs: all attacks of a seed are compared with the same

@@ -123,8 +123,8 @@ class Walker:
     def hear_report(self, state: State, report: tuple[tuple[int, bytes], ...]) -> State:
         """The state after another robot told where it was; what it cannot prove is ignored (sealed profile).
 
-        In the paper profile nothing is stored to check a proof with, and a robot's word is taken: a liar can make
-        others go elsewhere first, and no more.
+        In the paper profile nothing is stored to check a proof with, and a robot's word is taken: a compromised robot
+        can make others go elsewhere first, and no more.
         """
         nodes = self.mission.nodes
         checked = self.mission.header.profile is Profile.SEALED
@@ -247,7 +247,7 @@ class Walker:
 
     def _is_explored(self, state: State) -> bool:
         """Return whether each node of a mission without a final one was decoded, by this robot or, proven, another."""
-        # In the paper profile a report proves nothing, and a liar's must not make a mission look whole.
+        # In the paper profile a report proves nothing, and a compromised robot's must not make a mission look whole.
         proven = state.others if self.mission.header.profile is Profile.SEALED else frozenset()
         return not self.map.finals and len(state.opened.keys() | proven) == len(self.mission.nodes)
 

@@ -1,9 +1,10 @@
 """The orders a robot obeys: for it, of its mission, new, in time, and signed by a key that the mission names.
 
 Only an order that could be obeyed has its signature checked, and at most WheelsConfig.looks of these from one reading
-to the next: a liar cannot make others compute all day. Clocks need not agree: a robot learns from every order by how
-much its own is ahead of the signer's, at least; what comes LATE_MS later was held back. The least may grow by a part in
-DRIFT. Auditors decide alike from log and state, where `at` is a signer's record. Source: docs/spec/orders.md; ADR 0031.
+to the next: a compromised robot cannot make others compute all day. Clocks need not agree: a robot learns from every
+order by how much its own is ahead of the signer's, at least; what comes LATE_MS later was held back. The least may
+grow by a part in DRIFT. Auditors decide alike from log and state, where `at` is a signer's record. Source:
+docs/spec/orders.md; ADR 0031.
 """
 
 from __future__ import annotations

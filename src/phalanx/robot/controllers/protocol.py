@@ -51,7 +51,7 @@ class Stage(ABC):
         counts: what `score` counts, and its unit.
         lost: what it is to others when there is less of it, for people.
         bites_from: from so much less on, an attack bites.
-        shared: whether it is one thing for all, and not each robot's own work: then a liar's part of it is lost, too.
+        shared: whether it is one for all, not each robot's own work: then a compromised robot's share is lost too.
         seen_bytes: of what `look` returns.
     """
 

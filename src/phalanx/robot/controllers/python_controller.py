@@ -1,8 +1,8 @@
 """The interface of controllers in plain Python, and the checks of what they return.
 
 An auditor gives a copy of the controller the same readings and packets, and compares every byte. So a controller that
-can answer the same inputs differently makes auditors refuse honest robots. Packets come from liars: whatever their
-bytes, nothing may raise, and NaN must not spread.
+can answer the same inputs differently makes auditors refuse honest robots. Packets come from compromised robots:
+whatever their bytes, nothing may raise, and NaN must not spread.
 Source: RoboRebound §3.7; docs/own-controller.md (all rules); docs/adr/0012.
 """
 

@@ -2,8 +2,8 @@
 
 A sensor reports the nearest thing within `SIGHT_STEPS`. Of one thing the latest message counts, so a robot's own eyes
 come first. The `party` nearest robots go to it, all others to their posts. Messages are forgotten after
-`FRESH_PERIODS`, and of each robot only the last is known: a liar never invents more than one thing. Source: RoboRebound
-§2.1, §2.3.
+`FRESH_PERIODS`, and of each robot only the last is known: a compromised robot never invents more than one thing.
+Source: RoboRebound §2.1, §2.3.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ class SightStage(Stage):
         """A robot that does not lie is so near to a thing, at most as far as it sees."""
 
     def look(self, rob_id: int, t_s: float, place_m: Point, *, lies: bool) -> bytes:
-        """The nearest thing, if it is in sight; a liar sees it as well."""
+        """The nearest thing, if it is in sight; a compromised robot sees it as well."""
         self.now_s, things = max(self.now_s, t_s), self.things(t_s)
         away_m = {number: math.dist(at_m, place_m) for number, at_m in things.items()}
         number = min(away_m, key=lambda each: (away_m[each], each), default=NOWHERE)

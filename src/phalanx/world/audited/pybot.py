@@ -186,7 +186,7 @@ def _actions(world: World, robot: Robot, kind: int, now_ms: int, seen: bytes, ar
 
 
 def wake(world: World, liar: Liar, now_us: int) -> None:
-    """Schedule the next time that a liar acts out of turn, if it does."""
+    """Schedule the next time that a compromised robot acts out of turn, if it does."""
     if not liar.period_ms:
         return
     start_us = liar.plan.start_ms * 1000 - int(world.boot_us[liar.i])

@@ -63,7 +63,7 @@ class Quorum:
     def _has(self) -> NDArray[np.bool_]:
         # A second may just have begun, and a short burst does not fill the channel.
         passed_us = max(int(self._world.clock[0].now_us) - self._looked_us, SECOND_US)
-        # Frames of correct robots only: a robot that a liar jams was not stopped for want of a quorum.
+        # Packets of correct robots only: a robot that a compromised robot jams was not stopped for want of a quorum.
         sent_us, full = (self._spent_us() - self._airtime_us) * self._correct, np.zeros(len(self._correct), bool)
         _full(self._world.reach, sent_us, passed_us, full)
         # A robot stopped in spite of a quorum still counts as an auditor: one failure must not excuse the next.

@@ -69,8 +69,9 @@ class Setup:
 def audits_share(config: BtiConfig, radio: RadioConfig, robots: float, *, filled: bool = False) -> float:
     """Return the share of airtime that the audit requests of so many robots take, all in one range; 1 is all of it.
 
-    Each T_audit a robot sends f_max + 1 auditors a checkpoint and the log since. `filled`: f_max liars fill that log as
-    fast as it has room. The result is up to a quarter below measurements of 25 to 120 honest robots, f_max 3 to 8.
+    Each T_audit a robot sends f_max + 1 auditors a checkpoint and the log since. `filled`: f_max compromised robots
+    fill that log as fast as it has room. The result is up to a quarter below measurements of 25 to 120 honest robots,
+    f_max 3 to 8.
     """
     neighbours = min(max(math.ceil(robots) - 1, config.quorum), config.n_max)
     seen = replace(config, n_max=neighbours)

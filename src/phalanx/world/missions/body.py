@@ -188,7 +188,7 @@ class MissionBody:
             self._speed_mps, self._turn_radps = speed / MILLI, turn / MILLI
         elif command[:1] == bytes([KIND_ACTION]):
             self.actions.append(command)
-            with suppress(MalformedMission):  # of a liar: nobody knows what that looks like
+            with suppress(MalformedMission):  # of a compromised robot: nobody knows what that looks like
                 self._did[parse_action(command[ACTION.size :]).name] = self._now_s
 
     def halt(self) -> None:

@@ -27,7 +27,7 @@ from .world import MissionRobot, MissionWorld
 WAITING = "waiting"  # to begin, before any phase of the walk
 TICK_S = 0.1
 NICE = 5
-# A liar that wants to be elsewhere wants to be so far from the building's edge.
+# A compromised robot that wants to be elsewhere wants to be so far from the building's edge.
 EDGE_M = 1.0
 
 

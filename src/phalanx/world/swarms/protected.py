@@ -335,7 +335,7 @@ class ProtectedSwarm(Ordered):
         )
         make = self._work.make_controller if self._work else None
         if self._work:
-            self._nodes[i].bring_up()  # what it remembers is what the liar goes on from
+            self._nodes[i].bring_up()  # what it remembers is what the compromised robot goes on from
         liar = lying(attacks()[attack], self.world.fleet, i, self.world.work, plan, make)
         self._liars[i] = self._nodes[i] = liar
         self.world.runs[i] = PYTHON

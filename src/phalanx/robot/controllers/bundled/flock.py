@@ -1,7 +1,7 @@
 """Olfati-Saber flocking: neighbours at their distance (alpha), around obstacles (beta), to the goal (gamma).
 
 Its state is a `flock_memory` and its neighbours by rising id, 18 + 26 n bytes. One not heard for `forget_ms` is
-forgotten: it would otherwise push for ever from where it was last seen, and a liar's inventions would outlive the liar.
+forgotten: it would otherwise push for ever from where it was last seen, and robots that a lie invents would stay.
 The price: a silent robot is forgotten too, though it still stands there. Times are the log's; a packet's own is not
 used. A reading that makes no sense changes nothing: the robot coasts and says nothing.
 
