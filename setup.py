@@ -20,7 +20,7 @@ link = [word for word in sysconfig.get_config_var("LDSHARED").split() if not wor
 os.environ.setdefault("LDSHARED", " ".join(link))
 
 setup(
-    cffi_modules=["firmware/build.py:bound", "firmware/build.py:paper"],
+    cffi_modules=["firmware/build.py:hardened", "firmware/build.py:paper"],
     ext_modules=[KERNELS],
     cmdclass={"bdist_wheel": BdistWheel, "build_ext": BuildExt, "build_py": BuildPy, "sdist": Sdist},
     long_description=for_index(Path("README.md").read_text(encoding="utf-8")),

@@ -1,6 +1,6 @@
 """P1 and P2 of docs/spec/rebound.md as a table: every attack over many seeds on 25 robots.
 
-    nice .venv/bin/python benchmarks/bench_attacks.py [--seeds 200] [--defence bound] [--attacks spoof,hijack] [--out F]
+    nice .venv/bin/python benchmarks/bench_attacks.py [--seeds 200] [--defence hardened] [--attacks A,B] [--out F]
 
 What is stopped is watched until it must be; what is limited or harmless goes on for a minute, in f_max robots. With
 --out runs go to a CSV as they end; Ctrl-C keeps them, and the same command goes on where it stopped. Two processes at
@@ -154,7 +154,7 @@ def table(results: Iterable[Result]) -> int:
     for result in results:
         groups.setdefault((result.attack, result.defence), []).append(result)
     print(
-        f"{'attack':18}{'defence':8}{'verdict':12}{'runs':>5}{'late':>6}{'correct stopped':>17}{'no quorum':>11}"
+        f"{'attack':18}{'defence':10}{'verdict':12}{'runs':>5}{'late':>6}{'correct stopped':>17}{'no quorum':>11}"
         f"{'liars':>7}{'deviated':>10}{'alive':>7}{'median s':>10}{'max s':>8}{'of bucket':>11}{'on air':>8}"
     )
     wrong = 0
@@ -162,13 +162,13 @@ def table(results: Iterable[Result]) -> int:
         verdict = IN_FLOCKS[name].verdicts[defence]
         took_s = [result.after_s for result in group if not math.isnan(result.after_s)]
         times = f"{statistics.median(took_s):10.2f}{max(took_s):8.2f}" if took_s else f"{'-':>10}{'-':>8}"
-        bucket = f"{max(result.bucket for result in group):11.0%}" if defence == "bound" else f"{'-':>11}"
+        bucket = f"{max(result.bucket for result in group):11.0%}" if defence == "hardened" else f"{'-':>11}"
         late, stopped, quorum, liars, deviated, alive = (
             sum(getattr(result, name) for result in group)
             for name in ("late", "correct_stopped", "without_quorum", "liars", "deviated", "alive")
         )
         print(
-            f"{name:18}{defence:8}{verdict:12}{len(group):5}{late:6}{stopped:17}{quorum:11}"
+            f"{name:18}{defence:10}{verdict:12}{len(group):5}{late:6}{stopped:17}{quorum:11}"
             f"{liars:7}{deviated:10}{alive:7}{times}{bucket}{max(result.on_air for result in group):8.1%}"
         )
         wrong += sum(is_wrong(result, verdict) for result in group)
@@ -190,7 +190,7 @@ def is_wrong(result: Result, verdict: str) -> bool:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=SAMPLE, help="of each attack; the long table has 200")
-    parser.add_argument("--defence", choices=DEFENCES, default="bound")
+    parser.add_argument("--defence", choices=DEFENCES, default="hardened")
     parser.add_argument("--attacks", default=",".join(IN_FLOCKS), help="names, with commas between")
     parser.add_argument("--out", type=Path, help="CSV to keep the runs in, and to go on from")
     said = parser.parse_args()

@@ -159,7 +159,7 @@ class Primitives:
 
 def primitives() -> Primitives:
     """Of this machine."""
-    trusted.host_use(trusted.BOUND, 1)
+    trusted.host_use(trusted.HARDENED, 1)
     long, key, told = np.zeros(1 << 16, np.uint8), np.zeros(20, np.uint8), np.zeros(20, np.uint8)
     run = Run(replace(SWARMS[0].scenario, duration_s=WARM_UP_S))
     run.advance(WARM_UP_S)
@@ -253,7 +253,7 @@ def machine() -> str:
     info = Path("/proc/cpuinfo").read_text().splitlines()
     cpu = next((line.partition(":")[2].strip() for line in info if line.startswith("model name")), platform.machine())
     does = {1: "SHA instructions", 2: "AVX2"}
-    can = trusted.FIRMWARE[trusted.BOUND][1].phx_host_can()
+    can = trusted.FIRMWARE[trusted.HARDENED][1].phx_host_can()
     able = " and ".join(word for bit, word in does.items() if can & bit) or "neither SHA instructions nor AVX2"
     load = os.getloadavg()[0]
     return (

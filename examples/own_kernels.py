@@ -82,15 +82,15 @@ def is_encoding(_params: Params, _rob_id: int, state: Row, length: int) -> bool:
 
 
 @kernel
-def on_recv(_params: Params, rob_id: int, t_ms: int, frame: Row, length: int, state: Row) -> int:
-    """A frame was heard: remember its sender, if it is a state of finite numbers."""
-    if length == table.STATE.size and frame[0] == table.KIND_STATE and are_fine(frame, SAID, NUMBERS):
-        rob = get_u16(frame, ID)
+def on_recv(_params: Params, rob_id: int, t_ms: int, packet: Row, length: int, state: Row) -> int:
+    """A packet was heard: remember its sender, if it is a state of finite numbers."""
+    if length == table.STATE.size and packet[0] == table.KIND_STATE and are_fine(packet, SAID, NUMBERS):
+        rob = get_u16(packet, ID)
         if rob not in (0, rob_id):
             at = EACH * (rob % PLACES)
             put_u16(state, at, rob)
             put_u64(state, at + HEARD, t_ms)
-            copy(state, at + MOTION, frame, SAID, NUMBERS * FLOAT)
+            copy(state, at + MOTION, packet, SAID, NUMBERS * FLOAT)
     return PLACES * EACH
 
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 HERE = Path(__file__).parent
-LOGIC = "node snode anode bound bucket".split()
+LOGIC = "node snode anode hardened bucket".split()
 PRIMITIVES = "hash mac".split()
 SEALED = ["seal"]  # for a-nodes without a radio of their own: beside the rest, and in none of its sums
 INTERFACE = re.compile(r"phx_([sa]node|sealed)_\w+")

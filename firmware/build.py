@@ -1,4 +1,4 @@
-"""Compiles the trusted nodes into the package, once for each profile; setup.py names `bound` and `paper`.
+"""Compiles the trusted nodes into the package, once for each profile; setup.py names `hardened` and `paper`.
 
 Python sees what the headers declare: the prototypes are taken from them and written nowhere else.
 """
@@ -12,7 +12,7 @@ from cffi import FFI
 
 HERE = Path(__file__).parent
 SHARED = ["bucket", "node", "snode", "anode"]
-PROFILES = {"bound": ["bound", "seal"], "paper": ["paper"]}
+PROFILES = {"hardened": ["hardened", "seal"], "paper": ["paper"]}
 # In their place: what a simulator computes all day, as fast as the processor can (port/host/host.h).
 HOST = ["hash", "mac"]
 # What checks orders' signatures, once for both profiles (port/order.h).
@@ -55,9 +55,9 @@ def profile(name: str, headers: list[str], more: list[str] | None = None) -> FFI
     return ffi
 
 
-def bound() -> FFI:
+def hardened() -> FFI:
     """The default."""
-    return profile("bound", ["include/phx_seal.h", "port/host/host.h", "port/order.h"], ORDERS)
+    return profile("hardened", ["include/phx_seal.h", "port/host/host.h", "port/order.h"], ORDERS)
 
 
 def paper() -> FFI:

@@ -2,7 +2,7 @@
 
     python firmware/count.py [--sources FOLDER] [--write]
 
-The objects are those of `make targets` (-Os, profile `bound`), linked with a memcpy and a memset of a loop each. The
+The objects are those of `make targets` (-Os, profile `hardened`), linked with a memcpy and a memset of a loop each. The
 processor is unicorn's, which is QEMU's: every instruction that it begins is counted, whatever it would take in cycles.
 --write puts the counts where `phalanx reproduce bti-fig5` reads them; tests/test_firmware_targets.py counts again.
 """
@@ -24,7 +24,7 @@ from unicorn import arm_const, mips_const
 
 HERE = Path(__file__).parent
 COUNTS = HERE.parent / "src" / "phalanx" / "data" / "instructions.json"
-SOURCES = "hash mac bucket node snode anode bound seal".split()
+SOURCES = "hash mac bucket node snode anode hardened seal".split()
 PREFIX = {"cortex-m3": "arm-none-eabi-", "mips32": "mipsel-linux-gnu-"}
 CODE, STACK, RETURN = 0x10000, 0x1F0000, 0xFFF0
 MEMORY = """

@@ -25,9 +25,9 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
-PROFILES = {"bound": "hash mac bucket node snode anode bound seal".split()}
-PROFILES["paper"] = [{"bound": "paper"}.get(each, each) for each in PROFILES["bound"][:-1]]
-SOURCES = [*PROFILES["bound"], "paper"]
+PROFILES = {"hardened": "hash mac bucket node snode anode hardened seal".split()}
+PROFILES["paper"] = [{"hardened": "paper"}.get(each, each) for each in PROFILES["hardened"][:-1]]
+SOURCES = [*PROFILES["hardened"], "paper"]
 # What runs in Python, by the mistake's file. The quick proofs do not come to the sealed radio.
 TESTS = {"": "test_firmware test_firmware_buckets test_firmware_oracle".split(), "seal": ["test_sealed_radio"]}
 UNPROVED = ["seal", "paper"]
@@ -86,8 +86,8 @@ RULES: dict[str, list[tuple[str, str]]] = {
         (r"\ba->audit\b", "a->send"),
         (r"_unicast\b", "_broadcast"),
         (r"_broadcast\b", "_unicast"),
-        (r"\btee, tor\b", "tor, tee"),
-        (r"\btor, tee\b", "tee, tor"),
+        (r"\bauditee, auditor\b", "auditor, auditee"),
+        (r"\bauditor, auditee\b", "auditee, auditor"),
     ],
     "a statement is left out": [
         (r"^ +(?:memset|memcpy|phx_\w+|shift)\([^\n]*\);\n", ""),
@@ -98,7 +98,7 @@ RULES: dict[str, list[tuple[str, str]]] = {
 # The size of an array: C does not look at a parameter's, and more room changes nothing.
 SIZE = re.compile(r"\S|\s+(?:static )?(?:const )?uint\d+_t [^=]*\[[^]]*$")
 # A case apart, at the beginning of a function that returns an error: of these parameters.
-APART = r"\buint(?:16|32)_t (now|t|tee|tor|id|seq|len|src)\b"
+APART = r"\buint(?:16|32)_t (now|t|auditee|auditor|id|seq|len|src)\b"
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,7 @@ class Bench:
         finally:
             path.write_text(text)
 
-    def _made(self, program: str, flags: str, more: str, changed: str, profile: str = "bound") -> bool:
+    def _made(self, program: str, flags: str, more: str, changed: str, profile: str = "hardened") -> bool:
         """Compile it; of the sources anew what is `changed`, a file's name."""
         objects, includes = [], ["-Iinclude", "-Iport", f"-Iport/{profile}"]
         for source in [*(f"src/{name}.c" for name in PROFILES[profile]), more]:
@@ -211,12 +211,12 @@ class Bench:
         return self._run(["gcc", *flags.split(), *objects, "-o", program], self.at / "firmware")
 
     def _found(self, file: str, whole: bool, proofs: bool) -> str:
-        firmware, profile = self.at / "firmware", "paper" if file == "paper" else "bound"
+        firmware, profile = self.at / "firmware", "paper" if file == "paper" else "hardened"
         if not self._made(profile, SANITIZED, "port/check.c", file, profile):
             return "compiler"
         if not self._run(["sh", "-c", f"ulimit -t 10; exec ./{profile} < {profile}.txt"], firmware):
             return "vectors"
-        if profile == "bound":
+        if profile == "hardened":
             if not self._made("stack", "-O2", "port/stack.c", file):
                 return "compiler"
             if not self._run(["./stack"], firmware):

@@ -25,7 +25,7 @@ BUILD = HERE / "build" / "proofs"
 CALLS = re.findall(r"\w+", re.search(r"enum \{(.*?)\}", (HERE / "proofs" / "calls.c").read_text(), re.DOTALL)[1])
 RESETS = {"MAKE", "POWER_UP", "S_MAKE", "S_POWER_UP"}
 MEMORY = 12 << 30  # bytes of address space
-STATES = "proofs/calls.c proofs/models.c src/node.c src/anode.c src/snode.c src/bound.c src/seal.c"
+STATES = "proofs/calls.c proofs/models.c src/node.c src/anode.c src/snode.c src/hardened.c src/seal.c"
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def proofs(everything: bool) -> Iterable[Proof]:
     (BUILD / "hash.c").write_text(text[:begin] + looked + text[begin:])
     bounds = f"f_max <= {f_max}; any frame, any time"
     # It goes over all tokens and no further, which takes a third of the time to prove where no more turns are laid out.
-    unwind = f"--unwind 35 --unwindsetname bound.c@phx_keep_token:0:{f_max + 3}"
+    unwind = f"--unwind 35 --unwindsetname hardened.c@phx_keep_token:0:{f_max + 3}"
     for number, call in enumerate(CALLS):
         if call.startswith("SEALED") and not everything:
             continue

@@ -6,7 +6,7 @@ MIPS := mipsel-linux-gnu-
 # What robots get: one profile, small, and nothing of a C library but memcpy and memset.
 FOR_TARGETS := -std=c99 -pedantic -Wall -Wextra -Wconversion -Werror -Os -ffreestanding -ffunction-sections -fdata-sections \
 	-fstack-usage -fcallgraph-info=su -g0 -Iinclude -Iports/bare
-NODES := $(SHARED) bound seal
+NODES := $(SHARED) hardened seal
 LINES := $(basename $(notdir $(wildcard line/*.c)))
 
 # $(1) target, $(2) prefix of its tools, $(3) flags that choose its processor, $(4) what the compiler calls for wide numbers

@@ -1,4 +1,4 @@
-"""Prints vectors/*.json as lines of words for port/check.c: `python firmware/vectors.py bound`.
+"""Prints vectors/*.json as lines of words for port/check.c: `python firmware/vectors.py hardened`.
 
 `python firmware/vectors.py serial` is for port/line.c: how many payloads, the stream, each payload.
 

@@ -10,7 +10,7 @@ from typing import Any
 
 # All kernels that this process has declared and not found compiled, in the order of their declarations.
 DECLARED: list[Callable[..., Any]] = []
-PROFILES = ("bound", "paper")
+PROFILES = ("hardened", "paper")
 
 
 def sizes_of_nodes() -> dict[str, list[int]]:

@@ -25,7 +25,7 @@ from phalanx_compiler.flags import FLAGS as FLAGS_OF_KERNELS
 # The trusted nodes as a program, for robots that have no board (firmware/ports/process.c).
 PROGRAM = "trusted_node"
 SOURCES = [
-    *(f"src/{name}" for name in ("hash", "mac", "bucket", "node", "snode", "anode", "bound", "seal")),
+    *(f"src/{name}" for name in ("hash", "mac", "bucket", "node", "snode", "anode", "hardened", "seal")),
     *(f"line/{name}" for name in ("frame", "calls", "keep", "robot", "serve")),
     "ports/process",
 ]
@@ -70,7 +70,9 @@ class BuildExt(build_ext):
         if ext.name == KERNELS.name:
             # A build for another machine takes the constants from the nodes of this one, which are built in place.
             crossing = "_PYTHON_HOST_PLATFORM" in os.environ
-            nodes = Path("src/phalanx") if crossing else Path(self.get_ext_fullpath("phalanx._firmware_bound")).parent
+            nodes = (
+                Path("src/phalanx") if crossing else Path(self.get_ext_fullpath("phalanx._firmware_hardened")).parent
+            )
             self._translate(Path(ext.sources[0]), nodes.resolve())
         super().build_extension(ext)
 

@@ -5,7 +5,7 @@
     python scripts/oracle.py check [CASE... | --quick]    # run cases, compare with the digests in the repository
     python scripts/oracle.py compare TREE_A TREE_B CASE   # run a case in two checkouts, show the first difference
 
-CASE is a name, a group (`attack`) or a pattern (`attack/*/bound`). Without one, all cases run, which takes two minutes.
+CASE is a name, a group (`attack`) or a pattern (`attack/*/hardened`). Without one, all run: two minutes.
 `check` ends with 1 if a case differs, and names its first second and category. `compare` then shows the event itself.
 Each checkout runs with its own .venv if it has one. CONTRIBUTING.md says when digests may be recorded again.
 """

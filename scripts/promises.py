@@ -114,7 +114,7 @@ def scenario_of(case: Case) -> Scenario:
         hub=hub,
         goal_m=NEAR_M if case.layout == "grid" else made.goal_m,
         seed=case.seed,
-        defence="bound",
+        defence="hardened",
         duration_s=round(at_s + 2.5 * t_val_s + 1.0, 3),  # a clock of whole microseconds gets there
         bti=bti,
         n_max=None,
@@ -164,7 +164,9 @@ def lived(case: Case) -> Row:
     while run.now_s < made.duration_s:
         next_s = min(made.duration_s, run.now_s + 1.0)
         layouts.drive(run, layout, next_s) if layout else run.advance(next_s)
-        told_of += [(at_s, tor, tee) for at_s, tor, tee, why in run.new_verdicts() if why == Refusal.NONE]
+        told_of += [
+            (at_s, auditor, auditee) for at_s, auditor, auditee, why in run.new_verdicts() if why == Refusal.NONE
+        ]
         unvouched |= alive_unvouched(run, compromised, told_of)
     summary = run.summary()
     liars = [robot for _, robot in sorted(run.robots.items()) if isinstance(robot, Liar)]
@@ -213,9 +215,9 @@ def alive_unvouched(run: Run, compromised: frozenset[int], told_of: list[tuple[f
         return set()
     del told_of[: bisect_left(told_of, (since_s,))]
     found: dict[int, set[int]] = {robot: set() for robot in run.ids[~run.in_safe_mode].tolist()}
-    for _, tor, tee in told_of:
-        if tor not in compromised and tee in found:
-            found[tee].add(tor)
+    for _, auditor, auditee in told_of:
+        if auditor not in compromised and auditee in found:
+            found[auditee].add(auditor)
     needed = {robot: bti.tokens_needed - len(compromised) + (robot in compromised) for robot in found}
     return {robot for robot, auditors in found.items() if len(auditors) < needed[robot]}
 

@@ -57,7 +57,7 @@ def cell(name: str, defence: str, attack: str) -> str:
 def draw(name: str, lie: str) -> None:
     """Ways of a run without a defence and of one with, side by side."""
     picture = Figure(figsize=(10, 5))
-    for axes, defence in zip(picture.subplots(1, 2, sharex=True, sharey=True), ("none", "bound"), strict=True):
+    for axes, defence in zip(picture.subplots(1, 2, sharex=True, sharey=True), ("none", "hardened"), strict=True):
         run, ways = lived(name, defence, lie)
         assert run.stage
         for box in run.scenario.obstacles:

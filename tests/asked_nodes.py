@@ -6,7 +6,7 @@ import numpy as np
 
 from phalanx.bti import nodes, trusted
 from phalanx.bti.nodes import Refused
-from phalanx.wire.table import ENTRY_HEADER_BYTES, FRAME_MAX, MAC_BYTES
+from phalanx.wire.table import ENTRY_HEADER_BYTES, MAC_BYTES, PACKET_MAX
 
 
 class Nodes(nodes.Nodes):
@@ -29,20 +29,20 @@ class Nodes(nodes.Nodes):
         """The entry of a sensor reading, chained."""
         return self._forward(trusted.snode_poll, self.snode[i], now, reading)
 
-    def recv(self, i, now, frame):
-        """The entry of a frame from the radio."""
-        return self._forward(trusted.anode_recv, self.anode[i], now, frame)
+    def recv(self, i, now, packet):
+        """The entry of a packet from the radio."""
+        return self._forward(trusted.anode_recv, self.anode[i], now, packet)
 
-    def send(self, i, now, frame):
-        """The entry of a frame to the radio; on air goes what is behind its header."""
-        return self._forward(trusted.anode_send, self.anode[i], now, frame)
+    def send(self, i, now, packet):
+        """The entry of a packet to the radio; on air goes what is behind its header."""
+        return self._forward(trusted.anode_send, self.anode[i], now, packet)
 
     def actuate(self, i, now, command):
         """The entry of a command to the actuators."""
         return self._forward(trusted.anode_actuate, self.anode[i], now, command)
 
     def _forward(self, function, node, now, payload):
-        entry = np.zeros(ENTRY_HEADER_BYTES + min(len(payload), FRAME_MAX), np.uint8)
+        entry = np.zeros(ENTRY_HEADER_BYTES + min(len(payload), PACKET_MAX), np.uint8)
         return bytes(entry[: _checked(function(self.profile, node, now, _row(payload), len(payload), entry))])
 
     def make_auth(self, i, nonce):
@@ -66,26 +66,26 @@ class Nodes(nodes.Nodes):
         """`paper` only: robot i's s-node knows an a-node's authenticator for good."""
         _checked(trusted.snode_check_auth_a(self.profile, self.snode[i], _row(top), robot_id, _row(mac)))
 
-    def token_request(self, i, now, tor):
+    def token_request(self, i, now, auditor):
         """The record `token_request`."""
         out = np.zeros(trusted.TREQ_BYTES, np.uint8)
-        _checked(trusted.anode_token_request(self.profile, self.anode[i], now, tor, out))
+        _checked(trusted.anode_token_request(self.profile, self.anode[i], now, auditor, out))
         return out.tobytes()
 
-    def issue_token(self, i, tee, t, top, treq_mac, hckpt):
-        """The MAC of robot i's token for `tee`."""
+    def issue_token(self, i, auditee, t, top, treq_mac, hckpt):
+        """The MAC of robot i's token for `auditee`."""
         mac = np.zeros(MAC_BYTES, np.uint8)
         rows = _row(top), _row(treq_mac), _row(hckpt), mac
-        _checked(trusted.anode_issue_token(self.profile, self.anode[i], tee, t, *rows))
+        _checked(trusted.anode_issue_token(self.profile, self.anode[i], auditee, t, *rows))
         return mac.tobytes()
 
-    def check_token(self, i, tor, tee, t, hckpt, mac):
+    def check_token(self, i, auditor, auditee, t, hckpt, mac):
         """Robot i's a-node knows the token for good."""
-        _checked(trusted.anode_check_token(self.profile, self.anode[i], tor, tee, t, _row(hckpt), _row(mac)))
+        _checked(trusted.anode_check_token(self.profile, self.anode[i], auditor, auditee, t, _row(hckpt), _row(mac)))
 
-    def install_token(self, i, now, tor, t, hckpt, mac):
+    def install_token(self, i, now, auditor, t, hckpt, mac):
         """Robot i's a-node counts the token."""
-        _checked(trusted.anode_install_token(self.profile, self.anode[i], now, tor, t, _row(hckpt), _row(mac)))
+        _checked(trusted.anode_install_token(self.profile, self.anode[i], now, auditor, t, _row(hckpt), _row(mac)))
 
 
 def _row(raw):

@@ -56,7 +56,7 @@ class SerialNodes:
     def __init__(self, nodes: Sequence[SerialNode], n: int, limits: Limits) -> None:
         assert len(nodes) == n
         assert all(node.about.told_clock for node in nodes), "a simulation tells boards the time"
-        self.profile = trusted.BOUND
+        self.profile = trusted.HARDENED
         self._nodes = nodes
         for node in nodes:
             node.make(limits)
@@ -111,7 +111,7 @@ def live(robot: int, board: SerialNode, restart: Callable[[], SerialNode]) -> in
     How many calls were answered as the oracle has it: all.
     """
     cases = json.loads((ROOT / "vectors" / "nodes.json").read_text())["cases"]
-    (story,) = [case for case in cases if case["profile"] == "bound"]
+    (story,) = [case for case in cases if case["profile"] == "hardened"]
     assert board.ask(lines.LIMITS, **story["limits"])[0] == 0
     done, before = 0, {}
     for k, told in enumerate(story["calls"]):

@@ -161,8 +161,8 @@ class World:
     def obey(self, i, command):
         self.acc[i] = command
 
-    def broadcast(self, i, frame):
-        said = MOTION.unpack(frame)[5:]
+    def broadcast(self, i, packet):
+        said = MOTION.unpack(packet)[5:]
         if np.hypot(*said) * 1.3 <= self.config.speed_mps:
             self.said.append((self.now + self.config.promise_ms, i, said))
         for j in range(len(self.robots)):
@@ -172,8 +172,8 @@ class World:
                 > self.config.forget_ms - 2 * self.config.state_every * self.config.period_ms
             )
             if j != i and (due or self.chance.random() >= self.loss):
-                self.push(self.now + self.chance.uniform(0, self.config.radio_ms), "hear", j, frame)
+                self.push(self.now + self.chance.uniform(0, self.config.radio_ms), "hear", j, packet)
                 self.heard[j, i] = self.now
 
-    def hear(self, j, frame):
-        self.robots[j].on_recv(int(self.now), frame)
+    def hear(self, j, packet):
+        self.robots[j].on_recv(int(self.now), packet)

@@ -1,4 +1,4 @@
-"""A few robots of a protocol in a world of one clock: bodies, frames that may be lost, and no audits."""
+"""A few robots of a protocol in a world of one clock: bodies, packets that may be lost, and no audits."""
 
 from __future__ import annotations
 
@@ -49,11 +49,11 @@ class ProtocolWorld:
         for step in range(round(seconds / CONTROL_S)):
             t_ms = 1000 + round(1000 * CONTROL_S * step)
             heard = [self._act(rob_id, step, t_ms) for rob_id in self.ids]
-            for rob_id, frames in zip(self.ids, heard):
+            for rob_id, packets in zip(self.ids, heard):
                 for other in self.ids:
-                    if other != rob_id and frames and not self.lost(rob_id, other, step):
-                        for frame in frames:
-                            self.robot(other).on_recv(t_ms + 1, frame)
+                    if other != rob_id and packets and not self.lost(rob_id, other, step):
+                        for packet in packets:
+                            self.robot(other).on_recv(t_ms + 1, packet)
             yield step
 
     def live(self, seconds: float) -> None:

@@ -36,7 +36,7 @@ class Result(NamedTuple):
 
 def run(air, reach, queue, until_us, fragment_bytes, fragments, targets, left_over, receivers):
     """Handle events until then, and return how many. left_over: (N,), fragments a robot has still to hand to its NIC."""
-    frame = np.zeros(8192, np.uint8)
+    packet = np.zeros(8192, np.uint8)
     targets, left_over = targets.tolist(), left_over.tolist()
     per_round = [fragments * sum(target >= 0 for target in row) for row in targets]
     events = 0
@@ -48,14 +48,14 @@ def run(air, reach, queue, until_us, fragment_bytes, fragments, targets, left_ov
             attempt(air, reach, queue, robot, now_us)
         elif kind == TX_END:
             end = finish(air, reach, queue, robot, arg, now_us, receivers)
-            if end.receivers == 1 and end.frame[0] == 0x80 and end.frame[1] == fragments - 1:
-                frame[0], frame[1] = 0x80, REPLY
-                sender = (int(end.frame[2]) << 8) + int(end.frame[3])
-                enqueue(air, queue, receivers[0], frame, REPLY_BYTES, sender, now_us)
+            if end.receivers == 1 and end.packet[0] == 0x80 and end.packet[1] == fragments - 1:
+                packet[0], packet[1] = 0x80, REPLY
+                sender = (int(end.packet[2]) << 8) + int(end.packet[3])
+                enqueue(air, queue, receivers[0], packet, REPLY_BYTES, sender, now_us)
             hand_over = end.left
         elif kind == STATE:
-            frame[0] = 1
-            enqueue(air, queue, robot, frame, STATE_BYTES, BROADCAST, now_us)
+            packet[0] = 1
+            enqueue(air, queue, robot, packet, STATE_BYTES, BROADCAST, now_us)
             push(queue, now_us + STATE_US, STATE, robot, 0)
         else:
             left_over[robot] += per_round[robot]
@@ -65,8 +65,8 @@ def run(air, reach, queue, until_us, fragment_bytes, fragments, targets, left_ov
             of_round = per_round[hand_over]
             nth = of_round - 1 - (left_over[hand_over] - 1) % of_round
             target = targets[hand_over][nth // fragments]
-            frame[0], frame[1], frame[2], frame[3] = 0x80, nth % fragments, hand_over >> 8, hand_over & 255
-            if enqueue(air, queue, hand_over, frame, fragment_bytes, target, now_us) == 0:
+            packet[0], packet[1], packet[2], packet[3] = 0x80, nth % fragments, hand_over >> 8, hand_over & 255
+            if enqueue(air, queue, hand_over, packet, fragment_bytes, target, now_us) == 0:
                 left_over[hand_over] -= 1
     return events
 

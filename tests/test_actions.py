@@ -16,7 +16,7 @@ from phalanx.robot import actions, handlers
 from phalanx.robot.actions import EVERYBODY, Action, Actuate, RetryAt, RoundAt, Transmit, Verdict
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.fields import row
-from phalanx.wire.table import FRAME_MAX, OUTPUT
+from phalanx.wire.table import OUTPUT, PACKET_MAX
 from phalanx.world.audited import loop, pybot
 from phalanx.world.audited.world import World, clock_ms
 from phalanx.world.radio.channel import BROADCAST
@@ -24,7 +24,7 @@ from phalanx.world.scenarios.run import Run
 
 ME = 2
 ids, moments = st.integers(1, 0xFFFF), st.integers(0, 1 << 40)
-packets = st.binary(min_size=1, max_size=FRAME_MAX)
+packets = st.binary(min_size=1, max_size=PACKET_MAX)
 each_action = st.one_of(
     st.builds(Transmit, packets, ids | st.just(EVERYBODY)),
     st.builds(Actuate, packets),
@@ -72,7 +72,7 @@ def swarm() -> World:
 
 
 @pytest.mark.parametrize(("kind", "of"), [(ACMD, Actuate), (SEND, Transmit)])
-@pytest.mark.parametrize("size", [1, 20, FRAME_MAX])
+@pytest.mark.parametrize("size", [1, 20, PACKET_MAX])
 def test_whatever_a_controller_puts_out_in_one_step_fits_into_the_buffer(swarm, kind, of, size):
     w = swarm.work
     one = OUTPUT.encode(type=kind, payload=bytes([1]) * size)

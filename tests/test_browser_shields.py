@@ -45,7 +45,7 @@ def obeys_nobody(page) -> bool:
 @pytest.mark.alone
 def test_arcs_show_vouchers_a_refusal_flashes_and_the_liar_goes_grey(browser, tmp_path):
     with (
-        a_gateway("--defence", "bound", "--seed", "6") as (up, ready),
+        a_gateway("--defence", "hardened", "--seed", "6") as (up, ready),
         a_page(browser, **PHONE, reduced_motion="no-preference") as phone,
         a_page(browser, viewport={"width": 1280, "height": 720}, reduced_motion="no-preference") as desk,
     ):
@@ -110,7 +110,7 @@ def test_arcs_show_vouchers_a_refusal_flashes_and_the_liar_goes_grey(browser, tm
 
 def test_a_stopped_robot_is_let_go_by_the_thumb_that_drives_it(browser, tmp_path):
     with (
-        a_gateway("--defence", "bound") as (up, ready),
+        a_gateway("--defence", "hardened") as (up, ready),
         a_page(browser, BUZZED, **PHONE) as phone,
         a_page(browser, viewport={"width": 1280, "height": 900}) as desk,
     ):
@@ -144,14 +144,14 @@ def test_a_stopped_robot_is_let_go_by_the_thumb_that_drives_it(browser, tmp_path
 
 
 def test_who_wants_no_motion_sees_the_same_without_fading(browser):
-    with a_gateway("--defence", "bound") as (_, ready), a_page(browser, **PHONE) as phone:
+    with a_gateway("--defence", "hardened") as (_, ready), a_page(browser, **PHONE) as phone:
         phone.goto(insecure(ready["qr_url"]))
         badge(phone, "live")
         wait_until(lambda: pixels(phone, 1, "--good") > 12 * 40, 15)
 
 
 def test_the_joystick_stays_where_it_is_whatever_the_shield_says(browser):
-    with a_gateway("--defence", "bound") as (_, ready), a_page(browser) as phone:
+    with a_gateway("--defence", "hardened") as (_, ready), a_page(browser) as phone:
         phone.goto(insecure(ready["qr_url"]))
         badge(phone, "live")
         choose(phone, "Ada")

@@ -133,13 +133,13 @@ class TestFragments:
         sender = fleet.robot[0]
         fleet.request.rows[request.row_of(fleet, 0), :length] = content
         sender.request_len, sender.request_next, sender.request_no, sender.request_to = length, 0, no, 2
-        frames, frame = [], np.zeros(2048, np.uint8)
-        while (n := request.next_fragment(fleet, 0, 0, frame)) > 0:
-            frames.append((frame.copy(), n))
-        assert len(frames) == -(-length // 2038)
-        order.shuffle(frames)
-        places = [request.take_fragment(fleet, 1, each, n, 10_000) for each, n in frames]
-        assert places[:-1] == [-1] * (len(frames) - 1)
+        packets, packet = [], np.zeros(2048, np.uint8)
+        while (n := request.next_fragment(fleet, 0, 0, packet)) > 0:
+            packets.append((packet.copy(), n))
+        assert len(packets) == -(-length // 2038)
+        order.shuffle(packets)
+        places = [request.take_fragment(fleet, 1, each, n, 10_000) for each, n in packets]
+        assert places[:-1] == [-1] * (len(packets) - 1)
         assert fleet.rx_info[1, places[-1]].len == length
         assert np.array_equal(fleet.rx.rows[fleet.rx_info[1, places[-1]].row, :length], content)
 
@@ -147,10 +147,10 @@ class TestFragments:
     @given(st.binary(max_size=2048))
     def test_any_bytes_are_a_fragment_or_nothing(self, raw):
         run = running(0.0)
-        frame = np.zeros(2048, np.uint8)
-        frame[: len(raw)] = np.frombuffer(raw, np.uint8)
+        packet = np.zeros(2048, np.uint8)
+        packet[: len(raw)] = np.frombuffer(raw, np.uint8)
         assert (
-            -1 <= request.take_fragment(run.world.fleet, 1, frame, len(raw), 10_000) < run.world.fleet.rx_info.shape[1]
+            -1 <= request.take_fragment(run.world.fleet, 1, packet, len(raw), 10_000) < run.world.fleet.rx_info.shape[1]
         )
 
 

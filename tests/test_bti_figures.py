@@ -420,7 +420,7 @@ class TestTrial:
     def test_late_is_late(self, stop, in_time):
         told = {"duration_s": 60.0}
         came_to = {"harm": 0.0, "attacked": told, "honest": told, "honest_distance_m": 0.0}
-        trial = FlockTrial(**said_of(ATTACKS["spoof"], "bound"), **came_to, bound_s=10.251, stops=(stop,))
+        trial = FlockTrial(**said_of(ATTACKS["spoof"], "hardened"), **came_to, bound_s=10.251, stops=(stop,))
         assert trial.stopped_in_time is in_time
 
 

@@ -47,7 +47,7 @@ class TestRun:
     def test_json_has_everything_that_is_promised(self, said):
         told = said("sim", "run", "bti-fig9", "--duration", "17")
         assert set(told) >= KEYS
-        assert (told["robots"], told["duration_s"], told["seed"], told["defence"]) == (25, 17, 0, "bound")
+        assert (told["robots"], told["duration_s"], told["seed"], told["defence"]) == (25, 17, 0, "hardened")
         assert [t_s for t_s, _ in told["distance_series"]] == list(range(1, 18))
         assert told["distance_series"][-1][1] == told["mean_distance_to_goal_m"]
         (liar,) = told["compromised"]
@@ -66,7 +66,7 @@ class TestRun:
         assert 100 > told["airtime_pct_per_robot"]["audit"] > told["airtime_pct_per_robot"]["app"] > 0
         assert 0.9 < told["broadcast_delivery"] <= 1
 
-    @pytest.mark.parametrize("defence, code", [("paper", 1), ("bound", 0)])
+    @pytest.mark.parametrize("defence, code", [("paper", 1), ("hardened", 0)])
     def test_it_ends_with_1_if_a_correct_robot_with_a_quorum_was_stopped(self, phalanx, defence, code):
         words = ("--defence", defence, "--attack", "request-flood:at=1", "--duration", "20", "--json")
         ended, out, err = phalanx("sim", "run", "flock-12", *words)
@@ -79,7 +79,7 @@ class TestRun:
         told = said("sim", "run", name, "--duration", "2")
         assert told["robots"] == find_scenario(name).robots
 
-    @pytest.mark.parametrize("defence", ["none", "paper", "bound"])
+    @pytest.mark.parametrize("defence", ["none", "paper", "hardened"])
     def test_the_same_seed_gives_the_same_digest_and_another_does_not(self, said, defence):
         first, again, other = (
             said("sim", "run", "flock-12", *QUICK, "--defence", defence, "--seed", seed)["digest"]
@@ -277,7 +277,7 @@ class TestLists:
         listed = said("attack", "list")["attacks"]
         assert [each["name"] for each in listed] == sorted(IN_FLOCKS)
         for each in listed:
-            assert set(each["verdicts"]) == {"none", "paper", "bound"}
+            assert set(each["verdicts"]) == {"none", "paper", "hardened"}
             assert each["does"]
             assert each["stopped_by"]
             assert each["robots"] == ("f_max" if IN_FLOCKS[each["name"]].crowd else 1)
@@ -293,7 +293,7 @@ class TestAttack:
         (stop,) = told["stops"]
         assert told["stopped_in_time"] is True
         assert stop["safe_mode_s"] - stop["first_deviation_s"] <= told["bound_s"] == 10.101
-        assert (told["declared"], told["defence"], told["attack"]) == ("stopped", "bound", "spoof")
+        assert (told["declared"], told["defence"], told["attack"]) == ("stopped", "hardened", "spoof")
         code, out, _ = phalanx(*words)
         assert code == 0
         assert "10.101 s from deviation to Safe Mode, 0.15 s more where an output was missing: kept" in out
@@ -392,7 +392,7 @@ class TestAttack:
         assert said(*words)["idle"] == ["strong"]
         assert said(*words, "--defence", "none")["idle"] == []
         _, out, _ = phalanx(*words)
-        assert "strong: makes no difference under bound" in out
+        assert "strong: makes no difference under hardened" in out
 
     @pytest.mark.parametrize(
         "words, complaint, hint",

@@ -99,7 +99,7 @@ class TestUp:
 
     @pytest.mark.alone
     @pytest.mark.parametrize(
-        ("number", "defence"), [(signal.SIGINT, "none"), (signal.SIGTERM, "none"), (signal.SIGINT, "bound")]
+        ("number", "defence"), [(signal.SIGINT, "none"), (signal.SIGTERM, "none"), (signal.SIGINT, "hardened")]
     )
     def test_it_ends_within_two_seconds_children_included(self, number, defence):
         with a_gateway("--defence", defence) as (up, _):
@@ -273,7 +273,7 @@ class TestUp:
     @pytest.mark.parametrize(
         ("host", "defence", "more", "code"),
         [
-            ("127.0.0.1", "bound", (), "j="),
+            ("127.0.0.1", "hardened", (), "j="),
             ("0.0.0.0", "none", (), "j="),
             ("127.0.0.1", "none", ("--broker", "mosquitto", "--qrkey"), "v=1&pin="),
         ],

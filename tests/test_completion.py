@@ -63,7 +63,7 @@ def offered(shell, line: str) -> list[str]:
         ("phalanx mission inspect ", [], ["made.phxm"]),
         ("phalanx up --mission ", MISSIONS, ["made.phxm", "mine.yaml"]),
         ("phalanx up --furnish ", MISSIONS, ["mine.yaml"]),
-        ("phalanx up --defence ", ["bound", "none", "paper"], []),
+        ("phalanx up --defence ", ["hardened", "none", "paper"], []),
     ],
 )
 def test_names_and_files_are_offered(shell, line, names, files):

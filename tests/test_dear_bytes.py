@@ -110,8 +110,8 @@ def cut(mqtt: int, stream: bytes, sizes: list[int] | None = None) -> list[Arrive
 
 @pytest.mark.waits
 class TestAHostileBroker:
-    @pytest.mark.parametrize("frame", EMPTY)
-    async def test_frames_that_carry_nothing_hold_nothing_up_however_many(self, frame):
+    @pytest.mark.parametrize("packet", EMPTY)
+    async def test_frames_that_carry_nothing_hold_nothing_up_however_many(self, packet):
         """They were read for as long as they came: no turn of the loop, no Ctrl-C."""
         connack = frame_head(2, 5) + b"\x20\x03\x00\x00\x00"
         over, listening = threading.Event(), socket.create_server(("127.0.0.1", 0))
@@ -127,7 +127,7 @@ class TestAHostileBroker:
                     there.sendall(client.replies + connack * (b"MQTT" in heard))
                     client.replies = b""
                 while not over.is_set():
-                    there.sendall(frame * 1000)
+                    there.sendall(packet * 1000)
 
         flood = threading.Thread(target=broker)
         flood.start()

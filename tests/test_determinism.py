@@ -36,7 +36,7 @@ class Mine(Controller):
     def decode(self, encoding):
         (self.heard,) = struct.unpack("<d", encoding)
 
-    def on_recv(self, t_ms, frame):
+    def on_recv(self, t_ms, packet):
         self.heard = self.heard + 1
 
     def on_input(self, step, t_ms, reading):
@@ -185,7 +185,7 @@ def test_so_is_the_one_that_the_others_are_made_from(checked):
             id="a float that is rounded as text",
         ),
         pytest.param(
-            {COUNTED: "EVERYBODY.append(frame); self.heard = len(EVERYBODY)"},
+            {COUNTED: "EVERYBODY.append(packet); self.heard = len(EVERYBODY)"},
             {BESIDE, FROM, OVER},
             r"encode at byte [0-7]: ",
             id="something that all controllers of a process share",
@@ -203,15 +203,15 @@ def test_so_is_the_one_that_the_others_are_made_from(checked):
             id="compiled code that rounds otherwise",
         ),
         pytest.param(
-            {COUNTED: "self.heard += frame[20]"},
+            {COUNTED: "self.heard += packet[20]"},
             {RAISES},
             r"on_recv raises: IndexError in mine.py:\d+: index out of range",
-            id="a frame that was cut short",
+            id="a packet that was cut short",
         ),
         pytest.param(
-            {COUNTED: "self.heard += int(struct.unpack_from('<f', frame.ljust(27, b'.'), 11)[0])"},
+            {COUNTED: "self.heard += int(struct.unpack_from('<f', packet.ljust(27, b'.'), 11)[0])"},
             {RAISES},
-            r"frame, \d+ ms, .*\): on_recv raises: ValueError in mine.py:\d+: cannot convert float NaN to integer",
+            r"packet, \d+ ms, .*\): on_recv raises: ValueError in mine.py:\d+: cannot convert float NaN to integer",
             id="NaN in a frame",
         ),
         pytest.param(
@@ -233,7 +233,7 @@ def test_so_is_the_one_that_the_others_are_made_from(checked):
             id="no outputs at an odd reading",
         ),
         pytest.param(
-            {COUNTED: "self.heard += len(frame) // 400", '"<d", self.heard)': '"<d", self.heard) + bytes(int(self.heard) * 5000)',
+            {COUNTED: "self.heard += len(packet) // 400", '"<d", self.heard)': '"<d", self.heard) + bytes(int(self.heard) * 5000)',
              '"<d", encoding)': '"<d", encoding[:8])'},
             {REFUSED},
             r"refused: encode returned \d+ bytes",
@@ -300,7 +300,7 @@ def test_what_looks_beyond_its_inputs_is_told_even_if_it_catches_that(checked, d
 
 def test_nor_is_that_noted_as_something_raised(monkeypatch):
     class Endless:
-        def on_recv(self, t_ms, frame):
+        def on_recv(self, t_ms, packet):
             while True:
                 pass
 
@@ -318,7 +318,7 @@ class TestCommand:
     def test_1_is_a_difference_and_json_has_its_place(self, tmp_path, monkeypatch, capsys):
         monkeypatch.setattr(check, "_process", here)
         path = tmp_path / "mine.py"
-        path.write_text(WHOLE.replace(COUNTED, "self.heard += frame[20]"))
+        path.write_text(WHOLE.replace(COUNTED, "self.heard += packet[20]"))
         assert run_command(["sim", "check", f"{path}:Mine", "--json", "--seed", "4"]) == 1
         told = json.loads(capsys.readouterr().out)
         assert (told["agrees"], told["seed"]) == (False, 4)

@@ -26,12 +26,12 @@ MASTER, MISSION, R = bytes(range(20)), bytes(range(50, 70)), b"random" * 3 + b"!
 LIMITS = Limits.of(BtiConfig(), fixed_us=100, ns_per_byte_broadcast=1333, ns_per_byte_unicast=300)
 HCKPT = b"checkpoint" * 2
 STATE = b"\x01".ljust(27, b"s")
-BOTH = pytest.mark.parametrize("profile", [trusted.BOUND, trusted.PAPER], ids=["bound", "paper"])
+BOTH = pytest.mark.parametrize("profile", [trusted.HARDENED, trusted.PAPER], ids=["hardened", "paper"])
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _as_robots_compute():
-    for profile in (trusted.BOUND, trusted.PAPER):
+    for profile in (trusted.HARDENED, trusted.PAPER):
         trusted.host_use(profile, 0)
 
 
@@ -47,7 +47,7 @@ def row(raw):
     return np.frombuffer(bytearray(raw), np.uint8)
 
 
-def keyed(profile=trusted.BOUND, n=3, now=0, **more):
+def keyed(profile=trusted.HARDENED, n=3, now=0, **more):
     nodes = Nodes(n, profile, replace(LIMITS, **more))
     for i in range(n):
         nodes.load_master(i, MASTER, i + 1)
@@ -61,11 +61,11 @@ def refusal(action, *arguments):
     return refused.value.reason
 
 
-def audited(nodes, tee, tor, now):
-    """A token for robot `tee` from robot `tor`, by rows: (t, mac)."""
-    request = nodes.token_request(tee, now, tor + 1)
+def audited(nodes, auditee, auditor, now):
+    """A token for robot `auditee` from robot `auditor`, by rows: (t, mac)."""
+    request = nodes.token_request(auditee, now, auditor + 1)
     t = int.from_bytes(request[:4], "little")
-    return t, nodes.issue_token(tor, tee + 1, t, request[4:24], request[24:], HCKPT)
+    return t, nodes.issue_token(auditor, auditee + 1, t, request[4:24], request[24:], HCKPT)
 
 
 class TestVectors:
@@ -79,7 +79,7 @@ class TestVectors:
 
     @each("present")
     def test_present_encrypts_as_published(self, case):
-        ffi, lib = trusted.FIRMWARE[trusted.BOUND]
+        ffi, lib = trusted.FIRMWARE[trusted.HARDENED]
         cipher = bytearray(8)
         lib.phx_present80(
             bytes.fromhex(case["key"]), bytes.fromhex(case["plain"]), ffi.from_buffer("uint8_t[]", cipher)
@@ -103,7 +103,7 @@ class TestVectors:
 
     @each("nodes")
     def test_nodes_answer_as_the_oracle_does(self, case):
-        profile = ["bound", "paper"].index(case["profile"])
+        profile = ["hardened", "paper"].index(case["profile"])
         ffi, lib = trusted.FIRMWARE[profile]
         nodes = Nodes(4, profile, Limits(**case["limits"]))
         for step, call in enumerate(case["calls"]):
@@ -111,7 +111,7 @@ class TestVectors:
             node = getattr(nodes, call["call"].partition("_")[0])[call["robot"]]
             texts = [bytes.fromhex(text) for text in call["bytes"]]
             numbers = iter([*call["numbers"], len(texts[0]) if texts else 0])
-            out = np.zeros(table.FRAME_MAX + table.ENTRY_HEADER_BYTES, np.uint8)
+            out = np.zeros(table.PACKET_MAX + table.ENTRY_HEADER_BYTES, np.uint8)
             left = iter(texts)
             values = [ffi.cast("void *", node.ctypes.data)]
             for argument in ffi.typeof(function).args[1:]:
@@ -140,18 +140,18 @@ class TestForwarding:
     @BOTH
     def test_audit_frames_are_forwarded_and_not_chained(self, profile):
         nodes = keyed(profile)
-        before = nodes.token_request(0, 5000, 2)[4:24] if profile == trusted.BOUND else nodes.make_auth_a(0)[:20]
-        frame = b"\x80" + u16(7) + u16(2) + b"\x01fragment"
-        assert nodes.recv(0, 5001, frame)[7:] == frame
-        sent = nodes.send(0, 5002, frame)[7:]
-        after = nodes.token_request(0, 5003, 2)[4:24] if profile == trusted.BOUND else nodes.make_auth_a(0)[:20]
+        before = nodes.token_request(0, 5000, 2)[4:24] if profile == trusted.HARDENED else nodes.make_auth_a(0)[:20]
+        packet = b"\x80" + u16(7) + u16(2) + b"\x01fragment"
+        assert nodes.recv(0, 5001, packet)[7:] == packet
+        sent = nodes.send(0, 5002, packet)[7:]
+        after = nodes.token_request(0, 5003, 2)[4:24] if profile == trusted.HARDENED else nodes.make_auth_a(0)[:20]
         assert before == after
-        # In `bound` nobody sends one in another's name.
-        assert sent == (b"\x80" + u16(1) + frame[3:] if profile == trusted.BOUND else frame)
+        # In `hardened` nobody sends one in another's name.
+        assert sent == (b"\x80" + u16(1) + packet[3:] if profile == trusted.HARDENED else packet)
 
     def test_only_audit_frames_get_their_true_source(self):
-        frame = b"\x01" + u16(9) + bytes(24)
-        assert keyed().send(0, 1, frame)[7:] == frame
+        packet = b"\x01" + u16(9) + bytes(24)
+        assert keyed().send(0, 1, packet)[7:] == packet
 
     @BOTH
     @pytest.mark.parametrize("call", ["poll", "recv", "send", "actuate"])
@@ -244,15 +244,15 @@ class TestKeys:
             seal_mission_key(MASTER, MISSION, b"", 1)
 
     def test_an_audit_frame_is_at_least_its_header(self):
-        nodes, frame = keyed(n=1), b"\x80" + bytes(5)
-        nodes.send(0, 100, frame)
-        assert refusal(nodes.send, 0, 100, frame[:-1]) == refusal(nodes.send, 0, 100, b"")
+        nodes, packet = keyed(n=1), b"\x80" + bytes(5)
+        nodes.send(0, 100, packet)
+        assert refusal(nodes.send, 0, 100, packet[:-1]) == refusal(nodes.send, 0, 100, b"")
 
     def test_limits_that_make_no_sense_are_refused(self):
-        Nodes(1, trusted.BOUND, replace(LIMITS, f_max=15))
+        Nodes(1, trusted.HARDENED, replace(LIMITS, f_max=15))
         for wrong in ({"f_max": 16}, {"batch_size": 0}, {"bucket_period_ms": 0}, {"t_val_ms": -1}, {"t_val_ms": 2**32}):
             with pytest.raises(UsageError, match="limits"):
-                Nodes(1, trusted.BOUND, replace(LIMITS, **wrong))
+                Nodes(1, trusted.HARDENED, replace(LIMITS, **wrong))
 
 
 class TestTokens:
@@ -260,9 +260,9 @@ class TestTokens:
     def test_enough_fresh_tokens_keep_a_robot_alive(self, profile):
         nodes = keyed(profile, n=5, f_max=1)
         for now in range(4000, 40_000, 4000):
-            for tor in (1, 2):
-                t, mac = audited(nodes, 0, tor, now)
-                nodes.install_token(0, now, tor + 1, t, HCKPT, mac)
+            for auditor in (1, 2):
+                t, mac = audited(nodes, 0, auditor, now)
+                nodes.install_token(0, now, auditor + 1, t, HCKPT, mac)
             assert trusted.anode_check(profile, nodes.anode[0], now) == 0
         last = 36_000
         assert trusted.anode_check(profile, nodes.anode[0], last + LIMITS.t_val_ms) == 0
@@ -285,9 +285,9 @@ class TestTokens:
         # f_max = 1: three places. Two fresh tokens are needed, so the age of the second newest shows.
         nodes = keyed(profile, n=6, f_max=1)
         late = audited(nodes, 0, 5, 3900)
-        for tor, now in ((1, 4000), (3, 6000), (2, 5000), (4, 7000)):
-            t, mac = audited(nodes, 0, tor, now)
-            nodes.install_token(0, 7000, tor + 1, t, HCKPT, mac)
+        for auditor, now in ((1, 4000), (3, 6000), (2, 5000), (4, 7000)):
+            t, mac = audited(nodes, 0, auditor, now)
+            nodes.install_token(0, 7000, auditor + 1, t, HCKPT, mac)
         nodes.install_token(0, 7000, 6, late[0], HCKPT, late[1])
         nodes.anode[1] = nodes.anode[0]
         assert trusted.anode_check(profile, nodes.anode[0], 6000 + LIMITS.t_val_ms) == 0
@@ -298,8 +298,8 @@ class TestTokens:
         nodes = keyed(profile, f_max=1)
         old, new = audited(nodes, 0, 1, 4000), audited(nodes, 0, 1, 8000)
         other = audited(nodes, 0, 2, 8000)
-        for tor, (t, mac) in ((2, new), (3, other), (2, old)):
-            nodes.install_token(0, 9000, tor, t, HCKPT, mac)
+        for auditor, (t, mac) in ((2, new), (3, other), (2, old)):
+            nodes.install_token(0, 9000, auditor, t, HCKPT, mac)
         # As printed the map is overwritten with whatever comes last.
         assert trusted.anode_check(profile, nodes.anode[0], 15_000) == (profile == trusted.PAPER)
 
@@ -325,9 +325,9 @@ class TestTokens:
     def test_a_full_map_keeps_its_tokens_when_an_older_one_comes_late(self):
         nodes = keyed(n=6, f_max=1)
         late = audited(nodes, 0, 5, 3900)
-        for tor, now in ((1, 4000), (2, 5000), (3, 6000)):
-            t, mac = audited(nodes, 0, tor, now)
-            nodes.install_token(0, 7000, tor + 1, t, HCKPT, mac)
+        for auditor, now in ((1, 4000), (2, 5000), (3, 6000)):
+            t, mac = audited(nodes, 0, auditor, now)
+            nodes.install_token(0, 7000, auditor + 1, t, HCKPT, mac)
         before = nodes.anode[0].copy()
         nodes.install_token(0, 7000, 6, late[0], HCKPT, late[1])
         assert (nodes.anode[0] == before).all()
@@ -381,7 +381,7 @@ def told_apart(one, other):
 
 @pytest.mark.parametrize("name", ["snode", "anode"])
 def test_nothing_of_a_key_is_left_in_safe_mode(name):
-    nodes, others = keyed(), Nodes(3, trusted.BOUND, LIMITS)
+    nodes, others = keyed(), Nodes(3, trusted.HARDENED, LIMITS)
     others.load_master(0, MASTER, 1)
     others.load_mission(0, 0, seal_mission_key(MASTER, bytes(20), R, 1))
     at = told_apart(getattr(nodes, name)[0], getattr(others, name)[0])
@@ -394,7 +394,7 @@ def test_nothing_of_a_key_is_left_in_safe_mode(name):
 def test_an_s_node_that_goes_on_after_safe_mode_helps_nobody():
     nodes = keyed()
     request = nodes.token_request(0, 5000, 2)
-    assert trusted.anode_check(trusted.BOUND, nodes.anode[0], LIMITS.t_val_ms) == 1
+    assert trusted.anode_check(trusted.HARDENED, nodes.anode[0], LIMITS.t_val_ms) == 1
     later = 2 * LIMITS.t_val_ms
     assert nodes.poll(0, later, STATE)
     kept = nodes.make_auth(0, request[24:])
@@ -410,7 +410,7 @@ def test_an_s_node_that_goes_on_after_safe_mode_helps_nobody():
 
 class TestHolesOfThePrintedProtocol:
     def test_an_old_authenticator_answers_a_new_request_in_paper_only(self):
-        for profile in (trusted.BOUND, trusted.PAPER):
+        for profile in (trusted.HARDENED, trusted.PAPER):
             nodes = keyed(profile)
             nodes.poll(0, 10, STATE)
             first = nodes.token_request(0, 5000, 2)
@@ -432,21 +432,24 @@ class TestHolesOfThePrintedProtocol:
         assert refusal(nodes.issue_token, 1, 1, 6000, old[4:24], new[24:], HCKPT) == "bad_mac"
 
     def test_the_zero_key_makes_a_token_for_ever_in_paper_only(self):
-        for profile in (trusted.BOUND, trusted.PAPER):
+        for profile in (trusted.HARDENED, trusted.PAPER):
             nodes = Nodes(1, profile, replace(LIMITS, f_max=1))
             nodes.load_master(0, MASTER, 1)
-            forged = {tor: lightmac(bytes(20), b"\x14" + u16(tor) + u16(1) + u32(2**32 - 1) + HCKPT) for tor in (2, 3)}
-            for tor, mac in forged.items():
+            forged = {
+                auditor: lightmac(bytes(20), b"\x14" + u16(auditor) + u16(1) + u32(2**32 - 1) + HCKPT)
+                for auditor in (2, 3)
+            }
+            for auditor, mac in forged.items():
                 if profile == trusted.PAPER:
-                    nodes.install_token(0, 0, tor, 2**32 - 1, HCKPT, mac)
+                    nodes.install_token(0, 0, auditor, 2**32 - 1, HCKPT, mac)
                 else:
-                    assert refusal(nodes.install_token, 0, 0, tor, 2**32 - 1, HCKPT, mac) == "no_key"
+                    assert refusal(nodes.install_token, 0, 0, auditor, 2**32 - 1, HCKPT, mac) == "no_key"
             nodes.load_mission(0, 0, seal_mission_key(MASTER, MISSION, R, 1))
             an_hour_later = trusted.anode_check(profile, nodes.anode[0], 3_600_000)
             assert an_hour_later == (0 if profile == trusted.PAPER else 1)
 
     def test_without_a_key_no_mac_is_made_in_bound(self):
-        nodes = Nodes(1, trusted.BOUND, LIMITS)
+        nodes = Nodes(1, trusted.HARDENED, LIMITS)
         assert refusal(nodes.load_mission, 0, 0, seal_mission_key(bytes(20), bytes(20), R, 1)) == "no_key"
         nodes.load_master(0, MASTER, 1)
         assert refusal(nodes.make_auth, 0, bytes(8)) == "no_key"

@@ -8,7 +8,7 @@ from test_firmware import keyed, refusal
 
 KEYED_MS = 100_000
 NS_PER_BYTE = 1000
-# A bucket of one frame of 1000 bytes, filled in one second; another byte is one too many.
+# A bucket of one packet of 1000 bytes, filled in one second; another byte is one too many.
 AIR = {
     "airtime_fixed_us": 0,
     "airtime_ns_per_byte_broadcast": NS_PER_BYTE,
@@ -21,7 +21,7 @@ AIR = {
 both_sorts = pytest.mark.parametrize("kind", [b"\x01", b"\x80"], ids=["ordinary", "audit"])
 
 
-def frame(kind, length):
+def packet(kind, length):
     """To all."""
     return kind.ljust(length, b"\0")
 
@@ -30,11 +30,11 @@ def frame(kind, length):
 @pytest.mark.parametrize("after_ms", [0, 1000, 50_000])
 def test_airtime_is_full_at_a_new_key_and_never_fuller(kind, after_ms):
     nodes = keyed(now=KEYED_MS, **AIR)
-    assert nodes.send(0, KEYED_MS + after_ms, frame(kind, 994))
-    assert nodes.send(0, KEYED_MS + after_ms, frame(kind, 6))
-    assert refusal(nodes.send, 0, KEYED_MS + after_ms, frame(kind, 6)) == "airtime"
-    assert refusal(nodes.send, 0, KEYED_MS + after_ms + 5, frame(kind, 6)) == "airtime"
-    assert nodes.send(0, KEYED_MS + after_ms + 6, frame(kind, 6))
+    assert nodes.send(0, KEYED_MS + after_ms, packet(kind, 994))
+    assert nodes.send(0, KEYED_MS + after_ms, packet(kind, 6))
+    assert refusal(nodes.send, 0, KEYED_MS + after_ms, packet(kind, 6)) == "airtime"
+    assert refusal(nodes.send, 0, KEYED_MS + after_ms + 5, packet(kind, 6)) == "airtime"
+    assert nodes.send(0, KEYED_MS + after_ms + 6, packet(kind, 6))
 
 
 @both_sorts
@@ -42,9 +42,9 @@ def test_airtime_is_full_at_a_new_key_and_never_fuller(kind, after_ms):
 def test_a_frame_costs_its_fixed_time_and_its_bytes(kind, length, passes):
     nodes = keyed(now=KEYED_MS, **(AIR | {"airtime_fixed_us": 990}))
     if passes:
-        assert nodes.send(0, KEYED_MS, frame(kind, length))
+        assert nodes.send(0, KEYED_MS, packet(kind, length))
     else:
-        assert refusal(nodes.send, 0, KEYED_MS, frame(kind, length)) == "airtime"
+        assert refusal(nodes.send, 0, KEYED_MS, packet(kind, length)) == "airtime"
 
 
 @pytest.mark.parametrize("to", [b"\x05\x00", b"\x00\x05", b"\x05\x05"])
@@ -52,8 +52,8 @@ def test_a_frame_to_one_robot_costs_what_a_frame_to_one_costs(to):
     nodes = keyed(now=KEYED_MS, **(AIR | {"airtime_ns_per_byte_unicast": NS_PER_BYTE // 10}))
     to_one = b"\x80\0\0" + to
     assert nodes.send(0, KEYED_MS, to_one.ljust(2000, b"\0"))
-    assert nodes.send(0, KEYED_MS, frame(b"\x80", 800))
-    assert refusal(nodes.send, 0, KEYED_MS, frame(b"\x80", 6)) == "airtime"
+    assert nodes.send(0, KEYED_MS, packet(b"\x80", 800))
+    assert refusal(nodes.send, 0, KEYED_MS, packet(b"\x80", 6)) == "airtime"
 
 
 def test_token_requests_are_none_at_a_new_key_however_long_the_node_was_up():

@@ -31,11 +31,11 @@ from phalanx.bti import trusted
 from phalanx.bti.nodes import Limits, Nodes, seal_mission_key
 from phalanx.config import BtiConfig
 
-def story(profile, anode, snode, entry, frame, out):
+def story(profile, anode, snode, entry, packet, out):
     total = 0
     for now in range(50):
-        total += trusted.anode_send(profile, anode, 3000 + now, frame, frame.size, entry)
-        total += trusted.snode_poll(profile, snode, 3000 + now, frame, frame.size, entry)
+        total += trusted.anode_send(profile, anode, 3000 + now, packet, packet.size, entry)
+        total += trusted.snode_poll(profile, snode, 3000 + now, packet, packet.size, entry)
     total += trusted.anode_token_request(profile, anode, 5000, 2, out)
     return total + trusted.snode_make_auth(profile, snode, out[24:32], out[32:62])
 
@@ -70,7 +70,7 @@ def keyed(profile):
 
 
 def test_buffers_that_are_too_small_never_reach_the_c():
-    a, s = keyed(trusted.BOUND).anode[0], keyed(trusted.BOUND).snode[0]
+    a, s = keyed(trusted.HARDENED).anode[0], keyed(trusted.HARDENED).snode[0]
     small = {n: np.zeros(n, np.uint8) for n in (7, 8, 19, 20, 29, 31, 33, 34)}
     tight, payload = small[33], np.ones(27, np.uint8)
     for call, node in (
@@ -124,7 +124,7 @@ ROWS = [
 ]
 
 
-@pytest.mark.parametrize("profile", [trusted.BOUND, trusted.PAPER])
+@pytest.mark.parametrize("profile", [trusted.HARDENED, trusted.PAPER])
 @pytest.mark.parametrize(("name", "row"), ROWS)
 def test_a_row_that_lacks_a_byte_never_reaches_the_c(profile, name, row, monkeypatch):
     plain, asked = functions()[name], []
@@ -132,7 +132,7 @@ def test_a_row_that_lacks_a_byte_never_reaches_the_c(profile, name, row, monkeyp
         if called in plain.__globals__:
             monkeypatch.setitem(plain.__globals__, called, lambda *given: asked.append(given) or 0)
     plain(*arguments_of(plain, profile))
-    only_elsewhere = (name in ("anode_make_auth", "snode_check_auth_a")) and profile == trusted.BOUND
+    only_elsewhere = (name in ("anode_make_auth", "snode_check_auth_a")) and profile == trusted.HARDENED
     assert len(asked) == (0 if only_elsewhere else 1)
     asked.clear()
     for function in {plain, getattr(trusted, name)}:
@@ -158,14 +158,14 @@ def test_a_read_only_row_is_refused_where_the_c_writes_to_it_and_only_there(name
 
 
 def test_a_node_of_another_sort_never_reaches_the_c():
-    nodes, out = keyed(trusted.BOUND), np.zeros(32, np.uint8)
+    nodes, out = keyed(trusted.HARDENED), np.zeros(32, np.uint8)
     for rows in (np.zeros(0, np.uint8), np.zeros(5, np.uint8), nodes.snode[0]):
         before = rows.copy()
-        assert trusted.anode_token_request(trusted.BOUND, rows, 5000, 2, out) == trusted.E_ARG
+        assert trusted.anode_token_request(trusted.HARDENED, rows, 5000, 2, out) == trusted.E_ARG
         assert (rows == before).all()
 
 
-@pytest.mark.parametrize("profile", [trusted.BOUND, trusted.PAPER])
+@pytest.mark.parametrize("profile", [trusted.HARDENED, trusted.PAPER])
 @pytest.mark.parametrize("bit", range(64))
 def test_a_mac_with_one_wrong_bit_is_refused_everywhere(profile, bit):
     def wrong(mac):
@@ -190,9 +190,9 @@ def test_a_mac_with_one_wrong_bit_is_refused_everywhere(profile, bit):
 
 
 def test_authenticators_of_a_nodes_are_in_paper_only():
-    bound, paper = keyed(trusted.BOUND), keyed(trusted.PAPER)
+    hardened, paper = keyed(trusted.HARDENED), keyed(trusted.PAPER)
     with pytest.raises(Refused):
-        bound.make_auth_a(0)
+        hardened.make_auth_a(0)
     made = paper.make_auth_a(0)
     paper.check_auth_a(1, made[:20], 1, made[22:])
     with pytest.raises(Refused):
@@ -220,7 +220,7 @@ CALLS = {
 
 @settings(max_examples=60, deadline=None)
 @given(
-    profile=st.sampled_from([trusted.BOUND, trusted.PAPER]),
+    profile=st.sampled_from([trusted.HARDENED, trusted.PAPER]),
     calls=st.lists(
         st.tuples(
             st.sampled_from(sorted(CALLS)),

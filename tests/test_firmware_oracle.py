@@ -48,7 +48,7 @@ PAYLOADS = st.one_of(
 
 @pytest.fixture(scope="module", autouse=True)
 def _as_robots_compute():
-    for profile in (trusted.BOUND, trusted.PAPER):
+    for profile in (trusted.HARDENED, trusted.PAPER):
         trusted.host_use(profile, 0)
 
 
@@ -59,10 +59,10 @@ class Both(RuleBasedStateMachine):
 
     @initialize(unloaded=SELDOM)
     def manufacture(self, unloaded):
-        self.bound = self.profile == trusted.BOUND
+        self.hardened = self.profile == trusted.HARDENED
         self.c = Nodes(N, self.profile, LIMITS)
-        self.s = [oracle.SNode(self.bound, LIMITS) for _ in range(N)]
-        self.a = [oracle.ANode(self.bound, LIMITS) for _ in range(N)]
+        self.s = [oracle.SNode(self.hardened, LIMITS) for _ in range(N)]
+        self.a = [oracle.ANode(self.hardened, LIMITS) for _ in range(N)]
         self.now = 0
         self.made = set()
         self.macs = [bytes(8)]
@@ -92,9 +92,9 @@ class Both(RuleBasedStateMachine):
         return said
 
     def remember_or_require(self, i, name, arguments, said):
-        """In `bound`, what is checked for good was made by the one who is named; what is issued was asked for."""
+        """In `hardened`, what is checked for good was made by the one who is named; what is issued was asked for."""
         node = self.s[i] if "auth" in name else self.a[i]
-        if not self.bound or node.key != MISSION:
+        if not self.hardened or node.key != MISSION:
             return
         if name == "make_auth":
             self.made.add(("auth", said[:20], i + 1, *arguments))
@@ -103,14 +103,14 @@ class Both(RuleBasedStateMachine):
         elif name == "token_request":
             self.made.add(("request", i + 1, arguments[1], arguments[0], said[4:24]))
         elif name == "issue_token":
-            tee, t, top, _, hckpt = arguments
-            assert ("request", tee, i + 1, t, top) in self.made
-            self.made.add(("token", i + 1, tee, t, hckpt))
+            auditee, t, top, _, hckpt = arguments
+            assert ("request", auditee, i + 1, t, top) in self.made
+            self.made.add(("token", i + 1, auditee, t, hckpt))
         elif name == "check_token":
             assert ("token", *arguments[:4]) in self.made
         elif name == "install_token":
-            now, tor, t, hckpt, _ = arguments
-            assert ("token", tor, i + 1, t, hckpt) in self.made
+            now, auditor, t, hckpt, _ = arguments
+            assert ("token", auditor, i + 1, t, hckpt) in self.made
             assert t <= now
 
     @rule(ms=st.one_of(st.integers(0, 120), st.sampled_from([299, 300, 301])))
@@ -185,25 +185,25 @@ class Both(RuleBasedStateMachine):
 
     @rule(i=ROBOTS, j=ROBOTS)
     def authenticate_a(self, i, j):
-        if self.bound:
+        if self.hardened:
             return
         said = self.same(i, "make_auth_a", nodes="a")
         self.macs.append(said[22:])
         self.same(j, "check_auth_a", said[:20], i + 1, said[22:], nodes="s")
         self.same(j, "check_auth", said[:20], i + 1, bytes(8), said[22:], nodes="s")
 
-    @rule(i=ROBOTS, tor=IDS)
-    def request(self, i, tor):
-        said = self.same(i, "token_request", self.now, tor, nodes="a")
+    @rule(i=ROBOTS, auditor=IDS)
+    def request(self, i, auditor):
+        said = self.same(i, "token_request", self.now, auditor, nodes="a")
         if said:
             self.macs.append(said[24:])
             self.tops.append(said[4:24])
-            self.requests.append((said, i + 1, tor))
+            self.requests.append((said, i + 1, auditor))
 
     @rule(data=st.data(), hckpt=st.sampled_from(CHECKPOINTS), wrong=st.sampled_from([0, 0, 0, 1, 2, 3]), install=IDS)
     def audit(self, data, hckpt, wrong, install):
-        said, tee, tor = data.draw(st.sampled_from(self.requests))
-        if not 1 <= tor <= N:
+        said, auditee, auditor = data.draw(st.sampled_from(self.requests))
+        if not 1 <= auditor <= N:
             return
         t, top, mac = int.from_bytes(said[:4], "little"), said[4:24], said[24:]
         if wrong == 1:
@@ -211,42 +211,44 @@ class Both(RuleBasedStateMachine):
         elif wrong == 2:
             top = data.draw(st.sampled_from(self.tops))
         elif wrong == 3:
-            tee = data.draw(IDS)
-        token = self.same(tor - 1, "issue_token", tee, t, top, mac, hckpt, nodes="a")
+            auditee = data.draw(IDS)
+        token = self.same(auditor - 1, "issue_token", auditee, t, top, mac, hckpt, nodes="a")
         if token:
             self.macs.append(token)
-            self.use_token(tee, tor, t, hckpt, token, install)
+            self.use_token(auditee, auditor, t, hckpt, token, install)
 
-    @rule(tee=st.integers(1, N), tors=st.permutations(range(1, N + 1)), ms=st.integers(60, 130))
-    def round_of_audits(self, tee, tors, ms):
+    @rule(auditee=st.integers(1, N), tors=st.permutations(range(1, N + 1)), ms=st.integers(60, 130))
+    def round_of_audits(self, auditee, tors, ms):
         """What honest robots do, so that they live."""
         self.wait(ms)
-        for tor in tors[:3]:
-            self.request(tee - 1, tor)
+        for auditor in tors[:3]:
+            self.request(auditee - 1, auditor)
             said, asked, answering = self.requests[-1]
-            if (asked, answering) == (tee, tor) and tor != tee:
+            if (asked, answering) == (auditee, auditor) and auditor != auditee:
                 t = int.from_bytes(said[:4], "little")
-                token = self.same(tor - 1, "issue_token", tee, t, said[4:24], said[24:], CHECKPOINTS[0], nodes="a")
+                token = self.same(
+                    auditor - 1, "issue_token", auditee, t, said[4:24], said[24:], CHECKPOINTS[0], nodes="a"
+                )
                 if token:
                     self.macs.append(token)
-                    self.use_token(tee, tor, t, CHECKPOINTS[0], token, tee)
+                    self.use_token(auditee, auditor, t, CHECKPOINTS[0], token, auditee)
 
-    def use_token(self, tee, tor, t, hckpt, token, other):
-        for i in {tee - 1, other - 1} & set(range(N)):
-            self.same(i, "check_token", tor, tee, t, hckpt, token, nodes="a")
-            self.same(i, "install_token", self.now, tor, t, hckpt, token, nodes="a")
+    def use_token(self, auditee, auditor, t, hckpt, token, other):
+        for i in {auditee - 1, other - 1} & set(range(N)):
+            self.same(i, "check_token", auditor, auditee, t, hckpt, token, nodes="a")
+            self.same(i, "install_token", self.now, auditor, t, hckpt, token, nodes="a")
 
-    @rule(data=st.data(), tor=IDS, i=ROBOTS, ahead=st.sampled_from([-100, 0, 1, 2**32]))
-    def forge(self, data, tor, i, ahead):
+    @rule(data=st.data(), auditor=IDS, i=ROBOTS, ahead=st.sampled_from([-100, 0, 1, 2**32]))
+    def forge(self, data, auditor, i, ahead):
         """Any MAC ever seen, or one under the zero key, shown as a token, an authenticator and a request."""
         t, hckpt = max(0, min(self.now + ahead, 2**32 - 1)), CHECKPOINTS[0]
-        zero = lightmac(bytes(20), b"\x14" + oracle.u16(tor) + oracle.u16(i + 1) + oracle.u32(t) + hckpt)
+        zero = lightmac(bytes(20), b"\x14" + oracle.u16(auditor) + oracle.u16(i + 1) + oracle.u32(t) + hckpt)
         mac = data.draw(st.sampled_from([*self.macs[-20:], zero, zero]))
         top = data.draw(st.sampled_from(self.tops[-20:]))
-        self.same(i, "check_token", tor, i + 1, t, hckpt, mac, nodes="a")
-        self.same(i, "install_token", self.now, tor, t, hckpt, mac, nodes="a")
-        self.same(i, "check_auth", top, tor, bytes(8), mac, nodes="s")
-        self.same(i, "issue_token", tor, t, top, mac, hckpt, nodes="a")
+        self.same(i, "check_token", auditor, i + 1, t, hckpt, mac, nodes="a")
+        self.same(i, "install_token", self.now, auditor, t, hckpt, mac, nodes="a")
+        self.same(i, "check_auth", top, auditor, bytes(8), mac, nodes="s")
+        self.same(i, "issue_token", auditor, t, top, mac, hckpt, nodes="a")
 
     @rule()
     def check_tokens(self):
@@ -276,7 +278,7 @@ class Both(RuleBasedStateMachine):
 
 
 class BothBound(Both):
-    profile = trusted.BOUND
+    profile = trusted.HARDENED
 
 
 class BothPaper(Both):
@@ -301,5 +303,5 @@ class TestPaper(BothPaper.TestCase):
 
 
 def test_limits_have_the_order_of_the_c_struct():
-    ffi, _ = trusted.FIRMWARE[trusted.BOUND]
+    ffi, _ = trusted.FIRMWARE[trusted.HARDENED]
     assert [name for name, _ in ffi.typeof("phx_limits").fields] == [f.name for f in dataclasses.fields(Limits)]

@@ -109,7 +109,7 @@ class TestBytes:
         assert [one[0] for one in neighbours(this.encode())] == [3, 5]
 
     @pytest.mark.parametrize(
-        "frame",
+        "packet",
         [
             state(1, 2, 3),
             state(0, 2, 3),
@@ -124,9 +124,9 @@ class TestBytes:
             state(2, 2, 3, 0, -math.nan),
         ],
     )
-    def test_a_frame_that_makes_no_sense_is_ignored(self, frame):
+    def test_a_frame_that_makes_no_sense_is_ignored(self, packet):
         this = robot()
-        this.on_recv(3, frame)
+        this.on_recv(3, packet)
         assert this.encode() == robot().encode()
 
     @pytest.mark.parametrize(
@@ -170,17 +170,17 @@ def run_digest():
     digest = hashlib.sha256()
     for step in range(60):
         t = step * PERIOD_MS
-        frames = [rng.bytes(27), b"\x01" + rng.bytes(26), state(9, *rng.uniform(0, 20, 2), *rng.uniform(-2, 2, 2))]
+        packets = [rng.bytes(27), b"\x01" + rng.bytes(26), state(9, *rng.uniform(0, 20, 2), *rng.uniform(-2, 2, 2))]
         for i, this in enumerate(fleet):
             outputs = this.on_input(step, t, reading(i + 1, *place[i]))
-            frames += [output.payload for output in outputs if isinstance(output, Send)]
+            packets += [output.payload for output in outputs if isinstance(output, Send)]
             # Commands are exact in f64, and so are these sums and products up to one rounding each.
             place[i, 2:] += np.multiply(acceleration(outputs), 0.25)
             place[i, :2] += place[i, 2:] * 0.25
             digest.update(b"".join(output.payload for output in outputs) + this.encode())
         for this in fleet:
-            for frame in frames:
-                this.on_recv(t, frame)
+            for packet in packets:
+                this.on_recv(t, packet)
     return digest.hexdigest()
 
 

@@ -245,7 +245,7 @@ class TestSwarm:
 @pytest.mark.waits
 class TestShields:
     def test_robots_audit_each_other_on_their_mission_and_one_that_lies_is_stopped(self):
-        with ShieldedMissionSwarm(PLAN, 4, 0, time.time, "bound", 1) as swarm:
+        with ShieldedMissionSwarm(PLAN, 4, 0, time.time, "hardened", 1) as swarm:
             assert isinstance(swarm, Shielded)
             assert isinstance(swarm, OnMission)
             liar, *honest = addresses(swarm)
@@ -416,7 +416,7 @@ class TestUp:
         ("arguments", "code", "said"),
         [
             (["--mission", "nowhere.yaml"], 2, "no file nowhere.yaml"),
-            (["--mission", "office", "--robots", "3", "--defence", "bound"], 2, "3 robots are too few"),
+            (["--mission", "office", "--robots", "3", "--defence", "hardened"], 2, "3 robots are too few"),
             (["--mission", "office", "--trust", "00" * 32], 2, "for encoded missions"),
             (["--start-key", "x"], 2, "for encoded missions"),
             (["--mission", "office", "--world", "nowhere"], 2, "there is no map 'nowhere'"),

@@ -283,8 +283,15 @@ class TestNeighbours:
     def test_its_own_word_from_the_air_and_rubbish_are_not_heard(self):
         this = listened()
         before = this.encode()
-        for frame in (state(1, (1, 1)), state(0, (1, 1)), state(2, (math.nan, 0)), state(2, (0, 0))[:-1], b"\x01", b""):
-            this.on_recv(7, frame)
+        for packet in (
+            state(1, (1, 1)),
+            state(0, (1, 1)),
+            state(2, (math.nan, 0)),
+            state(2, (0, 0))[:-1],
+            b"\x01",
+            b"",
+        ):
+            this.on_recv(7, packet)
         assert this.encode() == before
 
 
@@ -481,11 +488,11 @@ BUSY = GuardConfig(n_max=4, forget_ms=3000, fences=(FIELD,), discs=(Disc(x_m=8, 
 def lived(this, entries, t=0, step=0):
     """Outputs and state after each entry."""
     seen = []
-    for kind, gap, frame, advice, read in entries:
+    for kind, gap, packet, advice, read in entries:
         t += gap
         outputs = []
         if kind == 0:
-            this.on_recv(t, frame)
+            this.on_recv(t, packet)
         elif kind == 1:
             this.on_advice(advice)
         else:

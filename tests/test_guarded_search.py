@@ -238,11 +238,11 @@ class Elsewhere(World):
 
     honest = np.inf  # how near two of the others came
 
-    def broadcast(self, i, frame):
+    def broadcast(self, i, packet):
         if i == 0:
-            _, rob, t, x, y, *promised = MOTION.unpack(frame)
-            frame = state(rob, (x + 5.0, y), promised, t)
-        super().broadcast(i, frame)
+            _, rob, t, x, y, *promised = MOTION.unpack(packet)
+            packet = state(rob, (x + 5.0, y), promised, t)
+        super().broadcast(i, packet)
 
     def look_at_promises(self):
         super().look_at_promises()

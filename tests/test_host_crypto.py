@@ -20,8 +20,8 @@ from phalanx.world.scenarios.run import Run
 
 VECTORS = Path(__file__).parent.parent / "vectors"
 HASHES, ENCRYPTS = 1, 2
-PROFILES = (trusted.BOUND, trusted.PAPER)
-CAN = trusted.FIRMWARE[trusted.BOUND][1].phx_host_can()
+PROFILES = (trusted.HARDENED, trusted.PAPER)
+CAN = trusted.FIRMWARE[trusted.HARDENED][1].phx_host_can()
 needs = {
     able: pytest.mark.skipif(not CAN & able, reason="this processor leaves it to the firmware's C")
     for able in (HASHES, ENCRYPTS)
@@ -116,7 +116,7 @@ def test_a_mac_that_is_asked_for_again_is_that_of_its_key_and_its_bytes():
     messages = [bytes(size) for size in (0, 1, 2, 31, 32, 33)] + [bytes([k]) + bytes(28) for k in range(60)]
     for _ in range(2):
         for key in keys:
-            assert {message: mac(trusted.BOUND, key, message)[1] for message in messages} == {
+            assert {message: mac(trusted.HARDENED, key, message)[1] for message in messages} == {
                 message: lightmac(key, message) for message in messages
             }
 
@@ -138,7 +138,7 @@ def test_what_is_hashed_in_part_may_be_gone_on_with_by_the_other():
 def test_only_a_simulation_that_is_not_plain_computes_so(plain):
     use(0)
     Run(Scenario(robots=2, duration_s=1.0, bti=BtiConfig(f_max=1)), plain=plain).advance(0.1)
-    _, lib = trusted.FIRMWARE[trusted.BOUND]
+    _, lib = trusted.FIRMWARE[trusted.HARDENED]
     assert lib.phx_host_used() == (0 if plain else CAN)
 
 

@@ -464,8 +464,8 @@ def test_the_doctor_names_kernels_and_trusted_nodes_in_every_state(copied, tmp_p
 def test_kernels_that_were_compiled_for_nodes_of_another_size_are_refused(copied, tmp_path):
     load = ("-c", "from phalanx import binary; binary.load_binary()")
     assert run(copied, *load).returncode == 0
-    (nodes,) = (copied / "phalanx").glob("_firmware_bound*.so")
-    away, other = nodes.rename(tmp_path / "away"), copied / "phalanx" / "_firmware_bound.py"
+    (nodes,) = (copied / "phalanx").glob("_firmware_hardened*.so")
+    away, other = nodes.rename(tmp_path / "away"), copied / "phalanx" / "_firmware_hardened.py"
     other.write_text("class lib:\n    phx_snode_size = phx_anode_size = staticmethod(lambda: 1)\n")
     try:
         done = run(copied, *load)

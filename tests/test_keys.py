@@ -62,7 +62,7 @@ class TestRealNodes:
         with opened(ring, WORDS) as keys:
             masters = {robot: keys.provision(robot, "2026-01-01") for robot in (1, 2, 3)}
         assert len(set(masters.values())) == 3, "who is lost must not read the others' mission keys"
-        nodes = Nodes(3, trusted.BOUND, replace(LIMITS, f_max=1))
+        nodes = Nodes(3, trusted.HARDENED, replace(LIMITS, f_max=1))
         for robot, master in masters.items():
             nodes.load_master(robot - 1, master, robot)
         with opened(ring, WORDS) as keys:
@@ -202,7 +202,7 @@ class TestCommands:
         assert phalanx(capsys, "rotate", ring, "--out", out, *said)[0] == 0
         told = json.loads(out.read_text())
         sealed = {name: bytes.fromhex(value) for name, value in told["robots"]["7"].items()}
-        nodes = Nodes(1, trusted.BOUND, LIMITS)
+        nodes = Nodes(1, trusted.HARDENED, LIMITS)
         raw = board.read_bytes()
         made = BOARD.decode(raw)
         nodes.load_master(0, made["master"], made["id"])

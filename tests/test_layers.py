@@ -18,7 +18,7 @@ LAYERS = [
     "binary",
     "kernel loading arrays",
     "config bundle",
-    "wire pool _firmware_bound _firmware_paper",
+    "wire pool _firmware_hardened _firmware_paper",
     "crypto",
     "link mission bti",
     "robot",

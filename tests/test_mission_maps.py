@@ -150,7 +150,7 @@ def test_robots_see_with_the_lidar_that_is_said() -> None:
 
 
 def test_robots_with_another_lidar_audit_each_other() -> None:
-    words = ("--profile", "paper", "--defence", "bound", "--robots", "3", "--lidar", "360,720", "--duration", "60")
+    words = ("--profile", "paper", "--defence", "hardened", "--robots", "3", "--lidar", "360,720", "--duration", "60")
     told = json.loads(command("run", "office", *words, "--json").stdout)
     assert told["audits"]["passed"] > 0
     assert (told["audits"]["refused"], told["in_safe_mode"]) == (0, [])

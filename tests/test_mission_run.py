@@ -184,7 +184,7 @@ def test_robots_that_meet_tell_each_other_what_they_decoded_and_nothing_else() -
 def test_robots_that_cannot_audit_each_other_are_told_so() -> None:
     for robots, wrong in ((1, "1 robot "), (2, "2 robots"), (33, "33 robots")):
         with pytest.raises(UsageError, match=wrong):
-            run_of(two_doors(), robots=robots, defence="bound")
+            run_of(two_doors(), robots=robots, defence="hardened")
     with pytest.raises(UsageError, match="no defence"):
         run_of(two_doors(), defence="iron")
 
@@ -218,13 +218,13 @@ def test_the_command_prints_the_figures_that_were_asked_for() -> None:
 
 
 def test_the_command_has_robots_audit_each_other_and_says_who_cannot() -> None:
-    words = ("inspection", "--profile", "paper", "--robots", "4", "--defence", "bound", "--duration", "80", "--json")
+    words = ("inspection", "--profile", "paper", "--robots", "4", "--defence", "hardened", "--duration", "80", "--json")
     code, out, _ = _command(*words)
     told = json.loads(out)
     assert (code, told["completed"], told["in_safe_mode"], told["false_fixes"]) == (0, 4, [], 0)
-    assert (told["defence"], told["f_max"], told["audits"]["refused"]) == ("bound", 1, 0)
+    assert (told["defence"], told["f_max"], told["audits"]["refused"]) == ("hardened", 1, 0)
     assert told["audits"]["passed"] > 4 * 80 / 10, "each robot is audited more than once in 10 s"
-    _, _, error = _command("inspection", "--defence", "bound")
+    _, _, error = _command("inspection", "--defence", "hardened")
     assert isinstance(error, UsageError)
     assert "--defence none" in error.hint
 
@@ -232,7 +232,7 @@ def test_the_command_has_robots_audit_each_other_and_says_who_cannot() -> None:
 def test_too_few_robots_to_audit_each_other_are_refused_before_anything_is_encoded(monkeypatch) -> None:
     monkeypatch.setattr("phalanx.cli.mission.run.build", lambda *_: pytest.fail("encoded"))
     for words, who in ((("--robots", "2"), "2 robots"), ((), "1 robot")):
-        _, _, error = _command("office", *words, "--defence", "bound")
+        _, _, error = _command("office", *words, "--defence", "hardened")
         assert str(error) == f"{who} cannot audit each other with f_max 1"
         assert error.hint == "at least 3; or --defence none"
 
@@ -240,7 +240,7 @@ def test_too_few_robots_to_audit_each_other_are_refused_before_anything_is_encod
 def test_of_a_team_in_which_p2_does_not_hold_that_is_said(capsys) -> None:
     few = "if 1 of 4 robots lie, they may have others stopped: P2 takes 5 robots with f_max 1"
     for robots, told in ((4, few), (5, "")):
-        _warn_of_few(run_of(two_doors(), robots=robots, defence="bound"))
+        _warn_of_few(run_of(two_doors(), robots=robots, defence="hardened"))
         assert told in (err := capsys.readouterr().err)
         assert bool(err) == bool(told)
     _warn_of_few(run_of(two_doors(), robots=4))
@@ -249,11 +249,11 @@ def test_of_a_team_in_which_p2_does_not_hold_that_is_said(capsys) -> None:
 
 def test_what_audits_did_is_shown(capsys) -> None:
     reports = [Report(robot, audits_passed=7, audits_refused=robot) for robot in range(3)]
-    told = summary(run_of(two_doors(), robots=3, defence="bound"), reports)
-    assert (told["defence"], told["f_max"], told["audits"]) == ("bound", 1, {"passed": 21, "refused": 3})
+    told = summary(run_of(two_doors(), robots=3, defence="hardened"), reports)
+    assert (told["defence"], told["f_max"], told["audits"]) == ("hardened", 1, {"passed": 21, "refused": 3})
     _show(told)
     out = capsys.readouterr().out.splitlines()
-    assert "defence               bound, f_max 1" in out
+    assert "defence               hardened, f_max 1" in out
     assert "audits                21 passed, 3 refused" in out
     assert "in Safe Mode          none" in out
 

@@ -74,7 +74,7 @@ def test_two_robots_find_a_leak_by_what_they_sense_and_see_each_other_do(profile
 
 
 def test_robots_that_audit_each_other_show_what_their_other_sensors_read() -> None:
-    run = leak(Profile.PAPER).run(robots=4, defence="bound", duration_s=60.0)
+    run = leak(Profile.PAPER).run(robots=4, defence="hardened", duration_s=60.0)
     told = summary(run, run_mission(run))
     assert (told["completed"], told["in_safe_mode"], told["audits"]["refused"]) == (4, [], 0)
 

@@ -14,7 +14,7 @@ def test_the_sizes_that_config_repeats_are_the_tables():
     assert bti.ENTRY_HEAD_BYTES == table.ENTRY_HEADER_BYTES
     assert table.CHECKPOINT.size + table.FLOCK_MEMORY.size == bti.CHECKPOINT_BYTES
     assert bti.NEIGHBOUR_BYTES == table.NEIGHBOUR.size
-    assert bti.BtiConfig().frame_max_bytes == table.FRAME_MAX
+    assert bti.BtiConfig().packet_max_bytes == table.PACKET_MAX
 
 
 def collisions(records) -> list[set[str]]:

@@ -38,10 +38,10 @@ SOON = settings(deadline=None, max_examples=50)
 CHECKS = WHEELS_MEMORY.at("checks")
 
 
-def heard(frame: bytes, this=None) -> bytes:
+def heard(packet: bytes, this=None) -> bytes:
     """What a robot remembers then, but for how often it has looked at signatures."""
     this = this or robot()
-    this.on_recv(0, frame)
+    this.on_recv(0, packet)
     return remembered(this)
 
 
@@ -66,7 +66,7 @@ def test_a_robot_obeys_what_the_vectors_say(case):
     keys = {f"{name}_key": bytes.fromhex(TOLD[name]) for name in ("gateway", "operator")}
     this = robot(TOLD["robot"], mission=TOLD["mission"], **keys)
     before = remembered(this)
-    assert (heard(bytes.fromhex(case["frame"]), this) != before) == (case["expect"] == "obeyed")
+    assert (heard(bytes.fromhex(case["packet"]), this) != before) == (case["expect"] == "obeyed")
 
 
 class TestSignature:
@@ -85,21 +85,21 @@ class TestSignature:
         assert [trusted.order_check(row(public), row(bytes(whole)), len(whole)) for _ in range(2)] == [-1, -1]
 
     def test_a_key_of_zeros_is_nobodys_and_sizes_are_looked_at(self):
-        nobody, frame = row(bytes(32)), row(bytes(100))
+        nobody, packet = row(bytes(32)), row(bytes(100))
         # Of small order: a third of all forgeries would be believed.
         assert {trusted.order_check(nobody, row(bytes([n]) + bytes(99)), 100) for n in range(32)} == {-1}
-        assert trusted.order_check(row(bytes(31)), frame, 100) == trusted.E_ARG
-        assert trusted.order_check(nobody, frame, 101) == trusted.E_ARG
-        assert trusted.order_check(row(PUBLIC[GATEWAY]), frame, SIGNATURE_BYTES - 1) == -1
+        assert trusted.order_check(row(bytes(31)), packet, 100) == trusted.E_ARG
+        assert trusted.order_check(nobody, packet, 101) == trusted.E_ARG
+        assert trusted.order_check(row(PUBLIC[GATEWAY]), packet, SIGNATURE_BYTES - 1) == -1
 
     @SOON
     @given(st.data())
     def test_a_robot_ignores_an_order_of_which_a_bit_is_flipped(self, data):
-        frame = bytearray(data.draw(st.sampled_from([wheels_order(1, 1, 5, 6), route_order(1, 1, 9, [(1, 2)])])))
-        assert heard(bytes(frame)) != remembered(robot())
-        bit = data.draw(st.integers(0, 8 * len(frame) - 1))
-        frame[bit // 8] ^= 1 << bit % 8
-        assert heard(bytes(frame)) == remembered(robot())
+        packet = bytearray(data.draw(st.sampled_from([wheels_order(1, 1, 5, 6), route_order(1, 1, 9, [(1, 2)])])))
+        assert heard(bytes(packet)) != remembered(robot())
+        bit = data.draw(st.integers(0, 8 * len(packet) - 1))
+        packet[bit // 8] ^= 1 << bit % 8
+        assert heard(bytes(packet)) == remembered(robot())
 
     def test_nobody_obeys_whom_the_mission_does_not_name(self):
         this = robot(gateway_key=b"", operator_key=b"")
@@ -113,13 +113,13 @@ class TestNews:
     @given(st.lists(st.tuples(st.sampled_from([GATEWAY, OPERATOR]), st.integers(1, 9)), min_size=1, max_size=12))
     def test_what_was_obeyed_once_is_never_obeyed_again(self, told):
         this = robot()
-        frames = [wheels_order(1, number, number, who, who=who, said=number) for who, number in told]
-        for frame in frames:
-            this.on_recv(10, frame)
+        packets = [wheels_order(1, number, number, who, who=who, said=number) for who, number in told]
+        for packet in packets:
+            this.on_recv(10, packet)
             this.on_input(0, 10, b"")
         after = remembered(this)
-        for frame in frames:
-            this.on_recv(11, frame)
+        for packet in packets:
+            this.on_recv(11, packet)
             assert checked(this) == 0, "nor looked at"
         assert remembered(this) == after
 
@@ -191,8 +191,8 @@ class TestStop:
     def test_after_go_motion_is_obeyed_and_the_old_stop_is_not(self):
         this, gateway = robot(), signer()
         old = gateway.stop(5)
-        for frame in (old, gateway.go(6), gateway.wheels(1, 7, 9, 9), old):
-            this.on_recv(0, frame)
+        for packet in (old, gateway.go(6), gateway.wheels(1, 7, 9, 9), old):
+            this.on_recv(0, packet)
         assert wheels(this, 0) == (9, 9)
 
     def test_neither_a_stop_nor_what_was_said_before_it_makes_old_words_new(self):
@@ -202,11 +202,11 @@ class TestStop:
         before = heard(stop, this)
         assert heard(drove, this) == before
         before = heard(on_its_way, this)
-        for frame in (drove, on_its_way, stop):
-            assert heard(frame, this) == before
+        for packet in (drove, on_its_way, stop):
+            assert heard(packet, this) == before
         this.on_recv(0, gateway.go(4))
-        for frame in (stop, drove):
-            this.on_recv(0, frame)
+        for packet in (stop, drove):
+            this.on_recv(0, packet)
         this.on_recv(0, gateway.wheels(1, 5, 7, 7))
         assert wheels(this, 0) == (7, 7)
 
@@ -236,12 +236,12 @@ class TestLiar:
     def test_forgeries_have_so_many_looks_from_one_reading_to_the_next(self, looks):
         this = robot(looks=looks)
         forged = [wheels_order(1, n, 1, 1, key=OPERATOR) for n in range(1, 3 * looks)]
-        for frame in forged[: looks - 1]:
-            this.on_recv(0, frame)
+        for packet in forged[: looks - 1]:
+            this.on_recv(0, packet)
         this.on_recv(0, wheels_order(1, 1, 9, 9))
         assert wheels(this, 0) == (9, 9), "one look was left"
-        for frame in [*forged, *forged]:
-            this.on_recv(0, frame)
+        for packet in [*forged, *forged]:
+            this.on_recv(0, packet)
         assert checked(this) == looks
         this.on_recv(0, wheels_order(1, 2, 8, 8))
         assert wheels(this, 0) == (9, 9), "the price: until the next reading true ones are not looked at either"
@@ -252,21 +252,21 @@ class TestLiar:
         this = robot()
         this.on_recv(5000, wheels_order(1, 5, 9, 9, said=5000))
         this.on_input(0, 5000, reading(1, 0, 0, 0))
-        for frame in (
+        for packet in (
             wheels_order(1, 5, 1, 1, key=OPERATOR, said=5000),
             wheels_order(2, 6, 1, 1, key=OPERATOR, said=5000),
             wheels_order(1, 6, 1, 1, key=OPERATOR, said=5000 - LATE_MS - 1),
             wheels_order(1, 6, 1, 1, key=OPERATOR, said=5000)[:-1],
             stop_order(0, 5000, key=OPERATOR),
         ):
-            this.on_recv(5000, frame)
+            this.on_recv(5000, packet)
         assert checked(this) == 0
 
 
 def test_a_signers_clock_that_stands_or_goes_back_makes_no_order_old():
     this, gateway = robot(), signer()
-    for frame in (gateway.wheels(1, 50, 1, 1), gateway.stop(50), gateway.go(40), gateway.wheels(1, 40, 9, 9)):
-        this.on_recv(0, frame)
+    for packet in (gateway.wheels(1, 50, 1, 1), gateway.stop(50), gateway.go(40), gateway.wheels(1, 40, 9, 9)):
+        this.on_recv(0, packet)
     assert wheels(this, 0) == (9, 9)
     assert gateway.number == 3
 
@@ -283,8 +283,8 @@ class Heard:
     def is_deaf(self, _robot: int) -> bool:
         return False
 
-    def say(self, frame: bytes, robot: int) -> None:
-        self.said.append((robot, ORDER.decode(frame)["action"]))
+    def say(self, packet: bytes, robot: int) -> None:
+        self.said.append((robot, ORDER.decode(packet)["action"]))
 
 
 def said_from(station: Station, now_s: float, end_s: float) -> list[tuple[int, int]]:

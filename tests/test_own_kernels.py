@@ -32,7 +32,7 @@ QUICK = ("--duration", "2", "--robots", "6")
 # What violations of results say.
 LENGTH = r"length -?\d+ of a row of \d+ bytes$"
 OUTPUTS = r"length -?\d+ of a row of \d+ bytes: no valid outputs end there$"
-# A command behind a frame.
+# A command behind a packet.
 ACT_AGAIN = """        end = begin + table.STATE.size
         begin = put_head(out, end, table.ENTRY_ACMD, table.ACCELERATION.size, table.KIND_ACCELERATION, rob_id, t_ms)
         end = begin + table.ACCELERATION.size
@@ -395,9 +395,9 @@ class TestMistakes:
                 "on_input writes to reading",
             ),
             (
-                "        rob = get_u16(frame, ID)",
-                "        rest = frame[2:]\n        rest[0] += 1\n        rob = get_u16(frame, ID)",
-                "on_recv writes to frame",
+                "        rob = get_u16(packet, ID)",
+                "        rest = packet[2:]\n        rest[0] += 1\n        rob = get_u16(packet, ID)",
+                "on_recv writes to packet",
             ),
             ("size(_state: Row) -> int:\n", "size(_state: Row) -> int:\n    _state[0] = 1\n", "size writes to _state"),
             (
@@ -413,7 +413,7 @@ class TestMistakes:
     ):
         monkeypatch.setenv("CC", compiler)
         words = mine((was, becomes))
-        (written,) = [line for line in becomes.splitlines() if line not in was and "= frame[" not in line]
+        (written,) = [line for line in becomes.splitlines() if line not in was and "= packet[" not in line]
         line = line_of("acceleration(params, t" if "reading[" in written else written.strip())
         code, out, err = phalanx("sim", "run", "flock-12", *QUICK, "--controller", words)
         assert (code, out) == (1, "")
@@ -436,12 +436,12 @@ class TestMistakes:
             digest(words)
 
     def test_one_by_a_peers_frame_rejects_the_frame(self, mine, kernel_defects):
-        words = mine(("        rob = get_u16(frame, ID)\n", "        rob = get_u16(frame, 99)\n"))
+        words = mine(("        rob = get_u16(packet, ID)\n", "        rob = get_u16(packet, 99)\n"))
         assert digest(words)
         (said,) = {each.getMessage().partition("; ")[0] for each in kernel_defects}
         assert all("rejected" in each.getMessage() for each in kernel_defects)
         kernel_defects.clear()
-        place = f"mine.py:{line_of('frame, 99')}"
+        place = f"mine.py:{line_of('packet, 99')}"
         assert said == (
             f"{place}: index 99 is outside an array of 27: a defect of this file: its kernels may not do that"
         )

@@ -47,11 +47,13 @@ def test_whoever_deviates_is_stopped_in_time_and_nobody_else_is_stopped(name, se
             assert summary["without_quorum"] == [], f"seed {seed}"
         liars = [robot for _, robot in sorted(run.robots.items()) if isinstance(robot, Liar)]
         for liar, told in zip(liars, summary["compromised"]):
-            if IN_FLOCKS[name].verdicts["bound"] == "stopped":
+            if IN_FLOCKS[name].verdicts["hardened"] == "stopped":
                 bound_s = stop_bound_s(run.scenario, output_missing=liar.output_missing)
                 assert told["first_deviation_s"] is not None, f"seed {seed}"
                 assert told["safe_mode_s"] is not None, f"seed {seed}"
                 assert 0 <= told["safe_mode_s"] - told["first_deviation_s"] <= bound_s, f"seed {seed}"
             else:
-                assert told["first_deviation_s"] is None, f"seed {seed}: declared {IN_FLOCKS[name].verdicts['bound']}"
+                assert told["first_deviation_s"] is None, (
+                    f"seed {seed}: declared {IN_FLOCKS[name].verdicts['hardened']}"
+                )
                 assert told["safe_mode_s"] is None or name in SATURATES, f"seed {seed}: it stopped itself"

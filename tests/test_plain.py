@@ -33,13 +33,13 @@ def same(scenario):
     return plain
 
 
-@pytest.mark.parametrize("defence", ["none", "paper", "bound"])
+@pytest.mark.parametrize("defence", ["none", "paper", "hardened"])
 @pytest.mark.parametrize("scenario", [SWARM, CROWD], ids=["swarm", "crowd"])
 def test_honest_swarms(scenario, defence):
     same(replace(scenario, defence=defence, seed=5))
 
 
-@pytest.mark.parametrize("defence", ["paper", "bound"])
+@pytest.mark.parametrize("defence", ["paper", "hardened"])
 @pytest.mark.parametrize("attack", ATTACKS)
 def test_swarms_with_a_liar(attack, defence):
     liar = AttackSpec(name=attack, robot=5, at_s=2.0)

@@ -81,7 +81,7 @@ def test_who_lives_without_a_vouch_a_full_log_and_a_bucket_that_overflows_are_to
     run = Run(made)
     run.advance(12.0)
     nobody = frozenset()
-    rounds = [(11.0, tor, tee) for tor in range(1, 26) for tee in range(1, 26) if tor != tee]
+    rounds = [(11.0, auditor, auditee) for auditor in range(1, 26) for auditee in range(1, 26) if auditor != auditee]
     assert script.alive_unvouched(run, nobody, rounds) == set()
     assert script.alive_unvouched(run, nobody, [each for each in rounds if each[2] != 7]) == {7}
     assert script.alive_unvouched(run, nobody, [(1.8, *each[1:]) for each in rounds]) == set(run.ids.tolist()), (

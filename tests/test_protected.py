@@ -278,17 +278,17 @@ class TestChoice:
     @pytest.mark.parametrize(
         ("robots", "defence", "f_max", "chosen", "tolerated", "told"),
         [
-            (12, None, None, "bound", 3, False),
+            (12, None, None, "hardened", 3, False),
             (12, "paper", 2, "paper", 2, False),
-            (9, None, 3, "bound", 3, False),
-            (9, None, None, "bound", 3, False),
-            (8, None, 3, "bound", 3, True),
-            (8, None, None, "bound", 2, True),
-            (100, None, None, "bound", 3, False),
-            (7, "bound", None, "bound", 2, True),
-            (6, None, None, "bound", 1, True),
-            (5, None, 1, "bound", 1, False),
-            (4, "bound", None, "bound", 1, True),
+            (9, None, 3, "hardened", 3, False),
+            (9, None, None, "hardened", 3, False),
+            (8, None, 3, "hardened", 3, True),
+            (8, None, None, "hardened", 2, True),
+            (100, None, None, "hardened", 3, False),
+            (7, "hardened", None, "hardened", 2, True),
+            (6, None, None, "hardened", 1, True),
+            (5, None, 1, "hardened", 1, False),
+            (4, "hardened", None, "hardened", 1, True),
             (3, None, None, "none", 3, True),
             (101, None, None, "none", 3, True),
             (1000, "none", None, "none", 3, False),
@@ -300,7 +300,7 @@ class TestChoice:
         assert bool(protection.note) == told
 
     @pytest.mark.parametrize(
-        ("robots", "defence", "f_max"), [(101, "bound", None), (101, None, 3), (7, None, 3), (3, "bound", None)]
+        ("robots", "defence", "f_max"), [(101, "hardened", None), (101, None, 3), (7, None, 3), (3, "hardened", None)]
     )
     def test_what_was_asked_for_and_cannot_be_is_refused(self, robots, defence, f_max):
         with pytest.raises(UsageError) as refused:
@@ -313,7 +313,7 @@ class TestChoice:
         assert choose_protection(4, None, None).note.startswith("with 4 robots f_max is 1; if 1 of 4 robots lie")
 
     def test_the_command_says_so(self, capsys):
-        assert run_command(["up", "--events", "--port", "0", "--robots", "101", "--defence", "bound"]) == 2
+        assert run_command(["up", "--events", "--port", "0", "--robots", "101", "--defence", "hardened"]) == 2
         assert "hint: at most 100" in capsys.readouterr().err
 
 
@@ -340,7 +340,7 @@ def state_of(ready: dict) -> dict:
 @pytest.mark.waits
 class TestUp:
     async def test_a_visitor_drives_and_the_operator_compromises_and_everybody_sees_it_stopped(self):
-        with a_gateway("--defence", "bound") as (up, ready):
+        with a_gateway("--defence", "hardened") as (up, ready):
             async with QrkeyClient(ready["qr_url"]) as client:
                 area = await client.request(1, frames=True)
                 assert (area["tokens_needed"], area["t_val_ms"], area["most_waypoints"]) == (4, 10_000, 32)
@@ -381,7 +381,7 @@ class TestUp:
             assert len(up.events("safe_mode")) == 1
 
     def test_nobody_compromises_a_robot_without_the_token_or_from_another_page(self):
-        with a_gateway("--defence", "bound", "--robots", "4") as (up, ready):
+        with a_gateway("--defence", "hardened", "--robots", "4") as (up, ready):
             robot = state_of(ready)["robots"][0]["address"]
             words = {"address": robot, "attack": "hijack"}
             assert post(ready, words, token="0" * 32)[0] == 401
@@ -439,7 +439,7 @@ class TestUp:
 
     async def test_frames_alone_tell_all_that_a_page_needs(self):
         frames: list[dict] = []
-        with a_gateway("--defence", "bound") as (_, ready):
+        with a_gateway("--defence", "hardened") as (_, ready):
             async with QrkeyClient(ready["qr_url"]) as client:
                 numbers = {robot["n"] for robot in await client.request(0, frames=True)}
 

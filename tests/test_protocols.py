@@ -32,7 +32,7 @@ from protocol_world import ProtocolWorld, task_of
 ROBOTS = 5
 
 
-def small(name: str, *attacks: AttackSpec, defence: str = "bound", end_s: float = 13.0) -> Scenario:
+def small(name: str, *attacks: AttackSpec, defence: str = "hardened", end_s: float = 13.0) -> Scenario:
     bti = BtiConfig(f_max=1)
     scenario = replace(find_scenario(name), robots=ROBOTS, bti=bti, n_max=8, defence=defence)
     return replace(scenario, attacks=attacks, duration_s=end_s)
@@ -93,7 +93,7 @@ def test_whatever_a_frame_or_a_checkpoint_holds_nothing_raises_but_what_may(name
     robot.on_input(4, 2250, table.SENSOR.form.pack(table.KIND_SENSOR, 2, 2250, 0.0, 0.0, 0.0, 0.0))
 
 
-@pytest.mark.parametrize("lie", [name for name, each in IN_PROTOCOLS.items() if each.verdicts["bound"] == "stopped"])
+@pytest.mark.parametrize("lie", [name for name, each in IN_PROTOCOLS.items() if each.verdicts["hardened"] == "stopped"])
 def test_its_liar_is_stopped_in_time_and_nobody_else(lie):
     run = run_of(small(IN_PROTOCOLS[lie].against, AttackSpec(name=lie, at_s=2.0, robot=2)))
     summary = run.summary()

@@ -40,7 +40,7 @@ def test_each_processor_answers_as_the_oracle_does(machine, robots, tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize("machine", qemu.MACHINES)
 def test_each_processor_seals_as_the_oracle_does(machine, tmp_path):
-    ours, other = (SealedANode(bound=True, limits=LIMITS) for _ in range(2))
+    ours, other = (SealedANode(hardened=True, limits=LIMITS) for _ in range(2))
     for robot, rob_id in ((ours, 7), (other, 8)):
         robot.load_master(MASTER, rob_id)
         robot.load_mission(0, *sealed(1))
@@ -63,7 +63,7 @@ def told(node, what, now, frame):
             return getattr(node, what)(now, frame)
         except No as no:
             return no.args[0]
-    code, made = node.ask(what, now, frame=frame)
+    code, made = node.ask(what, now, packet=frame)
     return made or REASONS[code].upper()
 
 

@@ -1,4 +1,4 @@
-"""The radio against ns-3, a frame at a time: the disc, latencies; and against its rules. Shares: test_radio_ns3.py."""
+"""The radio against ns-3, a packet at a time: the disc, latencies; and against its rules. Shares: test_radio_ns3.py."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ class World:
         self.heard, self.left, self.receivers = [], [], np.zeros(n, np.int32)
 
     def send(self, robot, length, dst, now_us, first=1):
-        frame = np.full(length, first, np.uint8)
-        return enqueue(self.air, self.queue, robot, frame, length, dst, now_us)
+        packet = np.full(length, first, np.uint8)
+        return enqueue(self.air, self.queue, robot, packet, length, dst, now_us)
 
     def run(self, until_us=1 << 60):
         while self.queue.tally[0] and next_us(self.queue) < until_us:
@@ -52,7 +52,7 @@ class World:
             else:
                 end = finish(self.air, self.reach, self.queue, robot, arg, now_us, self.receivers)
                 for k in self.receivers[: end.receivers].tolist():
-                    self.heard.append((now_us, k, len(end.frame), int(end.frame[-1])))
+                    self.heard.append((now_us, k, len(end.packet), int(end.packet[-1])))
                 if end.left != radio.NOBODY:
                     self.left.append((now_us, end.left, end.arrived))
         assert refused(self.queue) == 0
@@ -75,7 +75,7 @@ class TestDisc:
             dst = BROADCAST if row["class"] == "b27" else 1
             delays = []
             world = World([(0, 0), (d, 0)])
-            for at_us in (0, 90_002, 180_004, 270_006, 360_008):  # all over a slot: the frame waits for the next
+            for at_us in (0, 90_002, 180_004, 270_006, 360_008):  # all over a slot: the packet waits for the next
                 world.send(0, length, dst, at_us)
                 world.run()
                 delays += [now_us - at_us for now_us, _, _, _ in world.heard]

@@ -1,4 +1,4 @@
-"""How much the radio delivers, against every run of ns-3 in tests/data/radio. What a frame alone does: test_radio.py."""
+"""How much the radio delivers, against every run of ns-3 in tests/data/radio. What a packet alone does: test_radio.py."""
 
 from __future__ import annotations
 

@@ -33,26 +33,26 @@ def world():
 
 def fragment(world):
     """Return the first of two fragments of a request, and damage the place where its row is remembered."""
-    frame = np.zeros(world.fleet.settings[0].frame_max, np.uint8)
-    request.audit_head(frame, PEER, VICTIM + 1, request.FRAGMENT)
-    put_u16(frame, request.AT_REQUEST, 1)
-    frame[request.AT_INDEX], frame[request.AT_COUNT] = 0, 2
+    packet = np.zeros(world.fleet.settings[0].packet_max, np.uint8)
+    request.audit_head(packet, PEER, VICTIM + 1, request.FRAGMENT)
+    put_u16(packet, request.AT_REQUEST, 1)
+    packet[request.AT_INDEX], packet[request.AT_COUNT] = 0, 2
     place = world.fleet.rx_info[VICTIM, 0]
     place.src, place.no, place.count, place.row = PEER, 1, 2, 1 << 40
-    return frame
+    return packet
 
 
 def test_a_frame_that_leads_outside_an_array_is_rejected_and_logged(world, caplog, kernel_defects):
-    frame = fragment(world)
+    packet = fragment(world)
     with caplog.at_level(logging.ERROR):
-        assert handlers.on_packet(world.fleet, VICTIM, world.work, 5000, frame, len(frame)) == -1
+        assert handlers.on_packet(world.fleet, VICTIM, world.work, 5000, packet, len(packet)) == -1
     (line,) = caplog.messages
     assert "the peer's message was rejected" in line
     assert PURE or "request.py:" in line
     kernel_defects.clear()
     world.fleet.rx_info[VICTIM, 0].row = NO_ROW
     world.fleet.rx_info[VICTIM, 0].src = 0
-    assert handlers.on_packet(world.fleet, VICTIM, world.work, 5000, frame, len(frame)) == handlers.NOTHING
+    assert handlers.on_packet(world.fleet, VICTIM, world.work, 5000, packet, len(packet)) == handlers.NOTHING
 
 
 def test_an_audit_that_leads_outside_an_array_gives_no_token(world, caplog, kernel_defects):
@@ -65,15 +65,15 @@ def test_an_audit_that_leads_outside_an_array_gives_no_token(world, caplog, kern
 @pytest.mark.skipif(PURE, reason="uncompiled, Python raises IndexError")
 def test_elsewhere_it_is_an_error_with_file_and_line(world):
     with pytest.raises(KernelDefect, match=r"request\.py:\d+: index \d+ is outside"):
-        frame = fragment(world)
-        request.take_fragment(world.fleet, VICTIM, frame, len(frame), 5000)
+        packet = fragment(world)
+        request.take_fragment(world.fleet, VICTIM, packet, len(packet), 5000)
 
 
 @pytest.mark.skipif(PURE, reason="uncompiled, Python raises IndexError")
 def test_what_reads_a_peers_bytes_in_python_rejects_them_too(world, caplog, kernel_defects):
     with pytest.raises(Defective, match=r"request\.py"), reading_peer():
-        frame = fragment(world)
-        request.take_fragment(world.fleet, VICTIM, frame, len(frame), 5000)
+        packet = fragment(world)
+        request.take_fragment(world.fleet, VICTIM, packet, len(packet), 5000)
     assert issubclass(Defective, PeerError)
     assert "rejected" in caplog.text
     kernel_defects.clear()

@@ -77,7 +77,7 @@ def colour(entity):
 def test_the_file_says_what_was_run_and_is_whole(recorded):
     path, steps, _ = recorded
     found, metadata, counts = read(path)
-    about = {"name": "small", "seed": "5", "defence": "bound"}
+    about = {"name": "small", "seed": "5", "defence": "hardened"}
     about |= {"duration_s": "17.1", "tokens_needed": "4", "t_val_ms": "10000"}
     assert metadata == [("scenario", about)]
     assert {topic: len(messages) for topic, messages in found.items()} == counts

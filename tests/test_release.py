@@ -138,7 +138,7 @@ def test_a_wheel_from_a_plain_checkout_has_all_a_stranger_needs(tmp_path):
     assert set(modes.values()) <= {0o644, 0o755, 0o664}
     info = made.name.split("-cp311")[0] + ".dist-info"
     assert {f"phalanx/gateway/pages/{page}/index.html" for page in ("visitor", "operator", "viewer")} <= inside.keys()
-    assert {f"phalanx/_firmware_{name}.abi3.so" for name in ("bound", "paper")} <= inside.keys()
+    assert {f"phalanx/_firmware_{name}.abi3.so" for name in ("hardened", "paper")} <= inside.keys()
     assert {f"phalanx/cli/templates/{path.name}" for path in TEMPLATES.glob("*.*")} <= inside.keys(), "phalanx new"
     assert json.loads(inside[f"{info}/sboms/phalanx-swarm.cdx.json"])["bomFormat"] == "CycloneDX"
     metadata = email.message_from_bytes(inside[f"{info}/METADATA"])

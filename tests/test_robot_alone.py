@@ -25,7 +25,7 @@ import numpy as np
 import pytest
 
 from ordered import MISSION, PUBLIC, order, wheels_order
-from phalanx.bti.fleet import BOUND, make_fleet
+from phalanx.bti.fleet import HARDENED, make_fleet
 from phalanx.bti.nodes import seal_mission_key
 from phalanx.cli.reproduce import _write
 from phalanx.cli.robot import _is, status
@@ -60,7 +60,7 @@ from phalanx.scenarios.behaviour import params_of
 from phalanx.scenarios.file import parse_scenario, written_scenario
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.driven import GATEWAY, OPERATOR, TELL_STOP
-from phalanx.wire.table import ACCELERATION, BOARD, ENTRY, ENTRY_RECV, FRAME_MAX, SENSOR
+from phalanx.wire.table import ACCELERATION, BOARD, ENTRY, ENTRY_RECV, PACKET_MAX, SENSOR
 
 ROBOT = """robot: 3
 mission: flock-12
@@ -251,9 +251,9 @@ def test_a_full_disk_ends_the_kept_log_and_not_the_robot(tmp_path, monkeypatch, 
     assert "cannot write" in cannot_write
 
 
-def a_log(*frames):
+def a_log(*packets):
     """A driven robot's, to whom these were said, a second apart."""
-    told = [ENTRY.encode(type=ENTRY_RECV, t=1000 * n, payload=each) for n, each in enumerate(frames, 1)]
+    told = [ENTRY.encode(type=ENTRY_RECV, t=1000 * n, payload=each) for n, each in enumerate(packets, 1)]
     scenario = Scenario(
         robots=2,
         controller="wheels",
@@ -268,7 +268,7 @@ def test_who_said_what_a_robot_was_told_is_named_and_what_nobody_signed_as_well(
     stop = order(0, 0, TELL_STOP, who=OPERATOR)
     forged = wheels_order(1, 3, 1, 1, key=OPERATOR)  # in the gateway's name
     strange = order(1, 1, 0, who=9, key=GATEWAY)
-    frames = [
+    packets = [
         wheels_order(1, 1, 50, 50),
         stop,
         stop,
@@ -279,14 +279,14 @@ def test_who_said_what_a_robot_was_told_is_named_and_what_nobody_signed_as_well(
         b"\x04",
         stop[:80],
     ]
-    found = {each.signer: each for each in signed_in(a_log(*frames))}
+    found = {each.signer: each for each in signed_in(a_log(*packets))}
     assert set(found) == {"gateway", "operator", NOBODY}
     gateway = found["gateway"]
     assert (gateway.count, gateway.first_s, gateway.last_s) == (2, 0.5, 3.5)
     assert gateway.key == PUBLIC[GATEWAY].hex()
     assert (found["operator"].count, found[NOBODY].count, found[NOBODY].key) == (1, 2, "")
     monkeypatch.setattr(proofs, "MOST_LOOKS", 2)
-    assert [(each.signer, each.count) for each in signed_in(a_log(*frames))][2:] == [(proofs.UNKNOWN, 3)]
+    assert [(each.signer, each.count) for each in signed_in(a_log(*packets))][2:] == [(proofs.UNKNOWN, 3)]
 
 
 def test_a_state_that_somebody_wrote_commands_no_terminal_and_makes_no_traceback(tmp_path, capsys):
@@ -351,7 +351,7 @@ def stopped(heard_ago_ms=(), asked_ago_ms=(), late_ms=0.0, log_full=False):
     """Why a robot says that it is stopped, 60 s after the beginning, that heard and asked others so long ago."""
     now_ms, bti = 60_000, BtiConfig(f_max=1, t_audit_ms=2000, t_val_ms=5000)
     nodes = np.zeros((1, 8), np.uint8)
-    fleet = make_fleet(1, bti, np.zeros(1), profile=BOUND, controller=0, mission_seed=1, snode=nodes, anode=nodes)
+    fleet = make_fleet(1, bti, np.zeros(1), profile=HARDENED, controller=0, mission_seed=1, snode=nodes, anode=nodes)
     fleet.robot["peers"], fleet.robot["log_full"] = len(heard_ago_ms), log_full
     for k, (heard, asked) in enumerate(zip(heard_ago_ms, asked_ago_ms, strict=True)):
         fleet.peer[0, k]["heard"], fleet.peer[0, k]["asked_ms"] = now_ms - heard, now_ms - asked
@@ -427,8 +427,8 @@ def heard_by(radio: UdpRadio) -> list[bytes]:
     """All that waits; a look that finds nothing may have dropped something."""
     heard = []
     while select.select([radio], [], [], 0.05)[0]:
-        if frame := radio.take():
-            heard.append(frame)
+        if packet := radio.take():
+            heard.append(packet)
     return heard
 
 
@@ -445,10 +445,10 @@ def test_a_radio_hears_its_peers_alone_and_nothing_too_long(host):
         radio = UdpRadio(f"{shown}:{port}", [f"{shown}:{peer.getsockname()[1]}"])
         try:
             stranger.sendto(b"\x01", (host, port))
-            for frame in (bytes(FRAME_MAX + 1), b"", b"\x02" * FRAME_MAX, b"\x03"):
-                peer.sendto(frame, (host, port))
+            for packet in (bytes(PACKET_MAX + 1), b"", b"\x02" * PACKET_MAX, b"\x03"):
+                peer.sendto(packet, (host, port))
             heard = heard_by(radio)
-            assert heard == [b"\x02" * FRAME_MAX, b"\x03"]
+            assert heard == [b"\x02" * PACKET_MAX, b"\x03"]
             assert radio.refused == {"foreign": 1, "too_large": 1, "empty": 1, "too_many": 0, "waiting": 0}
             radio.send(b"\x04")
             peer.settimeout(10)
@@ -495,7 +495,7 @@ def test_of_each_peer_as_many_frames_are_read_as_its_a_node_lets_through(monkeyp
     now_s = [1000.0]
     monkeypatch.setattr(udp_radio.time, "monotonic", lambda: now_s[0])
     state, audit = b"\x01" + bytes(26), b"\x80" + bytes(26)
-    may = Allowance(frames_per_s=40, send_us_per_s=300, send_capacity_us=400, fixed_us=73, ns_per_byte=1000)
+    may = Allowance(packets_per_s=40, send_us_per_s=300, send_capacity_us=400, fixed_us=73, ns_per_byte=1000)
     with a_radio_and_its_peers(0, may) as (radio, say, (flood, it, _)):
         say(flood, state, 20)
         assert heard_by(radio) == [state] * 4, "each takes 100 us"
@@ -528,8 +528,8 @@ def test_radios_of_a_multicast_group_hear_each_other_and_not_themselves_nor_stra
     one, two = UdpRadio(here[0], [here[1]], group), UdpRadio(here[1], [here[0]], group)
     stranger = UdpRadio(here[2], [here[0]], group)
     try:
-        for radio, frame in ((one, b"one"), (two, b"two"), (stranger, b"stranger")):
-            radio.send(frame)
+        for radio, packet in ((one, b"one"), (two, b"two"), (stranger, b"stranger")):
+            radio.send(packet)
         assert (heard_by(one), heard_by(two)) == ([b"two"], [b"one"])
         assert one.refused["foreign"] == two.refused["foreign"] == 2
     finally:
@@ -547,7 +547,7 @@ def test_radios_of_a_multicast_group_hear_each_other_and_not_themselves_nor_stra
         ({"x_m": 1.0, "y_m": 2.0, "vx_mps": 0.0, "vy_mps": 0.0}, SENSOR.size),
         (b"\x40 a lidar of one's own", 22),
         (b"", "sense returned b''"),
-        (bytes(FRAME_MAX + 1), "sense returned b'"),
+        (bytes(PACKET_MAX + 1), "sense returned b'"),
         ({"x_m": 1.0}, "sense returned {'x_m': 1.0}"),
         (None, "sense returned None"),
         ({"x_m": 10**400}, "sense returned {'x_m': 1000"),
@@ -586,7 +586,7 @@ async def test_what_ends_a_task_is_a_mistake_where_a_driver_raises_it(kind):
     with contextlib.closing(OwnDriver(Base(1), dispatch.BUNDLED["flock"])) as driver:
         with pytest.raises(RuntimeError, match=kind.__name__) as error:
             await driver.sense(7, 1.0)
-        assert any(frame.name == "sense" and frame.path == Path(__file__) for frame in error.traceback)
+        assert any(packet.name == "sense" and packet.path == Path(__file__) for packet in error.traceback)
         driver.drive(ACCELERATION.encode(id=1, t=7, ax_mps2=0.0, ay_mps2=0.0))
         with pytest.raises(RuntimeError, match=kind.__name__):
             while True:

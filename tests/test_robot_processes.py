@@ -49,7 +49,7 @@ from phalanx.wire.table import ACCELERATION
 class Follow(Controller):
     heard = 0
 
-    def on_recv(self, t_ms, frame):
+    def on_recv(self, t_ms, packet):
         self.heard = (self.heard + 1) % 256
 
     def on_input(self, step, t_ms, reading):
@@ -259,7 +259,7 @@ def test_what_a_taken_over_radio_does_no_protected_robot_hears(tmp_path, attack,
     assert (hostile["safe_mode_s"] is not None) == (attack in ("hold", "foreign-key"))
 
 
-STOPPED = [name for name, attack in IN_FLOCKS.items() if attack.verdicts["bound"] == "stopped"]
+STOPPED = [name for name, attack in IN_FLOCKS.items() if attack.verdicts["hardened"] == "stopped"]
 
 
 @pytest.mark.long

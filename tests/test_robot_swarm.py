@@ -64,9 +64,9 @@ class Robots:
         self.here = self.at.pop()
         self.controllers = [robot(1, mission=1), robot(2, mission=1)]
 
-    def say(self, which: int, frame: bytes) -> None:
+    def say(self, which: int, packet: bytes) -> None:
         host, _, port = self.here.partition(":")
-        self.sockets[which].sendto(frame, (host, int(port)))
+        self.sockets[which].sendto(packet, (host, int(port)))
 
     def obeys(self, which: int, is_so) -> bool:
         """Whether what comes leads there. The robot's clock stands, as a busy machine would make orders late."""
@@ -118,17 +118,17 @@ def protected(file):
     return file, unsealed(master, read_mission_key(file.with_name("key.json"), 9))
 
 
-def claims(robots, which, tee, hckpt):
+def claims(robots, which, auditee, hckpt):
     """A robot begins to show what it wants a token for."""
     head = bytearray(REQUEST.size)
     head[REQUEST.at("hckpt") : REQUEST.at("hckpt") + len(hckpt)] = hckpt
-    robots.say(which, AUDIT_FRAGMENT.encode(src=tee, dst=1, request=1, index=0, count=1, bytes=bytes(head)))
+    robots.say(which, AUDIT_FRAGMENT.encode(src=auditee, dst=1, request=1, index=0, count=1, bytes=bytes(head)))
 
 
-def vouches(robots, which, key, tor, tee, t, hckpt):
+def vouches(robots, which, key, auditor, auditee, t, hckpt):
     """A robot says a token for another."""
-    mac = mac_of(key, TOKEN.encode(tor=tor, tee=tee, t=t, hckpt=hckpt))
-    robots.say(which, AUDIT_TOKEN.encode(src=tor, dst=tee, request=1, t=t, mac=mac))
+    mac = mac_of(key, TOKEN.encode(auditor=auditor, auditee=auditee, t=t, hckpt=hckpt))
+    robots.say(which, AUDIT_TOKEN.encode(src=auditor, dst=auditee, request=1, t=t, mac=mac))
 
 
 def both_seen(swarm, robots):
@@ -204,7 +204,7 @@ class TestFile:
             ({"trusted": "process:g.flash"}, "trusted nodes of number 0"),
             ({"number": 9}, "trusted nodes of number 9"),
             ({"trusted": "process:g.flash", "number": 2}, "trusted nodes of number 2"),
-            ({"frames": "sealed"}, "frames: sealed, without trusted"),
+            ({"packets": "sealed"}, "packets: sealed, without trusted"),
             ({"trusted": "carrier:pigeon", "number": 9}, "carrier:pigeon"),
         ],
     )
@@ -250,7 +250,7 @@ class TestSwarm:
             assert all(robots.obeys(which, lambda state: state["count"] == 32) for which in (0, 1))
         for which, each in enumerate(robots.sockets):
             each.setblocking(False)
-            told = [ORDER.decode(frame)["action"] for frame in waiting(each)]
+            told = [ORDER.decode(packet)["action"] for packet in waiting(each)]
             assert told.count(TELL_WHEELS) == LAST_TIMES, which
 
     def test_a_go_is_said_though_this_gateway_said_no_stop(self, file, robots):
@@ -373,7 +373,7 @@ class TestSwarm:
 
     def test_no_seal_is_older_than_one_of_a_start_before(self, protected, robots):
         file, _ = protected
-        file.write_text(json.dumps(json.loads(file.read_text()) | {"frames": "sealed"}))
+        file.write_text(json.dumps(json.loads(file.read_text()) | {"packets": "sealed"}))
         newest = 0
         for _ in range(3):
             with gateway(file) as swarm:
@@ -382,8 +382,8 @@ class TestSwarm:
             assert {each["src"] for each in seals} == {9}
             assert min(each["t"] for each in seals) > newest
             newest = max(each["t"] for each in seals)
-            for frame in waiting_now(robots.sockets[0]):
-                newest = max(newest, SEAL.decode(frame[-SEAL.size :])["t"])
+            for packet in waiting_now(robots.sockets[0]):
+                newest = max(newest, SEAL.decode(packet[-SEAL.size :])["t"])
 
     @pytest.mark.parametrize("whose", [1, None])
     def test_a_file_that_holds_anothers_nodes_or_none_is_left_as_it_is(self, protected, whose):
@@ -407,7 +407,7 @@ class TestSwarm:
         opened, open_frame = [], GatewayNode.open
         monkeypatch.setattr(GatewayNode, "open", lambda node, raw: opened.append(open_frame(node, raw)) or opened[-1])
         file, _ = protected
-        file.write_text(json.dumps(json.loads(file.read_text()) | {"frames": "sealed"}))
+        file.write_text(json.dumps(json.loads(file.read_text()) | {"packets": "sealed"}))
         with gateway(file) as swarm:
             robots.say(0, WHEELS_STATE.encode(id=1, **STATE))
             robots.say(0, b"short")

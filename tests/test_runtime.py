@@ -64,8 +64,8 @@ def lived(request):
         kind = int(world.clock[0].kind)
         mine = int(world.clock[0].robot) == ME
         if mine and kind in NAMES:
-            raw = world.reading if kind == loop.CONTROL else world.frame
-            data = raw[: world.frame_len[0]].tobytes() if kind != loop.SENT else bool(world.clock[0].arg)
+            raw = world.reading if kind == loop.CONTROL else world.packet
+            data = raw[: world.packet_len[0]].tobytes() if kind != loop.SENT else bool(world.clock[0].arg)
             noted.append((int(world.clock[0].now_us + world.boot_us[ME]) // 1000, NAMES[kind], data))
         handle(world, robots, *advice_and_stage)
         if mine:
@@ -151,6 +151,6 @@ def test_no_frame_makes_it_raise():
     chance = np.random.default_rng(5)
     for k in range(2000):
         length = int(chance.integers(0, 2100))
-        frame = chance.bytes(length)
-        runtime.on_packet(boot_ms + k, (b"\x80" + frame[1:] if k % 2 else frame))
+        packet = chance.bytes(length)
+        runtime.on_packet(boot_ms + k, (b"\x80" + packet[1:] if k % 2 else packet))
     assert dispatch.NUMBERS["guard"] == fleet.settings[0].controller

@@ -110,7 +110,7 @@ radio: {exponent: 2.5}
             ("seed: 1\nrobots: 0\n", 2, "0 robots", "1 to 65535"),
             ("seed: 1\nrobts: 9\n", 2, "no 'robts'", "did you mean robots? allowed: name"),
             ("robots: 9\nseed: 3\nrobots: 8\n", 3, "'robots' twice", "line 1"),
-            ("defence: yes\n", 1, "defence is 'yes'", "none, paper, bound"),
+            ("defence: yes\n", 1, "defence is 'yes'", "none, paper, hardened"),
             ("name: 12\n", 1, "name is '12'", "text"),
             ("goal_m: [1]\n", 1, "goal_m is a list", "a list of 2 numbers"),
             ("goal_m: [1,\n   .nan]\n", 2, "goal_m is '.nan'", "a number"),
@@ -193,7 +193,7 @@ radio: {exponent: 2.5}
 
 class TestBuiltIn:
     def test_those_of_the_paper_are_as_in_the_paper(self):
-        for name, defence in (("bti-fig8", "none"), ("bti-fig9", "bound")):
+        for name, defence in (("bti-fig8", "none"), ("bti-fig9", "hardened")):
             scenario = find_scenario(name)
             assert scenario == Scenario(name=name, about=scenario.about, defence=defence, attacks=(SPOOF,))
             assert max(map(max, scenario.starts_m)) == 100
@@ -224,7 +224,7 @@ class TestSchema:
     def test_the_schema_allows_what_the_reader_allows(self):
         """Each key alone, with its default or something of its type: the reader takes it; an unknown one, it refuses."""
         properties = scenario_schema()["properties"]
-        samples = {"integer": 5, "number": 5.5, "string": "bound", "array": [], "object": {}}
+        samples = {"integer": 5, "number": 5.5, "string": "hardened", "array": [], "object": {}}
         for key, shape in properties.items():
             value = shape.get("default", samples.get(shape.get("type"), 5))
             if key in ("goal_m", "area_m"):

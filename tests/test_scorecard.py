@@ -75,7 +75,7 @@ class TestPlan:
 STOPPED_IN_TIME = (Stop(1, 12.0, 20.0),)
 
 
-def a_trial(attack="spoof", defence="bound", stops=STOPPED_IN_TIME, harm=1.0, **attacked):
+def a_trial(attack="spoof", defence="hardened", stops=STOPPED_IN_TIME, harm=1.0, **attacked):
     told = {"duration_s": 60.0, "correct_in_safe_mode": [], "without_quorum": []}
     came_to = {"harm": harm, "attacked": told | attacked, "honest": told, "honest_distance_m": 0.0}
     bound_s = 10.101 if ATTACKS[attack].verdicts[defence] == "stopped" else None
@@ -108,7 +108,7 @@ class TestBout:
         return small
 
     def test_a_row_is_the_attack_beside_the_same_without_it(self, small):
-        bare, kept = (run_bout(small("hijack", defence)) for defence in ("none", "bound"))
+        bare, kept = (run_bout(small("hijack", defence)) for defence in ("none", "hardened"))
         assert set(bare) == set(kept) == set(OUTCOME)
         assert (bare["declared"], bare["stopped"], bare["bound_s"], bare["deviated"]) == ("bites", 0, None, 1)
         assert (kept["declared"], kept["stopped"], kept["missed"]) == ("stopped", 1, "")
@@ -143,11 +143,11 @@ class TestBout:
     def test_a_mission_s_row_says_whether_its_verdict_was_kept(self):
         for job in scorecard_plan(("replay-day",), (), 1).jobs:
             row = run_bout(job)
-            assert (row["missed"], row["stopped"]) == ("", int(job.defence == "bound"))
-            assert row["harm"] == (0 if job.defence == "bound" else 2)
+            assert (row["missed"], row["stopped"]) == ("", int(job.defence == "hardened"))
+            assert row["harm"] == (0 if job.defence == "hardened" else 2)
 
 
-def a_row(seed, defence="bound", harm=2.0, stop_s=8.0, **more):
+def a_row(seed, defence="hardened", harm=2.0, stop_s=8.0, **more):
     row = dict.fromkeys(OUTCOME) | {"declared": "stopped", "harm": harm, "harm_unit": "m", "bites_from": 1.0}
     row |= {"liars": 1, "deviated": 1, "stopped": 1, "slowest_stop_s": stop_s, "bound_s": 10.101, "missed": ""}
     row |= {"correct_stopped": 0, "audit_bytes_per_s": 2500.0}
@@ -155,6 +155,11 @@ def a_row(seed, defence="bound", harm=2.0, stop_s=8.0, **more):
 
 
 class TestTable:
+    def test_a_saved_run_under_the_old_name_of_a_defence_is_refused(self):
+        with pytest.raises(UsageError, match="defence 'bound'") as refused:
+            lines([a_row(0, defence="bound")])
+        assert refused.value.hint.startswith("did you mean hardened?")
+
     def test_a_line_is_over_the_seeds_and_beside_no_defence(self):
         rows = [
             a_row(0),
@@ -162,12 +167,12 @@ class TestTable:
             a_row(2, harm=3.0, stop_s=8.5, missed="bites", correct_stopped=2),
         ]
         bare = [a_row(seed, "none", 20.0 + seed, None, deviated=1, stopped=0, bound_s=None) for seed in range(3)]
-        none, bound = lines([*rows, *bare])
+        none, hardened = lines([*rows, *bare])
         assert (none.defence, none.stop_worst_s, none.harm_undefended) == ("none", None, 21.0)
-        assert (bound.harm, bound.harm_worst, bound.harm_undefended) == (3.0, 5.0, 21.0)
-        assert (bound.stop_median_s, bound.stop_worst_s, bound.bound_s) == (8.5, 9.5, 10.101)
-        assert (bound.runs, bound.stopped, bound.correct_stopped) == (3, 3, 2)
-        assert (bound.misses, bound.missed) == (1, "bites (1)")
+        assert (hardened.harm, hardened.harm_worst, hardened.harm_undefended) == (3.0, 5.0, 21.0)
+        assert (hardened.stop_median_s, hardened.stop_worst_s, hardened.bound_s) == (8.5, 9.5, 10.101)
+        assert (hardened.runs, hardened.stopped, hardened.correct_stopped) == (3, 3, 2)
+        assert (hardened.misses, hardened.missed) == (1, "bites (1)")
 
     def test_of_an_attack_that_was_changed_the_newer_run_counts(self):
         (line,) = lines([a_row(0, harm=9.0), a_row(0, harm=1.0)])
@@ -180,7 +185,7 @@ class TestTable:
         assert [path.name for path in made] == [
             "scorecard-flock.png", "scorecard-flock.svg", "scorecard-own-py-Mine.png", "scorecard-own-py-Mine.svg",
         ]  # fmt: skip
-        assert "<!-- ours (bound)" in made[1].read_text()
+        assert "<!-- ours (hardened)" in made[1].read_text()
 
 
 class TestCommand:

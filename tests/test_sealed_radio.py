@@ -27,13 +27,13 @@ from phalanx.robot.planner import ToGoal
 from phalanx.robot.runtime import NEVER_MS
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire import lines
-from phalanx.wire.table import ENTRY_HEADER_BYTES, FRAME_MAX, SEAL, STATE
+from phalanx.wire.table import ENTRY_HEADER_BYTES, PACKET_MAX, SEAL, STATE
 from test_firmware_oracle import LIMITS
 
 (STORY,) = json.loads((ROOT / "vectors" / "sealed.json").read_text())["cases"]
 ROOMY = replace(LIMITS, send_capacity_us=10**9, audit_capacity_us=10**9, t_val_ms=10_000)
 MASTER, MISSION = bytes(range(20)), bytes(range(7, 27))
-FFI, LIB = trusted.FIRMWARE[trusted.BOUND]
+FFI, LIB = trusted.FIRMWARE[trusted.HARDENED]
 
 
 class Robot:
@@ -42,7 +42,7 @@ class Robot:
     def __init__(self, rob_id, limits=ROOMY):
         self.c, self.seals = FFI.new("phx_anode *"), FFI.new("phx_seals *")
         assert LIB.phx_anode_make(self.c, FFI.new("phx_limits *", list(vars_of(limits)))) == 0
-        self.oracle = SealedANode(bound=True, limits=limits)
+        self.oracle = SealedANode(hardened=True, limits=limits)
         self.do("anode_load_master", "load_master", (MASTER, rob_id))
         k, r, seq, mac = seal_mission_key(MASTER, MISSION, bytes(20), 1)
         self.do("anode_load_mission", "load_mission", (0, k, r, seq, mac))
@@ -54,18 +54,18 @@ class Robot:
         except oracle.No as no:
             assert trusted.REASONS[code] == no.args[0].lower()
 
-    def told(self, name, now, frame):
-        out = FFI.new(f"uint8_t[{len(frame) + 21}]")
-        code = getattr(LIB, f"phx_sealed_{name}")(self.seals, self.c, now, frame, len(frame), out)
+    def told(self, name, now, packet):
+        out = FFI.new(f"uint8_t[{len(packet) + 21}]")
+        code = getattr(LIB, f"phx_sealed_{name}")(self.seals, self.c, now, packet, len(packet), out)
         said = bytes(out)[:code] if code >= 0 else trusted.REASONS[code]
         try:
-            assert said == getattr(self.oracle, f"sealed_{name}")(now, frame)
+            assert said == getattr(self.oracle, f"sealed_{name}")(now, packet)
         except oracle.No as no:
             assert said == no.args[0].lower()
         return said
 
-    def send(self, now, frame=b"\x01hello"):
-        said = self.told("send", now, frame)
+    def send(self, now, packet=b"\x01hello"):
+        said = self.told("send", now, packet)
         return said if isinstance(said, str) else said[7:]
 
     def recv(self, now, sealed):
@@ -108,89 +108,89 @@ def test_the_vectors_are_answered_in_python_too():
 
 def test_a_frame_counts_once_for_others_and_never_for_its_sender(pair):
     one, two = pair
-    frame = one.send(5)
-    assert [two.recv(9_000_000, frame), two.recv(9_000_000, frame)] == ["taken", "repeated"]
-    assert one.recv(6, frame) == "self"
+    packet = one.send(5)
+    assert [two.recv(9_000_000, packet), two.recv(9_000_000, packet)] == ["taken", "repeated"]
+    assert one.recv(6, packet) == "self"
 
 
 def test_what_is_said_past_an_a_node_is_not_taken(pair):
     one, two = pair
-    frame = one.send(5, b"\x01" + bytes(26))
-    assert {two.recv(6, each) for each in forgeries(frame)} == {"bad_mac"}
-    assert two.recv(6, frame[-SEAL.size :]) == "arg"
-    assert two.recv(6, frame) == "taken", "and none of it counts as heard"
+    packet = one.send(5, b"\x01" + bytes(26))
+    assert {two.recv(6, each) for each in forgeries(packet)} == {"bad_mac"}
+    assert two.recv(6, packet[-SEAL.size :]) == "arg"
+    assert two.recv(6, packet) == "taken", "and none of it counts as heard"
 
 
 def test_ten_thousand_mutations_are_refused_and_leave_no_trace(pair):
     one, two = pair
-    frames = [one.send(1000 + k, bytes((1, *range(k, 26 + k)))) for k in range(100)]
+    packets = [one.send(1000 + k, bytes((1, *range(k, 26 + k)))) for k in range(100)]
     chance, refused = random.Random(7), set()
-    two.recv(1100, frames[0])
+    two.recv(1100, packets[0])
     before = bytes(FFI.buffer(two.seals)), bytes(FFI.buffer(two.c))
     for k in range(10_000):
-        frame = bytearray(frames[k % 100])
+        packet = bytearray(packets[k % 100])
         for _ in range(chance.randint(1, 3)):
-            frame[chance.randrange(len(frame))] ^= chance.randint(1, 255)
-        frame = bytes(frame)[: chance.choice((None, -1, 9, 0))] + chance.choice((b"", b"", b"x"))
-        if frame not in frames:
-            out = FFI.new(f"uint8_t[{len(frame) + 21}]")
-            refused.add(LIB.phx_sealed_recv(two.seals, two.c, 1101, frame, len(frame), out))
+            packet[chance.randrange(len(packet))] ^= chance.randint(1, 255)
+        packet = bytes(packet)[: chance.choice((None, -1, 9, 0))] + chance.choice((b"", b"", b"x"))
+        if packet not in packets:
+            out = FFI.new(f"uint8_t[{len(packet) + 21}]")
+            refused.add(LIB.phx_sealed_recv(two.seals, two.c, 1101, packet, len(packet), out))
     assert {trusted.REASONS[code] for code in refused} == {"bad_mac", "arg"}
     assert (bytes(FFI.buffer(two.seals)), bytes(FFI.buffer(two.c))) == before
-    assert two.recv(1101, frames[50]) == "taken"
+    assert two.recv(1101, packets[50]) == "taken"
 
 
 def test_frames_of_one_millisecond_have_a_time_each_and_not_too_far_ahead(pair):
     one, two = pair
-    frames = [one.send(1000) for _ in range(258)]
-    assert frames.pop() == "airtime"
-    times = [SEAL.decode(frame[-SEAL.size :])["t"] for frame in frames]
+    packets = [one.send(1000) for _ in range(258)]
+    assert packets.pop() == "airtime"
+    times = [SEAL.decode(packet[-SEAL.size :])["t"] for packet in packets]
     assert times == list(range(1000, 1257))
-    assert {two.recv(1000, frame) for frame in frames} == {"taken"}
+    assert {two.recv(1000, packet) for packet in packets} == {"taken"}
     assert one.send(1001) != "airtime"
 
 
 def test_frames_overtake_each_other_by_the_window_and_no_more(pair):
     one, two = pair
-    frames = {now: one.send(now) for now in (100, 101, 132, 164, 400)}
-    assert [two.recv(200, frames[100]), two.recv(200, frames[164])] == ["taken"] * 2
-    assert two.recv(200, frames[132]) == "taken", "what is no newer than the window is not what was heard before it"
-    assert two.recv(200, frames[100]) == "repeated", "64 ms behind"
-    assert [two.recv(200, frames[101]), two.recv(200, frames[101])] == ["taken", "repeated"]
-    assert two.recv(500, frames[400]) == "taken"
-    assert two.recv(500, frames[164]) == "repeated"
+    packets = {now: one.send(now) for now in (100, 101, 132, 164, 400)}
+    assert [two.recv(200, packets[100]), two.recv(200, packets[164])] == ["taken"] * 2
+    assert two.recv(200, packets[132]) == "taken", "what is no newer than the window is not what was heard before it"
+    assert two.recv(200, packets[100]) == "repeated", "64 ms behind"
+    assert [two.recv(200, packets[101]), two.recv(200, packets[101])] == ["taken", "repeated"]
+    assert two.recv(500, packets[400]) == "taken"
+    assert two.recv(500, packets[164]) == "repeated"
 
 
 def test_what_was_heard_before_is_not_taken_for_what_came_32_ms_later(pair):
     """A shift by 32 is none on some processors: the bit of 99 would stand for 131."""
     one, two = pair
-    frames = {now: one.send(now) for now in (99, 100, 131, 132)}
-    assert [two.recv(132, frames[now]) for now in (99, 100, 132, 131)] == ["taken"] * 4
+    packets = {now: one.send(now) for now in (99, 100, 131, 132)}
+    assert [two.recv(132, packets[now]) for now in (99, 100, 132, 131)] == ["taken"] * 4
 
 
 def test_whatever_overtakes_what_each_frame_counts_once(pair):
     one, two = pair
-    chance, now, frames = random.Random(1), 1000, []
+    chance, now, packets = random.Random(1), 1000, []
     for _ in range(150):
         now += chance.choice([1, 2, 31, 32, 33])
-        frames.append(one.send(now))
-        for frame in chance.choices(frames[-6:], k=2):
-            two.recv(now, frame)
+        packets.append(one.send(now))
+        for packet in chance.choices(packets[-6:], k=2):
+            two.recv(now, packet)
 
 
 def test_what_is_held_back_is_refused_and_what_was_always_late_is_another_clock(pair):
     one, two = pair
     three = Robot(3)
-    frames = [one.send(now) for now in (1000, 2000, 3000, 4000)]
-    assert [two.recv(1000, frames[0]), two.recv(4000, frames[1]), two.recv(5003, frames[2])] == [
+    packets = [one.send(now) for now in (1000, 2000, 3000, 4000)]
+    assert [two.recv(1000, packets[0]), two.recv(4000, packets[1]), two.recv(5003, packets[2])] == [
         "taken",
         "taken",
         "late",
     ]
-    assert two.recv(5000, frames[3]) == "taken"
+    assert two.recv(5000, packets[3]) == "taken"
     # Three seconds late from the first on; then one at once, and the truth is known.
-    assert [three.recv(now, each) for now, each in zip((4000, 5000, 6000), frames, strict=False)] == ["taken"] * 3
-    assert three.recv(4000, frames[3]) == "taken"
+    assert [three.recv(now, each) for now, each in zip((4000, 5000, 6000), packets, strict=False)] == ["taken"] * 3
+    assert three.recv(4000, packets[3]) == "taken"
     assert three.recv(8003, one.send(5000)) == "late"
 
 
@@ -219,9 +219,9 @@ def test_a_full_table_gives_a_place_to_a_new_sender_when_one_was_silent_for_long
 
 def test_a_frame_leaves_room_for_its_seal(pair):
     one, two = pair
-    assert one.send(1, b"\x01" * (FRAME_MAX - SEAL.size + 1)) == "too_long"
-    longest = one.send(1, b"\x01" * (FRAME_MAX - SEAL.size))
-    assert (len(longest), two.recv(1, longest)) == (FRAME_MAX, "taken")
+    assert one.send(1, b"\x01" * (PACKET_MAX - SEAL.size + 1)) == "too_long"
+    longest = one.send(1, b"\x01" * (PACKET_MAX - SEAL.size))
+    assert (len(longest), two.recv(1, longest)) == (PACKET_MAX, "taken")
     assert one.send(2**32 - 1) == "clock"
     assert one.send(2, longest) == "safe_mode", "before its length is looked at"
 
@@ -238,8 +238,8 @@ def test_a_board_is_sealed_when_it_is_made_and_stays_so(tmp_path):
         def __init__(self):
             self.refused, self.came = {"foreign": 2}, deque()
 
-        def send(self, frame):
-            said.append(frame)
+        def send(self, packet):
+            said.append(packet)
 
         def take(self):
             return self.came.popleft() if self.came else b""
@@ -259,18 +259,18 @@ def test_a_board_is_sealed_when_it_is_made_and_stays_so(tmp_path):
         board.load_mission(0, seal_mission_key(MASTER, MISSION, bytes(20), 1))
         airs.append((SealedAir(board, radio := Radio()), radio))
     (one, _), (two, radio) = airs
-    frames = [b"\x01" + bytes([k]) * 26 for k in range(3)]
-    for k, frame in enumerate(frames):
-        code, entry = one.ask(lines.SEND, 100 + k, frame=frame)
-        assert (code, entry[7:]) == (len(entry), frame)
-    one.send(frames[0])
-    one.send(frames[2])  # what was never let out has no seal that another could take
+    packets = [b"\x01" + bytes([k]) * 26 for k in range(3)]
+    for k, packet in enumerate(packets):
+        code, entry = one.ask(lines.SEND, 100 + k, packet=packet)
+        assert (code, entry[7:]) == (len(entry), packet)
+    one.send(packets[0])
+    one.send(packets[2])  # what was never let out has no seal that another could take
     assert [len(each) for each in said] == [27 + SEAL.size] * 2
     for each in (*said, said[0], b"\x01bare", said[0][: -SEAL.size] + said[1][-SEAL.size :]):
         radio.came.append(each)
-    codes = [two.ask(lines.RECV, 200, frame=frame)[0] for frame in iter(two.take, b"")]
+    codes = [two.ask(lines.RECV, 200, packet=packet)[0] for packet in iter(two.take, b"")]
     assert codes == [34, 34, boards.CODES["REPEATED"], boards.CODES["BAD_MAC"]]
-    assert two.ask(lines.RECV, 200, frame=frames[1])[0] == boards.CODES["BAD_MAC"], "nobody said it"
+    assert two.ask(lines.RECV, 200, packet=packets[1])[0] == boards.CODES["BAD_MAC"], "nobody said it"
     assert two.refused == {"foreign": 2, "short": 1, "repeated": 1, "bad_mac": 2}
     for board in boards_:
         board.close()
@@ -278,7 +278,7 @@ def test_a_board_is_sealed_when_it_is_made_and_stays_so(tmp_path):
 
 def test_a_mission_with_more_neighbours_than_are_remembered_is_refused_and_frames_are_shorter():
     scenario = Scenario()
-    assert with_room_for_seals(scenario).bti.frame_max_bytes == FRAME_MAX - SEAL.size
+    assert with_room_for_seals(scenario).bti.packet_max_bytes == PACKET_MAX - SEAL.size
     with pytest.raises(UsageError, match="n_max"):
         with_room_for_seals(replace(scenario, n_max=SENDERS + 1))
     driven = replace(scenario, controller="wheels", robots=4, grid_step_m=0.5)
@@ -305,12 +305,12 @@ def test_a_planner_hears_no_frame_that_its_a_node_refused():
     class Nodes:
         def ask(self, call, _now_ms=None, **arguments):
             if call is not lines.RECV:
-                return len(arguments.get("frame", b"")), entry(arguments.get("frame", b""))
-            code = codes[STATE.decode(arguments["frame"])["id"]]
-            return code, entry(arguments["frame"]) if code > 0 else b""
+                return len(arguments.get("packet", b"")), entry(arguments.get("packet", b""))
+            code = codes[STATE.decode(arguments["packet"])["id"]]
+            return code, entry(arguments["packet"]) if code > 0 else b""
 
-    def entry(frame):
-        return bytes(ENTRY_HEADER_BYTES) + frame
+    def entry(packet):
+        return bytes(ENTRY_HEADER_BYTES) + packet
 
     mission = Scenario(robots=4, controller="guard", bti=BtiConfig(f_max=1))
     came = deque(STATE.encode(id=rob_id, t=1, x_m=0.0, y_m=0.0, vx_mps=0.0, vy_mps=0.0) for rob_id in (2, 1, 2))

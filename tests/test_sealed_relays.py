@@ -10,7 +10,7 @@ from dataclasses import astuple
 import pytest
 
 from phalanx.bti import elsewhere, request, trusted
-from phalanx.bti.fleet import BOUND, make_fleet
+from phalanx.bti.fleet import HARDENED, make_fleet
 from phalanx.bti.nodes import limits_of, seal_mission_key
 from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig
@@ -22,9 +22,9 @@ from phalanx.scenarios.behaviour import number_of, params_of
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire import lines
 from phalanx.wire.fields import get_u16, row
-from phalanx.wire.table import AUDIT_HELLO, AUDIT_HERE, ENTRY_HEADER_BYTES, FRAME_MAX, SEAL, SENSOR
+from phalanx.wire.table import AUDIT_HELLO, AUDIT_HERE, ENTRY_HEADER_BYTES, PACKET_MAX, SEAL, SENSOR
 
-FFI, LIB = trusted.FIRMWARE[BOUND]
+FFI, LIB = trusted.FIRMWARE[HARDENED]
 MASTER, MISSION = bytes(range(20)), bytes(range(7, 27))
 KERNELS = {call: kernel.__name__ for kernel, call in elsewhere.FUNCTIONS.items()}
 SEALED = {lines.SEND: LIB.phx_sealed_send, lines.RECV: LIB.phx_sealed_recv}
@@ -51,7 +51,7 @@ class SealedNodes:
 
     def ask(self, call, now_ms=None, **arguments):
         values = [*([] if now_ms is None else [now_ms]), *arguments.values()]
-        out = FFI.new("uint8_t[]", FRAME_MAX + 64)
+        out = FFI.new("uint8_t[]", PACKET_MAX + 64)
         if call in elsewhere.FORWARDED:
             values += [len(values[-1]), out]
         elif call in elsewhere.MADE:
@@ -78,7 +78,7 @@ class Member:
             1,
             scenario.bti,
             params_of(scenario),
-            profile=BOUND,
+            profile=HARDENED,
             controller=number_of(scenario, None),
             mission_seed=scenario.seed,
             snode=self.rows,
@@ -196,7 +196,7 @@ def made():
 
 def a_sealed(nodes, now_ms, packet):
     """Return a packet as its sender's a-node seals it."""
-    code, entry = nodes.ask(lines.SEND, now_ms, frame=packet)
+    code, entry = nodes.ask(lines.SEND, now_ms, packet=packet)
     assert code == len(entry)
     return entry[ENTRY_HEADER_BYTES:]
 
@@ -210,7 +210,7 @@ def test_a_hello_in_anothers_name_is_heard_unless_the_radio_is_sealed():
     assert LIB.phx_anode_recv(near.anode, 5, forged, len(forged), out) == ENTRY_HEADER_BYTES + len(forged)
     sealed = a_sealed(liar, 5, forged)
     assert sealed[: -SEAL.size] == AUDIT_HELLO.encode(src=3, dst=0), "an a-node names its own robot"
-    assert trusted.REASONS[near.ask(lines.RECV, 5, frame=forged + sealed[-SEAL.size :])[0]] == "bad_mac"
+    assert trusted.REASONS[near.ask(lines.RECV, 5, packet=forged + sealed[-SEAL.size :])[0]] == "bad_mac"
 
 
 @pytest.mark.parametrize("late_ms, reason", [(0, ""), (2002, ""), (2003, "late")])
@@ -219,8 +219,8 @@ def test_a_seal_accepts_a_hello_that_was_relayed_within_two_seconds(late_ms, rea
     limits = limits_of(BtiConfig(f_max=1), Scenario().radio)
     far, near = SealedNodes(1, limits, 0), SealedNodes(2, limits, 0)
     hello = AUDIT_HELLO.encode(src=1, dst=0)
-    assert near.ask(lines.RECV, 100, frame=a_sealed(far, 100, hello))[0] > 0, "heard itself, so no slow clock"
-    code, entry = near.ask(lines.RECV, 4100 + late_ms, frame=a_sealed(far, 4100, hello))
+    assert near.ask(lines.RECV, 100, packet=a_sealed(far, 100, hello))[0] > 0, "heard itself, so no slow clock"
+    code, entry = near.ask(lines.RECV, 4100 + late_ms, packet=a_sealed(far, 4100, hello))
     assert (trusted.REASONS.get(code, ""), entry[ENTRY_HEADER_BYTES:]) == (reason, b"" if reason else hello)
 
 

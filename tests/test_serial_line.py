@@ -111,7 +111,7 @@ class TestBoard:
         assert board.about == type(board.about)(told=lines.TOLD_READINGS, robot_id=0, seq=0)
         with pytest.raises(Refused, match="arg"):
             board.load_master(MASTER, 7)
-        assert board.ask(lines.SEND, frame=b"\1hello")[0] == boards.CODES["NO_KEY"]
+        assert board.ask(lines.SEND, packet=b"\1hello")[0] == boards.CODES["NO_KEY"]
         board.make(LIMITS)
         with pytest.raises(Refused, match="arg"):
             board.make(replace(LIMITS, t_val_ms=0))
@@ -151,8 +151,8 @@ class TestBoard:
         line.receive, line.send = lossy, noisy
         for k in range(12):
             frame = bytes([1, k]) * 20
-            assert board.ask(lines.RECV, 100 + k, frame=frame) == calm.ask(lines.RECV, 100 + k, frame=frame)
-        asked = {"now_ms": 200, "tor": 3}
+            assert board.ask(lines.RECV, 100 + k, packet=frame) == calm.ask(lines.RECV, 100 + k, packet=frame)
+        asked = {"now_ms": 200, "auditor": 3}
         assert board.ask(lines.TOKEN_REQUEST, **asked) == calm.ask(lines.TOKEN_REQUEST, **asked)
         assert board.again >= 13
         board.close()
@@ -171,7 +171,7 @@ class TestBoard:
     def test_who_asks_and_does_not_listen_is_answered_once_he_does(self, tmp_path):
         """The board waits for room for its answers, and the c-node for room for more calls."""
         board = keyed(tmp_path / "flash")
-        calls = b"".join(framed(lines.RECV.encode(number=900 + k, frame=bytes(2000))) for k in range(2000))
+        calls = b"".join(framed(lines.RECV.encode(number=900 + k, packet=bytes(2000))) for k in range(2000))
         with pytest.raises(BlockingIOError):
             while True:
                 os.write(board._line._fd, calls)
@@ -194,7 +194,7 @@ class TestLimit:
         with pytest.raises(Unavailable, match=r"has not answered call_poll within 0\.3 s$"):
             board.ask(lines.POLL, reading=b"x")
         with pytest.raises(Unavailable, match=r"has not answered call_poll within 0\.3 s$"):
-            board.ask(lines.SEND, frame=b"\1x")
+            board.ask(lines.SEND, packet=b"\1x")
 
     def test_who_says_nothing_but_rubbish_has_not_answered(self, monkeypatch):
         monkeypatch.setattr("phalanx.net.serial_node.BEGINS_TIMEOUT_S", 0.2)
@@ -252,7 +252,7 @@ class TestPower:
         board.close()
         again = boards.process(tmp_path / "flash")
         assert (again.about.robot_id, again.about.seq) == (7, 1)
-        assert again.ask(lines.SEND, frame=b"\1x")[0] == boards.CODES["NO_KEY"]
+        assert again.ask(lines.SEND, packet=b"\1x")[0] == boards.CODES["NO_KEY"]
         with pytest.raises(Refused, match="seq"):
             again.load_mission(0, sealed(1))
         again.load_mission(0, sealed(2))

@@ -69,7 +69,9 @@ class TestSwarm:
         fleet = swarm.world.fleet
         for i, (master, sealed) in enumerate(given.boards):
             key, token = unsealed(master, sealed), fleet.token[i, START, 0]
-            told = TOKEN.encode(tor=int(token.tor), tee=i + 1, t=int(token.t), hckpt=fleet.hckpt[i, START].tobytes())
+            told = TOKEN.encode(
+                auditor=int(token.auditor), auditee=i + 1, t=int(token.t), hckpt=fleet.hckpt[i, START].tobytes()
+            )
             assert token.mac.tobytes() == mac_of(key, told)
 
     def test_it_hears_nobody_who_signs_with_other_keys_or_for_another_mission(self, owned):

@@ -43,10 +43,10 @@ class Tale(Story):
         for kind in ("snode", "anode"):
             self.call(f"{kind}_load_mission", robot, (self.now, seq), sealed_key(seq))
 
-    def token(self, robot: int, tor: int, t: int, now: int | None = None, tee: int | None = None) -> None:
+    def token(self, robot: int, auditor: int, t: int, now: int | None = None, auditee: int | None = None) -> None:
         """Robot installs a true token."""
-        mac = token_mac(tor, IDS[robot] if tee is None else tee, t)
-        self.call("anode_install_token", robot, (self.now if now is None else now, tor, t), (HCKPT, mac))
+        mac = token_mac(auditor, IDS[robot] if auditee is None else auditee, t)
+        self.call("anode_install_token", robot, (self.now if now is None else now, auditor, t), (HCKPT, mac))
 
     def case(self) -> Case:
         return {"name": f"{self.profile}: {self.name}", "profile": self.profile, "limits": self.limits} | {
@@ -60,8 +60,8 @@ def sealed_key(seq: int) -> tuple[bytes, bytes, bytes]:
     return k, r, lightmac(MASTER, b"\x10" + k + r + u32(seq))
 
 
-def token_mac(tor: int, tee: int, t: int) -> bytes:
-    return lightmac(MISSION, b"\x14" + u16(tor) + u16(tee) + u32(t) + HCKPT)
+def token_mac(auditor: int, auditee: int, t: int) -> bytes:
+    return lightmac(MISSION, b"\x14" + u16(auditor) + u16(auditee) + u32(t) + HCKPT)
 
 
 def sealed_frame(t: int, src: int, frame: bytes = b"\x01far away") -> bytes:
@@ -121,24 +121,24 @@ def macs(profile: str) -> Case:
 def zeros(profile: str) -> Case:
     """Time 0, robot 0 and a key of zeros are numbers like others: a MAC decides."""
     tale = Tale("zeros", profile)
-    for t, tee in ((0, IDS[0]), (0, 0), (5, 0)):
-        treq = b"\x13" + u32(t) + u16(tee) + u16(IDS[1]) + (TOP if tale.bound else b"")
+    for t, auditee in ((0, IDS[0]), (0, 0), (5, 0)):
+        treq = b"\x13" + u32(t) + u16(auditee) + u16(IDS[1]) + (TOP if tale.hardened else b"")
         for mac in (lightmac(MISSION, treq), lightmac(bytes(20), treq), bytes(8)):
-            tale.call("anode_issue_token", 1, (tee, t), (TOP, mac, HCKPT))
-    for tor, tee, t in ((IDS[1], 0, 5), (IDS[1], IDS[0], 0), (0, IDS[0], 5), (0, 0, 0)):
-        for mac in (token_mac(tor, tee, t), bytes(8)):
-            tale.call("anode_check_token", 0, (tor, tee, t), (HCKPT, mac))
-            tale.call("anode_install_token", 0, (6, tor, t), (HCKPT, mac))
+            tale.call("anode_issue_token", 1, (auditee, t), (TOP, mac, HCKPT))
+    for auditor, auditee, t in ((IDS[1], 0, 5), (IDS[1], IDS[0], 0), (0, IDS[0], 5), (0, 0, 0)):
+        for mac in (token_mac(auditor, auditee, t), bytes(8)):
+            tale.call("anode_check_token", 0, (auditor, auditee, t), (HCKPT, mac))
+            tale.call("anode_install_token", 0, (6, auditor, t), (HCKPT, mac))
     for name in ("snode_load_mission", "anode_load_mission"):
         for mac in (sealed_key(0)[2], bytes(8)):
             tale.call(name, 2, (0, 0), (*sealed_key(0)[:2], mac))
     for name in ("snode_poll", "anode_recv", "anode_send", "anode_actuate"):
         tale.call(name, 2, (0,), (b"\0\0",))
     tale.call("anode_check", 2, (0,))
-    auth = b"\x11" + TOP + u16(0) + (bytes(8) if tale.bound else b"")
+    auth = b"\x11" + TOP + u16(0) + (bytes(8) if tale.hardened else b"")
     for mac in (lightmac(MISSION, auth), bytes(8)):
         tale.call("snode_check_auth", 0, (0,), (TOP, bytes(8), mac))
-    for mac in (lightmac(MISSION, b"\x12" + TOP + u16(0)), bytes(8)) if not tale.bound else ():
+    for mac in (lightmac(MISSION, b"\x12" + TOP + u16(0)), bytes(8)) if not tale.hardened else ():
         tale.call("snode_check_auth_a", 0, (0,), (TOP, mac))
     for robot in (0, 1):
         tale.token(robot, IDS[2], 0, now=0)
@@ -152,7 +152,7 @@ def zeros(profile: str) -> Case:
 def errors(profile: str) -> Case:
     """Every call's every error, where two apply the first; and what was refused has changed nothing."""
     tale = Tale("errors", profile, loaded=False)
-    if tale.bound:
+    if tale.hardened:
         tale.call("make_sealed", 3)
     early = {
         "snode_poll": ((1,), (b"x",)),
@@ -202,8 +202,8 @@ def errors(profile: str) -> Case:
     tale.call("anode_token_request", 0, (LIMITS["bucket_period_ms"], IDS[1]))
     tale.call("anode_token_request", 0, (LIMITS["bucket_period_ms"], IDS[1]))
     tale.call("anode_issue_token", 0, (IDS[0], 4), (TOP, bytes(8), HCKPT))
-    for tor, t in ((IDS[1], 51), (0, 51), (0, 50), (IDS[1], 50)):
-        tale.token(0, tor, t, now=50)
+    for auditor, t in ((IDS[1], 51), (0, 51), (0, 50), (IDS[1], 50)):
+        tale.token(0, auditor, t, now=50)
     tale.call("snode_poll", 0, (END - 1,), (b"one before the end",))
     tale.call("anode_recv", 0, (END - 1,), (b"\x01",))
     all_calls(0, END)
@@ -307,7 +307,7 @@ def keys() -> Case:
 
 def clock() -> Case:
     """Tokens at the clock's end, and a T_val that reaches over it: sums of times have more than 32 bits."""
-    tale = Tale("tokens near the end of the clock", "bound", f_max=0, t_val_ms=100)
+    tale = Tale("tokens near the end of the clock", "hardened", f_max=0, t_val_ms=100)
     for robot, t in ((0, END - 50), (1, END - 102), (2, END - 101)):
         tale.token(robot, IDS[3], t, now=END - 10)
     for robot in (0, 1, 2):
@@ -321,7 +321,9 @@ def buckets() -> Iterator[Case]:
     """Rates, capacities and costs whose products have more than 32 bits; and the last unit that counts."""
     idle = 2**22
     costs = {"airtime_fixed_us": 300, "send_capacity_us": 400}
-    tale = Tale("idle for 2^22 ms", "bound", send_us_per_s=1024, audit_us_per_s=1024, bucket_period_ms=2**20, **costs)
+    tale = Tale(
+        "idle for 2^22 ms", "hardened", send_us_per_s=1024, audit_us_per_s=1024, bucket_period_ms=2**20, **costs
+    )
     for at in (0, 0, idle, idle + 3, 2 * idle):
         for frame in (b"\x01", b"\x80" * 6):
             for _ in range(2):
@@ -331,7 +333,7 @@ def buckets() -> Iterator[Case]:
     big = 4_294_968  # us: in ns, 704 more than 2^32
     wide = dict.fromkeys(("send_us_per_s", "send_capacity_us", "audit_us_per_s", "audit_capacity_us"), big)
     wide["airtime_fixed_us"] = 10**6
-    tale = Tale("capacities above 2^32 ns", "bound", bucket_capacity=2**16, bucket_period_ms=2**16, **wide)
+    tale = Tale("capacities above 2^32 ns", "hardened", bucket_capacity=2**16, bucket_period_ms=2**16, **wide)
     for at in (0, 2**16, 2**31):
         for frame in (b"\x01", b"\x80" * 6):
             for _ in range(5):  # of which four are let through
@@ -341,7 +343,7 @@ def buckets() -> Iterator[Case]:
     yield tale.case()
     # What is left after a draw has more than 32 bits.
     wide = {"send_capacity_us": 10**7, "audit_capacity_us": 10**7, "airtime_fixed_us": 3 * 10**6}
-    tale = Tale("more than 2^32 ns left", "bound", **wide)
+    tale = Tale("more than 2^32 ns left", "hardened", **wide)
     for frame in (b"\x01", b"\x80" * 6):
         for _ in range(4):
             tale.call("anode_send", 0, (0,), (frame,))
@@ -352,7 +354,7 @@ def buckets() -> Iterator[Case]:
         "its bytes": {"airtime_ns_per_byte_broadcast": 2**28, "airtime_ns_per_byte_unicast": 2**28},
     }.items():
         wide = {"send_us_per_s": 1, "send_capacity_us": big + 99, "audit_us_per_s": 1, "audit_capacity_us": big + 99}
-        tale = Tale(f"costs above 2^32 ns, {name}", "bound", **wide | costs)
+        tale = Tale(f"costs above 2^32 ns, {name}", "hardened", **wide | costs)
         for robot, frame in enumerate((b"\x01" * 16, b"\x80" + bytes(15), b"\x80" * 16)):
             for _ in range(2):
                 tale.call("anode_send", robot, (1,), (frame,))
@@ -362,13 +364,13 @@ def buckets() -> Iterator[Case]:
     caps = {"send_us_per_s": 1, "send_capacity_us": 101, "audit_us_per_s": 3, "audit_capacity_us": 102}
     too_long = {0: b"\x01" + bytes(100), 1: to(0, 201), 2: to(0x0100, 286), 3: to(1, 286)}
     enough = {0: b"\x01" + bytes(99), 1: to(0, 200), 2: to(0x0100, 285), 3: to(1, 285)}
-    tale = Tale("to the last ns", "bound", **costs | caps)
+    tale = Tale("to the last ns", "hardened", **costs | caps)
     for at in (0, 33_665, 33_666, 34_000, 67_999, 68_000, 100_999, 101_000, 10**9):
         for robot in range(4):
             tale.call("anode_send", robot, (at,), (too_long[robot],))
             tale.call("anode_send", robot, (at,), (enough[robot],))
     yield tale.case()
-    tale = Tale("token requests come singly", "bound", now=500, bucket_capacity=2)
+    tale = Tale("token requests come singly", "hardened", now=500, bucket_capacity=2)
     for at in (500, 539, 540, 540, 579, 580, 700, 700, 700, 739, 740):
         tale.call("anode_token_request", 0, (at, IDS[1]))
     yield tale.case()
@@ -376,7 +378,7 @@ def buckets() -> Iterator[Case]:
 
 def sealed() -> Iterator[Case]:
     """Late by 2000 ms and 2001, behind by 63 ms and 64, ahead by 256 ms and 257, the 65th sender, and each error."""
-    tale = Tale("a frame that is late", "bound", t_val_ms=10**9, **AIR)
+    tale = Tale("a frame that is late", "hardened", t_val_ms=10**9, **AIR)
     # By t and now; the least `now - t` so far may grow by 1 ms at 2048 ms, by 2 at 4096.
     late = ((1000, 1000), (1040, 3040), (1041, 3042), (1046, 3047), (1047, 3048))
     # A quicker frame makes all that follow later.
@@ -397,7 +399,7 @@ def sealed() -> Iterator[Case]:
     for late_t, now in ((5, 5), (t - 1, 5 + since), (t, 5 + since), (END, END - 1)):
         tale.call("sealed_recv", 3, (now,), (sealed_frame(late_t, 0x2003),))
     yield tale.case()
-    tale, chance = Tale("a frame that is behind", "bound", t_val_ms=10**9, **AIR), random.Random(3)  # noqa: S311
+    tale, chance = Tale("a frame that is behind", "hardened", t_val_ms=10**9, **AIR), random.Random(3)  # noqa: S311
     newest = 100
     for t in (100, 100, 99, 99, 68, 68, 163, 100, 99, 227, 164, 163, 291, 292, 229, 228):
         tale.call("sealed_recv", 0, (300,), (sealed_frame(t, 0x2001),))
@@ -407,12 +409,12 @@ def sealed() -> Iterator[Case]:
         newest = max(newest, t)
         tale.call("sealed_recv", 0, (900,), (sealed_frame(t, 0x2002),))
     yield tale.case()
-    tale = Tale("a burst", "bound", **AIR)
+    tale = Tale("a burst", "hardened", **AIR)
     for at, count in ((0, 1), (1000, 259), (1001, 2), (1002, 1), (2000, 2), (END - 1, 2)):
         for _ in range(count):
             tale.call("sealed_send", 0, (at,), (b"\x01",))
     yield tale.case()
-    tale = Tale("senders", "bound", now=1000, t_val_ms=500, **AIR)
+    tale = Tale("senders", "hardened", now=1000, t_val_ms=500, **AIR)
     for k in range(64):
         tale.call("sealed_recv", 0, (1000 + k,), (sealed_frame(70_000 + k, 0x100 + k),))
     tale.call("sealed_recv", 0, (1100,), (sealed_frame(5, 0x900),))  # a 65th
@@ -431,7 +433,7 @@ def sealed() -> Iterator[Case]:
     for k in range(64):
         tale.call("sealed_recv", 0, (2200,), (sealed_frame(455, 0x901 + k),))
     yield tale.case()
-    tale = Tale("errors of a sealed radio", "bound", now=1000, **AIR)
+    tale = Tale("errors of a sealed radio", "hardened", now=1000, **AIR)
     good = sealed_frame(1000, 0x2001)
     whole = (good + bytes(2049), sealed_frame(1, 0), sealed_frame(1, IDS[0]), good, good)
     for raw in (b"", good[-14:], good[-15:], *whole):
@@ -465,13 +467,13 @@ def refused(profile: str) -> Case:
 
 
 def edges() -> list[Case]:
-    both = [make(profile) for make in (macs, zeros, errors, refused, late_keys) for profile in ("bound", "paper")]
-    kept = [tokens(profile, f_max) for f_max in (0, 1, 2, 15) for profile in ("bound", "paper") if f_max < 8]
+    both = [make(profile) for make in (macs, zeros, errors, refused, late_keys) for profile in ("hardened", "paper")]
+    kept = [tokens(profile, f_max) for f_max in (0, 1, 2, 15) for profile in ("hardened", "paper") if f_max < 8]
     return [
         *both,
         *kept,
-        tokens("bound", 15),
-        *(any_tokens(profile, seed) for profile in ("bound", "paper") for seed in range(9)),
+        tokens("hardened", 15),
+        *(any_tokens(profile, seed) for profile in ("hardened", "paper") for seed in range(9)),
         *map(places, (1, 2, 3)),
         keys(),
         clock(),

@@ -131,11 +131,11 @@ class Story:
 
     def __init__(self, profile: str, limits_of: dict[str, int] = LIMITS) -> None:
         limits = SimpleNamespace(**limits_of)
-        bound = profile == "bound"
-        self.profile, self.bound, self.now = profile, bound, 0
+        hardened = profile == "hardened"
+        self.profile, self.hardened, self.now = profile, hardened, 0
         self.nodes = {
-            "s": [SNode(bound, limits) for _ in range(ROBOTS)],
-            "a": [SealedANode(bound, limits) for _ in range(ROBOTS)],
+            "s": [SNode(hardened, limits) for _ in range(ROBOTS)],
+            "a": [SealedANode(hardened, limits) for _ in range(ROBOTS)],
         }
         self.calls: list[Case] = []
 
@@ -230,30 +230,30 @@ def story(profile: str, seed: int) -> Case:
 
 def audits(tale: Story, chance: random.Random, i: int, hckpt: bytes, requests: list[Any], macs: list[bytes]) -> None:
     """Robot i asks two others, and shows somebody's MAC where it does not belong."""
-    for tor in chance.sample(range(1, ROBOTS + 1), 2):
-        asked = tale.call("anode_token_request", i, (tale.now, tor))
+    for auditor in chance.sample(range(1, ROBOTS + 1), 2):
+        asked = tale.call("anode_token_request", i, (tale.now, auditor))
         if asked:
-            requests.append((asked, i + 1, tor))
+            requests.append((asked, i + 1, auditor))
     if not requests:
         return
-    for asked, tee, tor in (requests[-1], chance.choice(requests)):
+    for asked, auditee, auditor in (requests[-1], chance.choice(requests)):
         t, top, mac = int.from_bytes(asked[:4], "little"), asked[4:24], asked[24:]
-        token = tale.call("anode_issue_token", tor - 1, (tee, t), (top, mac, hckpt))
-        tale.call("anode_issue_token", tor - 1, (tee, t), (top, chance.choice(macs), hckpt))
+        token = tale.call("anode_issue_token", auditor - 1, (auditee, t), (top, mac, hckpt))
+        tale.call("anode_issue_token", auditor - 1, (auditee, t), (top, chance.choice(macs), hckpt))
         if token:
             macs.append(token)
-            tale.call("anode_check_token", chance.randrange(ROBOTS), (tor, tee, t), (hckpt, token))
-            tale.call("anode_install_token", tee - 1, (tale.now, tor, t), (hckpt, token))
-            tale.call("anode_install_token", tee % ROBOTS, (tale.now, tor, t), (hckpt, token))
+            tale.call("anode_check_token", chance.randrange(ROBOTS), (auditor, auditee, t), (hckpt, token))
+            tale.call("anode_install_token", auditee - 1, (tale.now, auditor, t), (hckpt, token))
+            tale.call("anode_install_token", auditee % ROBOTS, (tale.now, auditor, t), (hckpt, token))
 
 
 def nodes() -> list[Case]:
-    return [story(profile, 1) for profile in ("bound", "paper")]
+    return [story(profile, 1) for profile in ("hardened", "paper")]
 
 
 def sealed() -> list[Case]:
     """Three robots whose clocks began at other times; frames come at once, late, twice, altered or bare."""
-    tale, chance = Story("bound", SEALED_LIMITS), random.Random(5)  # noqa: S311
+    tale, chance = Story("hardened", SEALED_LIMITS), random.Random(5)  # noqa: S311
     master, mission = bytes(range(100, 120)), bytes(range(7, 27))
     ahead = (0, 40_000, 3_000_000)
     for i in range(len(ahead)):
@@ -280,7 +280,7 @@ def sealed() -> list[Case]:
     tale.call("sealed_send", 3, (tale.now,), (b"\x01without a key",))
     tale.call("sealed_recv", 3, (tale.now,), (air[-1],))
     tale.call("sealed_recv", 0, (2**32 - 1,), (air[-1],))
-    return [{"name": "sealed, three robots", "profile": "bound", "limits": SEALED_LIMITS, "calls": tale.calls}]
+    return [{"name": "sealed, three robots", "profile": "hardened", "limits": SEALED_LIMITS, "calls": tale.calls}]
 
 
 VECTORS = {"present": present, "sha1": sha1, "lightmac": lightmacs, "nodes": nodes, "sealed": sealed}

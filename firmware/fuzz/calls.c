@@ -123,9 +123,9 @@ static void sound(const robot *r)
     stop_unless(r->a.send.level <= (uint64_t)limits->send_capacity_us * 1000u);
     stop_unless(r->a.audit.level <= (uint64_t)limits->audit_capacity_us * 1000u);
     for (unsigned i = 0; i < PHX_TOKENS; i++) {
-        stop_unless(r->a.tokens[i].tor == 0 || (i <= limits->f_max && r->a.tokens[i].t <= r->now));
+        stop_unless(r->a.tokens[i].auditor == 0 || (i <= limits->f_max && r->a.tokens[i].t <= r->now));
         for (unsigned k = 0; k < i; k++)
-            stop_unless(r->a.tokens[i].tor == 0 || r->a.tokens[i].tor != r->a.tokens[k].tor);
+            stop_unless(r->a.tokens[i].auditor == 0 || r->a.tokens[i].auditor != r->a.tokens[k].auditor);
     }
 }
 
@@ -152,36 +152,36 @@ static void forward(stream *in, robot *r, unsigned call)
 {
     uint32_t len = number(in, 2);
     /* What is too long is refused before it is looked at. */
-    size_t there = len <= PHX_FRAME_MAX ? len : 0;
-    uint8_t *frame = malloc(there ? there : 1u), *entry = malloc(PHX_ENTRY_HEADER_BYTES + there);
+    size_t there = len <= PHX_PACKET_MAX ? len : 0;
+    uint8_t *packet = malloc(there ? there : 1u), *entry = malloc(PHX_ENTRY_HEADER_BYTES + there);
     const phx_node *node = call == POLL ? &r->s.node : &r->a.node;
     int could = node->has_key && !node->safe, got;
 
-    take(in, frame, there);
-    got = call == RECV   ? phx_anode_recv(&r->a, r->now, frame, len, entry)
-          : call == SEND ? phx_anode_send(&r->a, r->now, frame, len, entry)
-          : call == POLL ? phx_snode_poll(&r->s, r->now, frame, len, entry)
-                         : phx_anode_actuate(&r->a, r->now, frame, len, entry);
+    take(in, packet, there);
+    got = call == RECV   ? phx_anode_recv(&r->a, r->now, packet, len, entry)
+          : call == SEND ? phx_anode_send(&r->a, r->now, packet, len, entry)
+          : call == POLL ? phx_snode_poll(&r->s, r->now, packet, len, entry)
+                         : phx_anode_actuate(&r->a, r->now, packet, len, entry);
     stop_unless(got < 0 || (could && (uint32_t)got == PHX_ENTRY_HEADER_BYTES + len));
-    free(frame);
+    free(packet);
     free(entry);
 }
 
 static void seal(stream *in, world *w, robot *r)
 {
     uint32_t len = number(in, 1) % (AIR_BYTES - PHX_SEAL_BYTES + 1u), was = r->seals.t;
-    uint8_t *frame = malloc(len ? len : 1u), *entry = malloc(PHX_ENTRY_HEADER_BYTES + len + PHX_SEAL_BYTES);
+    uint8_t *packet = malloc(len ? len : 1u), *entry = malloc(PHX_ENTRY_HEADER_BYTES + len + PHX_SEAL_BYTES);
     int could = r->a.node.has_key && !r->a.node.safe, got;
 
-    take(in, frame, len);
-    got = phx_sealed_send(&r->seals, &r->a, r->now, frame, len, entry);
+    take(in, packet, len);
+    got = phx_sealed_send(&r->seals, &r->a, r->now, packet, len, entry);
     if (got >= 0) {
         uint32_t sealed = len + PHX_SEAL_BYTES;
         stop_unless(could && (uint32_t)got == PHX_ENTRY_HEADER_BYTES + sealed && r->seals.t > was);
         memcpy(w->air[w->said % KEPT], entry + PHX_ENTRY_HEADER_BYTES, sealed);
         w->air_len[w->said++ % KEPT] = sealed;
     }
-    free(frame);
+    free(packet);
     free(entry);
 }
 
@@ -189,24 +189,24 @@ static void seal(stream *in, world *w, robot *r)
 static void unseal(stream *in, const world *w, robot *r)
 {
     uint32_t which = number(in, 1), len = w->air_len[which % KEPT], turned = number(in, 1);
-    uint8_t *frame = malloc(len ? len : 1u), *entry = malloc(PHX_ENTRY_HEADER_BYTES + len);
+    uint8_t *packet = malloc(len ? len : 1u), *entry = malloc(PHX_ENTRY_HEADER_BYTES + len);
     int alters = len > 0 && which & 0x80u, got;
 
-    memcpy(frame, w->air[which % KEPT], len);
+    memcpy(packet, w->air[which % KEPT], len);
     if (alters)
-        frame[turned % len] ^= (uint8_t)(1u << (which >> 4) % 8u);
-    got = phx_sealed_recv(&r->seals, &r->a, r->now, frame, len, entry);
+        packet[turned % len] ^= (uint8_t)(1u << (which >> 4) % 8u);
+    got = phx_sealed_recv(&r->seals, &r->a, r->now, packet, len, entry);
     if (got >= 0) {
         stop_unless(!alters && r->a.node.has_key && (uint32_t)got == PHX_ENTRY_HEADER_BYTES + len - PHX_SEAL_BYTES);
-        stop_unless(phx_sealed_recv(&r->seals, &r->a, r->now, frame, len, entry) == PHX_E_REPEATED);
+        stop_unless(phx_sealed_recv(&r->seals, &r->a, r->now, packet, len, entry) == PHX_E_REPEATED);
     }
-    free(frame);
+    free(packet);
     free(entry);
 }
 
 static void ask(stream *in, world *w, robot *r, unsigned call)
 {
-    uint16_t id = (uint16_t)number(in, 1), tee = (uint16_t)(call == CHECK_TOKEN ? number(in, 1) : 0);
+    uint16_t id = (uint16_t)number(in, 1), auditee = (uint16_t)(call == CHECK_TOKEN ? number(in, 1) : 0);
     uint32_t t = number(in, 1) & 1u ? w->asked_at : number(in, 4);
     uint8_t *one = argument(in, w, PHX_HASH_BYTES), *two = argument(in, w, PHX_HASH_BYTES);
     uint8_t *mac = argument(in, w, PHX_MAC_BYTES), *out = calloc(1, PHX_TREQ_OUT_BYTES);
@@ -227,7 +227,7 @@ static void ask(stream *in, world *w, robot *r, unsigned call)
         got = phx_anode_issue_token(&r->a, id, t, one, mac, two, out);
         break;
     case CHECK_TOKEN:
-        phx_anode_check_token(&r->a, id, tee, t, two, mac);
+        phx_anode_check_token(&r->a, id, auditee, t, two, mac);
         break;
     case INSTALL_TOKEN:
         phx_anode_install_token(&r->a, r->now, id, t, two, mac);

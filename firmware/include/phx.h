@@ -1,5 +1,5 @@
 /* The trusted nodes of RoboRebound: s-node (sensors) and a-node (radio, actuators, tokens).
-   Data in, data out: the port reads the sensors, moves frames, stops the motors in Safe Mode, and hands in `now`,
+   Data in, data out: the port reads the sensors, moves packets, stops the motors in Safe Mode, and hands in `now`,
    the milliseconds since power-up of the clock that both nodes share. `now` never falls, and stays at 2^32 - 1 once
    it is there. Memory is the caller's; nothing is kept but what lies in a node. Pointers may not overlap.
    Functions return >= 0, or one of the errors below, and then have changed nothing but what time does anyway: a bucket
@@ -16,17 +16,17 @@
 enum {
     PHX_E_NO_KEY = -1,    /* no mission key (or master key) is loaded */
     PHX_E_SAFE_MODE = -2, /* in Safe Mode, until power-up */
-    PHX_E_TOO_LONG = -3,  /* longer than PHX_FRAME_MAX */
+    PHX_E_TOO_LONG = -3,  /* longer than PHX_PACKET_MAX */
     PHX_E_BAD_MAC = -4,   /* not made by a node with this key over these bytes */
     PHX_E_SEQ = -5,       /* too late: a key is loaded, or the sequence number was used */
     PHX_E_BUCKET = -6,    /* too many token requests */
     PHX_E_SELF = -7,      /* nobody audits itself */
     PHX_E_FUTURE = -8,    /* the token is of a time that has not come */
-    PHX_E_AIRTIME = -9,   /* this sort of frame has had its share of the channel */
+    PHX_E_AIRTIME = -9,   /* this sort of packet has had its share of the channel */
     PHX_E_CLOCK = -10,    /* the clock is at its end; the node is in Safe Mode now */
-    PHX_E_ARG = -11,      /* robot id 0, an empty frame, one without its header or seal, limits that make no sense */
+    PHX_E_ARG = -11,      /* robot id 0, an empty packet, one without its header or seal, limits that make no sense */
     PHX_E_REPEATED = -12, /* the seal was seen before, or is far behind its sender's newest */
-    PHX_E_LATE = -13,     /* the frame was held back */
+    PHX_E_LATE = -13,     /* the packet was held back */
     PHX_E_FULL = -14      /* more senders than there is room for */
 };
 
@@ -45,11 +45,11 @@ typedef struct {
     uint32_t batch_size;                   /* entries hashed at once */
     uint32_t bucket_capacity;              /* token requests in one burst */
     uint32_t bucket_period_ms;             /* one more token request each such period */
-    uint32_t send_us_per_s;                /* airtime of ordinary frames */
+    uint32_t send_us_per_s;                /* airtime of ordinary packets */
     uint32_t send_capacity_us;
-    uint32_t audit_us_per_s;               /* airtime of AUDIT frames */
+    uint32_t audit_us_per_s;               /* airtime of AUDIT packets */
     uint32_t audit_capacity_us;
-    uint32_t airtime_fixed_us;             /* of any frame, however short */
+    uint32_t airtime_fixed_us;             /* of any packet, however short */
     uint32_t airtime_ns_per_byte_broadcast;
     uint32_t airtime_ns_per_byte_unicast;
 } phx_limits;
@@ -75,7 +75,7 @@ typedef struct {
     uint8_t sealed;                        /* the port has its radio go through phx_seal.h */
 } phx_flash;
 
-/* What s-node and a-node have in common; at the front, what every frame needs, whole words first: with bytes before the
+/* What s-node and a-node have in common; at the front, what every packet needs, whole words first: with bytes before the
  * batch the model checker has no memory for the proof of RECV. */
 typedef struct {
     uint32_t batched;                      /* entries in the batch, which is hashed as it comes */
@@ -96,7 +96,7 @@ typedef struct {
 
 typedef struct {
     uint32_t t;
-    uint16_t tor;                          /* 0: free */
+    uint16_t auditor;                      /* 0: free */
 } phx_token;
 
 typedef struct {
@@ -131,10 +131,10 @@ int phx_anode_load_mission(phx_anode *a, uint32_t now, const uint8_t k[PHX_KEY_B
                            uint32_t seq, const uint8_t mac[PHX_MAC_BYTES]);
 
 /* The four that forward write the entry (header, then the same bytes; entry has room for PHX_ENTRY_HEADER_BYTES + len)
-   and return its length. AUDIT frames are not chained. On an error nothing may be forwarded. */
+   and return its length. AUDIT packets are not chained. On an error nothing may be forwarded. */
 int phx_snode_poll(phx_snode *s, uint32_t now, const uint8_t *reading, uint32_t len, uint8_t *entry);
-int phx_anode_recv(phx_anode *a, uint32_t now, const uint8_t *frame, uint32_t len, uint8_t *entry);
-int phx_anode_send(phx_anode *a, uint32_t now, const uint8_t *frame, uint32_t len, uint8_t *entry);
+int phx_anode_recv(phx_anode *a, uint32_t now, const uint8_t *packet, uint32_t len, uint8_t *entry);
+int phx_anode_send(phx_anode *a, uint32_t now, const uint8_t *packet, uint32_t len, uint8_t *entry);
 int phx_anode_actuate(phx_anode *a, uint32_t now, const uint8_t *cmd, uint32_t len, uint8_t *entry);
 
 /* out: tHash (20), robot id (2), MAC (8); the chain is flushed. The nonce is the MAC of the token request; `paper` has
@@ -144,15 +144,15 @@ int phx_snode_check_auth(phx_snode *s, const uint8_t thash[PHX_HASH_BYTES], uint
                          const uint8_t nonce[PHX_NONCE_BYTES], const uint8_t mac[PHX_MAC_BYTES]);
 
 /* out: t (4), tHash_a (20), MAC (8); the chain is flushed. In `paper` neither is done and tHash_a is zero. */
-int phx_anode_token_request(phx_anode *a, uint32_t now, uint16_t tor, uint8_t out[PHX_TREQ_OUT_BYTES]);
-/* mac: the token's. Whoever calls it vouches that the log of `tee` was replayed and found right. */
-int phx_anode_issue_token(phx_anode *a, uint16_t tee, uint32_t t, const uint8_t thash_a[PHX_HASH_BYTES],
+int phx_anode_token_request(phx_anode *a, uint32_t now, uint16_t auditor, uint8_t out[PHX_TREQ_OUT_BYTES]);
+/* mac: the token's. Whoever calls it vouches that the log of `auditee` was replayed and found right. */
+int phx_anode_issue_token(phx_anode *a, uint16_t auditee, uint32_t t, const uint8_t thash_a[PHX_HASH_BYTES],
                           const uint8_t treq_mac[PHX_MAC_BYTES], const uint8_t hckpt[PHX_HASH_BYTES],
                           uint8_t mac[PHX_MAC_BYTES]);
-int phx_anode_check_token(phx_anode *a, uint16_t tor, uint16_t tee, uint32_t t, const uint8_t hckpt[PHX_HASH_BYTES],
-                          const uint8_t mac[PHX_MAC_BYTES]);
-int phx_anode_install_token(phx_anode *a, uint32_t now, uint16_t tor, uint32_t t, const uint8_t hckpt[PHX_HASH_BYTES],
-                            const uint8_t mac[PHX_MAC_BYTES]);
+int phx_anode_check_token(phx_anode *a, uint16_t auditor, uint16_t auditee, uint32_t t,
+                          const uint8_t hckpt[PHX_HASH_BYTES], const uint8_t mac[PHX_MAC_BYTES]);
+int phx_anode_install_token(phx_anode *a, uint32_t now, uint16_t auditor, uint32_t t,
+                            const uint8_t hckpt[PHX_HASH_BYTES], const uint8_t mac[PHX_MAC_BYTES]);
 /* CheckTokens, to be called every 100 ms at least: 0, or 1 in Safe Mode. */
 int phx_anode_check(phx_anode *a, uint32_t now);
 int phx_anode_is_safe(const phx_anode *a);

@@ -8,9 +8,9 @@
 #include "phx_seal.h"
 #include "phx_line_wire.h"
 
-/* One byte more than the longest frame: what is too long is refused by a node. */
-#define PHX_LINE_IN_MAX (PHX_CALL_SEND_BYTES + PHX_FRAME_MAX + 1u + PHX_LINE_CRC_BYTES)
-#define PHX_LINE_OUT_MAX (PHX_ANSWER_BYTES + PHX_ENTRY_HEADER_BYTES + PHX_FRAME_MAX + PHX_LINE_CRC_BYTES)
+/* One byte more than the longest packet: what is too long is refused by a node. */
+#define PHX_LINE_IN_MAX (PHX_CALL_SEND_BYTES + PHX_PACKET_MAX + 1u + PHX_LINE_CRC_BYTES)
+#define PHX_LINE_OUT_MAX (PHX_ANSWER_BYTES + PHX_ENTRY_HEADER_BYTES + PHX_PACKET_MAX + PHX_LINE_CRC_BYTES)
 
 /* What a port has to do with the nodes before it answers. */
 enum {

@@ -1,4 +1,4 @@
-/* What only profile `paper` has: authenticators of the a-node. In `bound` a token request binds the a-chain. */
+/* What only profile `paper` has: authenticators of the a-node. In `hardened` a token request binds the a-chain. */
 #ifndef PHX_PAPER_H
 #define PHX_PAPER_H
 

@@ -22,7 +22,7 @@ int phx_port_flash_write(uint32_t slot, const uint8_t *data, uint32_t len);
 void phx_port_flash_read(uint32_t slot, uint8_t *data, uint32_t len);
 /* The command goes to the actuators, or with a length of 0 they stop. */
 void phx_port_actuate(const uint8_t *command, uint32_t len);
-/* A sensor's reading, at most PHX_FRAME_MAX bytes; 0 where PHX_LINE_TOLD_READINGS. */
+/* A sensor's reading, at most PHX_PACKET_MAX bytes; 0 where PHX_LINE_TOLD_READINGS. */
 uint32_t phx_port_sense(uint8_t *reading);
 /* Flash cannot be written: silence, until power-up. */
 void phx_port_halt(void);

@@ -6,7 +6,7 @@
 #define PHX_MAC_BYTES 8u
 #define PHX_KEY_BYTES 20u
 #define PHX_NONCE_BYTES 8u
-#define PHX_FRAME_MAX 2048u
+#define PHX_PACKET_MAX 2048u
 #define PHX_ENTRY_HEADER_BYTES 7u
 #define PHX_AUDIT_HEADER_BYTES 6u
 #define PHX_ENTRY_INPUT 1u
@@ -45,33 +45,33 @@
 #define PHX_TREQ 0x13u
 #define PHX_TREQ_BYTES 29u
 #define PHX_TREQ_T 1u
-#define PHX_TREQ_TEE 5u
-#define PHX_TREQ_TOR 7u
+#define PHX_TREQ_AUDITEE 5u
+#define PHX_TREQ_AUDITOR 7u
 #define PHX_TREQ_THASH_A 9u
 
 /* the same in profile `paper` */
 #define PHX_TREQ_PAPER 0x13u
 #define PHX_TREQ_PAPER_BYTES 9u
 #define PHX_TREQ_PAPER_T 1u
-#define PHX_TREQ_PAPER_TEE 5u
-#define PHX_TREQ_PAPER_TOR 7u
+#define PHX_TREQ_PAPER_AUDITEE 5u
+#define PHX_TREQ_PAPER_AUDITOR 7u
 
 /* an auditor's word that it replayed the log and found no fault */
 #define PHX_TOKEN 0x14u
 #define PHX_TOKEN_BYTES 29u
-#define PHX_TOKEN_TOR 1u
-#define PHX_TOKEN_TEE 3u
+#define PHX_TOKEN_AUDITOR 1u
+#define PHX_TOKEN_AUDITEE 3u
 #define PHX_TOKEN_T 5u
 #define PHX_TOKEN_HCKPT 9u
 
-/* a frame on a sealed radio */
+/* a packet on a sealed radio */
 #define PHX_SEALED 0x15u
 #define PHX_SEALED_BYTES 27u
 #define PHX_SEALED_T 1u
 #define PHX_SEALED_SRC 5u
 #define PHX_SEALED_HASH 7u
 
-/* behind each frame on a sealed radio */
+/* behind each packet on a sealed radio */
 #define PHX_SEAL_BYTES 14u
 #define PHX_SEAL_T 0u
 #define PHX_SEAL_SRC 4u

@@ -170,21 +170,22 @@ static int asked(phx_line *line, phx_snode *s, phx_anode *a, phx_seals *seals, w
         return phx_snode_check_auth(s, call + PHX_CALL_CHECK_AUTH_TOP, get16(call + PHX_CALL_CHECK_AUTH_ID),
                                     call + PHX_CALL_CHECK_AUTH_NONCE, call + PHX_CALL_CHECK_AUTH_MAC);
     case PHX_CALL_TOKEN_REQUEST:
-        return made(w, phx_anode_token_request(a, w->now, get16(call + PHX_CALL_TOKEN_REQUEST_TOR), w->result),
+        return made(w, phx_anode_token_request(a, w->now, get16(call + PHX_CALL_TOKEN_REQUEST_AUDITOR), w->result),
                     PHX_TREQ_OUT_BYTES);
     case PHX_CALL_ISSUE_TOKEN:
         return made(w,
-                    phx_anode_issue_token(a, get16(call + PHX_CALL_ISSUE_TOKEN_TEE),
+                    phx_anode_issue_token(a, get16(call + PHX_CALL_ISSUE_TOKEN_AUDITEE),
                                           phx_get32(call + PHX_CALL_ISSUE_TOKEN_T), call + PHX_CALL_ISSUE_TOKEN_TOP,
                                           call + PHX_CALL_ISSUE_TOKEN_TREQ_MAC, call + PHX_CALL_ISSUE_TOKEN_HCKPT,
                                           w->result),
                     PHX_MAC_BYTES);
     case PHX_CALL_CHECK_TOKEN:
-        return phx_anode_check_token(a, get16(call + PHX_CALL_CHECK_TOKEN_TOR), get16(call + PHX_CALL_CHECK_TOKEN_TEE),
+        return phx_anode_check_token(a, get16(call + PHX_CALL_CHECK_TOKEN_AUDITOR),
+                                     get16(call + PHX_CALL_CHECK_TOKEN_AUDITEE),
                                      phx_get32(call + PHX_CALL_CHECK_TOKEN_T), call + PHX_CALL_CHECK_TOKEN_HCKPT,
                                      call + PHX_CALL_CHECK_TOKEN_MAC);
     case PHX_CALL_INSTALL_TOKEN:
-        return phx_anode_install_token(a, w->now, get16(call + PHX_CALL_INSTALL_TOKEN_TOR),
+        return phx_anode_install_token(a, w->now, get16(call + PHX_CALL_INSTALL_TOKEN_AUDITOR),
                                        phx_get32(call + PHX_CALL_INSTALL_TOKEN_T),
                                        call + PHX_CALL_INSTALL_TOKEN_HCKPT, call + PHX_CALL_INSTALL_TOKEN_MAC);
     default: /* PHX_CALL_CHECK: no other tag has a size */

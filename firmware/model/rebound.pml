@@ -3,7 +3,7 @@
    Four robots, f_max 1. Robot 0 is looked at; 1 to 3 audit it, and 1 of them, robot 1, is its enemy's.
    LIAR 1: robot 0's c-node is the adversary's too, and robot 1 a liar too. It asks whom it wants when it wants,
    keeps requests for as long as it likes and deviates when it wants. Its trusted nodes are right: a token request says
-   when it was made and, in profile `bound`, what the log was then; a token needs a true request to its own auditor.
+   when it was made and, in profile `hardened`, what the log was then; a token needs a true request to its own auditor.
    P1: whoever deviates is in Safe Mode T_val later.
    LIAR 0: robot 0 is correct. It asks f_max + 1 others in each round, and half a round later others for what is
    missing. Robot 1 answers as it likes. The radio loses what it wants, but of two robots' exchanges at most LOSSES in a
@@ -36,7 +36,7 @@
 #define NONE (T_VAL + 1)            /* older than any that counts */
 
 /* Of robot 0's a-node: */
-byte tor[SLOTS];                    /* whose token; 0: free */
+byte auditor[SLOTS];                    /* whose token; 0: free */
 byte age[SLOTS] = NONE;             /* how long ago it was asked for */
 byte keyed;                         /* since the mission key came */
 bool safe;
@@ -59,7 +59,7 @@ inline install(j, a)
 		do
 		:: k == SLOTS -> break
 #ifndef ANY_AUDITOR
-		:: k < SLOTS && tor[k] == j ->
+		:: k < SLOTS && auditor[k] == j ->
 			age[k] = (a < age[k] -> a : age[k]);
 			place = SLOTS;
 			break
@@ -70,7 +70,7 @@ inline install(j, a)
 		od;
 		if
 		:: place < SLOTS && a < age[place] ->
-			tor[place] = j;
+			auditor[place] = j;
 			age[place] = a
 		:: else
 		fi;
@@ -178,9 +178,9 @@ active proctype Clock() provided (ticks)
 		/* CheckTokens: f_max + 1 good ones, of different auditors as `install` sees to; or the time of grace. */
 		for (k : 0 .. SLOTS - 1) {
 #ifdef TOKENS_LAST
-			good = good + (tor[k] != 0)
+			good = good + (auditor[k] != 0)
 #else
-			good = good + (tor[k] != 0 && age[k] <= T_VAL)
+			good = good + (auditor[k] != 0 && age[k] <= T_VAL)
 #endif
 		}
 		safe = safe || (keyed >= T_VAL && good < NEEDED);

@@ -231,7 +231,7 @@ static void check_call(const char *name)
     for (unsigned i = 0; i < 3u; i++)
         b[i] = read_bytes(len + i);
     wanted = read_bytes(&out_len);
-    size = out_len ? out_len : (len[0] <= PHX_FRAME_MAX ? PHX_ENTRY_HEADER_BYTES + len[0] : 0);
+    size = out_len ? out_len : (len[0] <= PHX_PACKET_MAX ? PHX_ENTRY_HEADER_BYTES + len[0] : 0);
     out = room(size);
     memset(out, 0xEE, size);
     got = call(name, robot, n, b, len[0], out);

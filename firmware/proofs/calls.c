@@ -22,7 +22,7 @@ typedef struct {
     uint32_t now, len, seq, t;
     uint16_t id;
     uint8_t k[PHX_KEY_BYTES], r[PHX_KEY_BYTES], hash[PHX_HASH_BYTES], mac[PHX_MAC_BYTES], hckpt[PHX_HASH_BYTES];
-    uint8_t *frame;
+    uint8_t *packet;
     phx_limits limits;
 } words;
 
@@ -63,8 +63,8 @@ static int sound_tokens(const phx_anode *a, uint32_t now, unsigned i, unsigned j
 {
     const phx_token *one = &a->tokens[i], *before = &a->tokens[j];
 
-    return one->tor == 0 || (i <= a->node.flash.limits.f_max && one->t <= now &&
-                             (j >= i || (before->tor != 0 && before->tor != one->tor)));
+    return one->auditor == 0 || (i <= a->node.flash.limits.f_max && one->t <= now &&
+                             (j >= i || (before->auditor != 0 && before->auditor != one->auditor)));
 }
 
 static int sound_times(const phx_anode *a, uint32_t now)
@@ -103,7 +103,7 @@ static uint32_t good_tokens(const phx_anode *a, uint32_t now)
     uint32_t count = 0;
 
     for (unsigned i = 0; i < PHX_TOKENS; i++)
-        count += a->tokens[i].tor != 0 && now <= (uint64_t)a->tokens[i].t + a->node.flash.limits.t_val_ms;
+        count += a->tokens[i].auditor != 0 && now <= (uint64_t)a->tokens[i].t + a->node.flash.limits.t_val_ms;
     return count;
 }
 
@@ -127,13 +127,13 @@ static answer call(phx_anode *a, phx_snode *s, phx_seals *seals, const words *w,
         got.result = phx_anode_load_mission(a, w->now, w->k, w->r, w->seq, w->mac);
         break;
     case RECV:
-        got.result = phx_anode_recv(a, w->now, w->frame, w->len, entry);
+        got.result = phx_anode_recv(a, w->now, w->packet, w->len, entry);
         break;
     case SEND:
-        got.result = phx_anode_send(a, w->now, w->frame, w->len, entry);
+        got.result = phx_anode_send(a, w->now, w->packet, w->len, entry);
         break;
     case ACTUATE:
-        got.result = phx_anode_actuate(a, w->now, w->frame, w->len, entry);
+        got.result = phx_anode_actuate(a, w->now, w->packet, w->len, entry);
         break;
     case TOKEN_REQUEST:
         got.result = phx_anode_token_request(a, w->now, w->id, got.out);
@@ -154,10 +154,10 @@ static answer call(phx_anode *a, phx_snode *s, phx_seals *seals, const words *w,
         got.result = phx_sealed_make(a);
         break;
     case SEALED_SEND:
-        got.result = phx_sealed_send(seals, a, w->now, w->frame, w->len, entry);
+        got.result = phx_sealed_send(seals, a, w->now, w->packet, w->len, entry);
         break;
     case SEALED_RECV:
-        got.result = phx_sealed_recv(seals, a, w->now, w->frame, w->len, entry);
+        got.result = phx_sealed_recv(seals, a, w->now, w->packet, w->len, entry);
         break;
     case S_MAKE:
         got.result = phx_snode_make(s, &w->limits);
@@ -172,7 +172,7 @@ static answer call(phx_anode *a, phx_snode *s, phx_seals *seals, const words *w,
         got.result = phx_snode_load_mission(s, w->now, w->k, w->r, w->seq, w->mac);
         break;
     case S_POLL:
-        got.result = phx_snode_poll(s, w->now, w->frame, w->len, entry);
+        got.result = phx_snode_poll(s, w->now, w->packet, w->len, entry);
         break;
     case S_MAKE_AUTH:
         got.result = phx_snode_make_auth(s, w->mac, got.out);
@@ -205,9 +205,9 @@ void prove(void)
         for (unsigned j = 0; j <= i; j++)
             given(sound_source(&seals, last, i, j));
     /* What is too long is refused before it is looked at: nothing is there. */
-    w.frame = malloc(w.len <= PHX_FRAME_MAX ? w.len : 0);
-    entry = malloc(PHX_ENTRY_HEADER_BYTES + (w.len <= PHX_FRAME_MAX ? w.len + MORE : 0));
-    given(w.frame && entry && at < PHX_ENTRY_HEADER_BYTES);
+    w.packet = malloc(w.len <= PHX_PACKET_MAX ? w.len : 0);
+    entry = malloc(PHX_ENTRY_HEADER_BYTES + (w.len <= PHX_PACKET_MAX ? w.len + MORE : 0));
+    given(w.packet && entry && at < PHX_ENTRY_HEADER_BYTES);
     old = entry[at];
     before = a;
     seals_before = seals;
@@ -294,10 +294,10 @@ void prove_secret(void)
         given(sound_node(&s.node));
     else
         given_sound(&a, w.now);
-    w.frame = malloc(w.len <= PHX_FRAME_MAX ? w.len : 0);
-    entry = malloc(PHX_ENTRY_HEADER_BYTES + (w.len <= PHX_FRAME_MAX ? w.len + MORE : 0));
-    entry2 = malloc(PHX_ENTRY_HEADER_BYTES + (w.len <= PHX_FRAME_MAX ? w.len + MORE : 0));
-    given(w.frame && entry && entry2 && at < PHX_ENTRY_HEADER_BYTES + (w.len <= PHX_FRAME_MAX ? w.len : 0));
+    w.packet = malloc(w.len <= PHX_PACKET_MAX ? w.len : 0);
+    entry = malloc(PHX_ENTRY_HEADER_BYTES + (w.len <= PHX_PACKET_MAX ? w.len + MORE : 0));
+    entry2 = malloc(PHX_ENTRY_HEADER_BYTES + (w.len <= PHX_PACKET_MAX ? w.len + MORE : 0));
+    given(w.packet && entry && entry2 && at < PHX_ENTRY_HEADER_BYTES + (w.len <= PHX_PACKET_MAX ? w.len : 0));
     given(entry[at] == entry2[at]);
     a2 = a;
     s2 = s;

@@ -43,24 +43,24 @@ int phx_anode_load_mission(phx_anode *a, uint32_t now, const uint8_t k[PHX_KEY_B
     return 0;
 }
 
-int phx_anode_recv(phx_anode *a, uint32_t now, const uint8_t *frame, uint32_t len, uint8_t *entry)
+int phx_anode_recv(phx_anode *a, uint32_t now, const uint8_t *packet, uint32_t len, uint8_t *entry)
 {
     int error = phx_may_forward(&a->node, now, len);
 
-    return error ? error : phx_entry(&a->node, PHX_ENTRY_RECV, now, frame, len, entry);
+    return error ? error : phx_entry(&a->node, PHX_ENTRY_RECV, now, packet, len, entry);
 }
 
-int phx_anode_send(phx_anode *a, uint32_t now, const uint8_t *frame, uint32_t len, uint8_t *entry)
+int phx_anode_send(phx_anode *a, uint32_t now, const uint8_t *packet, uint32_t len, uint8_t *entry)
 {
     int error = phx_may_forward(&a->node, now, len);
     int size;
 
     if (!error)
-        error = phx_send_rules(a, now, frame, len);
+        error = phx_send_rules(a, now, packet, len);
     if (error)
         return error;
-    size = phx_entry(&a->node, PHX_ENTRY_SEND, now, frame, len, entry);
-    if (frame[0] & PHX_KIND_AUDIT)
+    size = phx_entry(&a->node, PHX_ENTRY_SEND, now, packet, len, entry);
+    if (packet[0] & PHX_KIND_AUDIT)
         phx_mark_source(&a->node, entry + PHX_ENTRY_HEADER_BYTES);
     return size;
 }
@@ -72,7 +72,7 @@ int phx_anode_actuate(phx_anode *a, uint32_t now, const uint8_t *cmd, uint32_t l
     return error ? error : phx_entry(&a->node, PHX_ENTRY_ACMD, now, cmd, len, entry);
 }
 
-int phx_anode_token_request(phx_anode *a, uint32_t now, uint16_t tor, uint8_t out[PHX_TREQ_OUT_BYTES])
+int phx_anode_token_request(phx_anode *a, uint32_t now, uint16_t auditor, uint8_t out[PHX_TREQ_OUT_BYTES])
 {
     const phx_limits *limits = &a->node.flash.limits;
     uint8_t message[PHX_TREQ_BYTES], *thash = out + 4;
@@ -82,28 +82,28 @@ int phx_anode_token_request(phx_anode *a, uint32_t now, uint16_t tor, uint8_t ou
         error = phx_may_mac(&a->node);
     if (error)
         return error;
-    if (tor == 0)
+    if (auditor == 0)
         return PHX_E_ARG;
     if (phx_draw(&a->requests, now, 1, (uint64_t)limits->bucket_capacity * limits->bucket_period_ms,
                  limits->bucket_period_ms))
         return PHX_E_BUCKET;
     phx_put32(out, now);
     phx_request_top(&a->node, thash);
-    return phx_mac(&a->node.key, message, phx_treq_bytes(message, now, a->node.flash.robot_id, tor, thash),
+    return phx_mac(&a->node.key, message, phx_treq_bytes(message, now, a->node.flash.robot_id, auditor, thash),
                    thash + PHX_HASH_BYTES);
 }
 
-static void token_bytes(uint8_t out[PHX_TOKEN_BYTES], uint16_t tor, uint16_t tee, uint32_t t,
+static void token_bytes(uint8_t out[PHX_TOKEN_BYTES], uint16_t auditor, uint16_t auditee, uint32_t t,
                         const uint8_t hckpt[PHX_HASH_BYTES])
 {
     out[0] = PHX_TOKEN;
-    phx_put16(out + PHX_TOKEN_TOR, tor);
-    phx_put16(out + PHX_TOKEN_TEE, tee);
+    phx_put16(out + PHX_TOKEN_AUDITOR, auditor);
+    phx_put16(out + PHX_TOKEN_AUDITEE, auditee);
     phx_put32(out + PHX_TOKEN_T, t);
     memcpy(out + PHX_TOKEN_HCKPT, hckpt, PHX_HASH_BYTES);
 }
 
-int phx_anode_issue_token(phx_anode *a, uint16_t tee, uint32_t t, const uint8_t thash_a[PHX_HASH_BYTES],
+int phx_anode_issue_token(phx_anode *a, uint16_t auditee, uint32_t t, const uint8_t thash_a[PHX_HASH_BYTES],
                           const uint8_t treq_mac[PHX_MAC_BYTES], const uint8_t hckpt[PHX_HASH_BYTES],
                           uint8_t mac[PHX_MAC_BYTES])
 {
@@ -114,37 +114,37 @@ int phx_anode_issue_token(phx_anode *a, uint16_t tee, uint32_t t, const uint8_t 
 
     if (error)
         return error;
-    if (tee == self)
+    if (auditee == self)
         return PHX_E_SELF;
-    error = phx_mac_check(&a->node.key, message, phx_treq_bytes(message, t, tee, self, thash_a), treq_mac);
+    error = phx_mac_check(&a->node.key, message, phx_treq_bytes(message, t, auditee, self, thash_a), treq_mac);
     if (error)
         return error;
-    token_bytes(token, self, tee, t, hckpt);
+    token_bytes(token, self, auditee, t, hckpt);
     return phx_mac(&a->node.key, token, sizeof token, mac);
 }
 
-int phx_anode_check_token(phx_anode *a, uint16_t tor, uint16_t tee, uint32_t t, const uint8_t hckpt[PHX_HASH_BYTES],
-                          const uint8_t mac[PHX_MAC_BYTES])
+int phx_anode_check_token(phx_anode *a, uint16_t auditor, uint16_t auditee, uint32_t t,
+                          const uint8_t hckpt[PHX_HASH_BYTES], const uint8_t mac[PHX_MAC_BYTES])
 {
     uint8_t token[PHX_TOKEN_BYTES];
     int error = phx_may_mac(&a->node);
 
     if (error)
         return error;
-    token_bytes(token, tor, tee, t, hckpt);
+    token_bytes(token, auditor, auditee, t, hckpt);
     return phx_mac_check(&a->node.key, token, sizeof token, mac);
 }
 
-int phx_anode_install_token(phx_anode *a, uint32_t now, uint16_t tor, uint32_t t, const uint8_t hckpt[PHX_HASH_BYTES],
-                            const uint8_t mac[PHX_MAC_BYTES])
+int phx_anode_install_token(phx_anode *a, uint32_t now, uint16_t auditor, uint32_t t,
+                            const uint8_t hckpt[PHX_HASH_BYTES], const uint8_t mac[PHX_MAC_BYTES])
 {
     int error = phx_clock(&a->node, now);
 
     if (!error)
-        error = phx_anode_check_token(a, tor, a->node.flash.robot_id, t, hckpt, mac);
-    if (!error && tor == 0)
+        error = phx_anode_check_token(a, auditor, a->node.flash.robot_id, t, hckpt, mac);
+    if (!error && auditor == 0)
         error = PHX_E_ARG;
-    return error ? error : phx_keep_token(a, now, tor, t);
+    return error ? error : phx_keep_token(a, now, auditor, t);
 }
 
 int phx_anode_check(phx_anode *a, uint32_t now)
@@ -157,7 +157,7 @@ int phx_anode_check(phx_anode *a, uint32_t now)
     /* Grace: with a new key nobody can have a token yet. */
     if (!a->node.was_keyed || now - a->keyed_at_ms < limits->t_val_ms)
         return 0;
-    for (unsigned i = 0; i < PHX_TOKENS && a->tokens[i].tor != 0; i++)
+    for (unsigned i = 0; i < PHX_TOKENS && a->tokens[i].auditor != 0; i++)
         valid += (uint64_t)a->tokens[i].t + limits->t_val_ms >= now;
     if (valid < limits->f_max + 1u)
         phx_safe_mode(&a->node);

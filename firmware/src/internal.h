@@ -35,19 +35,19 @@ int phx_check_auth(const phx_node *node, uint8_t type, const uint8_t thash[PHX_H
 /* bucket.c */
 int phx_draw(phx_bucket *bucket, uint32_t now, uint32_t per_ms, uint64_t capacity, uint64_t cost);
 
-/* The profile: bound.c or paper.c, whichever is linked. */
+/* The profile: hardened.c or paper.c, whichever is linked. */
 int phx_is_key(const uint8_t key[PHX_KEY_BYTES]);          /* whether these bytes count as a key */
 void phx_no_key(phx_node *node);                           /* the mission key is gone */
 int phx_may_mac(const phx_node *node);                     /* whether the mission key may be used */
 int phx_may_load(const phx_node *node);                    /* whether the master key may be used */
 void phx_anode_mission_starts(phx_anode *a, uint32_t now); /* what begins with a key */
-int phx_send_rules(phx_anode *a, uint32_t now, const uint8_t *frame, uint32_t len);
-void phx_mark_source(const phx_node *node, uint8_t *frame);
+int phx_send_rules(phx_anode *a, uint32_t now, const uint8_t *packet, uint32_t len);
+void phx_mark_source(const phx_node *node, uint8_t *packet);
 uint32_t phx_auth_bytes(uint8_t out[PHX_AUTH_S_BYTES], uint8_t type, const uint8_t thash[PHX_HASH_BYTES], uint16_t id,
                         const uint8_t *nonce);
 void phx_request_top(phx_node *node, uint8_t thash[PHX_HASH_BYTES]); /* what of the chain a token request binds */
-uint32_t phx_treq_bytes(uint8_t out[PHX_TREQ_BYTES], uint32_t t, uint16_t tee, uint16_t tor,
+uint32_t phx_treq_bytes(uint8_t out[PHX_TREQ_BYTES], uint32_t t, uint16_t auditee, uint16_t auditor,
                         const uint8_t thash[PHX_HASH_BYTES]);
-int phx_keep_token(phx_anode *a, uint32_t now, uint16_t tor, uint32_t t); /* of a token that was checked */
+int phx_keep_token(phx_anode *a, uint32_t now, uint16_t auditor, uint32_t t); /* of a token that was checked */
 
 #endif

@@ -115,7 +115,7 @@ int phx_may_forward(phx_node *node, uint32_t now, uint32_t len)
         return PHX_E_SAFE_MODE;
     if (!node->has_key)
         return PHX_E_NO_KEY;
-    if (len > PHX_FRAME_MAX)
+    if (len > PHX_PACKET_MAX)
         return PHX_E_TOO_LONG;
     return len == 0 ? PHX_E_ARG : 0;
 }
@@ -133,7 +133,7 @@ int phx_entry(phx_node *node, uint8_t type, uint32_t now, const uint8_t *payload
     return (int)(PHX_ENTRY_HEADER_BYTES + len);
 }
 
-/* The batch is hashed as it comes instead of kept: the same bytes, without ten frames of RAM. */
+/* The batch is hashed as it comes instead of kept: the same bytes, without ten packets of RAM. */
 void phx_chain(phx_node *node, const uint8_t *entry, uint32_t len)
 {
     if (node->batched == 0) {

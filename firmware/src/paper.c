@@ -41,19 +41,19 @@ void phx_anode_mission_starts(phx_anode *a, uint32_t now)
     (void)now;
 }
 
-int phx_send_rules(phx_anode *a, uint32_t now, const uint8_t *frame, uint32_t len)
+int phx_send_rules(phx_anode *a, uint32_t now, const uint8_t *packet, uint32_t len)
 {
     (void)a;
     (void)now;
-    (void)frame;
+    (void)packet;
     (void)len;
     return 0;
 }
 
-void phx_mark_source(const phx_node *node, uint8_t *frame)
+void phx_mark_source(const phx_node *node, uint8_t *packet)
 {
     (void)node;
-    (void)frame;
+    (void)packet;
 }
 
 uint32_t phx_auth_bytes(uint8_t out[PHX_AUTH_S_BYTES], uint8_t type, const uint8_t thash[PHX_HASH_BYTES], uint16_t id,
@@ -83,20 +83,20 @@ void phx_request_top(phx_node *node, uint8_t thash[PHX_HASH_BYTES])
     memset(thash, 0, PHX_HASH_BYTES);
 }
 
-uint32_t phx_treq_bytes(uint8_t out[PHX_TREQ_BYTES], uint32_t t, uint16_t tee, uint16_t tor,
+uint32_t phx_treq_bytes(uint8_t out[PHX_TREQ_BYTES], uint32_t t, uint16_t auditee, uint16_t auditor,
                         const uint8_t thash[PHX_HASH_BYTES])
 {
     (void)thash;
     out[0] = PHX_TREQ_PAPER;
     phx_put32(out + PHX_TREQ_PAPER_T, t);
-    phx_put16(out + PHX_TREQ_PAPER_TEE, tee);
-    phx_put16(out + PHX_TREQ_PAPER_TOR, tor);
+    phx_put16(out + PHX_TREQ_PAPER_AUDITEE, auditee);
+    phx_put16(out + PHX_TREQ_PAPER_AUDITOR, auditor);
     return PHX_TREQ_PAPER_BYTES;
 }
 
 /* The last token to arrive of each auditor, whatever its time; of more than 2 f_max + 1 auditors the oldest gives way to a
    newer. Places fill in order. */
-int phx_keep_token(phx_anode *a, uint32_t now, uint16_t tor, uint32_t t)
+int phx_keep_token(phx_anode *a, uint32_t now, uint16_t auditor, uint32_t t)
 {
     uint32_t most = 2u * a->node.flash.limits.f_max + 1u, end = most < PHX_TOKENS ? most : PHX_TOKENS;
     phx_token *oldest = a->tokens;
@@ -104,8 +104,8 @@ int phx_keep_token(phx_anode *a, uint32_t now, uint16_t tor, uint32_t t)
     (void)now;
     for (uint32_t i = 0; i < end; i++) {
         phx_token *each = &a->tokens[i];
-        if (each->tor == tor || each->tor == 0) {
-            each->tor = tor;
+        if (each->auditor == auditor || each->auditor == 0) {
+            each->auditor = auditor;
             each->t = t;
             return 0;
         }
@@ -113,7 +113,7 @@ int phx_keep_token(phx_anode *a, uint32_t now, uint16_t tor, uint32_t t)
             oldest = each;
     }
     if (t > oldest->t) {
-        oldest->tor = tor;
+        oldest->auditor = auditor;
         oldest->t = t;
     }
     return 0;

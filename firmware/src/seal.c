@@ -9,15 +9,15 @@ static uint32_t get32(const uint8_t *at)
     return at[0] | (uint32_t)at[1] << 8 | (uint32_t)at[2] << 16 | (uint32_t)at[3] << 24;
 }
 
-/* The seal has time and sender; they and the frame's hash are what its MAC is over. */
-static void sealed_bytes(uint8_t out[PHX_SEALED_BYTES], const uint8_t *seal, const uint8_t *frame, uint32_t len)
+/* The seal has time and sender; they and the packet's hash are what its MAC is over. */
+static void sealed_bytes(uint8_t out[PHX_SEALED_BYTES], const uint8_t *seal, const uint8_t *packet, uint32_t len)
 {
     phx_hash hash;
 
     out[0] = PHX_SEALED;
     memcpy(out + PHX_SEALED_T, seal + PHX_SEAL_T, PHX_SEAL_MAC);
     phx_hash_start(&hash);
-    phx_hash_add(&hash, frame, len);
+    phx_hash_add(&hash, packet, len);
     phx_hash_end(&hash, out + PHX_SEALED_HASH);
 }
 
@@ -29,19 +29,19 @@ int phx_sealed_make(phx_anode *a)
     return 0;
 }
 
-int phx_sealed_send(phx_seals *seals, phx_anode *a, uint32_t now, const uint8_t *frame, uint32_t len, uint8_t *entry)
+int phx_sealed_send(phx_seals *seals, phx_anode *a, uint32_t now, const uint8_t *packet, uint32_t len, uint8_t *entry)
 {
     uint8_t message[PHX_SEALED_BYTES], *seal;
     int size = phx_may_forward(&a->node, now, len);
 
     if (size < 0)
         return size;
-    if (len > PHX_FRAME_MAX - PHX_SEAL_BYTES)
+    if (len > PHX_PACKET_MAX - PHX_SEAL_BYTES)
         return PHX_E_TOO_LONG;
-    /* No two frames have the same time. But who could seal times to come in any number could hold frames back until then. */
+    /* No two packets have the same time. But who could seal times to come in any number could hold packets back until then. */
     if (seals->t >= now && (seals->t - now >= PHX_SEAL_AHEAD_MS || seals->t == UINT32_MAX))
         return PHX_E_AIRTIME;
-    size = phx_anode_send(a, now, frame, len, entry);
+    size = phx_anode_send(a, now, packet, len, entry);
     if (size < 0)
         return size;
     seals->t = seals->t < now ? now : seals->t + 1u;
@@ -53,7 +53,7 @@ int phx_sealed_send(phx_seals *seals, phx_anode *a, uint32_t now, const uint8_t 
     return size + (int)PHX_SEAL_BYTES;
 }
 
-/* How much later a frame is than its sender's quickest. Clocks begin anywhere; if ours runs faster, all of it comes ever
+/* How much later a packet is than its sender's quickest. Clocks begin anywhere; if ours runs faster, all of it comes ever
    later, as slowly as clocks drift. */
 static int64_t late_ms(const phx_source *of, uint32_t now, uint32_t t)
 {
@@ -62,7 +62,7 @@ static int64_t late_ms(const phx_source *of, uint32_t now, uint32_t t)
     return (int64_t)(since - (since >> PHX_SEAL_DRIFT_SHIFT)) - ((int64_t)t - of->quickest_t);
 }
 
-/* The sender's place, or a new one: a free one, or that of the sender whose newest frame is oldest, by its own time, and
+/* The sender's place, or a new one: a free one, or that of the sender whose newest packet is oldest, by its own time, and
    older than a token may be. Places fill in order. */
 static phx_source *place_of(phx_seals *seals, uint32_t now, uint16_t src, uint32_t t_val_ms)
 {
@@ -136,7 +136,7 @@ static int take(phx_seals *seals, uint32_t now, uint16_t src, uint32_t t, uint32
     return 0;
 }
 
-int phx_sealed_recv(phx_seals *seals, phx_anode *a, uint32_t now, const uint8_t *frame, uint32_t len, uint8_t *entry)
+int phx_sealed_recv(phx_seals *seals, phx_anode *a, uint32_t now, const uint8_t *packet, uint32_t len, uint8_t *entry)
 {
     uint8_t message[PHX_SEALED_BYTES];
     const uint8_t *seal;
@@ -148,8 +148,8 @@ int phx_sealed_recv(phx_seals *seals, phx_anode *a, uint32_t now, const uint8_t 
     if (len <= PHX_SEAL_BYTES)
         return PHX_E_ARG;
     len -= PHX_SEAL_BYTES;
-    seal = frame + len;
-    sealed_bytes(message, seal, frame, len);
+    seal = packet + len;
+    sealed_bytes(message, seal, packet, len);
     error = phx_mac_check(&a->node.key, message, sizeof message, seal + PHX_SEAL_MAC);
     if (error)
         return error;
@@ -159,5 +159,5 @@ int phx_sealed_recv(phx_seals *seals, phx_anode *a, uint32_t now, const uint8_t 
     if (src == a->node.flash.robot_id)
         return PHX_E_SELF;
     error = take(seals, now, src, get32(seal + PHX_SEAL_T), a->node.flash.limits.t_val_ms);
-    return error ? error : phx_anode_recv(a, now, frame, len, entry);
+    return error ? error : phx_anode_recv(a, now, packet, len, entry);
 }

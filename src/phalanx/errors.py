@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from typing import ClassVar
 
 ALIKE = 0.6  # so alike, a name is what was meant
+RENAMED = {"bound": "hardened", "frames": "packets", "frame_max_bytes": "packet_max_bytes"}  # names of earlier releases
 
 
 class PhalanxError(Exception):
@@ -152,7 +153,9 @@ class OpenError(PeerError):
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """`did you mean X? ` for a hint, or nothing if no known name is like it."""
+    """Return `did you mean X? ` for a hint, or nothing if no known name is like it."""
+    if RENAMED.get(name) in (known := tuple(known)):
+        return f"did you mean {RENAMED[name]}? "
     import difflib  # noqa: PLC0415  # only who errs waits for it
 
     lower = {each.lower(): each for each in known}

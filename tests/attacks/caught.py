@@ -49,17 +49,17 @@ class Judge:
     def __init__(self, fleet, config):
         self.fleet, self.config, self.work = fleet, config, make_work(config)
 
-    def __call__(self, tee: int, tor: int, q: bytes) -> tuple[int, bytes]:
+    def __call__(self, auditee: int, auditor: int, q: bytes) -> tuple[int, bytes]:
         """The refusal, and the controller's state where the replay ended, nothing if it never began."""
         f, w = self.fleet, self.work
         w.state[:] = 0
         room = f.rx.rows.shape[1]
-        f.rx.rows[tor] = 0xA5  # what an earlier request left
-        f.rx.rows[tor, : min(len(q), room)] = np.frombuffer(q[:room], np.uint8)
-        f.rx_info[tor, 0].row, f.rx_info[tor, 0].len = tor, min(len(q), room)
-        refused = int(handlers.knock(f, tor, w, 0, tee + 1))
+        f.rx.rows[auditor] = 0xA5  # what an earlier request left
+        f.rx.rows[auditor, : min(len(q), room)] = np.frombuffer(q[:room], np.uint8)
+        f.rx_info[auditor, 0].row, f.rx_info[auditor, 0].len = auditor, min(len(q), room)
+        refused = int(handlers.knock(f, auditor, w, 0, auditee + 1))
         if not refused:
-            refused = int(handlers.judge(f, tor, w, 0, tee + 1))
+            refused = int(handlers.judge(f, auditor, w, 0, auditee + 1))
         replayed = refused == 0 or refused >= Refusal.STATE_MALFORMED
         return refused, w.state.tobytes() if replayed else b""
 

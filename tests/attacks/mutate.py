@@ -55,7 +55,7 @@ ONLY_0 = ("case", "settings", "shape")
 OTHER_SIGN = {ast.Add: ast.Sub, ast.Sub: ast.Add}
 OTHER_NAME = {
     "INPUT": "RECV", "RECV": "SEND", "SEND": "ACMD", "ACMD": "SEND", "FLUSH_S": "FLUSH_A", "FLUSH_A": "FLUSH_S",
-    "CHECKPOINT": "EVIDENCE", "EVIDENCE": "CHECKPOINT", "BOUND": "PAPER", "PAPER": "BOUND", "delta": "skew", "skew": "delta",
+    "CHECKPOINT": "EVIDENCE", "EVIDENCE": "CHECKPOINT", "HARDENED": "PAPER", "PAPER": "HARDENED", "delta": "skew", "skew": "delta",
     "AT_TOP_S": "AT_TOP_A", "AT_TOP_A": "AT_TOP_S", "AT_S_TOP": "AT_A_TOP", "AT_A_TOP": "AT_S_TOP",
     "AT_DUE": "AT_STEP", "AT_STEP": "AT_DUE", "FRAGMENT": "TOKEN", "max": "min",
 }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Holes opened again: guards cut out of what a robot does with a frame, which runs uncompiled for that."""
+"""Holes opened again: guards cut out of what a robot does with a packet, which runs uncompiled for that."""
 
 from __future__ import annotations
 

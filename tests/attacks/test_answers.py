@@ -11,7 +11,7 @@ from caught import Judge
 from trials import F_MAX, attacked, run, scenario
 
 from phalanx.bti import request, rounds, trusted
-from phalanx.bti.fleet import BOUND, PENDING, START, make_fleet
+from phalanx.bti.fleet import HARDENED, PENDING, START, make_fleet
 from phalanx.bti.nodes import limits_of
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.work import make_work
@@ -36,7 +36,7 @@ VICTIM = 0
 class Asking:
     """A robot that asks for audits, and auditors that sign whatever they want to sign."""
 
-    def __init__(self, profile=BOUND, config=None, controller="flock", params=None):
+    def __init__(self, profile=HARDENED, config=None, controller="flock", params=None):
         self.profile, self.config, n = profile, config or BtiConfig(), 8
         limits = limits_of(self.config, RadioConfig())
         nodes = power_up(n, profile, limits, np.full(n, BOOT_MS), np.random.default_rng(1), {})
@@ -72,14 +72,14 @@ class Asking:
         rounds.withdraw(self.fleet, VICTIM)
         return int(self.robot.request_to), q
 
-    def token(self, tor: int, q: bytes, which: int) -> tuple[int, int, np.ndarray]:
+    def token(self, auditor: int, q: bytes, which: int) -> tuple[int, int, np.ndarray]:
         """The auditor's, for one of the victim's checkpoints."""
         head, mac = np.frombuffer(bytearray(q), np.uint8), np.zeros(8, np.uint8)
         t = int.from_bytes(q[request.AT_T : request.AT_TOP_A], "little")
         top, treq = head[request.AT_TOP_A :][:20].copy(), head[request.AT_TREQ_MAC :][:8].copy()
-        hckpt, anode = self.fleet.hckpt[VICTIM, which], self.fleet.anode[tor - 1]
+        hckpt, anode = self.fleet.hckpt[VICTIM, which], self.fleet.anode[auditor - 1]
         assert trusted.anode_issue_token(self.profile, anode, VICTIM + 1, t, top, treq, hckpt, mac) >= 0
-        return tor, t, mac
+        return auditor, t, mac
 
     def gets(self, token: tuple[int, int, np.ndarray], now_ms: int) -> int:
         """The token is installed; how many robots have answered in this round by now."""
@@ -94,14 +94,14 @@ def test_a_token_from_before_the_request_is_no_answer_to_it():
     issued = {}
     for k in range(F_MAX):
         now_ms = BOOT_MS + (k + 1) * GRANT_MS
-        tor, q = asking.ask(now_ms)
-        issued[tor] = asking.token(tor, q, PENDING)
-        assert asking.gets(issued[tor], now_ms) == k + 1
+        auditor, q = asking.ask(now_ms)
+        issued[auditor] = asking.token(auditor, q, PENDING)
+        assert asking.gets(issued[auditor], now_ms) == k + 1
     later_ms = BOOT_MS + ROUND_MS
     asking.round_begins(later_ms)
-    tor, q = asking.ask(later_ms)
-    assert asking.gets(issued[tor], later_ms + 1) == 0
-    assert asking.gets(asking.token(tor, q, PENDING), later_ms + 2) == 1
+    auditor, q = asking.ask(later_ms)
+    assert asking.gets(issued[auditor], later_ms + 1) == 0
+    assert asking.gets(asking.token(auditor, q, PENDING), later_ms + 2) == 1
 
 
 def test_a_fresh_token_for_where_the_log_begins_is_no_answer():
@@ -109,18 +109,18 @@ def test_a_fresh_token_for_where_the_log_begins_is_no_answer():
     asking.round_begins(BOOT_MS)
     for k in range(F_MAX + 1):
         now_ms = BOOT_MS + (k + 1) * GRANT_MS
-        tor, q = asking.ask(now_ms)
-        asking.gets(asking.token(tor, q, PENDING), now_ms)
+        auditor, q = asking.ask(now_ms)
+        asking.gets(asking.token(auditor, q, PENDING), now_ms)
     assert not asking.robot.booted
     asking.hears(now_ms)
     later_ms = BOOT_MS + ROUND_MS
     asking.round_begins(later_ms)
-    tor, q = asking.ask(later_ms)
-    assert asking.gets(asking.token(tor, q, START), later_ms + 1) == 0
-    assert asking.gets(asking.token(tor, q, PENDING), later_ms + 2) == 1
+    auditor, q = asking.ask(later_ms)
+    assert asking.gets(asking.token(auditor, q, START), later_ms + 1) == 0
+    assert asking.gets(asking.token(auditor, q, PENDING), later_ms + 2) == 1
 
 
-@pytest.mark.parametrize("name", ["stale-answers", "wrong-checkpoint", "drain", "long-frames"])
+@pytest.mark.parametrize("name", ["stale-answers", "wrong-checkpoint", "drain", "long-packets"])
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_f_max_of_them_starve_nobody_on_the_paper_s_grid(name, seed):
     liars = tuple(AttackSpec(name=name, at_s=5.0) for _ in range(F_MAX))
@@ -129,7 +129,7 @@ def test_f_max_of_them_starve_nobody_on_the_paper_s_grid(name, seed):
 
 
 def test_one_token_request_is_audited_once_however_often_it_is_sent():
-    trial = attacked("drain", "bound")
+    trial = attacked("drain", "hardened")
     made, sent = sum(len(liar.kept) for liar in trial.liars), sum(liar.gained for liar in trial.liars)
     assert 0 < trial.refusals[Refusal.AUTHENTICATOR_INVALID] <= made < sent / 5
 
@@ -137,7 +137,7 @@ def test_one_token_request_is_audited_once_however_often_it_is_sent():
 @pytest.mark.parametrize("t_audit_ms", [5000, 6000])
 def test_f_max_robots_that_say_all_they_may_do_not_fill_the_logs_of_five(t_audit_ms):
     """Rounds that are rare, and few to ask: the logs grow longest."""
-    liars = tuple(AttackSpec(name="long-frames", at_s=5.0) for _ in range(F_MAX))
+    liars = tuple(AttackSpec(name="long-packets", at_s=5.0) for _ in range(F_MAX))
     bti = BtiConfig(t_audit_ms=t_audit_ms)
     made = Scenario(name="few", robots=8, grid_step_m=20.0, duration_s=40.0, bti=bti, attacks=liars)
     ended = run(made)
@@ -155,11 +155,11 @@ def test_a_mission_key_of_tomorrow_is_refused_even_with_an_empty_log():
         asking.robot.t_key = t_key_ms
         put_u32(asking.fleet.checkpoint[VICTIM, START], 0, t_key_ms)
         asking.round_begins(now_ms)
-        tor, q = asking.ask(now_ms)
-        refused, _ = Judge(asking.fleet, asking.config)(VICTIM, tor - 1, q)
+        auditor, q = asking.ask(now_ms)
+        refused, _ = Judge(asking.fleet, asking.config)(VICTIM, auditor - 1, q)
         assert Refusal(refused) == verdict
 
 
 def test_a_key_of_tomorrow_claimed_from_boot_on_ends_with_the_time_of_grace():
-    summary = run(scenario("bound", AttackSpec(name="t-key", at_s=0.0), end_s=15)).summary()
+    summary = run(scenario("hardened", AttackSpec(name="t-key", at_s=0.0), end_s=15)).summary()
     assert summary["compromised"][0]["safe_mode_s"] == pytest.approx(10.0, abs=0.2)

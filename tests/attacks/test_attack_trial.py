@@ -16,8 +16,8 @@ from phalanx.world.scenarios.run import Run
 
 TOLD = {"duration_s": 60.0}
 SAME = {"harm": 0.0, "attacked": TOLD, "honest": TOLD, "honest_distance_m": 0.0, "stops": ()}
-STOPPED = FlockTrial(**said_of(IN_FLOCKS["crash"], "bound"), **SAME, bound_s=10.101, missing_s=0.15)
-LIMITED = FlockTrial(**said_of(IN_FLOCKS["frame-flood"], "bound"), **SAME, bound_s=None)
+STOPPED = FlockTrial(**said_of(IN_FLOCKS["crash"], "hardened"), **SAME, bound_s=10.101, missing_s=0.15)
+LIMITED = FlockTrial(**said_of(IN_FLOCKS["packet-flood"], "hardened"), **SAME, bound_s=None)
 
 
 @pytest.mark.parametrize(
@@ -45,13 +45,13 @@ def test_a_correct_robot_that_is_stopped_is_a_broken_promise(wronged, broken):
 
 def test_with_more_than_f_max_liars_nothing_is_promised():
     crowd = [AttackSpec(name="crash", at_s=1.0)] * (F_MAX + 1)
-    told = [try_attack(scenario("bound", *liars, end_s=2)) for liars in (crowd, crowd[1:])]
+    told = [try_attack(scenario("hardened", *liars, end_s=2)) for liars in (crowd, crowd[1:])]
     assert [(trial.bound_s, trial.wronged) for trial in told] == [(None, None), (10.101, ())]
 
 
 def test_a_robot_is_on_the_air_for_as_long_as_its_frames_take():
     """A HELLO each round and requests: an a-node and the radio agree within the radio's rounding, if nothing is lost."""
-    run = Run(scenario("bound"))
+    run = Run(scenario("hardened"))
     run.advance(AT_S)
     before = [sent(run, i) for i in range(12)]
     run.advance(AT_S + 8)

@@ -23,7 +23,7 @@ MUCH = 10
 HUGE = (0xFF, 0x7F, 0x80, 0x00, 0xFE)
 
 
-@pytest.fixture(scope="module", params=["bound", "paper"])
+@pytest.fixture(scope="module", params=["hardened", "paper"])
 def caught(request):
     return quiet_run(request.param, 22)
 
@@ -101,16 +101,16 @@ MUTATIONS = (
 def mutated(caught, count: int, seed: int = 0):
     dice = np.random.default_rng(seed)
     for k in range(count):
-        tee, tor, q = caught.requests[int(dice.integers(len(caught.requests)))]
-        yield tee, tor, q, MUTATIONS[k % len(MUTATIONS)](q, dice)
+        auditee, auditor, q = caught.requests[int(dice.integers(len(caught.requests)))]
+        yield auditee, auditor, q, MUTATIONS[k % len(MUTATIONS)](q, dice)
 
 
-def cost_s(caught, tee: int, tor: int, q: bytes) -> float:
+def cost_s(caught, auditee: int, auditor: int, q: bytes) -> float:
     """Processor time of an audit, the least of five: others share the machine."""
     costs = []
     for _ in range(5):
         began = time.thread_time()
-        caught.judge(tee, tor, q)
+        caught.judge(auditee, auditor, q)
         costs.append(time.thread_time() - began)
     return min(costs)
 
@@ -122,8 +122,8 @@ def test_unchanged_requests_pass(caught):
 
 def test_of_ten_thousand_mutated_requests_none_earns_a_token(caught):
     reasons = Counter()
-    for tee, tor, q, made in mutated(caught, MUTATED):
-        refused, _ = caught.judge(tee, tor, made)
+    for auditee, auditor, q, made in mutated(caught, MUTATED):
+        refused, _ = caught.judge(auditee, auditor, made)
         reasons[Refusal(refused).name] += 1
         assert refused or meaning(made) == meaning(q)
     assert reasons["NONE"] < MUTATED / 20
@@ -140,27 +140,30 @@ def filled(q: bytes, room: int):
 
 
 def test_no_byte_of_a_request_takes_much_longer_than_one_of_an_honest_request(caught):
-    tee, tor, q = max(caught.requests, key=lambda each: len(each[2]))
+    auditee, auditor, q = max(caught.requests, key=lambda each: len(each[2]))
     room = caught.judge.fleet.rx.rows.shape[1]
     assert room > 5 * len(q)
-    most_s = MUCH * cost_s(caught, tee, tor, q)
+    most_s = MUCH * cost_s(caught, auditee, auditor, q)
     for made in filled(q, room):
-        assert cost_s(caught, tee, tor, made) < most_s * room / len(q)
-    for tee, tor, _, made in mutated(caught, MUTATED // 10, seed=2):
-        assert cost_s(caught, tee, tor, made) < most_s
+        assert cost_s(caught, auditee, auditor, made) < most_s * room / len(q)
+    for auditee, auditor, _, made in mutated(caught, MUTATED // 10, seed=2):
+        assert cost_s(caught, auditee, auditor, made) < most_s
 
 
 def test_uncompiled_where_an_index_out_of_bounds_would_show_the_verdicts_are_the_same(caught, tmp_path):
-    asked = [(tee, tor, made) for tee, tor, _, made in mutated(caught, 60, seed=1)]
+    asked = [(auditee, auditor, made) for auditee, auditor, _, made in mutated(caught, 60, seed=1)]
     here = [caught.judge(*each)[0] for each in asked]
     assert len(set(here)) > 5
     assert [refused for refused, _ in caught.judge.elsewhere(asked, tmp_path)] == here
 
 
 def test_another_robot_cannot_use_a_request(caught):
-    tee, tor, q = caught.requests[0]
-    assert caught.judge((tee + 1) % 10, tor, q)[0] == Refusal.NOT_THE_SENDER
-    assert caught.judge(tee, next(i for i in range(10) if i not in (tee, tor)), q)[0] == Refusal.REQUEST_INVALID
+    auditee, auditor, q = caught.requests[0]
+    assert caught.judge((auditee + 1) % 10, auditor, q)[0] == Refusal.NOT_THE_SENDER
+    assert (
+        caught.judge(auditee, next(i for i in range(10) if i not in (auditee, auditor)), q)[0]
+        == Refusal.REQUEST_INVALID
+    )
 
 
 def untouched(f: Fleet, lent: set[int]) -> dict[str, bytes]:
@@ -191,12 +194,12 @@ def test_fragments_of_any_bytes_do_no_harm(caught):
     before, audited = untouched(f, lent), 0
     for k in range(3000):
         length = int(dice.choice([1, 5, 6, 10, 11, 15, 20, 60, 2048]))
-        frame = np.frombuffer(bytearray(dice.bytes(length)), np.uint8)
-        frame[0] |= request.AUDIT
+        packet = np.frombuffer(bytearray(dice.bytes(length)), np.uint8)
+        packet[0] |= request.AUDIT
         if k % 4 and length > 10:
-            request.audit_head(frame, int(dice.integers(0, 12)), 1, int(dice.integers(0, 5)))
-            frame[8], frame[9] = int(dice.choice([0, 1, 5, 62, 63, 255])), int(dice.choice([0, 1, 2, 6, 63, 64, 255]))
-        told = handlers.on_packet(f, 0, w, now + k * 7, frame, length)
+            request.audit_head(packet, int(dice.integers(0, 12)), 1, int(dice.integers(0, 5)))
+            packet[8], packet[9] = int(dice.choice([0, 1, 5, 62, 63, 255])), int(dice.choice([0, 1, 2, 6, 63, 64, 255]))
+        told = handlers.on_packet(f, 0, w, now + k * 7, packet, length)
         asked = actions.decode(w)
         assert told == handlers.NOTHING or (told < 0 and not asked)
         assert not tokens_in(asked)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
-from phalanx.attacks.channel import audit_frame
+from phalanx.attacks.channel import audit_packet
 from phalanx.attacks.hijack import RefuseToAudit
 from phalanx.bti import request, seeking
 from phalanx.config import BtiConfig
@@ -35,7 +35,7 @@ LATE = [(24, 21), (90, 23), (90, 27)]
 class Carpet(RefuseToAudit):
     """Fills the moments at which a victim that it is near to, but no auditor of the victim, asks and is answered.
 
-    A few liars in turn broadcast the longest frames. The others, and whose bucket is empty, send them to nobody: the
+    A few liars in turn broadcast the longest packets. The others, and whose bucket is empty, send them to nobody: the
     radio tries seven times, and the bucket counts one. It answers SEEK, audits nobody and asks for no audits. A SEEK of
     its own has the victim answer before its first round. It hears what the victim has on the air.
     """
@@ -60,9 +60,9 @@ class Carpet(RefuseToAudit):
         r.got = got
         return answers
 
-    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
-        answers = super().heard(now_ms, frame)
-        if not is_audit(frame, seeking.SEEK) or get_u16(row(frame), request.AT_SRC) != self._victim:
+    def heard(self, now_ms: int, packet: bytes) -> list[Action]:
+        answers = super().heard(now_ms, packet)
+        if not is_audit(packet, seeking.SEEK) or get_u16(row(packet), request.AT_SRC) != self._victim:
             return answers
         self._sought += 1
         within_ms = T_AUDIT_MS >> seeking.ANSWERS_IN
@@ -103,7 +103,7 @@ class Carpet(RefuseToAudit):
         nobody = max(self.plan.ids) + 1
         mine = (self.id - 1 - self._sought * self.AT_ANSWERS) % F_MAX < turns
         for to, dst in ((EVERYBODY, 0), (nobody, nobody)) if mine else ():
-            if sent := self.send(now_ms, audit_frame(self.id, dst, request.FRAGMENT, bytes(NOISE_BYTES)), to):
+            if sent := self.send(now_ms, audit_packet(self.id, dst, request.FRAGMENT, bytes(NOISE_BYTES)), to):
                 self._out_ms = now_ms
                 return self.count(sent)
         return []
@@ -134,7 +134,7 @@ def scenario(seed: int, n_max: int = 24) -> Scenario:
         robots=len(places(seed)),
         grid_step_m=1.0,
         seed=seed,
-        defence="bound",
+        defence="hardened",
         duration_s=T_VAL_MS / 1000 + 0.6,
         bti=BtiConfig(f_max=F_MAX, t_audit_ms=T_AUDIT_MS, t_val_ms=T_VAL_MS),
         n_max=n_max,

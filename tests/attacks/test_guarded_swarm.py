@@ -100,7 +100,7 @@ class OwnWill(Liar):
 
 
 @cache
-def told(planner=None, attack=None, defence="bound"):
+def told(planner=None, attack=None, defence="hardened"):
     attacks = (AttackSpec(name=attack.__name__, own=own_attack(attack), robot=2, at_s=AT_S),) if attack else ()
     return simulate(replace(SWARM, attacks=attacks, defence=defence), planner=planner, every_s=0.25)
 

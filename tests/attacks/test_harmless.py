@@ -82,10 +82,10 @@ def test_robots_that_audit_nobody_starve_those_with_fewer_than_f_max_plus_one_co
 ):
     """All are in range of all: the liars only have to do nothing."""
     liars = [AttackSpec(name="refuse-to-audit", at_s=AT_S) for _ in range(F_MAX)]
-    ended = run(scenario("bound", *liars, robots=robots))
+    ended = run(scenario("hardened", *liars, robots=robots))
     enough = correct_in_range > F_MAX
     assert starved(ended) == (0 if enough else robots - F_MAX)
-    assert starved(run(scenario("bound", robots=robots))) == 0
+    assert starved(run(scenario("hardened", robots=robots))) == 0
     assert all(count > 0 for count in gained(ended))
 
 

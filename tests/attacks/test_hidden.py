@@ -6,7 +6,7 @@ import pytest
 from test_answers import BOOT_MS, GRANT_MS, VICTIM, Asking
 
 from phalanx.bti import rounds, seeking
-from phalanx.bti.fleet import BOUND, PAPER
+from phalanx.bti.fleet import HARDENED, PAPER
 from phalanx.config import BtiConfig
 from phalanx.robot import handlers
 from phalanx.scenarios.attack_spec import AttackSpec
@@ -42,7 +42,7 @@ class Unheard(Asking):
     def sends(self, now_ms: int) -> bytes:
         """Return the fragment that goes out now, if one does."""
         n = handlers.next_fragment(self.fleet, VICTIM, self.work, now_ms)
-        return self.work.frame[:n].tobytes()
+        return self.work.packet[:n].tobytes()
 
     def loses(self, now_ms: int) -> None:
         """Lose the last fragment."""
@@ -51,7 +51,7 @@ class Unheard(Asking):
     def seeks(self, now_ms: int) -> None:
         """Send SEEK, and receive answers of all others."""
         self.loses(now_ms)
-        seeking.packet(self.fleet, VICTIM, now_ms, self.work.frame)
+        seeking.write_seek(self.fleet, VICTIM, now_ms, self.work.packet)
         for rob_id in range(2, 9):
             self.receives_here(rob_id, int(self.robot.nonce), now_ms)
         self.robot.quota = 1
@@ -75,7 +75,7 @@ class Unheard(Asking):
             now_ms += pause_ms
 
 
-def begun(at_ms: int, profile: int = BOUND) -> Unheard:
+def begun(at_ms: int, profile: int = HARDENED) -> Unheard:
     robot = Unheard(profile)
     robot.round_begins(at_ms)
     assert robot.sends(at_ms + GRANT_MS) != b""
@@ -131,7 +131,7 @@ def test_an_auditor_that_received_nothing_may_be_asked_again_soon_and_another_af
     robot.round_begins(BOOT_MS)
     for k in range(12):
         robot.hears(BOOT_MS + k)
-    robot.fleet.settings[0].frame_max = 256
+    robot.fleet.settings[0].packet_max = 256
     robot.sends(BOOT_MS + 600)
     robot.sends(BOOT_MS + 601)
     to = rounds.peer_at(robot.fleet, VICTIM, int(robot.robot.request_to))
@@ -172,7 +172,15 @@ def test_f_max_that_were_good_auditors_and_are_gone_at_once_stop_nobody():
     liars = tuple(AttackSpec(name="hijack", at_s=9.0) for _ in range(12))
     bti = BtiConfig(f_max=12)
     grid = Scenario(
-        robots=32, grid_step_m=8, d_m=8, goal_m=(30, 30), duration_s=30, seed=0, defence="bound", attacks=liars, bti=bti
+        robots=32,
+        grid_step_m=8,
+        d_m=8,
+        goal_m=(30, 30),
+        duration_s=30,
+        seed=0,
+        defence="hardened",
+        attacks=liars,
+        bti=bti,
     )
     run = Run(grid)
     run.advance(grid.duration_s)

@@ -62,9 +62,9 @@ class Auditor:
 
     def hears(self, src: int, no: int, index: int, now_ms: int) -> bool:
         """Whether a request of two fragments is whole now."""
-        body = bytes(int(self.fleet.settings[0].frame_max) - request.FRAGMENT_HEAD_BYTES)
-        frame = AUDIT_FRAGMENT.encode(src=src, dst=1, request=no, index=index, count=2, bytes=body)
-        told = request.take_fragment(self.fleet, 0, np.frombuffer(bytearray(frame), np.uint8), len(frame), now_ms)
+        body = bytes(int(self.fleet.settings[0].packet_max) - request.FRAGMENT_HEAD_BYTES)
+        packet = AUDIT_FRAGMENT.encode(src=src, dst=1, request=no, index=index, count=2, bytes=body)
+        told = request.take_fragment(self.fleet, 0, np.frombuffer(bytearray(packet), np.uint8), len(packet), now_ms)
         return bool(told >= 0)
 
 
@@ -113,7 +113,7 @@ def test_all_neighbours_at_once_are_audited_and_no_more_than_that():
 @pytest.mark.parametrize("f_max", [1, 3])
 @pytest.mark.parametrize("t_ms", [(500, 1000), (4000, 10_000)])
 def test_an_a_node_lets_out_a_round_s_requests_and_the_replies_to_all_neighbours(n_max, f_max, t_ms):
-    bti = BtiConfig(n_max=n_max, f_max=f_max, t_audit_ms=t_ms[0], t_val_ms=t_ms[1], frame_max_bytes=2048)
+    bti = BtiConfig(n_max=n_max, f_max=f_max, t_audit_ms=t_ms[0], t_val_ms=t_ms[1], packet_max_bytes=2048)
     replies = 2 * n_max
     bucket_us = Limits.of(bti, 60, 1000, 200).audit_capacity_us
     a_request_us = (bti.t_val_ms / 1000 * bti.log_bytes_per_s + bti.n_max * 26 + 366) * 0.2

@@ -11,7 +11,7 @@ from test_answers import BOOT_MS, GRANT_MS, ROUND_MS, VICTIM, Asking
 
 from phalanx.attacks.channel import Mask
 from phalanx.bti import audit, log, request, rounds, seeking
-from phalanx.bti.fleet import BOUND, PAPER
+from phalanx.bti.fleet import HARDENED, PAPER
 from phalanx.bti.nodes import Limits
 from phalanx.config import BtiConfig
 from phalanx.robot import actions, handlers
@@ -38,9 +38,9 @@ class Amplify(Mask):
 class Echo(Mask):
     """Noise as ever, and at each SEEK one of its own: whoever is to answer has to answer all liars too."""
 
-    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
-        asks = is_audit(frame, seeking.SEEK)
-        return super().heard(now_ms, frame) + (self.send(now_ms, seek_of(self.id), EVERYBODY) if asks else [])
+    def heard(self, now_ms: int, packet: bytes) -> list[Action]:
+        asks = is_audit(packet, seeking.SEEK)
+        return super().heard(now_ms, packet) + (self.send(now_ms, seek_of(self.id), EVERYBODY) if asks else [])
 
 
 def star(f_max: int, seed: int, attack: str | type[Mask] = "mask") -> Scenario:
@@ -173,14 +173,14 @@ def test_a_robot_that_has_its_tokens_or_begins_its_first_round_sends_hello_at_on
     assert sent(robot.round_due(listened=False)) == [AUDIT_HELLO.encode(src=VICTIM + 1, dst=0)]
 
 
-@pytest.mark.parametrize("profile, seeks", [(BOUND, 1), (PAPER, 0)])
+@pytest.mark.parametrize("profile, seeks", [(HARDENED, 1), (PAPER, 0)])
 def test_a_robot_seeks_when_an_auditor_is_silent_for_the_retry_time(profile, seeks):
     robot = Asking(profile)
     robot.round_begins(BOOT_MS)
     now_ms = BOOT_MS + GRANT_MS
     robot.ask(now_ms)
     for at_ms, has_begun in ((now_ms + 49, 0), (now_ms + 50, seeks)):
-        seeking.seek(robot.fleet, VICTIM, at_ms, robot.work.small[1], robot.work.frame)
+        seeking.seek(robot.fleet, VICTIM, at_ms, robot.work.small[1], robot.work.packet)
         assert robot.robot.seeks == has_begun
 
 
@@ -244,7 +244,7 @@ def test_a_robot_answers_each_seek_once_at_a_random_time():
 def test_a_token_of_this_round_that_may_be_lost_is_the_answer(since_ms, repeats):
     robot, mac = Seeking(), row(bytes(range(8)))
     rounds.heard(robot.fleet, VICTIM, ASKER, robot.now_ms)
-    request.new_token(robot.fleet, VICTIM, ASKER, 3, 1000, mac, robot.work.frame)
+    request.new_token(robot.fleet, VICTIM, ASKER, 3, 1000, mac, robot.work.packet)
     at_ms = retry_ms(robot.receives(seek_of(ASKER, since=since_ms), robot.now_ms))
     token = AUDIT_TOKEN.encode(src=VICTIM + 1, dst=ASKER, request=3, t=1000, mac=bytes(range(8)))
     here = AUDIT_HERE.encode(src=VICTIM + 1, dst=ASKER, nonce=77)

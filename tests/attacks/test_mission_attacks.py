@@ -78,7 +78,7 @@ def test_the_attack_comes_to_what_it_declares(name, defence):
     match kind.verdicts[defence]:
         case "stopped":
             was_stopped(robot)
-            assert robot.refused == (REFUSED_FOR.get(name, "") if defence == "bound" else robot.refused)
+            assert robot.refused == (REFUSED_FOR.get(name, "") if defence == "hardened" else robot.refused)
         case "harmless":
             was_not_harmed(robot)
             assert seen.harm < kind.bites_from
@@ -108,17 +108,17 @@ def test_every_attack_bites_somewhere_or_is_a_fault_that_only_who_looks_for_land
         verdicts = ON_MISSIONS[name].verdicts
         bites = {defence for defence, verdict in verdicts.items() if verdict in ("bites", "not covered")}
         assert bites or name in ("swap-key", "nudge-code", "drown-message", "freeze-scan"), name
-        assert verdicts["bound"] != "bites"
+        assert verdicts["hardened"] != "bites"
 
 
 @pytest.mark.parametrize(
     "name, defence, wrong",
     [
         ("move-code", "none", {"stopped", "harmless"}),
-        ("move-code", "bound", {"harmless", "bites", "not covered"}),
-        ("nudge-code", "bound", {"stopped", "bites"}),
-        ("freeze-scan", "bound", {"stopped", "harmless"}),
-        ("drag-scan", "bound", {"stopped", "harmless", "limited"}),
+        ("move-code", "hardened", {"harmless", "bites", "not covered"}),
+        ("nudge-code", "hardened", {"stopped", "bites"}),
+        ("freeze-scan", "hardened", {"stopped", "harmless"}),
+        ("drag-scan", "hardened", {"stopped", "harmless", "limited"}),
         ("swap-key", "none", {"stopped", "bites"}),
     ],
 )
@@ -129,7 +129,7 @@ def test_a_verdict_that_is_not_what_was_seen_is_not_kept(name, defence, wrong):
 
 
 def test_a_robot_whose_code_was_moved_goes_back_to_its_last_validated_node_and_says_why():
-    robot = trial("move-code", "bound").attacked
+    robot = trial("move-code", "hardened").attacked
     assert robot.decoded == (0, 1, 2)
     assert robot.not_validated == ("timed out", "timed out", "timed out", "no way left")
     assert robot.from_last_m < 0.8
@@ -140,23 +140,23 @@ def test_a_code_moved_by_more_than_the_search_reaches_does_not_decode():
     class Farther(NudgeCode):
         SIDE_M = 0.9
 
-    was_stopped(attacked(Farther, "bound"))
+    was_stopped(attacked(Farther, "hardened"))
 
 
 def test_wheels_that_slip_by_less_than_a_tenth_are_only_drift():
     class Little(Slip):
         SHARES = (0.92, 0.92)
 
-    was_not_harmed(attacked(Little, "bound"))
+    was_not_harmed(attacked(Little, "hardened"))
 
 
 def test_another_room_seen_when_the_robot_is_on_its_way_is_as_useless():
-    was_stopped(attacked(SpoofScan, "bound", at=8.0))
+    was_stopped(attacked(SpoofScan, "hardened", at=8.0))
 
 
 def test_the_same_seed_gives_the_same_again_and_another_does_not():
-    again, other = (try_mission_attack(ATTACKS["dead-wheel"], "bound", seed).attacked for seed in (0, 1))
-    assert trial("dead-wheel", "bound").attacked == again != other
+    again, other = (try_mission_attack(ATTACKS["dead-wheel"], "hardened", seed).attacked for seed in (0, 1))
+    assert trial("dead-wheel", "hardened").attacked == again != other
 
 
 def test_the_page_about_attacks_has_each_on_missions_with_its_verdicts():
@@ -198,7 +198,12 @@ class TestCommand:
             (name, kind.against, dict(kind.verdicts)) for name, kind in sorted(ON_MISSIONS.items())
         ]
         run = json.loads(phalanx("attack", "run", "replay-day", "--json")[1])
-        assert (run["attack"], run["defence"], run["declared"], run["kept"]) == ("replay-day", "bound", "stopped", True)
+        assert (run["attack"], run["defence"], run["declared"], run["kept"]) == (
+            "replay-day",
+            "hardened",
+            "stopped",
+            True,
+        )
         assert run["attacked"]["refused"] == "outside_window"
         assert run["honest"] is None, "nothing was ordered"
         guess = json.loads(phalanx("attack", "run", "guess-gate", "--defence", "paper", "--json")[1])

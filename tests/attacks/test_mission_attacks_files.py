@@ -35,14 +35,14 @@ def decoded(walker, lived):
     return got
 
 
-@pytest.mark.parametrize("defence", ["paper", "bound"])
+@pytest.mark.parametrize("defence", ["paper", "hardened"])
 def test_whatever_bit_is_changed_nothing_else_is_decoded_and_nothing_else_done(defence, monkeypatch):
     sent = Operator(defence, 0).send(errand(), ROBOT, 1)
     monkeypatch.setattr("phalanx.papers.missions.trial.Walker", Remembers)
     monkeypatch.setattr(Remembers, "lived", [])
     assert walk(Between(plan_of(defence, 0, 0.0, {})), sent, defence, 0).done
 
-    key = parse_start_key(sent.key) if defence == "bound" else None
+    key = parse_start_key(sent.key) if defence == "hardened" else None
     honest = decoded(Walker(parse_mission(sent.file), key, ROBOT_CONFIG), Remembers.lived)
     assert [node for node, *_ in honest] == [0, 1, 2, 3, 4]
     chance = np.random.default_rng(0)
@@ -62,7 +62,7 @@ def test_whatever_bit_is_changed_nothing_else_is_decoded_and_nothing_else_done(d
 @pytest.mark.parametrize("name", ["forge-graph", "replay-day", "replay-robot", "replay-again"])
 def test_it_is_the_signature_the_window_the_names_and_the_memory_that_stop_it(name):
     """Without them the mission runs: it is a true one, or as good as one."""
-    trial = try_mission_attack(ATTACKS[name], "bound", options={"unchecked": 1})
+    trial = try_mission_attack(ATTACKS[name], "hardened", options={"unchecked": 1})
     assert not trial.kept
     assert trial.attacked.done
     assert trial.harm >= 1
@@ -71,9 +71,9 @@ def test_it_is_the_signature_the_window_the_names_and_the_memory_that_stop_it(na
 @pytest.mark.parametrize("share", [0.02, 0.3, 0.6, 0.9])
 def test_a_changed_bit_is_stopped_without_a_look_at_the_signature_too(share):
     """The robot drives as far as the file is true."""
-    sent = Operator("bound", 0).send(errand(), ROBOT, 1)
+    sent = Operator("hardened", 0).send(errand(), ROBOT, 1)
     bit = int(share * 8 * len(parse_mission(sent.file).signed_part()))
-    trial = try_mission_attack(ATTACKS["flip-bit"], "bound", options={"unchecked": 1, "bit": bit})
+    trial = try_mission_attack(ATTACKS["flip-bit"], "hardened", options={"unchecked": 1, "bit": bit})
     assert trial.kept
     assert trial.attacked.refused != "not_authentic"
     assert "hand_over" not in trial.attacked.actions
@@ -83,6 +83,6 @@ def test_a_clock_that_was_set_back_brings_no_mission_back_that_the_robot_has_sta
     class Started(ATTACKS["set-clock"].kind):
         again = True
 
-    attack = Started(plan_of("bound", 0, 0.0, {}))
-    robot = walk(attack, Operator("bound", 0).send(errand(), ROBOT, 1), "bound", 0)
+    attack = Started(plan_of("hardened", 0, 0.0, {}))
+    robot = walk(attack, Operator("hardened", 0).send(errand(), ROBOT, 1), "hardened", 0)
     assert robot.refused == "already_started"

@@ -65,24 +65,24 @@ def test_the_guess_comes_to_what_it_declares(name, defence):
 
 
 def test_paper_falls_a_thousand_times_as_fast_as_sealed():
-    paper, sealed = (trial("guess-graph", defence).attacked for defence in ("paper", "bound"))
+    paper, sealed = (trial("guess-graph", defence).attacked for defence in ("paper", "hardened"))
     assert paper.tries_per_s > 1000 * sealed.tries_per_s
 
 
 def test_sealed_falls_too_to_who_has_its_start_key_and_the_time():
     """At a try that costs nothing: the places are read, the token and what needs a message are not."""
-    told = guess("guess-graph", "bound", coding=CHEAP, tries=1 << 30)
+    told = guess("guess-graph", "hardened", coding=CHEAP, tries=1 << 30)
     assert told.read == PLACES
 
 
 def test_without_the_right_gate_nothing_is_read_wherever_one_looks_and_with_it_all_places_are():
     whole_box = 51 * 51
-    assert guess("guess-gate", "bound", coding=CHEAP, tries=2 * whole_box).read == 0
-    (gate,) = parse_start_key(Operator("bound", 0).send(errand(CHEAP), ROBOT, 1).key).gates.values()
-    assert guess("guess-gate", "bound", Loaded(gate.share), coding=CHEAP, tries=whole_box).read == PLACES
+    assert guess("guess-gate", "hardened", coding=CHEAP, tries=2 * whole_box).read == 0
+    (gate,) = parse_start_key(Operator("hardened", 0).send(errand(CHEAP), ROBOT, 1).key).gates.values()
+    assert guess("guess-gate", "hardened", Loaded(gate.share), coding=CHEAP, tries=whole_box).read == PLACES
 
 
-@pytest.mark.parametrize("defence", ["paper", "bound"])
+@pytest.mark.parametrize("defence", ["paper", "hardened"])
 def test_a_token_that_is_guessed_right_does_open(defence):
-    coding = CHEAP if defence == "bound" else None
+    coding = CHEAP if defence == "hardened" else None
     assert guess("guess-token", defence, Loaded(bytes.fromhex(TOKEN)), tries=16, coding=coding).read == 1

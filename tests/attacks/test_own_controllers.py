@@ -44,13 +44,13 @@ def test_the_example_stops_its_liar_and_nobody_else():
 
 def test_the_bundled_flock_as_a_python_controller_flies_the_same_flight():
     """Logged, audited and replayed in Python, attack included."""
-    made = scenario("bound", AttackSpec(name="hijack", at_s=8.0), end_s=22, robots=10)
+    made = scenario("hardened", AttackSpec(name="hijack", at_s=8.0), end_s=22, robots=10)
     own = advanced(made, compiled(dispatch.NUMBERS["flock"], flock_params(made.flock)))
     bundled = run(made)
     np.testing.assert_array_equal(own.positions_m, bundled.positions_m)
     assert own.summary()["compromised"] == bundled.summary()["compromised"]
     assert own.summary()["correct_in_safe_mode"] == own.summary()["without_quorum"] == []
-    assert {why for *_, tee, why in own.new_verdicts() if tee not in own.compromised} == {Refusal.NONE}
+    assert {why for *_, auditee, why in own.new_verdicts() if auditee not in own.compromised} == {Refusal.NONE}
 
 
 def credulous():
@@ -60,9 +60,9 @@ def credulous():
     spec.loader.exec_module(example)
 
     class Credulous(example.GoThere):
-        def on_recv(self, t_ms, frame):
-            if len(frame) == STATE.size:
-                _, rob_id, _, x_m, y_m, _, _ = STATE.form.unpack(frame)
+        def on_recv(self, t_ms, packet):
+            if len(packet) == STATE.size:
+                _, rob_id, _, x_m, y_m, _, _ = STATE.form.unpack(packet)
                 self.memory = example.Memory(rob_id, x_m, y_m)
 
         def on_reading(self, step, t_ms, at):
@@ -91,7 +91,7 @@ class Plain(Controller):
     def decode(self, encoding):
         assert not encoding
 
-    def on_recv(self, t_ms, frame):
+    def on_recv(self, t_ms, packet):
         pass
 
     def on_input(self, step, t_ms, reading):
@@ -104,14 +104,14 @@ class Chancy(Plain):
 
 
 def test_a_controller_that_uses_chance_is_refused_to_the_last_robot():
-    ended = advanced(scenario("bound", robots=6, end_s=12), Chancy)
+    ended = advanced(scenario("hardened", robots=6, end_s=12), Chancy)
     reasons = Counter(why for *_, why in ended.new_verdicts())
     assert set(reasons) == {Refusal.OUTPUT_WRONG}
     assert ended.in_safe_mode.all()
 
 
 def test_a_controller_that_raises_on_a_log_refuses_it_and_no_more():
-    made = scenario("bound", robots=6, end_s=9)
+    made = scenario("hardened", robots=6, end_s=9)
     caught = advanced(made, Plain)
     assert {why for *_, why in caught.new_verdicts()} == {Refusal.NONE}
     for robot in caught.robots.values():

@@ -28,7 +28,7 @@ def controller(outputs, state=b""):
         def decode(self, encoding):
             assert encoding == state
 
-        def on_recv(self, t_ms, frame):
+        def on_recv(self, t_ms, packet):
             pass
 
         def on_input(self, step, t_ms, reading):
@@ -37,7 +37,7 @@ def controller(outputs, state=b""):
     return Own
 
 
-def advanced(made, defence="bound"):
+def advanced(made, defence="hardened"):
     run = Run(scenario(defence, robots=6, end_s=12), made)
     run.advance(12.0)
     return run
@@ -63,7 +63,7 @@ def advanced(made, defence="bound"):
         ([Act(bytes(19))], "no command of its body's: 19 bytes, the first 0"),
     ],
 )
-@pytest.mark.parametrize("defence", ["none", "bound"])
+@pytest.mark.parametrize("defence", ["none", "hardened"])
 def test_what_cannot_be_put_out_is_refused_at_the_first_reading(outputs, complaint, defence):
     with pytest.raises(UsageError) as refused:
         advanced(controller(outputs), defence)
@@ -77,10 +77,10 @@ def test_a_checkpoint_that_is_none_or_too_long_is_refused(state, complaint):
         advanced(controller([Act(STAND)], state))
 
 
-@pytest.mark.parametrize("frame", [bytes([1]) * 1000, bytes([1]) * 27], ids=["too long", "too often"])
-def test_a_frame_for_which_the_a_node_has_no_airtime_is_told(frame):
-    with pytest.raises(UsageError, match=f"no airtime left for a frame of {len(frame)} bytes"):
-        advanced(controller([Act(STAND), Send(frame)]))
+@pytest.mark.parametrize("packet", [bytes([1]) * 1000, bytes([1]) * 27], ids=["too long", "too often"])
+def test_a_frame_for_which_the_a_node_has_no_airtime_is_told(packet):
+    with pytest.raises(UsageError, match=f"no airtime left for a packet of {len(packet)} bytes"):
+        advanced(controller([Act(STAND), Send(packet)]))
 
 
 def test_a_liar_s_controller_is_looked_at_like_the_others():
@@ -142,7 +142,7 @@ class Suspicious(controller([], b"state")):
 )
 def test_what_only_shows_under_audit_has_its_reason(made, reason):
     """As docs/own-controller.md says; the first segment, from boot on, may pass."""
-    ended = Run(scenario("bound", robots=6, end_s=20), made)
+    ended = Run(scenario("hardened", robots=6, end_s=20), made)
     ended.advance(20.0)
     assert {why for *_, why in ended.new_verdicts()} - {Refusal.NONE} == {reason}
     assert ended.in_safe_mode.all()

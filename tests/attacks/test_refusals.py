@@ -15,7 +15,7 @@ from test_answers import BOOT_MS, VICTIM, Asking
 
 from phalanx.bti import audit, log, request, rounds, trusted
 from phalanx.bti.audit import ACMD, INPUT, RECV, SEND
-from phalanx.bti.fleet import BOUND, PENDING
+from phalanx.bti.fleet import HARDENED, PENDING
 from phalanx.bti.log import ENTRY_HEAD_BYTES
 from phalanx.bti.refusal import Refusal
 from phalanx.robot import handlers
@@ -74,10 +74,10 @@ class Auditee(Asking):
 
     def hears_of(self, t_ms: int) -> bytes:
         """A state of robot 3's; the controller knows it, the log not yet."""
-        frame = MOTION.pack(KIND_STATE, 3, t_ms, 5.0, 5.0, 0.0, 0.0)
-        entry = self.chained(RECV, t_ms, frame)
+        packet = MOTION.pack(KIND_STATE, 3, t_ms, 5.0, 5.0, 0.0, 0.0)
+        entry = self.chained(RECV, t_ms, packet)
         f, s = self.fleet, self.fleet.settings[0]
-        dispatch.on_recv(s.controller, f.params, 1, t_ms, row(frame), len(frame), f.state[VICTIM])
+        dispatch.on_recv(s.controller, f.params, 1, t_ms, row(packet), len(packet), f.state[VICTIM])
         self.robot.state_len = dispatch.size(s.controller, f.state[VICTIM])
         return entry
 
@@ -90,8 +90,8 @@ class Auditee(Asking):
         return self.ask(self.due_ms(self.step - 1) + ASKED_MS if now_ms is None else now_ms)
 
     def verdict(self, asked: tuple[int, bytes]) -> int:
-        tor, q = asked
-        return self.judge(VICTIM, tor - 1, q)[0]
+        auditor, q = asked
+        return self.judge(VICTIM, auditor - 1, q)[0]
 
     def covered(self) -> None:
         """Its log begins at a checkpoint with f_max + 1 tokens."""
@@ -106,9 +106,9 @@ class Auditee(Asking):
                 now_ms = self.due_ms(self.step - 1) + ASKED_MS
             q = self.fleet.request.rows[self.robot.request_row, : int(self.robot.request_len)].tobytes()
             rounds.withdraw(self.fleet, VICTIM)
-            tor = int(self.robot.request_to)
-            assert self.verdict((tor, q)) == 0
-            assert self.gets(self.token(tor, q, PENDING), now_ms) == k + 1
+            auditor = int(self.robot.request_to)
+            assert self.verdict((auditor, q)) == 0
+            assert self.gets(self.token(auditor, q, PENDING), now_ms) == k + 1
         assert not self.robot.booted
         assert self.robot.tokens_start == self.config.tokens_needed
         for _ in range(20):
@@ -118,18 +118,18 @@ class Auditee(Asking):
     def between(self, now_ms: int) -> tuple[int, np.ndarray, np.ndarray]:
         """A token request, made; the s-node has still to sign: its auditor, and both records."""
         rounds.withdraw(self.fleet, VICTIM)
-        tor = int(rounds.next_candidate(self.fleet, VICTIM, now_ms))
+        auditor = int(rounds.next_candidate(self.fleet, VICTIM, now_ms))
         treq, auth = row(bytes(request.TREQ_BYTES)), row(bytes(30))
-        assert trusted.anode_token_request(BOUND, self.fleet.anode[VICTIM], now_ms, tor, treq) >= 0
+        assert trusted.anode_token_request(HARDENED, self.fleet.anode[VICTIM], now_ms, auditor, treq) >= 0
         log.mark(self.fleet, VICTIM, log.FLUSH_A)
-        return tor, treq, auth
+        return auditor, treq, auth
 
-    def signed(self, tor: int, treq: np.ndarray, auth: np.ndarray) -> tuple[int, bytes]:
+    def signed(self, auditor: int, treq: np.ndarray, auth: np.ndarray) -> tuple[int, bytes]:
         """The rest of it."""
-        assert trusted.snode_make_auth(BOUND, self.fleet.snode[VICTIM], treq[request.TREQ_BYTES - 8 :], auth) >= 0
+        assert trusted.snode_make_auth(HARDENED, self.fleet.snode[VICTIM], treq[request.TREQ_BYTES - 8 :], auth) >= 0
         log.mark(self.fleet, VICTIM, log.FLUSH_S)
         n = int(request._write(self.fleet, VICTIM, treq, auth, row(bytes(30))))
-        return tor, self.fleet.request.rows[self.robot.request_row, :n].tobytes()
+        return auditor, self.fleet.request.rows[self.robot.request_row, :n].tobytes()
 
 
 @pytest.fixture
@@ -180,34 +180,34 @@ CHECKED = bytes([log.CHECKPOINT])
 class TestStart:
     def test_one_auditor_counts_once(self, auditee):
         auditee.covered()
-        tor, q = auditee.asks()
-        assert auditee.verdict((tor, q)) == 0
+        auditor, q = auditee.asks()
+        assert auditee.verdict((auditor, q)) == 0
         one, two, three, _ = tokens(q)
-        assert auditee.verdict((tor, with_tokens(q, [one, two, three, one]))) == Refusal.TOKEN_TWICE
-        assert auditee.verdict((tor, with_tokens(q, [one, one, two, three]))) == Refusal.TOKEN_TWICE
-        assert auditee.verdict((tor, with_tokens(q, [one, two, three, two]))) == Refusal.TOKEN_TWICE
+        assert auditee.verdict((auditor, with_tokens(q, [one, two, three, one]))) == Refusal.TOKEN_TWICE
+        assert auditee.verdict((auditor, with_tokens(q, [one, one, two, three]))) == Refusal.TOKEN_TWICE
+        assert auditee.verdict((auditor, with_tokens(q, [one, two, three, two]))) == Refusal.TOKEN_TWICE
 
     def test_f_max_tokens_are_not_enough(self, auditee):
         auditee.covered()
-        tor, q = auditee.asks()
-        assert auditee.verdict((tor, with_tokens(q, tokens(q)[:-1]))) == Refusal.TOO_FEW_TOKENS
-        assert auditee.verdict((tor, with_tokens(q, tokens(q)[::-1]))) == 0, "in any order"
+        auditor, q = auditee.asks()
+        assert auditee.verdict((auditor, with_tokens(q, tokens(q)[:-1]))) == Refusal.TOO_FEW_TOKENS
+        assert auditee.verdict((auditor, with_tokens(q, tokens(q)[::-1]))) == 0, "in any order"
 
     @pytest.mark.parametrize("nth", range(4))
     def test_each_token_is_looked_at(self, auditee, nth):
         auditee.covered()
-        tor, q = auditee.asks()
+        auditor, q = auditee.asks()
         shown = tokens(q)
         shown[nth] = shown[nth][:-1] + bytes([shown[nth][-1] ^ 1])
-        assert auditee.verdict((tor, with_tokens(q, shown))) == Refusal.TOKEN_INVALID
+        assert auditee.verdict((auditor, with_tokens(q, shown))) == Refusal.TOKEN_INVALID
 
     def test_the_key_did_not_come_after_the_request_nor_after_the_first_entry(self, auditee):
         auditee.goes_on()
-        tor, q = auditee.asks()
+        auditor, q = auditee.asks()
         t_ms = int.from_bytes(q[request.AT_T :][:4], "little")
         at = segment_at(q) - 4
         for t_key in (t_ms + 1, auditee.due_ms(0) + SKEW_MS + 1):
-            assert auditee.verdict((tor, q[:at] + struct.pack("<I", t_key) + q[at + 4 :])) == Refusal.OUT_OF_ORDER
+            assert auditee.verdict((auditor, q[:at] + struct.pack("<I", t_key) + q[at + 4 :])) == Refusal.OUT_OF_ORDER
 
     @pytest.mark.parametrize("after_ms", [0, 1])
     def test_nor_after_the_request_of_a_robot_that_has_sensed_nothing(self, auditee, after_ms):
@@ -221,27 +221,27 @@ class TestStart:
 class TestHead:
     def test_it_is_as_long_as_it_says(self, auditee):
         auditee.goes_on()
-        tor, q = auditee.asks()
-        assert auditee.verdict((tor, q + b"\0")) == auditee.verdict((tor, q[:-1])) == Refusal.MALFORMED
+        auditor, q = auditee.asks()
+        assert auditee.verdict((auditor, q + b"\0")) == auditee.verdict((auditor, q[:-1])) == Refusal.MALFORMED
 
     def test_nobody_else_sends_it(self, auditee):
         auditee.goes_on()
-        tor, q = auditee.asks()
-        assert auditee.judge(VICTIM + 3, tor - 1, q)[0] == Refusal.NOT_THE_SENDER
+        auditor, q = auditee.asks()
+        assert auditee.judge(VICTIM + 3, auditor - 1, q)[0] == Refusal.NOT_THE_SENDER
 
     def test_its_s_node_signed_it(self, auditee):
         auditee.goes_on()
-        tor, q = auditee.asks()
+        auditor, q = auditee.asks()
         at = request.AT_AUTH_S
         forged = q[:at] + bytes([q[at] ^ 1]) + q[at + 1 :]
-        assert auditee.verdict((tor, forged)) == Refusal.AUTHENTICATOR_INVALID
+        assert auditee.verdict((auditor, forged)) == Refusal.AUTHENTICATOR_INVALID
 
     def test_the_checkpoint_is_the_one_that_it_claims(self, auditee):
         auditee.goes_on()
-        tor, q = auditee.asks()
+        auditor, q = auditee.asks()
         other = hashlib.sha1(q).digest()
         assert (
-            auditee.verdict((tor, q[: request.AT_HCKPT] + other + q[request.AT_HCKPT + 20 :]))
+            auditee.verdict((auditor, q[: request.AT_HCKPT] + other + q[request.AT_HCKPT + 20 :]))
             == Refusal.CHECKPOINT_WRONG
         )
 
@@ -286,38 +286,38 @@ class TestEntries:
 
     def test_audit_frames_are_not_among_them(self, auditee):
         auditee.goes_on()
-        tor, q = auditee.asks()
+        auditor, q = auditee.asks()
         segment = q[segment_at(q) :]
-        forged = entry(RECV, auditee.due_ms(0), b"\x80 an AUDIT frame")
-        assert auditee.verdict((tor, with_segment(q, forged + segment))) == Refusal.AUDIT_FRAME_LOGGED
+        forged = entry(RECV, auditee.due_ms(0), b"\x80 an AUDIT packet")
+        assert auditee.verdict((auditor, with_segment(q, forged + segment))) == Refusal.AUDIT_FRAME_LOGGED
 
     @pytest.mark.parametrize("kind, refusal", [(RECV, Refusal.A_CHAIN), (INPUT, Refusal.S_CHAIN)])
     def test_what_is_shown_behind_the_last_flush_is_chained_too(self, auditee, kind, refusal):
         """Else it could be anything: here it is a message that never came, or a reading that nobody took."""
         auditee.goes_on()
         now_ms = auditee.due_ms() + 1
-        tor, q = auditee.asks(now_ms)
-        assert auditee.verdict((tor, q)) == 0
+        auditor, q = auditee.asks(now_ms)
+        assert auditee.verdict((auditor, q)) == 0
         motion = MOTION.pack(KIND_SENSOR if kind == INPUT else KIND_STATE, 1 if kind == INPUT else 3, 0, 1, 2, 3, 4)
         behind = entry(kind, now_ms, motion)
-        assert auditee.verdict((tor, with_segment(q, q[segment_at(q) :] + behind))) == refusal
+        assert auditee.verdict((auditor, with_segment(q, q[segment_at(q) :] + behind))) == refusal
 
 
 class TestCheckpoint:
     def test_there_is_one(self, auditee):
         auditee.goes_on()
-        tor, q = auditee.asks()
+        auditor, q = auditee.asks()
         shown = parts(q[segment_at(q) :])
         without = b"".join(part for part in shown if part != CHECKED)
         twice = b"".join(part * 2 if part == CHECKED else part for part in shown)
         for segment in (without, twice):
-            assert auditee.verdict((tor, with_segment(q, segment))) == Refusal.CHECKPOINT_MISSING
+            assert auditee.verdict((auditor, with_segment(q, segment))) == Refusal.CHECKPOINT_MISSING
 
     @pytest.mark.parametrize("kept", [(INPUT,), (ACMD, SEND)], ids=["s", "a"])
     def test_both_chains_were_flushed_before_it(self, auditee, kept):
         """Else entries of before it would be in nobody's segment. The claim is of the checkpoint as it stands there."""
         auditee.goes_on()
-        tor, q = auditee.asks()
+        auditor, q = auditee.asks()
         shown = [part for part in parts(q[segment_at(q) :]) if part != CHECKED]
         flush_a, flush_s = bytes([log.FLUSH_A]), bytes([log.FLUSH_S])
         assert shown[-2:] == [flush_a, flush_s]
@@ -328,7 +328,7 @@ class TestCheckpoint:
         checkpoint[at : at + 20] = bytes(20)  # of fewer entries than fill a batch nothing was hashed before
         claimed = hashlib.sha1(checkpoint).digest()
         moved = moved[: request.AT_HCKPT] + claimed + moved[request.AT_HCKPT + 20 :]
-        assert auditee.verdict((tor, moved)) == Refusal.CHECKPOINT_NOT_FLUSHED
+        assert auditee.verdict((auditor, moved)) == Refusal.CHECKPOINT_NOT_FLUSHED
 
     def test_no_output_is_owed_at_it(self, auditee):
         auditee.goes_on()
@@ -405,8 +405,8 @@ class TestSeenBefore:
     @pytest.mark.parametrize("start", ["boot", "checkpoint"])
     def test_who_shows_more_than_before_gets_its_token_again(self, auditee, start):
         auditee.goes_on() if start == "boot" else auditee.covered()
-        tor, q = auditee.asks()
-        assert auditee.verdict((tor, q)) == 0
+        auditor, q = auditee.asks()
+        assert auditee.verdict((auditor, q)) == 0
         assert self.known(auditee) == 0
         for _ in range(4):
             auditee.senses()
@@ -416,12 +416,12 @@ class TestSeenBefore:
 
     def test_of_a_controller_in_plain_python_what_was_replayed_is_known_as_well(self, auditee):
         auditee.covered()
-        tor, q = auditee.asks()
-        assert auditee.verdict((tor, q)) == 0
+        auditor, q = auditee.asks()
+        assert auditee.verdict((auditor, q)) == 0
         auditee.fleet.settings[0].controller = 0
         for shown, refusal in ((q, Refusal.NONE), (with_tokens(q, tokens(q)[:-1]), Refusal.TOO_FEW_TOKENS)):
             f, w = auditee.fleet, auditee.judge.work
-            assert audit.examine(f, tor - 1, w, row(shown), len(shown), VICTIM + 1) == refusal
+            assert audit.examine(f, auditor - 1, w, row(shown), len(shown), VICTIM + 1) == refusal
             assert (self.known(auditee) > 0) == (refusal == Refusal.NONE)
 
     def test_who_was_refused_at_a_mark_is_refused_again(self, auditee):

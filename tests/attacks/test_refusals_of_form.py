@@ -61,44 +61,44 @@ def with_byte(q: bytes, at: int, value: int) -> bytes:
 
 def shown_of(auditee, edit) -> int:
     """The verdict on a true request whose segment's parts `edit` has changed."""
-    tor, q = auditee.asks()
-    return auditee.verdict((tor, with_segment(q, b"".join(edit(parts(q[segment_at(q) :]))))))
+    auditor, q = auditee.asks()
+    return auditee.verdict((auditor, with_segment(q, b"".join(edit(parts(q[segment_at(q) :]))))))
 
 
 class TestHead:
     @pytest.mark.parametrize("at, value", [(0, 0), (0, 255), (request.AT_FLAGS, 2), (request.AT_FLAGS, 255)])
     def test_versions_and_flags_are_those_that_there_are(self, auditee, at, value):
         auditee.goes_on()
-        tor, q = auditee.asks()
-        assert auditee.verdict((tor, with_byte(q, at, value))) == Refusal.MALFORMED
+        auditor, q = auditee.asks()
+        assert auditee.verdict((auditor, with_byte(q, at, value))) == Refusal.MALFORMED
 
     def test_whoever_has_not_knocked_is_examined_from_the_first_byte_on(self, auditee):
         auditee.goes_on()
-        tor, q = auditee.asks()
+        auditor, q = auditee.asks()
         f, w = auditee.fleet, auditee.judge.work
-        assert audit.examine(f, tor - 1, w, row(q), len(q), VICTIM + 1) == 0
+        assert audit.examine(f, auditor - 1, w, row(q), len(q), VICTIM + 1) == 0
         for wrong in (with_byte(q, 0, 0), with_byte(q, request.AT_AUTH_S, q[request.AT_AUTH_S] ^ 1)):
-            assert audit.examine(f, tor - 1, w, row(wrong), len(q), VICTIM + 2) in (
+            assert audit.examine(f, auditor - 1, w, row(wrong), len(q), VICTIM + 2) in (
                 Refusal.MALFORMED,
                 Refusal.NOT_THE_SENDER,
             )
 
     def test_there_is_no_robot_0(self, auditee):
         auditee.goes_on()
-        tor, q = auditee.asks()
-        nobody = q[: request.AT_TEE] + b"\0\0" + q[request.AT_TEE + 2 :]
-        assert auditee.judge(-1, tor - 1, nobody)[0] == Refusal.MALFORMED
+        auditor, q = auditee.asks()
+        nobody = q[: request.AT_AUDITEE] + b"\0\0" + q[request.AT_AUDITEE + 2 :]
+        assert auditee.judge(-1, auditor - 1, nobody)[0] == Refusal.MALFORMED
 
     def test_a_log_from_boot_begins_with_the_time_of_the_key_and_nothing_else(self, auditee):
         auditee.goes_on()
-        tor, q = auditee.asks()
-        assert auditee.verdict((tor, with_start(q, start_of(q) + bytes(1)))) == Refusal.MALFORMED
-        assert auditee.verdict((tor, with_start(q, start_of(q)[:-1]))) == Refusal.MALFORMED
-        assert auditee.verdict((tor, with_tokens(q, [bytes(request.TOKEN_BYTES)]))) == Refusal.MALFORMED
+        auditor, q = auditee.asks()
+        assert auditee.verdict((auditor, with_start(q, start_of(q) + bytes(1)))) == Refusal.MALFORMED
+        assert auditee.verdict((auditor, with_start(q, start_of(q)[:-1]))) == Refusal.MALFORMED
+        assert auditee.verdict((auditor, with_tokens(q, [bytes(request.TOKEN_BYTES)]))) == Refusal.MALFORMED
 
     def test_another_log_begins_with_a_checkpoint_that_there_is_room_for(self, auditee):
         auditee.covered()
-        tor, q = auditee.asks()
+        auditor, q = auditee.asks()
         room = auditee.judge.work.state.shape[0]
         for length, refusal in (
             (rounds.CHECKPOINT_BYTES - 1, Refusal.MALFORMED),
@@ -107,7 +107,7 @@ class TestHead:
             (room + 1, Refusal.MALFORMED),
         ):
             start = (start_of(q) + bytes(room + 1))[:length]
-            assert auditee.verdict((tor, with_start(q, start))) == refusal
+            assert auditee.verdict((auditor, with_start(q, start))) == refusal
 
     def test_what_the_last_audit_still_waited_for_is_not_waited_for_in_the_next(self, auditee):
         auditee.goes_on()
@@ -121,33 +121,33 @@ class TestHead:
 
 
 class TestTokens:
-    def token(self, auditee, tor: int) -> bytes:
+    def token(self, auditee, auditor: int) -> bytes:
         """One of that robot's, for where the auditee's log begins."""
         now_ms = auditee.due_ms(auditee.step - 1) + 60
         treq = row(bytes(request.TREQ_BYTES))
-        while trusted.anode_token_request(auditee.profile, auditee.fleet.anode[VICTIM], now_ms, tor, treq) < 0:
+        while trusted.anode_token_request(auditee.profile, auditee.fleet.anode[VICTIM], now_ms, auditor, treq) < 0:
             auditee.senses()
             now_ms = auditee.due_ms(auditee.step - 1) + 60
         log.mark(auditee.fleet, VICTIM, log.FLUSH_A)
-        _, t, mac = auditee.token(tor, bytes(2 + 2) + treq.tobytes(), START)
-        return struct.pack("<HI", tor, t) + mac.tobytes()
+        _, t, mac = auditee.token(auditor, bytes(2 + 2) + treq.tobytes(), START)
+        return struct.pack("<HI", auditor, t) + mac.tobytes()
 
     def vouched(self, auditee, count: int) -> tuple[int, bytes, list[bytes]]:
         """A request, and tokens of so many robots for where its log begins."""
         auditee.covered()
-        made = [self.token(auditee, tor) for tor in range(2, 2 + count)]
+        made = [self.token(auditee, auditor) for auditor in range(2, 2 + count)]
         for _ in range(4):
             auditee.senses()
         auditee.robot.quota = 1
-        tor, q = auditee.asks()
-        return tor, q, made
+        auditor, q = auditee.asks()
+        return auditor, q, made
 
     def test_what_they_vouch_for_must_be_a_state_of_the_controller(self, auditee):
-        tor, q, _ = self.vouched(auditee, 0)
+        auditor, q, _ = self.vouched(auditee, 0)
         start = start_of(q) + b"?"
         auditee.fleet.hckpt[VICTIM, START] = row(hashlib.sha1(start).digest())
-        vouched = [self.token(auditee, tor_of_it) for tor_of_it in range(2, 2 + auditee.config.tokens_needed)]
-        assert auditee.verdict((tor, with_start(with_tokens(q, vouched), start))) == Refusal.STATE_MALFORMED
+        vouched = [self.token(auditee, auditor_of_it) for auditor_of_it in range(2, 2 + auditee.config.tokens_needed)]
+        assert auditee.verdict((auditor, with_start(with_tokens(q, vouched), start))) == Refusal.STATE_MALFORMED
 
     def test_replay_goes_on_from_the_state_that_they_vouch_for(self, auditee):
         auditee.hears(auditee.due_ms() - 20)
@@ -156,44 +156,44 @@ class TestTokens:
         assert auditee.verdict(auditee.asks()) == 0
 
     def test_there_are_2_f_max_1_at_most(self, auditee):
-        tor, q, made = self.vouched(auditee, 7)
+        auditor, q, made = self.vouched(auditee, 7)
         assert len(made) == 2 * auditee.config.f_max + 1
-        assert auditee.verdict((tor, with_tokens(q, made))) == 0
-        assert auditee.verdict((tor, with_tokens(q, [*made, made[0]]))) == Refusal.MALFORMED
+        assert auditee.verdict((auditor, with_tokens(q, made))) == 0
+        assert auditee.verdict((auditor, with_tokens(q, [*made, made[0]]))) == Refusal.MALFORMED
 
     def test_whose_they_are_is_looked_at_with_its_whole_number(self, auditee):
         auditee.covered()
-        tor, q = auditee.asks()
+        auditor, q = auditee.asks()
         for k, token in enumerate(tokens(q)):
             shown = tokens(q)
             shown[k] = token[:1] + bytes([token[1] ^ 1]) + token[2:]
-            assert auditee.verdict((tor, with_tokens(q, shown))) == Refusal.TOKEN_INVALID
+            assert auditee.verdict((auditor, with_tokens(q, shown))) == Refusal.TOKEN_INVALID
             shown[k] = token[:5] + bytes([token[5] ^ 1]) + token[6:]
-            assert auditee.verdict((tor, with_tokens(q, shown))) == Refusal.TOKEN_INVALID
+            assert auditee.verdict((auditor, with_tokens(q, shown))) == Refusal.TOKEN_INVALID
 
     @pytest.mark.parametrize("at", [rounds.AT_DUE, rounds.AT_STEP, rounds.AT_S_TOP, rounds.AT_A_TOP, -1])
     def test_they_cover_every_part_of_the_checkpoint(self, auditee, at):
         auditee.covered()
-        tor, q = auditee.asks()
+        auditor, q = auditee.asks()
         start = bytearray(start_of(q))
         start[at] ^= 1
-        assert auditee.verdict((tor, with_start(q, bytes(start)))) == Refusal.TOKEN_INVALID
+        assert auditee.verdict((auditor, with_start(q, bytes(start)))) == Refusal.TOKEN_INVALID
 
 
 class TestAuthenticators:
     def test_as_printed_both_nodes_sign(self, as_printed):
         as_printed.goes_on()
-        tor, q = as_printed.asks()
-        assert as_printed.verdict((tor, q)) == 0
+        auditor, q = as_printed.asks()
+        assert as_printed.verdict((auditor, q)) == 0
         for at in (request.AT_TOP_A, request.AT_AUTH_A, request.AT_TOP_S, request.AT_AUTH_S):
-            assert as_printed.verdict((tor, with_byte(q, at, q[at] ^ 1))) == Refusal.AUTHENTICATOR_INVALID
+            assert as_printed.verdict((auditor, with_byte(q, at, q[at] ^ 1))) == Refusal.AUTHENTICATOR_INVALID
 
     @pytest.mark.parametrize("last", [19, 7])
     def test_all_bytes_of_a_top_and_of_a_mac_count(self, auditee, last):
         auditee.goes_on()
-        tor, q = auditee.asks()
+        auditor, q = auditee.asks()
         at = (request.AT_TOP_S if last == 19 else request.AT_AUTH_S) + last
-        assert auditee.verdict((tor, with_byte(q, at, q[at] ^ 1))) == Refusal.AUTHENTICATOR_INVALID
+        assert auditee.verdict((auditor, with_byte(q, at, q[at] ^ 1))) == Refusal.AUTHENTICATOR_INVALID
 
     def test_they_are_of_this_token_request(self, auditee):
         auditee.goes_on()
@@ -201,10 +201,10 @@ class TestAuthenticators:
         for _ in range(4):
             auditee.senses()
         auditee.robot.quota = 1
-        tor, q = auditee.asks()
+        auditor, q = auditee.asks()
         mixed = q[: request.AT_TOP_S] + old[request.AT_TOP_S : request.AT_TOP_S + 28] + q[request.AT_TOP_S + 28 :]
-        assert auditee.verdict((tor, q)) == 0
-        assert auditee.verdict((tor, mixed)) == Refusal.AUTHENTICATOR_INVALID
+        assert auditee.verdict((auditor, q)) == 0
+        assert auditee.verdict((auditor, mixed)) == Refusal.AUTHENTICATOR_INVALID
 
 
 class TestAsPrinted:
@@ -254,11 +254,11 @@ class TestAsPrinted:
 class TestParts:
     def test_entries_are_of_the_four_kinds(self, auditee):
         auditee.goes_on()
-        tor, q = auditee.asks()
+        auditor, q = auditee.asks()
         segment = q[segment_at(q) :]
         for kind in (0, ACMD + 1, 0x7F):
             forged = with_segment(q, entry(kind, auditee.due_ms(0), b"\0 what?") + segment)
-            assert auditee.verdict((tor, forged)) == Refusal.ENTRY_MALFORMED
+            assert auditee.verdict((auditor, forged)) == Refusal.ENTRY_MALFORMED
 
     def test_marks_are_of_the_four_kinds(self, auditee):
         auditee.goes_on()
@@ -270,18 +270,18 @@ class TestParts:
 
     def test_entries_end_with_the_segment(self, auditee):
         auditee.goes_on()
-        tor, q = auditee.asks()
+        auditor, q = auditee.asks()
         segment, t_ms = q[segment_at(q) :], auditee.due_ms(auditee.step - 1) + 1
         behind = entry(RECV, t_ms, MOTION.pack(KIND_STATE, 3, t_ms, 1, 2, 3, 4))
         for length in range(1, len(behind)):
-            assert auditee.verdict((tor, with_segment(q, segment + behind[:length]))) == Refusal.ENTRY_MALFORMED
-        assert auditee.verdict((tor, with_segment(q, segment + behind))) == Refusal.A_CHAIN
+            assert auditee.verdict((auditor, with_segment(q, segment + behind[:length]))) == Refusal.ENTRY_MALFORMED
+        assert auditee.verdict((auditor, with_segment(q, segment + behind))) == Refusal.A_CHAIN
 
     def test_entries_are_not_empty_and_not_longer_than_a_frame(self, auditee):
         auditee.goes_on()
-        tor, q = auditee.asks()
+        auditor, q = auditee.asks()
         segment, t_ms = q[segment_at(q) :], auditee.due_ms(auditee.step - 1) + 1
-        most = auditee.config.frame_max_bytes
+        most = auditee.config.packet_max_bytes
         for length, refusal in (
             (0, Refusal.ENTRY_MALFORMED),
             (1, Refusal.A_CHAIN),
@@ -289,14 +289,14 @@ class TestParts:
             (most + 1, Refusal.ENTRY_MALFORMED),
         ):
             behind = entry(RECV, t_ms, bytes([KIND_STATE]) * length)
-            assert auditee.verdict((tor, with_segment(q, segment + behind))) == refusal
+            assert auditee.verdict((auditor, with_segment(q, segment + behind))) == refusal
 
     @pytest.mark.parametrize("kind, refusal", [(RECV, True), (SEND, True), (ACMD, False), (INPUT, False)])
     def test_only_frames_can_be_audit_frames(self, auditee, kind, refusal):
         auditee.goes_on()
-        tor, q = auditee.asks()
+        auditor, q = auditee.asks()
         behind = entry(kind, auditee.due_ms(auditee.step - 1) + 1, b"\xff" * 9)
-        found = auditee.verdict((tor, with_segment(q, q[segment_at(q) :] + behind)))
+        found = auditee.verdict((auditor, with_segment(q, q[segment_at(q) :] + behind)))
         assert (found == Refusal.AUDIT_FRAME_LOGGED) == refusal
 
     def test_a_batch_is_full_after_so_many_entries_of_its_own_chain(self, auditee):
@@ -327,28 +327,28 @@ class TestParts:
 
     def test_a_head_that_is_cut_off_at_the_end_of_all_room_is_not_looked_behind(self, auditee):
         auditee.goes_on()
-        tor, q = auditee.asks()
+        auditor, q = auditee.asks()
         room = auditee.fleet.rx.rows.shape[1]
         marks = bytes([log.FLUSH_A]) * (room - len(q) - 1)
-        assert auditee.verdict((tor, with_segment(q, q[segment_at(q) :] + marks + bytes([RECV])))) == (
+        assert auditee.verdict((auditor, with_segment(q, q[segment_at(q) :] + marks + bytes([RECV])))) == (
             Refusal.ENTRY_MALFORMED
         )
 
     def test_behind_a_checkpoint_a_message_may_come_long_before_the_next_reading(self, auditee):
         auditee.covered()
-        tor, q = auditee.asks()
+        auditor, q = auditee.asks()
         due_ms = int.from_bytes(start_of(q)[rounds.AT_DUE :][:4], "little")
         heard = entry(RECV, due_ms - SKEW_MS - 1, MOTION.pack(KIND_STATE, 3, 0, 1, 2, 3, 4))
-        assert auditee.verdict((tor, with_segment(q, heard + q[segment_at(q) :]))) == Refusal.A_CHAIN
+        assert auditee.verdict((auditor, with_segment(q, heard + q[segment_at(q) :]))) == Refusal.A_CHAIN
 
     def test_a_message_of_before_the_key_was_never_passed_on(self, auditee):
         auditee.goes_on()
-        tor, q = auditee.asks()
+        auditor, q = auditee.asks()
         key_ms = int.from_bytes(start_of(q), "little")
         segment = q[segment_at(q) :]
         for early_ms, refusal in ((SKEW_MS, Refusal.A_CHAIN), (SKEW_MS + 1, Refusal.OUT_OF_ORDER)):
             heard = entry(RECV, key_ms - early_ms, MOTION.pack(KIND_STATE, 3, 0, 1, 2, 3, 4))
-            assert auditee.verdict((tor, with_segment(q, heard + segment))) == refusal
+            assert auditee.verdict((auditor, with_segment(q, heard + segment))) == refusal
 
     def test_a_log_that_ends_a_little_before_the_next_reading_is_due(self, auditee):
         """Within delta of it nobody can say yet that it is missing."""

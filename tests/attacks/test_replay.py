@@ -25,8 +25,8 @@ def flight():
 def starts(flight, robot: int) -> set[bytes]:
     """The checkpoints at which a robot's logs began."""
     found = set()
-    for tee, _, q in flight.requests:
-        if tee == robot:
+    for auditee, _, q in flight.requests:
+        if auditee == robot:
             row = np.frombuffer(q, np.uint8)
             segment = int.from_bytes(q[request.AT_SEGMENT_LEN :][:4], "little")
             at = request.HEAD_BYTES + request.TOKEN_BYTES * q[request.AT_TOKENS]
@@ -46,10 +46,10 @@ def test_from_every_checkpoint_of_every_robot_uncompiled_and_elsewhere_the_same_
     for robot, row in enumerate(flight.judge.fleet.robot):
         begun = len(starts(flight, robot))
         assert begun == row.round_no > 35  # as many as it had rounds: none is left out
-        ended = {state for (tee, *_), (_, state) in zip(flight.requests, here) if tee == robot}
+        ended = {state for (auditee, *_), (_, state) in zip(flight.requests, here) if auditee == robot}
         assert len(ended) >= begun  # and every one leads elsewhere
     chosen = slice(0, None, step)
-    assert {tee for tee, *_ in flight.requests[chosen]} == set(range(25))
+    assert {auditee for auditee, *_ in flight.requests[chosen]} == set(range(25))
     assert flight.judge.elsewhere(flight.requests[chosen], tmp_path) == [
         (no, state.hex()) for no, state in here[chosen]
     ]
@@ -58,16 +58,16 @@ def test_from_every_checkpoint_of_every_robot_uncompiled_and_elsewhere_the_same_
 def test_a_bit_of_a_command_is_found_compiled_and_not(flight, tmp_path):
     """With chains and authenticators as they are, so that the first check to fail may be another."""
     forged = []
-    for tee, tor, q in flight.requests[200:208]:
+    for auditee, auditor, q in flight.requests[200:208]:
         made = bytearray(q)
         made[-20] ^= 1
-        forged.append((tee, tor, bytes(made)))
+        forged.append((auditee, auditor, bytes(made)))
     here = [flight.judge(*each)[0] for each in forged]
     assert 0 not in here
     assert [refused for refused, _ in flight.judge.elsewhere(forged, tmp_path)] == here
 
 
-@pytest.mark.parametrize("defence", ["none", "paper", "bound"])
+@pytest.mark.parametrize("defence", ["none", "paper", "hardened"])
 def test_the_same_seed_gives_the_same_bytes_and_another_others(defence):
     liar = AttackSpec(name="spoof", at_s=5.0)
     digests = [run(scenario(defence, liar, end_s=20, seed=seed)).summary()["digest"] for seed in (4, 4, 5)]

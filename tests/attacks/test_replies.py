@@ -19,7 +19,7 @@ def scripts(monkeypatch):
     return layouts, promises
 
 
-def stopped(scripts, layout: str, f_max: int, seed: int, defence: str = "bound", **options: float) -> list[int]:
+def stopped(scripts, layout: str, f_max: int, seed: int, defence: str = "hardened", **options: float) -> list[int]:
     """Return the correct robots in Safe Mode after 24 s; liars begin at once."""
     layouts, promises = scripts
     case = promises.Case(promises.LIES.get(layout, promises.NOBODY), layout, f_max, 4.0, 0.0, seed)

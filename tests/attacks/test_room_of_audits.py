@@ -31,7 +31,7 @@ def auditee():
 class TestRoom:
     def test_outputs_of_all_the_room_there_is_are_compared_and_one_more_is_not_taken(self, auditee):
         """No controller of ours puts out so much; another's might."""
-        f, w, most = auditee.fleet, auditee.judge.work, auditee.config.frame_max_bytes
+        f, w, most = auditee.fleet, auditee.judge.work, auditee.config.packet_max_bytes
         auditee.goes_on()
         _, q = auditee.asks()
         assert audit.open_request(w, row(q), len(q), VICTIM + 1) == 0
@@ -61,9 +61,9 @@ class TestEvidence:
 
         if not cut:
             return shown_of(auditee, edit)
-        tor, q = auditee.asks(auditee.due_ms() + 1)
+        auditor, q = auditee.asks(auditee.due_ms() + 1)
         sensed = entry(INPUT, auditee.due_ms(), MOTION.pack(KIND_SENSOR, 1, 0, 1, 2, 3, 4))
-        return auditee.verdict((tor, with_segment(q, q[segment_at(q) :] + sensed + b"".join(behind)[:-cut])))
+        return auditee.verdict((auditor, with_segment(q, q[segment_at(q) :] + sensed + b"".join(behind)[:-cut])))
 
     @staticmethod
     def evidence(length: int) -> bytes:
@@ -108,15 +108,15 @@ class TestEvidence:
     def test_the_controller_is_told_what_it_is_and_where_there_is_none(self):
         auditee = Auditee(config=SHOWS)
         auditee.goes_on()
-        tor, q = auditee.asks()
+        auditor, q = auditee.asks()
         shown = parts(q[segment_at(q) :])
         first = next(k for k, part in enumerate(shown) if part[0] == INPUT)
         said = bytes([log.EVIDENCE]) + (3).to_bytes(2, "little") + b"abc"
         made = with_segment(q, b"".join([*shown[: first + 1], said, *shown[first + 1 :]]))
-        assert auditee.verdict((tor, made)) == 0  # all of it, so that the work stands at its start again
+        assert auditee.verdict((auditor, made)) == 0  # all of it, so that the work stands at its start again
         f, w, q_row = auditee.fleet, auditee.judge.work, row(made)
-        f.memo.passed.tee[:] = 0  # nor does anybody remember that it has passed
-        assert audit.examine(f, tor - 1, w, q_row, len(made), VICTIM + 1) == 0
+        f.memo.passed.auditee[:] = 0  # nor does anybody remember that it has passed
+        assert audit.examine(f, auditor - 1, w, q_row, len(made), VICTIM + 1) == 0
         w.evidence[:] = 0
         seen, events = [], set()
         while True:
@@ -144,8 +144,8 @@ class TestAdvice:
     def shown(self, behind: bytes) -> int:
         auditee = Auditee()
         auditee.goes_on()
-        tor, q = auditee.asks()
-        return auditee.verdict((tor, with_segment(q, q[segment_at(q) :] + behind)))
+        auditor, q = auditee.asks()
+        return auditee.verdict((auditor, with_segment(q, q[segment_at(q) :] + behind)))
 
     @pytest.mark.parametrize("length, refusal", [(0, Refusal.ENTRY_MALFORMED), (1, 0), (9, 0), (300, 0)])
     def test_it_is_read_if_it_is_not_empty(self, length, refusal):
@@ -187,12 +187,12 @@ class Guards(Auditee):
         self.goes_on()
         self.said = guarded.WISH.encode(vx_mps=0.25, vy_mps=0.0)
         handlers.on_advice(self.fleet, VICTIM, row(self.said), len(self.said))
-        self.tor, self.q = self.asks()
+        self.auditor, self.q = self.asks()
 
     def told(self, said: bytes) -> int:
         """The verdict on a log in which that stands right before the checkpoint."""
         shown = guarded.ADVICE.encode(bytes=said) if said else b""
-        return self.verdict((self.tor, with_segment(self.q, self.q[segment_at(self.q) : -1] + shown + self.q[-1:])))
+        return self.verdict((self.auditor, with_segment(self.q, self.q[segment_at(self.q) : -1] + shown + self.q[-1:])))
 
 
 def shown_outputs(q: bytes, at: int) -> bytes:

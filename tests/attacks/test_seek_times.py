@@ -41,7 +41,7 @@ def seeks_ms(secret: bytes) -> list[int]:
     robot = with_secret(Seeking(), secret)
     robot.robot.seeks, now_ms, said_ms = 1, FIRST_MS, []
     for _ in LATER_MS:
-        seeking.packet(robot.fleet, VICTIM, now_ms, robot.work.frame)
+        seeking.write_seek(robot.fleet, VICTIM, now_ms, robot.work.packet)
         said_ms.append(now_ms := int(robot.robot.seek_at))
     return said_ms
 

@@ -68,8 +68,8 @@ def test_a_broken_sensor_and_a_liar_reach_no_method(number):
     coasts = [Act(ACCELERATION.encode(id=7, t=1000, ax_mps2=0.0, ay_mps2=0.0))]
     assert Never(7).on_input(0, 1000, SENSOR.form.pack(SENSOR.tag, 7, 0, *values.values())) == coasts
     Never(7).on_recv(1000, STATE.form.pack(STATE.tag, 9, 0, *values.values()))
-    for frame in (b"", b"\1", OTHER.encode()[:-1], OTHER.encode() + b"\0", b"\2" + OTHER.encode()[1:]):
-        Never(7).on_recv(1000, frame)
+    for packet in (b"", b"\1", OTHER.encode()[:-1], OTHER.encode() + b"\0", b"\2" + OTHER.encode()[1:]):
+        Never(7).on_recv(1000, packet)
 
 
 def test_what_stands_behind_a_reading_is_beside_it():
@@ -119,7 +119,7 @@ def test_a_fixed_memory_makes_room_for_itself():
 
 
 def refusals(made):
-    ended = Run(scenario("bound", robots=6, end_s=12), made)
+    ended = Run(scenario("hardened", robots=6, end_s=12), made)
     ended.advance(12.0)
     return {why for *_, why in ended.new_verdicts()}
 
@@ -209,7 +209,7 @@ RAW = """
         ({"def on_reading": "def on_readings"}, "mine.py:9: Mine has no on_reading"),
     ],
 )
-@pytest.mark.parametrize("defence", ["none", "bound"])
+@pytest.mark.parametrize("defence", ["none", "hardened"])
 def test_a_mistake_is_one_line_with_file_and_line(tmp_path, monkeypatch, capsys, change, complaint, defence):
     text = FILE
     for was, becomes in change.items():

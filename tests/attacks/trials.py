@@ -62,7 +62,7 @@ class Trial:
         self.liars = [robot for _, robot in sorted(self.run.robots.items()) if isinstance(robot, Liar)]
         self.attack = self.liars[0].attack
         self.verdicts = self.run.new_verdicts()
-        self.refusals = Counter(why for _, _, tee, why in self.verdicts if tee in self.run.compromised)
+        self.refusals = Counter(why for _, _, auditee, why in self.verdicts if auditee in self.run.compromised)
 
     @property
     def harm(self) -> float:
@@ -83,7 +83,7 @@ class Trial:
     @property
     def taken_up(self) -> dict[int, int]:
         """Requests without a form that auditors have looked at, by auditor: nobody honest sends one."""
-        return Counter(tor for _, tor, _, why in self.verdicts if why == Refusal.MALFORMED)
+        return Counter(auditor for _, auditor, _, why in self.verdicts if why == Refusal.MALFORMED)
 
     def stopped_after_s(self) -> list[float | None]:
         """From the first deviation to Safe Mode; None for a liar that was not stopped."""

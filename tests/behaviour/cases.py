@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-DEFENCES = ("none", "paper", "bound")
+DEFENCES = ("none", "paper", "hardened")
 # An attack begins at ATTACK_S; the protocol stops the robot at most 10.3 s later.
 ATTACK_S, ATTACKED_S = 8.0, 21
 DEMO_ATTACK_S, DEMO_S = 5.0, 18
@@ -68,10 +68,10 @@ QUICK = frozenset(
         "scenario/bti-fig9",
         "scenario/patrol",
         "attack/spoof/paper",
-        "attack/request-flood/bound",
+        "attack/request-flood/hardened",
         "mission/inspection/paper/none",
-        "team/skip-node/bound",
-        "errand/flip-bit/bound",
+        "team/skip-node/hardened",
+        "errand/flip-bit/hardened",
         "demo/hijack",
     }
 )
@@ -137,8 +137,8 @@ def _mission_attacks() -> Iterator[Case]:
         yield from (Case(f"guess/{it}/{defence}", "guess", {"attack": it, "defence": defence}) for it in FILE_ATTACKS)
         yield from (Case(f"team/{it}/{defence}", "team", {"attack": it, "defence": defence}) for it in TEAM_ATTACKS)
     for name in ("flip-bit", "forge-graph", "replay-day", "replay-robot"):
-        inputs = {"attack": name, "defence": "bound", "unchecked": True}
-        yield Case(f"errand/{name}/bound/unchecked", "errand", inputs)
+        inputs = {"attack": name, "defence": "hardened", "unchecked": True}
+        yield Case(f"errand/{name}/hardened/unchecked", "errand", inputs)
 
 
 def _missions() -> Iterator[Case]:
@@ -154,9 +154,16 @@ def _missions() -> Iterator[Case]:
     yield Case("mission/office/meet", "mission", {**alone, "duration_s": 60, "robots": 3, "meet_m": 6.0})
     delivery = {"mission": "delivery", "profile": "sealed", "defence": "none", "robots": 1, "duration_s": 200}
     yield Case("mission/delivery/long", "mission", delivery)
-    crew = {"mission": "office", "defence": "bound", "robots": 4, "attack": "drive-dark", "at_s": 10, "duration_s": 24}
+    crew = {
+        "mission": "office",
+        "defence": "hardened",
+        "robots": 4,
+        "attack": "drive-dark",
+        "at_s": 10,
+        "duration_s": 24,
+    }
     yield Case("mission/office/crew", "crew", crew)
-    audited = {"mission": "inspection", "profile": "sealed", "defence": "bound", "robots": 4, "duration_s": 100}
+    audited = {"mission": "inspection", "profile": "sealed", "defence": "hardened", "robots": 4, "duration_s": 100}
     yield Case("mission/inspection/long", "mission", audited)
 
 

@@ -77,7 +77,7 @@ LATER_MS = 10_000_000
 # Room for what a trusted node answers: a time, a chain's top and a MAC.
 OUT_BYTES = 40
 # Names of the defences as the code has them.
-DEFENCE = {"none": "none", "paper": "paper", "bound": "bound"}
+DEFENCE = {"none": "none", "paper": "paper", "hardened": "hardened"}
 NOW_S = 1.7e9
 
 
@@ -232,7 +232,7 @@ class WorldObserver:
         fleet = self._world.fleet
         hashes, token = _split(fleet.hckpt), fleet.token
         counts = np.stack((fleet.robot["tokens_start"], fleet.robot["tokens_pending"]), axis=1).tolist()
-        auditor, at_ms, mac = token["tor"], token["t"], token["mac"]
+        auditor, at_ms, mac = token["auditor"], token["t"], token["mac"]
         return [
             hashes[i]
             + b"".join(
@@ -365,7 +365,7 @@ def _scenario(
     _run(sink, replace(chosen, duration_s=float(duration_s), **changes), planner=advises, plain=plain)
 
 
-def _own(sink: Sink, *, example: str, duration_s: int, attack: str | None, defence: str = "bound") -> None:
+def _own(sink: Sink, *, example: str, duration_s: int, attack: str | None, defence: str = "hardened") -> None:
     scenario = Scenario(
         robots=9,
         goal_m=(120.0, 120.0),

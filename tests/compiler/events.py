@@ -9,8 +9,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from behaviour.observe import RUNNERS, observed
 
 RUNS = [
-    ("attack", {"attack": "equivocate", "at_s": 0.5, "defence": "bound", "duration_s": 5, "scenario": "flock-12"}),
-    ("mission", {"mission": "delivery", "profile": "sealed", "defence": "bound", "robots": 4, "duration_s": 2}),
+    ("attack", {"attack": "equivocate", "at_s": 0.5, "defence": "hardened", "duration_s": 5, "scenario": "flock-12"}),
+    ("mission", {"mission": "delivery", "profile": "sealed", "defence": "hardened", "robots": 4, "duration_s": 2}),
 ]
 
 

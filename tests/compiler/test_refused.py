@@ -375,7 +375,7 @@ def test_the_build_prints_one_line_and_a_hint(tmp_path):
 
 def test_nodes_that_were_just_built_go_before_older_ones_in_the_package(tmp_path):
     """Kernels have the sizes of nodes in them: with those of an older build every call would be refused."""
-    (tmp_path / "_firmware_bound.py").write_text("raise SystemExit('just built')")
+    (tmp_path / "_firmware_hardened.py").write_text("raise SystemExit('just built')")
     command = [
         sys.executable,
         "-m",

@@ -55,7 +55,7 @@ def everybody(one, robots: int = ROBOTS) -> Missions:
     return Missions(dict.fromkeys(range(1, robots + 1), Assignment(one.mission, PLAN.start, POOL)))
 
 
-def swarm(profile: Profile, defence: str = "bound", **more) -> MissionWorld:
+def swarm(profile: Profile, defence: str = "hardened", **more) -> MissionWorld:
     one = errand(profile)
     parts = (Part(one.mission, one.key, PLAN.start),)
     return MissionWorld(MissionRun(plan=PLAN, parts=parts, robots=ROBOTS, pool=POOL, defence=defence, **more))

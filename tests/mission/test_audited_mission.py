@@ -42,11 +42,11 @@ REFUSED = {
 
 
 def run_of(parts: tuple[Part, ...], **more) -> MissionWorld:
-    return MissionWorld(MissionRun(**{"plan": PLAN, "parts": parts, "robots": ROBOTS, "defence": "bound", **more}))
+    return MissionWorld(MissionRun(**{"plan": PLAN, "parts": parts, "robots": ROBOTS, "defence": "hardened", **more}))
 
 
 @cache
-def honest(profile: Profile, defence: str = "bound") -> MissionWorld:
+def honest(profile: Profile, defence: str = "hardened") -> MissionWorld:
     run = swarm(profile, defence)
     run.advance(END_S)
     return run
@@ -88,7 +88,7 @@ def test_who_audits_holds_no_key(profile):
 
 @CHEATED
 def test_a_cheat_is_stopped_within_the_bound_and_nobody_else_is(name, profile):
-    run = cheated(name, profile, "bound")
+    run = cheated(name, profile, "hardened")
     liar = run.robots[0].inner
     assert liar.first_deviation_ms is not None
     began_s = liar.first_deviation_ms / 1000 - int(run.world.boot_us[0]) / 1e6
@@ -98,7 +98,7 @@ def test_a_cheat_is_stopped_within_the_bound_and_nobody_else_is(name, profile):
     assert run.stopped_s(0) is not None
     assert 0 <= run.stopped_s(0) - began_s <= bound_ms / 1000
     assert told(run)["in_safe_mode"] == [1]
-    reasons = {why for _, _, tee, why in run.new_verdicts() if tee == 1}
+    reasons = {why for _, _, auditee, why in run.new_verdicts() if auditee == 1}
     assert reasons - {Refusal.NONE} == REFUSED[name]
 
 
@@ -188,7 +188,7 @@ def test_a_robot_that_is_taken_over_in_the_middle_drives_elsewhere_and_is_stoppe
     run.advance(END_S)
     assert told(run)["in_safe_mode"] == [2]
     assert AFTER_S < run.stopped_s(1) < AFTER_S + run.bti.t_val_ms / 1000 + 0.5
-    assert {why for _, _, tee, why in run.new_verdicts() if tee == 2} == {Refusal.NONE, Refusal.OUTPUT_WRONG}
+    assert {why for _, _, auditee, why in run.new_verdicts() if auditee == 2} == {Refusal.NONE, Refusal.OUTPUT_WRONG}
 
 
 def test_a_station_in_the_middle_says_what_the_controller_says():

@@ -27,16 +27,16 @@ class Shown:
 
     def __init__(self):
         self.run = swarm(Profile.PAPER)
-        self.requests = [(tee, tor, *taken_apart(q)) for tee, tor, q in requests_of(self.run, 24.0)]
+        self.requests = [(auditee, auditor, *taken_apart(q)) for auditee, auditor, q in requests_of(self.run, 24.0)]
 
-    def verdict(self, tee: int, tor: int, q: bytes) -> Refusal:
+    def verdict(self, auditee: int, auditor: int, q: bytes) -> Refusal:
         fleet, work = self.run.world.fleet, self.run.world.work
-        fleet.rx.rows[tor] = 0xA5
-        fleet.rx.rows[tor, : len(q)] = np.frombuffer(q, np.uint8)
-        fleet.rx_info[tor, 0].row, fleet.rx_info[tor, 0].len = tor, len(q)
-        refused = handlers.knock(fleet, tor, work, 0, tee + 1)
+        fleet.rx.rows[auditor] = 0xA5
+        fleet.rx.rows[auditor, : len(q)] = np.frombuffer(q, np.uint8)
+        fleet.rx_info[auditor, 0].row, fleet.rx_info[auditor, 0].len = auditor, len(q)
+        refused = handlers.knock(fleet, auditor, work, 0, auditee + 1)
         if not refused:
-            refused = self.run.robots[tor].inner._judge(0, tee + 1)
+            refused = self.run.robots[auditor].inner._judge(0, auditee + 1)
         return Refusal(int(refused))
 
 
@@ -70,10 +70,10 @@ def put_together(head: bytes, items: list[bytes]) -> bytes:
 
 def with_evidence():
     """The requests that hold some, with where it is."""
-    for tee, tor, head, items in shown().requests:
+    for auditee, auditor, head, items in shown().requests:
         places = [k for k, item in enumerate(items) if item[0] == log.EVIDENCE]
         if places:
-            yield tee, tor, head, items, places
+            yield auditee, auditor, head, items, places
 
 
 def marked(evidence: bytes) -> bytes:
@@ -82,22 +82,22 @@ def marked(evidence: bytes) -> bytes:
 
 def test_as_they_were_made_all_pass():
     assert len(list(with_evidence())) > 20
-    for tee, tor, head, items in shown().requests:
-        assert shown().verdict(tee, tor, put_together(head, items)) is Refusal.NONE
+    for auditee, auditor, head, items in shown().requests:
+        assert shown().verdict(auditee, auditor, put_together(head, items)) is Refusal.NONE
 
 
 def test_left_out_evidence_of_a_decode_leaves_outputs_that_nothing_calls_for():
     verdicts = Counter()
-    for tee, tor, head, items, places in with_evidence():
+    for auditee, auditor, head, items, places in with_evidence():
         for k in places:
             if unpack_evidence(items[k][3:], 1080)[0]:
-                verdicts[shown().verdict(tee, tor, put_together(head, [*items[:k], *items[k + 1 :]]))] += 1
+                verdicts[shown().verdict(auditee, auditor, put_together(head, [*items[:k], *items[k + 1 :]]))] += 1
     assert verdicts.keys() <= {Refusal.OUTPUT_WRONG, Refusal.OUTPUT_UNCALLED, Refusal.CHECKPOINT_WRONG}
     assert verdicts.total() > 10
 
 
 def test_evidence_stands_behind_an_input_once_and_has_a_length():
-    for tee, tor, head, items, places in list(with_evidence())[::5]:
+    for auditee, auditor, head, items, places in list(with_evidence())[::5]:
         k = places[0]
         piece = items[k]
         rest = [*items[:k], *items[k + 1 :]]
@@ -112,13 +112,13 @@ def test_evidence_stands_behind_an_input_once_and_has_a_length():
             "cut within its head": [*items, b"\x84\x01"],
         }
         for way, changed in forged.items():
-            assert shown().verdict(tee, tor, put_together(head, changed)) is Refusal.ENTRY_MALFORMED, way
+            assert shown().verdict(auditee, auditor, put_together(head, changed)) is Refusal.ENTRY_MALFORMED, way
 
 
 def test_another_readings_evidence_is_wrong():
     pieces = [(items[k]) for _, _, _, items, places in with_evidence() for k in places]
     scans = [piece for piece in dict.fromkeys(pieces) if unpack_evidence(piece[3:], 1080)[1]]
-    for tee, tor, head, items, places in list(with_evidence())[::5]:
+    for auditee, auditor, head, items, places in list(with_evidence())[::5]:
         for k in places:
             for other in scans[:8]:
                 if other == items[k]:
@@ -127,41 +127,41 @@ def test_another_readings_evidence_is_wrong():
                 mixed = marked(pack_evidence(claims, unpack_evidence(other[3:], 1080)[1]))
                 for piece in (other, mixed):
                     q = put_together(head, [*items[:k], piece, *items[k + 1 :]])
-                    assert shown().verdict(tee, tor, q) is Refusal.EVIDENCE_WRONG
+                    assert shown().verdict(auditee, auditor, q) is Refusal.EVIDENCE_WRONG
 
 
 def test_whatever_bytes_are_changed_the_verdict_has_a_name():
     dice, verdicts = random.Random(3), Counter()
     requests = list(with_evidence())
     for _ in range(600):
-        tee, tor, head, items, places = dice.choice(requests)
+        auditee, auditor, head, items, places = dice.choice(requests)
         items = list(items)
         k = dice.choice(places)
         piece = bytearray(items[k])
         for _ in range(dice.randrange(1, 4)):
             piece[dice.randrange(3 if dice.random() < 0.8 else 0, len(piece))] = dice.randrange(256)
         items[k] = bytes(piece)
-        verdicts[shown().verdict(tee, tor, put_together(head, items))] += 1
+        verdicts[shown().verdict(auditee, auditor, put_together(head, items))] += 1
     assert Refusal.CONTROLLER_FAILED not in verdicts
     assert verdicts[Refusal.EVIDENCE_WRONG] > 300
     assert verdicts[Refusal.NONE] < 30, "only what says the same in other bytes"
 
 
 def test_a_checkpoint_that_is_no_state_is_refused_as_such():
-    tee, tor, head, items, _ = next(each for each in with_evidence() if each[2][1] == 0)
+    auditee, auditor, head, items, _ = next(each for each in with_evidence() if each[2][1] == 0)
     at = request.HEAD_BYTES + head[request.AT_TOKENS] * request.TOKEN_BYTES
     run = shown().run
-    inner, work = run.robots[tor].inner, run.world.work
-    controller = inner.make_controller(tee + 1)
+    inner, work = run.robots[auditor].inner, run.world.work
+    controller = inner.make_controller(auditee + 1)
     state = head[at + 48 :]
     controller.decode(state)
     assert controller.encode() == state
     for k in range(len(state)):
         changed = bytearray(head)
         changed[at + 48 + k] ^= 0xFF
-        assert shown().verdict(tee, tor, put_together(bytes(changed), items)) is Refusal.TOKEN_INVALID
+        assert shown().verdict(auditee, auditor, put_together(bytes(changed), items)) is Refusal.TOKEN_INVALID
     # Were it vouched for all the same.
-    work.case[0].tee, work.case[0].start_len = tee + 1, 48 + len(state)
+    work.case[0].auditee, work.case[0].start_len = auditee + 1, 48 + len(state)
     work.state[48 : 48 + len(state)] = 0xFF
     q = np.frombuffer(bytearray(put_together(head, items)), np.uint8)
     assert inner._replay(q) == Refusal.STATE_MALFORMED
@@ -171,16 +171,16 @@ def test_bundled_controllers_take_no_evidence():
     made = Run(Scenario(robots=9, grid_step_m=10.0, d_m=10.0, duration_s=60.0))
     assert made.world.work.evidence.shape == (0,)
     fleet = made.world.fleet
-    tee, tor, shown_q = next(requests_of(made, 6.0))
+    auditee, auditor, shown_q = next(requests_of(made, 6.0))
     head, items = taken_apart(shown_q)
     k = next(j for j, item in enumerate(items) if item[0] == INPUT) + 1
 
     def verdict(shown_items):
         q = np.frombuffer(bytearray(put_together(head, shown_items)), np.uint8)
-        fleet.rx.rows[tor, : len(q)] = q
-        fleet.rx_info[tor, 0].row, fleet.rx_info[tor, 0].len = tor, len(q)
-        assert handlers.knock(fleet, tor, made.world.work, 0, tee + 1) == 0
-        return Refusal(int(handlers.judge(fleet, tor, made.world.work, 0, tee + 1)))
+        fleet.rx.rows[auditor, : len(q)] = q
+        fleet.rx_info[auditor, 0].row, fleet.rx_info[auditor, 0].len = auditor, len(q)
+        assert handlers.knock(fleet, auditor, made.world.work, 0, auditee + 1) == 0
+        return Refusal(int(handlers.judge(fleet, auditor, made.world.work, 0, auditee + 1)))
 
     assert verdict(items) is Refusal.NONE
     assert verdict([*items[:k], marked(b"x"), *items[k:]]) is Refusal.ENTRY_MALFORMED

@@ -25,7 +25,7 @@ TEAM = [name for name, attack in ON_MISSIONS.items() if attack.scene == "team"]
     ],
 )
 def test_each_is_stopped_in_time_for_what_it_does_and_the_others_complete_their_mission(name, refusal):
-    trial = try_in_team(ON_MISSIONS[name], "bound")
+    trial = try_in_team(ON_MISSIONS[name], "hardened")
     assert not trial.broken
     assert (trial.completed, trial.others, trial.in_safe_mode) == (3, 3, ())
     assert 0 < trial.stopped_s - trial.deviated_s <= trial.bound_s
@@ -56,7 +56,7 @@ def test_without_audits_nobody_is_stopped():
 )
 def test_what_is_promised_and_not_kept_is_broken(wrong, broken):
     told = {"declared": "stopped", "deviated_s": 13.0, "stopped_s": 21.0, "bound_s": 10.1, "in_safe_mode": ()}
-    rest = {"attack": "drive-dark", "defence": "bound", "refusals": {}, "completed": 3, "others": 3}
+    rest = {"attack": "drive-dark", "defence": "hardened", "refusals": {}, "completed": 3, "others": 3}
     assert TeamTrial(**{**rest, **told, **wrong}).broken == broken
 
 

@@ -1,6 +1,6 @@
 """Algorithms 2-4 of RoboRebound in plain Python, in both profiles; errors are the C's codes by name.
 
-`paper` is the algorithms as printed with the errata of docs/spec/rebound-nodes.md; `bound` is that page. The chain
+`paper` is the algorithms as printed with the errata of docs/spec/rebound-nodes.md; `hardened` is that page. The chain
 keeps its batch as printed, and every message is put together here, not by phalanx.wire.
 """
 
@@ -14,7 +14,7 @@ from .lightmac import lightmac
 ZERO_KEY, ZERO_HASH = bytes(20), bytes(20)
 END_OF_CLOCK = 2**32 - 1
 INPUT, RECV, SEND, ACMD = 1, 2, 3, 4
-FRAME_MAX = 2048
+PACKET_MAX = 2048
 
 
 class No(Exception):
@@ -51,7 +51,7 @@ class Bucket:
 class Node:
     """Algorithm 2. `limits` is a phalanx.bti.nodes.Limits."""
 
-    bound: bool
+    hardened: bool
     limits: object
     robot_id: int = 0
     master: bytes | None = None
@@ -71,7 +71,7 @@ class Node:
     def load_master(self, key: bytes, robot_id: int) -> None:
         if robot_id == 0:
             raise No("ARG")
-        if self.master is not None and (self.bound or self.master != ZERO_KEY):
+        if self.master is not None and (self.hardened or self.master != ZERO_KEY):
             raise No("SEQ")
         self.master, self.robot_id = key, robot_id
 
@@ -79,7 +79,7 @@ class Node:
         self.clock(now)
         if self.safe:
             raise No("SAFE_MODE")
-        if self.bound and self.master is None:
+        if self.hardened and self.master is None:
             raise No("NO_KEY")
         master = self.master or ZERO_KEY
         if lightmac(master, b"\x10" + k + r + u32(seq)) != mac:
@@ -89,7 +89,7 @@ class Node:
         self.key_seq = seq
         self.key = bytes(a ^ b for a, b in zip(k, sha1(r + master).digest(), strict=True))
         self.was_keyed = True
-        if self.bound:
+        if self.hardened:
             self.top, self.buffer = ZERO_HASH, []
         self.mission_starts(now)
 
@@ -102,12 +102,12 @@ class Node:
             raise No("CLOCK")
 
     def has_key(self) -> bool:
-        return self.key is not None and (self.bound or self.key != ZERO_KEY)
+        return self.key is not None and (self.hardened or self.key != ZERO_KEY)
 
     def mac(self, message: bytes) -> bytes:
-        if self.bound and self.safe:
+        if self.hardened and self.safe:
             raise No("SAFE_MODE")
-        if self.bound and self.key is None:
+        if self.hardened and self.key is None:
             raise No("NO_KEY")
         return lightmac(self.key or ZERO_KEY, message)
 
@@ -129,7 +129,7 @@ class Node:
             raise No("SAFE_MODE")
         if not self.has_key():
             raise No("NO_KEY")
-        if len(payload) > FRAME_MAX:
+        if len(payload) > PACKET_MAX:
             raise No("TOO_LONG")
         if not payload:
             raise No("ARG")
@@ -143,7 +143,7 @@ class Node:
     # --- authenticators
 
     def auth_message(self, kind: int, top: bytes, robot_id: int, nonce: bytes) -> bytes:
-        return bytes([kind]) + top + u16(robot_id) + (nonce if self.bound else b"")
+        return bytes([kind]) + top + u16(robot_id) + (nonce if self.hardened else b"")
 
     def make_auth_as(self, kind: int, nonce: bytes) -> bytes:
         self.mac(b"")
@@ -191,31 +191,31 @@ class ANode(Node):
 
     def mission_starts(self, now: int) -> None:
         self.keyed_at = now
-        if not self.bound:
+        if not self.hardened:
             return
         self.tokens = {}
         self.requests.level, self.requests.last = 0, now
         for bucket in self.airtime.values():
             bucket.level, bucket.last = bucket.capacity, now
 
-    def recv(self, now: int, frame: bytes) -> bytes:
-        self.may_forward(now, frame)
-        return self.forward(RECV, now, frame)
+    def recv(self, now: int, packet: bytes) -> bytes:
+        self.may_forward(now, packet)
+        return self.forward(RECV, now, packet)
 
-    def send(self, now: int, frame: bytes) -> bytes:
-        self.may_forward(now, frame)
-        if self.bound:
-            audit = frame[0] >= 0x80
-            if audit and len(frame) < 6:
+    def send(self, now: int, packet: bytes) -> bytes:
+        self.may_forward(now, packet)
+        if self.hardened:
+            audit = packet[0] >= 0x80
+            if audit and len(packet) < 6:
                 raise No("ARG")
             lim = self.limits
-            unicast = audit and frame[3:5] != b"\0\0"
+            unicast = audit and packet[3:5] != b"\0\0"
             per_byte = lim.airtime_ns_per_byte_unicast if unicast else lim.airtime_ns_per_byte_broadcast
-            if not self.airtime[audit].draw(now, lim.airtime_fixed_us * 1000 + per_byte * len(frame)):
+            if not self.airtime[audit].draw(now, lim.airtime_fixed_us * 1000 + per_byte * len(packet)):
                 raise No("AIRTIME")
             if audit:
-                frame = frame[:1] + u16(self.robot_id) + frame[3:]
-        return self.forward(SEND, now, frame)
+                packet = packet[:1] + u16(self.robot_id) + packet[3:]
+        return self.forward(SEND, now, packet)
 
     def actuate(self, now: int, command: bytes) -> bytes:
         self.may_forward(now, command)
@@ -226,54 +226,54 @@ class ANode(Node):
 
     # --- tokens
 
-    def treq(self, t: int, tee: int, tor: int, top: bytes) -> bytes:
-        return b"\x13" + u32(t) + u16(tee) + u16(tor) + (top if self.bound else b"")
+    def treq(self, t: int, auditee: int, auditor: int, top: bytes) -> bytes:
+        return b"\x13" + u32(t) + u16(auditee) + u16(auditor) + (top if self.hardened else b"")
 
-    def token(self, tor: int, tee: int, t: int, hckpt: bytes) -> bytes:
-        return self.mac(b"\x14" + u16(tor) + u16(tee) + u32(t) + hckpt)
+    def token(self, auditor: int, auditee: int, t: int, hckpt: bytes) -> bytes:
+        return self.mac(b"\x14" + u16(auditor) + u16(auditee) + u32(t) + hckpt)
 
-    def token_request(self, now: int, tor: int) -> bytes:
+    def token_request(self, now: int, auditor: int) -> bytes:
         self.clock(now)
         self.mac(b"")
-        if tor == 0:
+        if auditor == 0:
             raise No("ARG")
         if not self.requests.draw(now, self.limits.bucket_period_ms):
             raise No("BUCKET")
         top = ZERO_HASH
-        if self.bound:
+        if self.hardened:
             self.flush()
             top = self.top
-        return u32(now) + top + self.mac(self.treq(now, self.robot_id, tor, top))
+        return u32(now) + top + self.mac(self.treq(now, self.robot_id, auditor, top))
 
-    def issue_token(self, tee: int, t: int, top: bytes, treq_mac: bytes, hckpt: bytes) -> bytes:
+    def issue_token(self, auditee: int, t: int, top: bytes, treq_mac: bytes, hckpt: bytes) -> bytes:
         self.mac(b"")
-        if tee == self.robot_id:
+        if auditee == self.robot_id:
             raise No("SELF")
-        if self.mac(self.treq(t, tee, self.robot_id, top)) != treq_mac:
+        if self.mac(self.treq(t, auditee, self.robot_id, top)) != treq_mac:
             raise No("BAD_MAC")
-        return self.token(self.robot_id, tee, t, hckpt)
+        return self.token(self.robot_id, auditee, t, hckpt)
 
-    def check_token(self, tor: int, tee: int, t: int, hckpt: bytes, mac: bytes) -> None:
-        if self.token(tor, tee, t, hckpt) != mac:
+    def check_token(self, auditor: int, auditee: int, t: int, hckpt: bytes, mac: bytes) -> None:
+        if self.token(auditor, auditee, t, hckpt) != mac:
             raise No("BAD_MAC")
 
-    def install_token(self, now: int, tor: int, t: int, hckpt: bytes, mac: bytes) -> None:
+    def install_token(self, now: int, auditor: int, t: int, hckpt: bytes, mac: bytes) -> None:
         self.clock(now)
-        self.check_token(tor, self.robot_id, t, hckpt, mac)
-        if tor == 0:
+        self.check_token(auditor, self.robot_id, t, hckpt, mac)
+        if auditor == 0:
             raise No("ARG")
-        if self.bound and t > now:
+        if self.hardened and t > now:
             raise No("FUTURE")
-        if tor in self.tokens:
-            if not self.bound or t > self.tokens[tor]:
-                self.tokens[tor] = t
+        if auditor in self.tokens:
+            if not self.hardened or t > self.tokens[auditor]:
+                self.tokens[auditor] = t
         elif len(self.tokens) < 2 * self.limits.f_max + 1:
-            self.tokens[tor] = t
+            self.tokens[auditor] = t
         else:
             oldest = min(self.tokens, key=self.tokens.__getitem__)
             if t > self.tokens[oldest]:
                 # In place: of two tokens of the same age the one in the earlier place goes first.
-                self.tokens = dict((tor, t) if o == oldest else (o, old) for o, old in self.tokens.items())
+                self.tokens = dict((auditor, t) if o == oldest else (o, old) for o, old in self.tokens.items())
 
     def check(self, now: int) -> int:
         try:

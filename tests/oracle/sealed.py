@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from hashlib import sha1
 
-from .nodes import END_OF_CLOCK, FRAME_MAX, ANode, No, u16, u32
+from .nodes import END_OF_CLOCK, PACKET_MAX, ANode, No, u16, u32
 
 SEAL_BYTES, SOURCES, WINDOW_MS, LATE_MS, AHEAD_MS, DRIFT = 14, 64, 64, 2000, 256, 2048
 
 
 @dataclass
 class Source:
-    """What is known of a sender: the times it was heard at, and its quickest frame, (t, our clock)."""
+    """What is known of a sender: the times it was heard at, and its quickest packet, (t, our clock)."""
 
     src: int
     times: set[int]
@@ -36,17 +36,17 @@ class SealedANode(ANode):
             raise No("SEQ")
         return 1
 
-    def seal(self, t: int, src: int, frame: bytes) -> bytes:
-        return u32(t) + u16(src) + self.mac(b"\x15" + u32(t) + u16(src) + sha1(frame).digest())
+    def seal(self, t: int, src: int, packet: bytes) -> bytes:
+        return u32(t) + u16(src) + self.mac(b"\x15" + u32(t) + u16(src) + sha1(packet).digest())
 
-    def sealed_send(self, now: int, frame: bytes) -> bytes:
-        self.may_forward(now, frame)
-        if len(frame) + SEAL_BYTES > FRAME_MAX:
+    def sealed_send(self, now: int, packet: bytes) -> bytes:
+        self.may_forward(now, packet)
+        if len(packet) + SEAL_BYTES > PACKET_MAX:
             raise No("TOO_LONG")
         t = max(now, self.sealed_t + 1)
         if t > min(now + AHEAD_MS, END_OF_CLOCK):
             raise No("AIRTIME")
-        entry = self.send(now, frame)
+        entry = self.send(now, packet)
         self.sealed_t = t
         return entry + self.seal(t, self.robot_id, entry[7:])
 
@@ -54,16 +54,16 @@ class SealedANode(ANode):
         self.may_forward(now, sealed)
         if len(sealed) <= SEAL_BYTES:
             raise No("ARG")
-        frame, end = sealed[:-SEAL_BYTES], sealed[-SEAL_BYTES:]
+        packet, end = sealed[:-SEAL_BYTES], sealed[-SEAL_BYTES:]
         t, src = int.from_bytes(end[:4], "little"), int.from_bytes(end[4:6], "little")
-        if self.seal(t, src, frame) != end:
+        if self.seal(t, src, packet) != end:
             raise No("BAD_MAC")
         if src == 0:
             raise No("ARG")
         if src == self.robot_id:
             raise No("SELF")
         self.admit(now, t, src)
-        return self.recv(now, frame)
+        return self.recv(now, packet)
 
     def admit(self, now: int, t: int, src: int) -> None:
         of = next((each for each in self.sources if each.src == src), None)

@@ -1,4 +1,4 @@
-"""Too many requests, frames and neighbours; and talk at the very moment at which others ask for audits or say HELLO."""
+"""Too many requests, packets and neighbours; and talk at the moment at which others ask for audits or say HELLO."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from bisect import bisect_right
 from typing import Any, ClassVar
 
 from phalanx.bti import request, seeking
-from phalanx.bti.fleet import BOUND, PLAIN
+from phalanx.bti.fleet import HARDENED, PLAIN
 from phalanx.robot.actions import EVERYBODY, Action, Transmit
 from phalanx.robot.adversary.liar import Liar, is_audit
 from phalanx.robot.runtime import first_round_ms
@@ -17,14 +17,14 @@ from .claims import INVENTED
 from .hijack import RefuseToAudit
 
 GHOSTS = 400
-NOISE = 0x7D  # the kind of an AUDIT frame that means nothing
+NOISE = 0x7D  # the kind of an AUDIT packet that means nothing
 
 
 class Flood(Liar, ABC):
     """Leaves room for its own audits, which it means to pass."""
 
     QUIET_MS: ClassVar[tuple[int, int]] = (20, 200)  # before a round of its own, and from its beginning on
-    # Whether `bound` has a limit for it, which its own audits share: then it pours when it has its tokens, until so
+    # Whether `hardened` has a limit for it, which its own audits share: then it pours when it has its tokens, until so
     # much of the round is over. In the rest the bucket fills again.
     SHARES: ClassVar[bool] = True
     POURED: ClassVar[float] = 0.8
@@ -42,7 +42,7 @@ class Flood(Liar, ABC):
     def on_wake(self, now_ms: int) -> list[Action]:
         before_ms, after_ms = self.QUIET_MS
         self.period_ms = type(self).period_ms
-        shares = self.SHARES and self.profile == BOUND
+        shares = self.SHARES and self.profile == HARDENED
         if shares:
             before_ms = round((1 - self.POURED) * self._t_audit_ms)
         quiet = (now_ms - self._round_ms + before_ms) % self._t_audit_ms < before_ms + after_ms
@@ -74,17 +74,17 @@ class RequestFlood(Flood):
             return []
         auditor = others[self._turn % len(others)]
         again_ms = self._asked_ms.get(auditor, 0) + self._t_audit_ms // 2
-        if self.profile == BOUND and now_ms < again_ms:
+        if self.profile == HARDENED and now_ms < again_ms:
             return []
         self._asked_ms[auditor] = now_ms
         self._turn += 1
         victim = others[(self._turn + 1 + self._turn // len(others)) % len(others)]
-        frame = AUDIT_FRAGMENT.encode(src=victim, dst=auditor, request=0, index=0, count=1, bytes=bytes(8))
-        return self.send(now_ms, frame, auditor)
+        packet = AUDIT_FRAGMENT.encode(src=victim, dst=auditor, request=0, index=0, count=1, bytes=bytes(8))
+        return self.send(now_ms, packet, auditor)
 
 
 class FrameFlood(Flood):
-    """As many and as long AUDIT frames as its a-node lets out, for nobody."""
+    """As many and as long AUDIT packets as its a-node lets out, for nobody."""
 
     period_ms = 2
 
@@ -92,16 +92,18 @@ class FrameFlood(Flood):
 
     def pour(self, now_ms: int) -> list[Action]:
         """Send to all, or where airtime is counted, to nobody, so that the radio tries again and again."""
-        bound = self.profile == BOUND
-        if bound:
+        hardened = self.profile == HARDENED
+        if hardened:
             self.period_ms = self.TRIED_MS
-        nobody = max(self.plan.ids) + 1 if bound else 0
-        frame = audit_frame(self.id, nobody, 0x7F, bytes(int(self.f.settings[0].frame_max) - request.AUDIT_HEAD_BYTES))
-        return self.send(now_ms, frame, nobody or EVERYBODY)
+        nobody = max(self.plan.ids) + 1 if hardened else 0
+        packet = audit_packet(
+            self.id, nobody, 0x7F, bytes(int(self.f.settings[0].packet_max) - request.AUDIT_HEAD_BYTES)
+        )
+        return self.send(now_ms, packet, nobody or EVERYBODY)
 
 
 class CovertTalk(Flood):
-    """Talks to a colluding robot in AUDIT frames, which no log shows."""
+    """Talks to a colluding robot in AUDIT packets, which no log shows."""
 
     period_ms = 2
 
@@ -109,7 +111,7 @@ class CovertTalk(Flood):
         others = self.plan.colluding or tuple(sorted(self.seen))
         if not others:
             return []
-        return self.send(now_ms, audit_frame(self.id, others[0], 0x7E, bytes(1000)), others[0])
+        return self.send(now_ms, audit_packet(self.id, others[0], 0x7E, bytes(1000)), others[0])
 
 
 class LogFlood(Liar):
@@ -125,7 +127,7 @@ class LogFlood(Liar):
 
 
 class LongFrames(RefuseToAudit):
-    """Says what means nothing in the frames that fill others' logs most: as long as four states' airtime allows.
+    """Says what means nothing in the packets that fill others' logs most: as long as four states' airtime allows.
 
     A hole of ours, closed in config/bti.py.
     """
@@ -160,32 +162,32 @@ class Jam(Flood):
     SHARES = False
 
     def pour(self, now_ms: int) -> list[Action]:
-        noise = bytes(int(self.f.settings[0].frame_max) - request.AUDIT_HEAD_BYTES)
-        return [Transmit(audit_frame(0, 0, 0x7F, noise), EVERYBODY)]
+        noise = bytes(int(self.f.settings[0].packet_max) - request.AUDIT_HEAD_BYTES)
+        return [Transmit(audit_packet(0, 0, 0x7F, noise), EVERYBODY)]
 
 
-def audit_frame(src: int, dst: int, sub: int, rest: bytes) -> bytes:
+def audit_packet(src: int, dst: int, sub: int, rest: bytes) -> bytes:
     """`AUDIT ‖ src ‖ dst ‖ sub ‖ rest`. Source: docs/spec/rebound.md."""
     return AUDIT_HELLO.form.pack(KIND_AUDIT, src, dst, sub) + rest
 
 
 def talk(liar: Liar, now_ms: int, packets: int, noise: bytes = b"") -> list[Action]:
     """Send short AUDIT packets to everybody, which no log shows."""
-    noise = noise or audit_frame(liar.id, 0, NOISE, b"")
+    noise = noise or audit_packet(liar.id, 0, NOISE, b"")
     return liar.count([action for _ in range(packets) for action in liar.send(now_ms, noise, EVERYBODY)])
 
 
 def begin_request(liar: Liar, now_ms: int, auditor: int) -> list[Action]:
     """Send the last of two fragments of a request that never ends."""
-    frame = AUDIT_FRAGMENT.encode(src=liar.id, dst=auditor, request=0, index=1, count=2, bytes=b"\0")
-    return liar.count(liar.send(now_ms, frame, auditor))
+    packet = AUDIT_FRAGMENT.encode(src=liar.id, dst=auditor, request=0, index=1, count=2, bytes=b"\0")
+    return liar.count(liar.send(now_ms, packet, auditor))
 
 
 class TalkOver(Liar):
     """Talks while a robot that it does not hear asks for audits: whom both are near hears neither.
 
     It knows the mission, so when that robot's rounds begin and when it asks again, and is silent in between. What it
-    says are AUDIT frames of no meaning, which no log shows; colluding liars take turns. It passes its own audits.
+    says are AUDIT packets of no meaning, which no log shows; colluding liars take turns. It passes its own audits.
     A hole of ours, closed in bti/request.py.
     """
 
@@ -220,7 +222,7 @@ class TalkOver(Liar):
 class Mask(RefuseToAudit):
     """Talks whenever an honest robot says HELLO, and audits nobody: others shall know no auditors but liars.
 
-    Rounds begin at moments that follow from the mission. All liars talk at once, in short AUDIT frames, which no log
+    Rounds begin at moments that follow from the mission. All liars talk at once, in short AUDIT packets, which no log
     shows: a HELLO is lost wherever it is heard together with them. So are answers to who asks for HELLO, if they can
     be. They pass their own audits. A hole of ours, closed in bti/request.py.
     """
@@ -231,12 +233,12 @@ class Mask(RefuseToAudit):
 
     def noise(self) -> bytes:
         """Return the packet that it talks in."""
-        return audit_frame(self.id, 0, NOISE, b"")
+        return audit_packet(self.id, 0, NOISE, b"")
 
-    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
+    def heard(self, now_ms: int, packet: bytes) -> list[Action]:
         """Talk over the answers to SEEK."""
-        asks = is_audit(frame, seeking.SEEK)
-        return super().heard(now_ms, frame) + (talk(self, now_ms, self.AT_ANSWERS, self.noise()) if asks else [])
+        asks = is_audit(packet, seeking.SEEK)
+        return super().heard(now_ms, packet) + (talk(self, now_ms, self.AT_ANSWERS, self.noise()) if asks else [])
 
     def on_wake(self, now_ms: int) -> list[Action]:
         """Talk if somebody says HELLO now; wake next when somebody does again."""
@@ -277,7 +279,7 @@ class PushOut(RefuseToAudit):
         super().__init__(*args, **more)
         s = self.f.settings[0]
         self._tokens, self._t_audit_ms = int(s.f_max) + 1, int(s.t_audit)
-        self._body = int(s.frame_max) - request.FRAGMENT_HEAD_BYTES
+        self._body = int(s.packet_max) - request.FRAGMENT_HEAD_BYTES
         victim = max(self.victims(), default=self.id)
         self._round_ms = first_round_ms(int(s.mission_seed), victim, self._t_audit_ms)
         self._asks = self.f.robot[victim - 1]

@@ -52,7 +52,7 @@ def spoofed_state(
 class Spoof(Liar):
     """Claims, in the name of a random other robot and for one victim after the other, to be in the victim's way.
 
-    Each victim gets a lie every `every` seconds. `strong=1` works without a defence, where no a-node turns frames into
+    Each victim gets a lie every `every` seconds. `strong=1` works without a defence, where no a-node turns packets into
     broadcasts: it claims to each victim alone that every other robot is in its way.
     Source: RoboRebound §5.3; the choice of whose name is ours (docs/spec/rebound.md).
     """
@@ -183,12 +183,12 @@ class SeizeOrders(Liar):
         super().__init__(*args, **more)
         self.key = Ed25519PrivateKey.from_private_bytes(self.plan.chance.bytes(SIGNER_KEY_BYTES))
 
-    def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
+    def on_packet(self, now_ms: int, packet: bytes) -> list[Action]:
         """Remember the gateway's last order, for its mission number and its time."""
-        is_order = frame[0] == driven.KIND_ORDER and len(frame) >= ORDER.size + SIGNATURE_BYTES
-        if is_order and ORDER.decode(frame)["signer"] == GATEWAY:
-            self._heard, self._heard_ms = frame, now_ms
-        return super().on_packet(now_ms, frame)
+        is_order = packet[0] == driven.KIND_ORDER and len(packet) >= ORDER.size + SIGNATURE_BYTES
+        if is_order and ORDER.decode(packet)["signer"] == GATEWAY:
+            self._heard, self._heard_ms = packet, now_ms
+        return super().on_packet(now_ms, packet)
 
     def on_wake(self, now_ms: int) -> list[Action]:
         last = ORDER.decode(self._heard) if self._heard else {"mission": 1, "said": self._heard_ms}
@@ -202,8 +202,8 @@ class SeizeOrders(Liar):
             ORDER.encode(**fields, number=MOST, action=TELL_WHEELS, body=driven.ORDER_WHEELS.encode(left=0, right=0)),
             ORDER.encode(**fields, number=0, action=TELL_STOP, body=b""),
         )
-        frames = [raw + self.key.sign(raw) for raw in forged] + [self._heard] * bool(self._heard)
-        actions = self.send(now_ms, frames[self._turn % len(frames)], EVERYBODY)
+        packets = [raw + self.key.sign(raw) for raw in forged] + [self._heard] * bool(self._heard)
+        actions = self.send(now_ms, packets[self._turn % len(packets)], EVERYBODY)
         self._turn += bool(actions)
         return actions
 
@@ -222,11 +222,11 @@ class Pretender(Liar):
         super().__init__(*args, **more)
         self.claimed: dict[int, tuple[int, list[int]]] = {}
 
-    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
-        if said := fields_of(CLAIM, frame):
+    def heard(self, now_ms: int, packet: bytes) -> list[Action]:
+        if said := fields_of(CLAIM, packet):
             _, rob_id, _, *places = said
             self.claimed[rob_id] = now_ms, places
-        return super().heard(now_ms, frame)
+        return super().heard(now_ms, packet)
 
     def claim(self, now_ms: int, here: int, holds: int, wants: int = NOWHERE) -> list[Action]:
         return self.send(now_ms, CLAIM.form.pack(KIND_CLAIM, self.id, now_ms, here, holds, wants), EVERYBODY)
@@ -278,10 +278,10 @@ class PointElsewhere(Pretender):
 
     _seen: tuple[int, float, float] = 0, 0.0, 0.0  # until somebody has seen something
 
-    def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
-        if said := fields_of(SIGHTING, frame):
+    def on_packet(self, now_ms: int, packet: bytes) -> list[Action]:
+        if said := fields_of(SIGHTING, packet):
             self._seen = said[3:]
-        return super().on_packet(now_ms, frame)
+        return super().on_packet(now_ms, packet)
 
     def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
         hides = self.lies(now_ms) and isinstance(output, Send) and fields_of(SIGHTING, output.payload)

@@ -161,7 +161,7 @@ class RefuseAudit(Unasked, Hijack):
 class RefuseToAudit(Liar):
     """Says that it audits, and never does: whoever asks it has lost a request."""
 
-    def asked(self, now_ms: int, frame: bytes) -> list[Action]:
+    def asked(self, now_ms: int, packet: bytes) -> list[Action]:
         self.gained += 1
         return []
 
@@ -172,7 +172,7 @@ class Crash(Unasked):
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
         return []
 
-    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
+    def heard(self, now_ms: int, packet: bytes) -> list[Action]:
         return []
 
 

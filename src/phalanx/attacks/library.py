@@ -41,7 +41,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                stopped_by="replay broadcasts what the s-node chained"),
         flock("equivocate", "claims.Equivocate", STOPPED, ASTRAY, 4,
                does="tells each robot another place where it is, always in that robot's way",
-               stopped_by="replay sends one state; and with an a-node each frame is a broadcast, which all hear "
+               stopped_by="replay sends one state; and with an a-node each packet is a broadcast, which all hear "
                           "and log"),
         flock("nan", "claims.NotANumber", by_defence("harmless", "stopped", "stopped"), ASTRAY, 0.5,
                does="broadcasts NaN, infinity and 10^30 as everybody's place",
@@ -58,7 +58,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                stopped_by="its commands differ from replay; and out of range it gets no tokens at all"),
         flock("expel", "claims.Expel", by_defence("harmless", "bites", "stopped"), STARVED, 1,
                does="says that invented robots race outwards past those farthest out: who keeps pace is out of range",
-               stopped_by="replay sends no such state; and in `bound` all that neighbours say pushes no harder than "
+               stopped_by="replay sends no such state; and in `hardened` all that neighbours say pushes no harder than "
                           "four of them can (docs/adr/0026)"),
         flock("seize-orders", "claims.SeizeOrders", by_defence("harmless", "stopped", "stopped"), ASTRAY, 0.5,
                on_wheels=True,
@@ -114,20 +114,20 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
         flock("swap-nodes", "logs.SwapNodes", STOPPED, ASTRAY, 1.5, on_wheels=True,
                does="drives as it likes, and shows the a-node's chain and authenticator as the s-node's",
                stopped_by="authenticators are made over the kind of their chain (`paper`) or not made by a-nodes "
-                          "at all (`bound`)"),
+                          "at all (`hardened`)"),
         flock("stale-log", "logs.StaleLog", HOLE_OF_THE_PAPER, ASTRAY, 1.5, on_wheels=True,
                does="drives as it likes, and shows its last honest log, authenticators and all, with each new "
                     "token request",
-               stopped_by="in `bound` the token request is made over the chain's top, and the authenticators over "
+               stopped_by="in `hardened` the token request is made over the chain's top, and the authenticators over "
                           "the request"),
         flock("interleave", "logs.Interleave", HOLE_OF_THE_PAPER, ASTRAY, 0.2,
                does="polls its sensors twelve times at once, and for 3 s acts on and broadcasts where it was then",
-               stopped_by="in `bound`, entries carry the trusted nodes' time: readings lie on a grid, outputs "
+               stopped_by="in `hardened`, entries carry the trusted nodes' time: readings lie on a grid, outputs "
                           "follow within δ"),
         flock("starve-sensors", "logs.StarveSensors", HOLE_OF_THE_PAPER, ASTRAY, 0.4,
                does="does not poll its sensors, so that nothing is due, and goes on as last commanded; is audited "
                     "as ever",
-               stopped_by="in `bound`, readings lie on a grid and none may be missing up to the token request"),
+               stopped_by="in `hardened`, readings lie on a grid and none may be missing up to the token request"),
         flock("t-key", "logs.KeyOfTomorrow", STOPPED, ASTRAY, 0.4,
                does="polls no sensors, and says that the mission key comes in 49 days, so that no reading is due "
                     "until then",
@@ -159,20 +159,21 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
         flock("zero-key", "tokens.ZeroKey", HOLE_OF_THE_PAPER, ASTRAY, 1.5,
                does="makes itself tokens before the mission key comes, under the key zero and dated 49 days "
                     "ahead; then drives",
-               stopped_by="in `bound` a node without a key computes no MAC, and loading one clears the tokens"),
+               stopped_by="in `hardened` a node without a key computes no MAC, and loading one clears the tokens"),
     ),
     "What it does to the channel and to the audits of others": (
         flock("request-flood", "channel.RequestFlood", by_defence("harmless", "bites", "limited"), STARVED, 1,
                does="sends auditors empty requests for audits in everybody's name, so that true ones are turned away",
-               stopped_by="nothing; in `bound` the a-node writes the source, and auditors take one a robot and "
+               stopped_by="nothing; in `hardened` the a-node writes the source, and auditors take one a robot and "
                           "T_audit / 2"),
-        flock("frame-flood", "channel.FrameFlood", LIMITED, AIRTIME, 40,
-               does="fills the channel with long AUDIT frames, which no log shows",
-               stopped_by="nothing ends it; in `bound` AUDIT frames draw airtime from a leaky bucket of the a-node's"),
+        flock("packet-flood", "channel.FrameFlood", LIMITED, AIRTIME, 40,
+               does="fills the channel with long AUDIT packets, which no log shows",
+               stopped_by="nothing ends it; in `hardened` AUDIT packets draw airtime from a leaky bucket of the "
+                          "a-node's"),
         flock("talk-over", "channel.TalkOver", HARMLESS, STARVED, 1, crowd=True,
-               does="talks, in short AUDIT frames, whenever somebody whom it does not hear asks for audits",
-               stopped_by="a fragment that was lost is said again, at a time that nobody can foresee; in `bound` the "
-                          "a-node's bucket limits how much of the time can be talked over"),
+               does="talks, in short AUDIT packets, whenever somebody whom it does not hear asks for audits",
+               stopped_by="a fragment that was lost is said again, at a time that nobody can foresee; in `hardened` "
+                          "the a-node's bucket limits how much of the time can be talked over"),
         flock("mask", "channel.Mask", HARMLESS, STARVED, 1, crowd=True,
                does="talks whenever somebody says that it is there, and audits nobody: others shall know no auditors",
                stopped_by="who lacks tokens asks who is there, at a time that nobody can foresee, and each who hears "
@@ -187,22 +188,22 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                does="sends again, near a victim, that robots far away are there: it asks them for audits in vain",
                stopped_by="a robot whom an auditor did not answer asks only those that answer the nonce of its SEEK"),
         flock("covert-talk", "channel.CovertTalk", LIMITED, AIRTIME, 4,
-               does="sends another compromised robot, or the nearest ear, whatever it likes in AUDIT frames, which no "
+               does="sends another compromised robot, or the nearest ear, whatever it likes in AUDIT packets, which no "
                     "log shows",
-               stopped_by="nothing ends it; in `bound` the a-node's bucket limits how much"),
+               stopped_by="nothing ends it; in `hardened` the a-node's bucket limits how much"),
         flock("ghost-auditors", "channel.GhostAuditors", by_defence("harmless", "bites", "stopped"), STARVED, 1,
                does="broadcasts states of 400 invented robots, of which others then ask audits in vain",
-               stopped_by="in `bound` auditors are chosen among those whose tokens or AUDIT frames came, never "
+               stopped_by="in `hardened` auditors are chosen among those whose tokens or AUDIT packets came, never "
                           "among claimed ones"),
         flock("log-flood", "channel.LogFlood", by_defence("harmless", "bites", "stopped"), STARVED, 1,
-               does="broadcasts long frames of no meaning, which all others must log and show until their logs "
+               does="broadcasts long packets of no meaning, which all others must log and show until their logs "
                     "are full",
-               stopped_by="replay sends no such frame; and in `bound` the a-node's bucket for broadcasts lets few "
+               stopped_by="replay sends no such packet; and in `hardened` the a-node's bucket for broadcasts lets few "
                           "bytes out"),
-        flock("long-frames", "channel.LongFrames", by_defence("harmless", "bites", "stopped"), STARVED, 1, crowd=True,
-               does="audits nobody, and broadcasts the longest frames that cost the airtime of four states, to "
+        flock("long-packets", "channel.LongFrames", by_defence("harmless", "bites", "stopped"), STARVED, 1, crowd=True,
+               does="audits nobody, and broadcasts the longest packets that cost the airtime of four states, to "
                     "fill others' logs",
-               stopped_by="replay sends no such frame; and in `bound` logs have room for f_max robots that do so "
+               stopped_by="replay sends no such packet; and in `hardened` logs have room for f_max robots that do so "
                           "until then"),
         flock("slot-squat", "channel.SlotSquat", HARMLESS, STARVED, 1, crowd=True,
                does="begins requests for audits with everybody and never ends them, so that no others fit in",
@@ -253,21 +254,21 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                against="file", options={"bit": Option(), **CHECKED},
                does="changes one bit of the mission on its way to the robot",
                stopped_by="each record is bound to what was experienced and to the header (`paper`, "
-                          "docs/adr/0017), or authenticated under what that opens (`bound`): it does not decode; "
+                          "docs/adr/0017), or authenticated under what that opens (`hardened`): it does not decode; "
                           "and before that the signature does not verify"),
         errand("forge-graph", "missions.files.ForgeGraph", HOLE_OF_THE_PAPER, WRONG, 1, against="file",
                does="puts a mission of its own in the place of the operator's, start key and all",
-               stopped_by="in `bound` the signature is by nobody whom the robot trusts; `paper` has no signature "
+               stopped_by="in `hardened` the signature is by nobody whom the robot trusts; `paper` has no signature "
                           "to look for"),
         errand("replay-day", "missions.files.ReplayDay", HOLE_OF_THE_PAPER, WRONG, 1, against="file",
                does="sends the robot what it was sent yesterday: mission, start key and messages",
-               stopped_by="in `bound` the mission's window is signed, and over"),
+               stopped_by="in `hardened` the mission's window is signed, and over"),
         errand("replay-robot", "missions.files.ReplayRobot", HOLE_OF_THE_PAPER, WRONG, 1, against="file",
                does="sends the robot what another was sent: mission, start key and messages",
-               stopped_by="in `bound` the robots that may run a mission are signed, and this one is not among them"),
+               stopped_by="in `hardened` the robots that may run a mission are signed, and this one is not among them"),
         errand("replay-again", "missions.files.ReplayAgain", HOLE_OF_THE_PAPER, WRONG, 1, against="file",
                does="sends the robot today's mission once more, after it was done",
-               stopped_by="in `bound` a robot remembers which missions it has started, and starts each once"),
+               stopped_by="in `hardened` a robot remembers which missions it has started, and starts each once"),
         errand("set-clock", "missions.files.SetClock", by_defence("bites", "bites", "not covered"), WRONG, 1,
                against="clock",
                does="holds back a mission for a day, and sets the robot's clock back by that day when it delivers it",
@@ -330,7 +331,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
     "What can be read of a captured file": (
         guess("guess-graph", "missions.guesses.GuessGraph", LIMITED, READ, 1,
                does="tries every place in an area of 40 m x 40 m against a captured mission and its start key",
-               stopped_by="in `bound` each try is an scrypt, which limits how fast; `paper` is a commitment and "
+               stopped_by="in `hardened` each try is an scrypt, which limits how fast; `paper` is a commitment and "
                           "hides no place"),
         guess("guess-plan", "missions.guesses.GuessPlan", BITES, READ, 1,
                does="tries what the building's floor plan shows against a captured mission and its start key",
@@ -338,7 +339,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                           "start key that was not captured keeps payloads shut, and hides no place"),
         guess("guess-gate", "missions.guesses.GuessGate", by_defence("bites", "bites", "harmless"), READ, 1,
                does="tries to read a captured mission without its start key, with gates that it draws",
-               stopped_by="in `bound` 2^256 gates stand before the first payload, but who matches the file's graph "
+               stopped_by="in `hardened` 2^256 gates stand before the first payload, but who matches the file's graph "
                           "with a floor plan needs none for the places; `paper` has no start key"),
         guess("guess-token", "missions.guesses.GuessToken", by_defence("bites", "harmless", "harmless"), READ, 1,
                does="tries random tokens against the node of a captured mission whose place it knows, with all "

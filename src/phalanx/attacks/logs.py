@@ -30,11 +30,11 @@ DRIFT_MPS = 5.0
 class DropEntries(Liar):
     """Has not heard its neighbours, it says: nobody is in its way, and it drives straight to the goal."""
 
-    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
+    def heard(self, now_ms: int, packet: bytes) -> list[Action]:
         """Pretend that what is no audit traffic never came; the a-node chains it all the same."""
-        if frame[0] & request.AUDIT:
-            return super().heard(now_ms, frame)
-        self.chain(RECV, now_ms, frame)
+        if packet[0] & request.AUDIT:
+            return super().heard(now_ms, packet)
+        self.chain(RECV, now_ms, packet)
         return []
 
 
@@ -58,10 +58,10 @@ class ReorderEntries(DropEntries):
 
     _held: tuple[tuple[int, bytes], ...] = ()
 
-    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
-        if not frame[0] & request.AUDIT:
-            self._held += ((now_ms, frame),)
-        return super().heard(now_ms, frame)
+    def heard(self, now_ms: int, packet: bytes) -> list[Action]:
+        if not packet[0] & request.AUDIT:
+            self._held += ((now_ms, packet),)
+        return super().heard(now_ms, packet)
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
         while self._held and self._held[0][0] + BELIEVED_AFTER_MS <= now_ms:
@@ -145,16 +145,16 @@ class StaleLog(Hijack):
             return super().make_request(now_ms)
         f, i, r = self.f, self.i, self.f.robot[self.i]
         treq = self.w.small[0]
-        tor = int(rounds.next_candidate(f, i, now_ms))
-        if r.quota <= 0 or tor == 0:
+        auditor = int(rounds.next_candidate(f, i, now_ms))
+        if r.quota <= 0 or auditor == 0:
             return False
-        if trusted.anode_token_request(self.profile, f.anode[i], now_ms, tor, treq) < 0:
+        if trusted.anode_token_request(self.profile, f.anode[i], now_ms, auditor, treq) < 0:
             r.quota = 0
             return False
-        f.peer[i, rounds.peer_at(f, i, tor)].asked = r.round_no
+        f.peer[i, rounds.peer_at(f, i, auditor)].asked = r.round_no
         r.quota -= 1
         r.request_no = (int(r.request_no) + 1) & 0xFFFF
-        r.request_to, r.request_next, r.asked_at, r.request_len = tor, 0, now_ms, len(self._kept)
+        r.request_to, r.request_next, r.asked_at, r.request_len = auditor, 0, now_ms, len(self._kept)
         q = f.request.rows[request.row_of(f, i)]
         q[: len(self._kept)] = memoryview(self._kept)
         q[request.AT_T : request.AT_TOP_A] = treq[: rounds.TREQ_TOP]
@@ -181,10 +181,10 @@ class ShowThing(Liar):
     ASIDE_STEPS: ClassVar[float] = 0.125  # along each axis
     _number = 0  # until somebody has spoken of one
 
-    def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
-        if said := fields_of(SIGHTING, frame):
+    def on_packet(self, now_ms: int, packet: bytes) -> list[Action]:
+        if said := fields_of(SIGHTING, packet):
             self._number = said[BEHIND_T]
-        return super().on_packet(now_ms, frame)
+        return super().on_packet(now_ms, packet)
 
     def read(self, now_ms: int, reading: bytes) -> bytes:
         """Return the reading, and what is not there; nothing to a sensor that sees no things."""

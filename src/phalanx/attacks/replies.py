@@ -28,10 +28,10 @@ class TalkOverReplies(Liar):
     _victim = _round_ms = _until_ms = 0
     _sent: tuple[int, int, int] | None = None
 
-    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
+    def heard(self, now_ms: int, packet: bytes) -> list[Action]:
         """Talk over the answers to the victim's HELLO and SEEK."""
-        asked = super().heard(now_ms, frame)
-        if request.is_audit(row(frame), len(frame)) and get_u16(row(frame), request.AT_SRC) == self._victim:
+        asked = super().heard(now_ms, packet)
+        if request.is_audit(row(packet), len(packet)) and get_u16(row(packet), request.AT_SRC) == self._victim:
             self._until_ms = now_ms + self.LASTS_MS
             asked += talk(self, now_ms, 2 * self.AT_ONCE)
         return asked
@@ -73,14 +73,14 @@ class RelayHello(Liar):
         """Return robots that it does not hear, or if it hears all, all of them."""
         return [name for name in self.victims() if name not in self.seen][: self.GHOSTS] or self.victims()
 
-    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
+    def heard(self, now_ms: int, packet: bytes) -> list[Action]:
         """Relay a SEEK, and later what the distant robots answer."""
-        is_seek = is_audit(frame, seeking.SEEK) and len(frame) == seeking.SEEK_BYTES
+        is_seek = is_audit(packet, seeking.SEEK) and len(packet) == seeking.SEEK_BYTES
         if is_seek and self.plan.options.get("both"):
-            src, nonce = get_u16(row(frame), request.AT_SRC), int(get_u32(row(frame), seeking.SEEK_NONCE))
+            src, nonce = get_u16(row(packet), request.AT_SRC), int(get_u32(row(packet), seeking.SEEK_NONCE))
             answers = [AUDIT_HERE.encode(src=name, dst=src, nonce=nonce) for name in self.ghosts()]
             self._waiting += [(now_ms + self.ANSWERS_MS + k, answer) for k, answer in enumerate(answers)]
-        return super().heard(now_ms, frame)
+        return super().heard(now_ms, packet)
 
     def on_wake(self, now_ms: int) -> list[Action]:
         """Send what is due."""

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from phalanx.bti import log, request, trusted
-from phalanx.bti.fleet import BOUND, PENDING, PLAIN, START
+from phalanx.bti.fleet import HARDENED, PENDING, PLAIN, START
 from phalanx.robot.actions import Action
 from phalanx.robot.adversary.liar import Liar, tokens_in
 from phalanx.wire.fields import Row, get_u16, put_u16, row
@@ -32,7 +32,7 @@ from .hijack import Hijack, RefuseToAudit
 class Token(NamedTuple):
     """The arguments of `anode_install_token`."""
 
-    tor: int
+    auditor: int
     t: int
     hckpt: bytes
     mac: bytes
@@ -48,7 +48,7 @@ class TokenForger(Hijack, ABC):
             for token in self.tokens(now_ms):
                 hckpt, mac = row(token.hckpt), row(token.mac)
                 anode = self.f.anode[self.i]
-                if trusted.anode_install_token(self.profile, anode, now_ms, token.tor, token.t, hckpt, mac) >= 0:
+                if trusted.anode_install_token(self.profile, anode, now_ms, token.auditor, token.t, hckpt, mac) >= 0:
                     self.gained += 1
         return []
 
@@ -85,7 +85,7 @@ class ShareTokens(TokenForger):
     def tokens(self, now_ms: int) -> list[Token]:
         """Return the newest, in its own name and in the auditees'."""
         newest = list(self._issued[-10:])
-        return newest + [token._replace(tor=rob_id, t=now_ms) for token in newest for rob_id in self.plan.ids[:3]]
+        return newest + [token._replace(auditor=rob_id, t=now_ms) for token in newest for rob_id in self.plan.ids[:3]]
 
 
 class ReplayTokens(TokenForger):
@@ -93,13 +93,13 @@ class ReplayTokens(TokenForger):
 
     _kept: frozenset[Token] = frozenset()
 
-    def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
-        actions = super().on_packet(now_ms, frame)
+    def on_packet(self, now_ms: int, packet: bytes) -> list[Action]:
+        actions = super().on_packet(now_ms, packet)
         f, i, r = self.f, self.i, self.f.robot[self.i]
         for which, count in ((START, r.tokens_start), (PENDING, r.tokens_pending)):
             hckpt = f.hckpt[i, which].tobytes()
             tokens = f.token[i, which, : int(count)]
-            self._kept |= {Token(int(each.tor), int(each.t), hckpt, each.mac.tobytes()) for each in tokens}
+            self._kept |= {Token(int(each.auditor), int(each.t), hckpt, each.mac.tobytes()) for each in tokens}
         return actions
 
     def tokens(self, now_ms: int) -> list[Token]:
@@ -125,10 +125,10 @@ class SelfIssue(TokenForger):
 class Collude(Hijack):
     """Issues tokens to the other compromised robots for whatever they show, and gets theirs."""
 
-    def asked(self, now_ms: int, frame: bytes) -> list[Action]:
-        if self.profile == PLAIN or get_u16(row(frame), request.AT_SRC) not in self.plan.colluding:
-            return super().asked(now_ms, frame)
-        place = self.whole_request(now_ms, frame)
+    def asked(self, now_ms: int, packet: bytes) -> list[Action]:
+        if self.profile == PLAIN or get_u16(row(packet), request.AT_SRC) not in self.plan.colluding:
+            return super().asked(now_ms, packet)
+        place = self.whole_request(now_ms, packet)
         return self.vouch(now_ms, place) if place >= 0 else []
 
 
@@ -139,12 +139,12 @@ class ZeroKey(Hijack):
     def before_key(cls, rob_id: int, profile: int, anode: Row, f_max: int) -> None:
         """Install tokens of f_max + 1 invented auditors, dated at the clock's end; no true token replaces them."""
         zero, hckpt = bytes(KEY_BYTES), bytes(HASH_BYTES)
-        for tor in range(0xFFFF - f_max, 0x10000):
+        for auditor in range(0xFFFF - f_max, 0x10000):
             t = (1 << 32) - 1
-            message = TOKEN.encode(tor=tor, tee=rob_id, t=t, hckpt=hckpt)
+            message = TOKEN.encode(auditor=auditor, auditee=rob_id, t=t, hckpt=hckpt)
             mac = np.zeros(MAC_BYTES, np.uint8)
             trusted.lightmac(row(zero), row(message), len(message), mac)
-            trusted.anode_install_token(profile, anode, 0, tor, t, row(hckpt), mac)
+            trusted.anode_install_token(profile, anode, 0, auditor, t, row(hckpt), mac)
 
 
 class StaleAnswers(Liar):
@@ -161,24 +161,24 @@ class StaleAnswers(Liar):
         self._issued.update({each.to: each.packet for each in tokens_in(actions) if each.packet != self._repeated})
         return actions
 
-    def asked(self, now_ms: int, frame: bytes) -> list[Action]:
+    def asked(self, now_ms: int, packet: bytes) -> list[Action]:
         """Send the old token at the first fragment of a request, and pass over the rest."""
-        src, no = (int(get_u16(row(frame), at)) for at in (request.AT_SRC, request.AT_REQUEST))
+        src, no = (int(get_u16(row(packet), at)) for at in (request.AT_SRC, request.AT_REQUEST))
         if src in self._issued:
             self._answered[src] = no
             self.gained += 1
             self._repeated = self._issued.pop(src)
             return self.send(now_ms, self._repeated, src)
-        return [] if self._answered.get(src) == no else super().asked(now_ms, frame)
+        return [] if self._answered.get(src) == no else super().asked(now_ms, packet)
 
 
 class WrongCheckpoint(Liar):
     """Issues the token for the checkpoint where the log begins, instead of the one at its end."""
 
-    def asked(self, now_ms: int, frame: bytes) -> list[Action]:
+    def asked(self, now_ms: int, packet: bytes) -> list[Action]:
         if self.profile == PLAIN:
-            return super().asked(now_ms, frame)
-        if (place := self.whole_request(now_ms, frame)) < 0:
+            return super().asked(now_ms, packet)
+        if (place := self.whole_request(now_ms, packet)) < 0:
             return []
         q = self.shown(place)
         tokens = int(q[request.AT_TOKENS])
@@ -211,35 +211,39 @@ class Drain(RefuseToAudit):
             return []
         t_audit, peers = int(f.settings[0].t_audit), int(f.robot["peers"][i])
         # As lists: reading a record's field takes microseconds, and this runs often.
-        for tor, asked_ms in zip(f.peer_id[i, :peers].tolist(), f.peer["asked_ms"][i, :peers].tolist(), strict=True):
+        for auditor, asked_ms in zip(
+            f.peer_id[i, :peers].tolist(), f.peer["asked_ms"][i, :peers].tolist(), strict=True
+        ):
             asked = now_ms - asked_ms < 2 * t_audit
-            just_sent = now_ms - self._sent_ms.get(tor, 0) <= t_audit // 2
-            if tor in self.plan.colluding or asked or just_sent:
+            just_sent = now_ms - self._sent_ms.get(auditor, 0) <= t_audit // 2
+            if auditor in self.plan.colluding or asked or just_sent:
                 continue
-            if tor not in self.kept and not self._make(now_ms, tor):
+            if auditor not in self.kept and not self._make(now_ms, auditor):
                 continue
             self._no = (self._no + 1) & 0xFFFF
-            self._sent_ms[tor] = now_ms
+            self._sent_ms[auditor] = now_ms
             self.gained += 1
-            only = AUDIT_FRAGMENT.encode(src=self.id, dst=tor, request=self._no, index=0, count=1, bytes=self.kept[tor])
-            return self.send(now_ms, only, tor)
+            only = AUDIT_FRAGMENT.encode(
+                src=self.id, dst=auditor, request=self._no, index=0, count=1, bytes=self.kept[auditor]
+            )
+            return self.send(now_ms, only, auditor)
         return []
 
-    def _make(self, now_ms: int, tor: int) -> bool:
+    def _make(self, now_ms: int, auditor: int) -> bool:
         """Make a true token request, in a request with an empty log since boot; log the flush that it causes."""
         spare_ms = int(self.f.settings[0].t_audit) * 2 // 5
         treq = row(bytes(TOKEN_REQUEST.size))
         if now_ms - self._made_ms < spare_ms:  # its own audits need token requests too
             return False
-        if trusted.anode_token_request(self.profile, self.f.anode[self.i], now_ms, tor, treq) < 0:
+        if trusted.anode_token_request(self.profile, self.f.anode[self.i], now_ms, auditor, treq) < 0:
             return False
         self._made_ms = now_ms
-        if self.profile == BOUND:
+        if self.profile == HARDENED:
             log.mark(self.f, self.i, log.FLUSH_A)
         q = row(bytes(request.HEAD_BYTES + BOOTED.size))
         q[0], q[request.AT_FLAGS] = request.VERSION, 1
-        put_u16(q, request.AT_TEE, self.id)
+        put_u16(q, request.AT_AUDITEE, self.id)
         q[request.AT_T : request.AT_TOP_S] = treq
         put_u16(q, request.AT_CHECKPOINT_LEN, BOOTED.size)
-        self.kept[tor] = q.tobytes()
+        self.kept[auditor] = q.tobytes()
         return True

@@ -24,7 +24,7 @@ from phalanx.wire.fields import (
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
 from . import log, memo, request, rounds, trusted
-from .fleet import BOUND, PAPER, Fleet
+from .fleet import HARDENED, PAPER, Fleet
 from .log import CHECKPOINT, ENTRY_HEAD_BYTES, ENTRY_LENGTH, ENTRY_T, EVIDENCE, FLUSH_A, FLUSH_S, MARK
 from .refusal import Refusal
 from .work import Work
@@ -42,7 +42,7 @@ def open_request(w: Work, q: Row, length: int, src: int) -> int:
     if length < request.HEAD_BYTES or q[0] != request.VERSION or q[request.AT_FLAGS] > 1:
         return Refusal.MALFORMED
     c = w.case[0]
-    c.tee = get_u16(q, request.AT_TEE)
+    c.auditee = get_u16(q, request.AT_AUDITEE)
     c.t = get_u32(q, request.AT_T)
     c.tokens = q[request.AT_TOKENS]
     c.start_len = get_u16(q, request.AT_CHECKPOINT_LEN)
@@ -51,13 +51,13 @@ def open_request(w: Work, q: Row, length: int, src: int) -> int:
     c.at = c.start_at + c.start_len
     c.end = c.at + segment
     c.waiting = 0
-    if c.end != length or c.tee == 0:
+    if c.end != length or c.auditee == 0:
         return Refusal.MALFORMED
     if q[request.AT_FLAGS] and (c.start_len != rounds.BOOTED_BYTES or c.tokens != 0):
         return Refusal.MALFORMED
     if q[request.AT_FLAGS] == 0 and (c.start_len < rounds.CHECKPOINT_BYTES or c.start_len > w.state.shape[0]):
         return Refusal.MALFORMED
-    if c.tee != src:
+    if c.auditee != src:
         return Refusal.NOT_THE_SENDER
     c.step = 0 if q[request.AT_FLAGS] else get_u32(q, c.start_at + rounds.AT_STEP)
     c.due = get_u32(q, c.start_at + (rounds.AT_T_KEY if q[request.AT_FLAGS] else rounds.AT_DUE))
@@ -90,7 +90,7 @@ def check_start(f: Fleet, i: int, w: Work, q: Row) -> int:
             return Refusal.OUT_OF_ORDER
         # Nodes forward nothing before they have the key: who claims it came later than it did has heard too early.
         c.newest = c.due
-        c.due += rounds.phase_of(s.mission_seed, c.tee, s.t_control)
+        c.due += rounds.phase_of(s.mission_seed, c.auditee, s.t_control)
         w.tops[:] = 0
     c.known = memo.recall(f.memo, w, q) if s.plain == 0 else 0
     if q[request.AT_FLAGS] or c.known:
@@ -106,31 +106,31 @@ def check_start(f: Fleet, i: int, w: Work, q: Row) -> int:
     trusted.sha1(w.state, c.start_len, hckpt)
     for k in range(c.tokens):
         at = request.HEAD_BYTES + k * request.TOKEN_BYTES
-        tor, t = get_u16(q, at + request.TOKEN_TOR), get_u32(q, at + request.TOKEN_T)
+        auditor, t = get_u16(q, at + request.TOKEN_AUDITOR), get_u32(q, at + request.TOKEN_T)
         for other in range(k):
-            if get_u16(q, request.HEAD_BYTES + other * request.TOKEN_BYTES + request.TOKEN_TOR) == tor:
+            if get_u16(q, request.HEAD_BYTES + other * request.TOKEN_BYTES + request.TOKEN_AUDITOR) == auditor:
                 return Refusal.TOKEN_TWICE
         mac = q[at + request.TOKEN_MAC : at + request.TOKEN_BYTES]
-        if trusted.anode_check_token(s.profile, f.anode[i], tor, c.tee, t, hckpt, mac) != 0:
+        if trusted.anode_check_token(s.profile, f.anode[i], auditor, c.auditee, t, hckpt, mac) != 0:
             return Refusal.TOKEN_INVALID
     return 0
 
 
 @kernel
 def check_authenticators(f: Fleet, i: int, w: Work, q: Row) -> int:
-    """Check that the tops are the trusted nodes' own and, in `bound`, made for this token request.
+    """Check that the tops are the trusted nodes' own and, in `hardened`, made for this token request.
 
     Source: RoboRebound Alg. 3; docs/spec/rebound.md (stale log).
     """
-    tee, s = w.case[0].tee, f.settings[0]
+    auditee, s = w.case[0].auditee, f.settings[0]
     nonce = q[request.AT_TREQ_MAC : request.AT_TREQ_MAC + MAC_BYTES]
     top, mac = q[request.AT_TOP_S : request.AT_TOP_S + HASH_BYTES], q[request.AT_AUTH_S : request.AT_AUTH_S + MAC_BYTES]
-    if trusted.snode_check_auth(s.profile, f.snode[i], top, tee, nonce, mac) != 0:
+    if trusted.snode_check_auth(s.profile, f.snode[i], top, auditee, nonce, mac) != 0:
         return Refusal.AUTHENTICATOR_INVALID
     if s.profile == PAPER:
         top = q[request.AT_TOP_A : request.AT_TOP_A + HASH_BYTES]
         mac = q[request.AT_AUTH_A : request.AT_AUTH_A + MAC_BYTES]
-        if trusted.snode_check_auth_a(s.profile, f.snode[i], top, tee, mac) != 0:
+        if trusted.snode_check_auth_a(s.profile, f.snode[i], top, auditee, mac) != 0:
             return Refusal.AUTHENTICATOR_INVALID
     return 0
 
@@ -151,21 +151,21 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912 - one
     Source: RoboRebound §3.7, §3.8; docs/spec/rebound.md (free interleaving, starving the sensors).
     """
     c, s = w.case[0], f.settings[0]
-    bound = s.profile == BOUND
+    hardened = s.profile == HARDENED
     w.held[:] = 0
     at, newest, due, checkpoints, kind = c.at, c.newest, c.due, c.checkpoints, END
     while at < c.end:
         begin, before = at, kind
         kind, payload_at, at = log.piece_at(q, begin, c.end)
         size = at - payload_at
-        if INPUT <= kind <= ACMD and 0 < size <= s.frame_max:
+        if INPUT <= kind <= ACMD and 0 < size <= s.packet_max:
             t = get_u32(q, begin + ENTRY_T)
-            if bound:
+            if hardened:
                 if t < newest - s.skew or t > c.t:
                     return Refusal.OUT_OF_ORDER
                 newest = max(newest, t)
             if kind == INPUT:
-                if bound and (t < due - s.delta or t > due + s.delta):
+                if hardened and (t < due - s.delta or t > due + s.delta):
                     return Refusal.INPUT_OFF_GRID
                 due += s.t_control
             elif kind != ACMD and int(q[payload_at]) & MARK:
@@ -189,7 +189,7 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912 - one
                 return Refusal.ENTRY_MALFORMED
         elif kind != log.ADVICE or size == 0:
             return Refusal.ENTRY_MALFORMED
-    if bound and due < c.t - s.delta:
+    if hardened and due < c.t - s.delta:
         return Refusal.INPUT_MISSING
     if checkpoints != 1:
         return Refusal.CHECKPOINT_MISSING
@@ -231,7 +231,7 @@ def next_event(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901 - as long as the
                 return -Refusal.OUTPUT_PENDING if c.waiting > 0 else CHECKPOINT
             continue
         c.entry_t = get_u32(q, begin + ENTRY_T)
-        if s.profile == BOUND and c.waiting > 0 and c.entry_t > get_u32(w.waiting, ENTRY_T) + s.delta:
+        if s.profile == HARDENED and c.waiting > 0 and c.entry_t > get_u32(w.waiting, ENTRY_T) + s.delta:
             return -Refusal.OUTPUT_LATE
         if kind <= RECV:
             return int(kind)
@@ -288,5 +288,5 @@ def issue(f: Fleet, i: int, w: Work, q: Row, mac: Row) -> int:
     top = q[request.AT_TOP_A : request.AT_TOP_A + HASH_BYTES]
     hckpt = q[request.AT_HCKPT : request.AT_HCKPT + HASH_BYTES]
     treq = q[request.AT_TREQ_MAC : request.AT_TREQ_MAC + MAC_BYTES]
-    code = trusted.anode_issue_token(f.settings[0].profile, f.anode[i], c.tee, c.t, top, treq, hckpt, mac)
+    code = trusted.anode_issue_token(f.settings[0].profile, f.anode[i], c.auditee, c.t, top, treq, hckpt, mac)
     return 0 if code >= 0 else Refusal.REQUEST_INVALID

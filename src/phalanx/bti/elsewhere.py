@@ -43,7 +43,7 @@ class Elsewhere(Protocol):
     """A robot's two trusted nodes, wherever they are."""
 
     def ask(self, call: Record, now_ms: int | None = None, **arguments: Any) -> tuple[int, bytes]:
-        """What a function returns, and what it makes.
+        """Ask the remote node to run a call; return its result code and its output bytes.
 
         Args:
             call: of wire.lines.
@@ -95,8 +95,8 @@ def raise_failed() -> None:
 
 
 def _asks(kernel: Any, call: Record) -> Callable[..., int]:
-    """What `kernel` does with a node that is elsewhere."""
-    view = trusted.FIRMWARE[trusted.BOUND][0].buffer
+    """Return the callback that `kernel` calls for a node on another machine."""
+    view = trusted.FIRMWARE[trusted.HARDENED][0].buffer
     declared = inspect.signature(getattr(kernel, "py_func", kernel)).parameters
     told = [name for name in declared if name not in ("profile", "node")]
     fields = call.fields[1:]

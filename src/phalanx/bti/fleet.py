@@ -1,4 +1,4 @@
-"""What N c-nodes remember, as arrays with one row a robot: kernels take them and a robot's index.
+"""State of N c-nodes as arrays with one row per robot: kernels take them and a robot's index.
 
 Nothing here is trusted: the trusted nodes' own memory lies in `snode` and `anode`; only the C in firmware/ reads it.
 """
@@ -20,9 +20,9 @@ from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 from .memo import Memo, make_memo
 
 # The firmware's profiles, and none: a robot without trusted nodes, whose entries nobody chains or logs.
-BOUND, PAPER, PLAIN = 0, 1, 2
-# Requests that are put together from fragments at the same time, beside one of each of f_max liars: these push nobody
-# out (docs/adr/0014).
+HARDENED, PAPER, PLAIN = 0, 1, 2
+# Requests that are put together from fragments at the same time, beside one of each of f_max compromised robots: these
+# push nobody out (docs/adr/0014).
 RX_SLOTS = 3
 PAPER_ROOM = 6
 START, PENDING = 0, 1
@@ -71,9 +71,9 @@ ROBOT = layout(
     "accepted i8",  # requests taken for audit, ever
     "requests_sent tokens_got audits_passed audits_refused i8",
 )
-TOKEN = layout("tor t i8", f"mac {MAC_BYTES}u1")
+TOKEN = layout("auditor t i8", f"mac {MAC_BYTES}u1")
 PEER = layout(
-    "heard i8",  # ms of our clock, of the newest AUDIT frame from it
+    "heard i8",  # ms of our clock, of the newest AUDIT packet from it
     "token i8",  # t of its newest token
     "asked_ms i8",  # when we last asked it
     "took i8",  # ms at which we last took a request of its
@@ -99,7 +99,7 @@ RX = layout(
     "row i8",  # where it is, or was last
 )
 SETTINGS = layout(
-    "profile controller f_max t_audit t_val t_control delta skew retry batch_size frame_max mission_seed i8",
+    "profile controller f_max t_audit t_val t_control delta skew retry batch_size packet_max mission_seed i8",
     "log_max i8",  # bytes that a log has room for
     "plain u1",  # nothing is computed in a clever way: a run to compare with
 )
@@ -119,7 +119,7 @@ class Fleet(NamedTuple):
     checkpoint: U8x3  # (N, 2, C + 48): the one at which the log begins, and the one that waits for tokens
     hckpt: U8x3  # (N, 2, 20): their hashes
     token: Annotated[Any, Records(TOKEN, 3)]  # (N, 2, K): the tokens that cover them
-    peer: Annotated[Any, Records(PEER, 2)]  # (N, n_max): robots whose AUDIT frames or tokens were heard
+    peer: Annotated[Any, Records(PEER, 2)]  # (N, n_max): robots whose AUDIT packets or tokens were heard
     peer_id: U16x2  # (N, n_max), who they are: beside the rest, as most of what is asked is who is known
     owed: Annotated[Any, Records(OWED, 2)]  # (N, n_max): answers and tokens for the same robots
     request: Pool  # of R bytes: requests under way
@@ -166,12 +166,13 @@ def make_fleet(
     chosen.plain = plain
     chosen.f_max, chosen.t_audit, chosen.t_val = config.f_max, config.t_audit_ms, config.t_val_ms
     chosen.t_control, chosen.delta, chosen.skew = config.t_control_ms, config.delta_ms, config.skew_ms
-    chosen.retry, chosen.batch_size, chosen.frame_max = config.retry_ms, config.batch_size, config.frame_max_bytes
+    chosen.retry, chosen.batch_size, chosen.packet_max = config.retry_ms, config.batch_size, config.packet_max_bytes
     robot = records(n, ROBOT)
     robot["id"] = np.arange(1, n + 1)
     robot["request_row"] = NO_ROW
     state_bytes = config.checkpoint_capacity_bytes
-    # As printed nothing limits what a liar sends, and all who hear it log it: room for that is the robots' own affair.
+    # As printed nothing limits what a compromised robot sends, and all who hear it log it: room for that is the
+    # robots' own affair.
     room = PAPER_ROOM if profile == PAPER else 1
     log_bytes = room * config.log_capacity_bytes
     chosen.log_max = log_bytes
@@ -197,7 +198,7 @@ def make_fleet(
         request=make_pool(n, requests),
         rx=make_pool(n * places, requests),
         rx_info=records((n, places), RX),
-        memo=make_memo(n, requests, state_bytes, 4 * (table.ENTRY_HEADER_BYTES + config.frame_max_bytes)),
+        memo=make_memo(n, requests, state_bytes, 4 * (table.ENTRY_HEADER_BYTES + config.packet_max_bytes)),
         taken=np.full((n, config.audits_taken), LONG_AGO, np.int64),
     )
     return pack(fleet)
@@ -212,5 +213,5 @@ def vouchers(fleet: Fleet, i: int, now_ms: int) -> list[tuple[int, float]]:
     newest: dict[int, int] = {}
     for which, count in enumerate((robot.tokens_start, robot.tokens_pending)):
         for token in fleet.token[i, which, : int(count)]:
-            newest[int(token.tor)] = max(int(token.t), newest.get(int(token.tor), 0))
-    return [(tor, (t + t_val - now_ms) / 1000) for tor, t in newest.items() if t + t_val > now_ms]
+            newest[int(token.auditor)] = max(int(token.t), newest.get(int(token.auditor), 0))
+    return [(auditor, (t + t_val - now_ms) / 1000) for auditor, t in newest.items() if t + t_val > now_ms]

@@ -1,4 +1,4 @@
-"""What audits found right: a later request of the same robot that is the same and more is audited from there on.
+"""Cache of passed audits: a later request that extends a passed one is audited from there on.
 
 A robot shows its log to f_max + 1 others in a round, and each sees what the one before saw and a few entries more. In a
 simulation they all sit in one process. An audit's verdict is a function of the bytes shown, of the mission, and of keys
@@ -32,7 +32,7 @@ MOST_SLOTS = 256
 class Memo(NamedTuple):
     """The last request of each robot that passed, until another's takes its slot."""
 
-    passed: Annotated[Any, Records(CASE)]  # (S,), the case at the end of its audit; `tee` is 0 of nobody
+    passed: Annotated[Any, Records(CASE)]  # (S,), the case at the end of its audit; `auditee` is 0 of nobody
     shown: U8x2  # (S, R), the request
     tops: U8x3  # (S, 2, 20)
     state: U8x2  # (S, C + 48), the controller's, behind the rest of a checkpoint
@@ -63,10 +63,10 @@ def recall(memo: Memo, w: Work, q: Row) -> int:
     outputs that it waits for.
     """
     c = w.case[0]
-    slot = c.tee % len(memo.passed)
+    slot = c.auditee % len(memo.passed)
     passed, shown = memo.passed[slot], memo.shown[slot]
     n, t, end = passed.end, c.t, c.end
-    if passed.tee != c.tee or n > end or t < passed.t or q[FLAGS] != shown[FLAGS]:
+    if passed.auditee != c.auditee or n > end or t < passed.t or q[FLAGS] != shown[FLAGS]:
         return 0
     # Of the head all but what is looked at each time: the checkpoint's hash and how long the parts are.
     if not same(q, HCKPT, shown, HCKPT, LENGTH - HCKPT) or not same(q, HEAD_BYTES, shown, HEAD_BYTES, n - HEAD_BYTES):
@@ -92,7 +92,7 @@ def remember(memo: Memo, w: Work, q: Row, known: int) -> None:
     c = w.case[0]
     if c.marked == 0 or c.end > memo.shown.shape[1]:
         return
-    slot = c.tee % len(memo.passed)
+    slot = c.auditee % len(memo.passed)
     copy(memo.shown[slot], 0, q, 0, HEAD_BYTES)
     begin = max(known, HEAD_BYTES)
     copy(memo.shown[slot], begin, q, begin, c.end - begin)

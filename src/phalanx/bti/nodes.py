@@ -35,7 +35,7 @@ class Refused(PeerError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """What a node is given at manufacture, in the order of phx_limits in firmware/include/phx.h.
+    """Limits set in a node at manufacture, in the order of phx_limits in firmware/include/phx.h.
 
     Source: docs/spec/rebound-nodes.md.
     """
@@ -57,9 +57,9 @@ class Limits:
     def of(cls, config: BtiConfig, fixed_us: int, ns_per_byte_broadcast: int, ns_per_byte_unicast: int) -> Limits:
         """The limits that leave an honest robot room and nobody more than a few times its needs.
 
-        Ordinary frames: 4 times the airtime of its state broadcasts. AUDIT frames: twice that of a round's requests to
+        Ordinary packets: 4 times the airtime of its states. AUDIT packets: twice that of a round's requests to
         2 f_max + 1 auditors, each the log of t_val with checkpoint and overhead, and of 6 f_max replies; and at least
-        those requests and the replies to n_max neighbours, each asking twice. A frame takes `fixed_us`, however short,
+        those requests and the replies to n_max neighbours, each asking twice. A packet takes `fixed_us`, however short,
         and each byte its ns on top.
 
         Source: RoboRebound §3.8, §5.1; docs/spec/rebound-nodes.md.
@@ -68,7 +68,7 @@ class Limits:
         state_us = fixed_us + STATE.size * ns_per_byte_broadcast / 1000
         log_bytes = config.t_val_ms / 1000 * config.log_bytes_per_s
         request_bytes = log_bytes + CHECKPOINT_BYTES + NEIGHBOUR_BYTES * config.n_max + REQUEST_OVERHEAD_BYTES
-        fragments = -(-request_bytes // (config.frame_max_bytes - AUDIT_FRAGMENT.size))
+        fragments = -(-request_bytes // (config.packet_max_bytes - AUDIT_FRAGMENT.size))
         sent_bytes = request_bytes + fragments * AUDIT_FRAGMENT.size
         requests_us = auditors * (fragments * fixed_us + sent_bytes * ns_per_byte_unicast / 1000)
         reply_us = fixed_us + AUDIT_TOKEN.size * ns_per_byte_unicast / 1000
@@ -97,7 +97,7 @@ def limits_of(config: BtiConfig, radio: RadioConfig) -> Limits:
 
 
 class MissionKey(NamedTuple):
-    """What an operator hands to every node at the start of a mission. Source: RoboRebound §3.3."""
+    """The key that an operator loads into every node at the start of a mission. Source: RoboRebound §3.3."""
 
     k: bytes  # blinded: only who has the master key can tell the mission key
     r: bytes

@@ -13,7 +13,7 @@ class Refusal(IntEnum):
 
     NONE = 0
     MALFORMED = 1  # not a request, or longer or shorter than it says
-    NOT_THE_SENDER = 2  # the auditee named is not the frame's source
+    NOT_THE_SENDER = 2  # the auditee named is not the packet's source
     TOO_FEW_TOKENS = 3  # for the start checkpoint
     TOKEN_TWICE = 4  # two of the start's tokens are of one auditor
     TOKEN_INVALID = 5  # one does not cover the start checkpoint

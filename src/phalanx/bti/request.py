@@ -1,4 +1,4 @@
-"""The audit request: what an auditee shows, and its way through radio frames of bounded length.
+"""The audit request: what an auditee shows, and its way through radio packets of bounded length.
 
 The record `request` of phalanx.wire.table, then its tokens, the start and the segment of the log; a longer or shorter
 one is malformed. Source: RoboRebound §3.7; docs/spec/rebound.md.
@@ -18,12 +18,14 @@ from .log import read
 from .rounds import flush_marks, next_candidate, peer_at, withdraw
 
 VERSION = table.REQUEST_VERSION
-AT_FLAGS, AT_TEE, AT_T, AT_TOP_A, AT_TREQ_MAC = map(table.REQUEST.at, ("flags", "tee", "t", "top_a", "treq_mac"))
+AT_FLAGS, AT_AUDITEE, AT_T, AT_TOP_A, AT_TREQ_MAC = map(
+    table.REQUEST.at, ("flags", "auditee", "t", "top_a", "treq_mac")
+)
 AT_TOP_S, AT_AUTH_S, AT_AUTH_A = map(table.REQUEST.at, ("top_s", "auth_s_mac", "auth_a_mac"))
 AT_HCKPT, AT_TOKENS = map(table.REQUEST.at, ("hckpt", "tokens"))
 AT_CHECKPOINT_LEN, AT_SEGMENT_LEN = map(table.REQUEST.at, ("start_length", "segment_length"))
 HEAD_BYTES = table.REQUEST.size
-TOKEN_TOR, TOKEN_T, TOKEN_MAC = map(table.COVERING_TOKEN.at, ("tor", "t", "mac"))
+TOKEN_AUDITOR, TOKEN_T, TOKEN_MAC = map(table.COVERING_TOKEN.at, ("auditor", "t", "mac"))
 TOKEN_BYTES = table.COVERING_TOKEN.size
 
 AUDIT = table.KIND_AUDIT
@@ -62,20 +64,20 @@ def make_request(f: Fleet, i: int, now: int, treq: Row, auth_s: Row, auth_a: Row
     r = f.robot[i]
     if r.quota <= 0 or r.log_full == 1 or r.request_len > 0:
         return 0
-    tor = next_candidate(f, i, now)
-    if tor == 0:
+    auditor = next_candidate(f, i, now)
+    if auditor == 0:
         return 0
-    code = flush_marks(f, i, treq, auth_s, auth_a, tor, now)
+    code = flush_marks(f, i, treq, auth_s, auth_a, auditor, now)
     if code < 0:
         r.quota = 0
         return code
-    asked = f.peer[i, peer_at(f, i, tor)]
+    asked = f.peer[i, peer_at(f, i, auditor)]
     asked.asked = r.round_no
     asked.asked_ms = now
     asked.claimed = r.checkpoint_no
     r.quota -= 1
     r.request_no = (int(r.request_no) + 1) & 0xFFFF
-    r.request_to = tor
+    r.request_to = auditor
     r.request_next = 0
     r.repeats = 0
     r.repeat_at = now
@@ -94,7 +96,7 @@ def _write(f: Fleet, i: int, treq: Row, auth_s: Row, auth_a: Row) -> int:
         return 0
     out[0] = VERSION
     out[AT_FLAGS] = r.booted
-    put_u16(out, AT_TEE, int(r.id))
+    put_u16(out, AT_AUDITEE, int(r.id))
     copy(out, AT_T, treq, 0, TREQ_BYTES)  # they agree from t to the MAC
     copy(out, AT_TOP_S, auth_s, 0, HASH_BYTES)
     copy(out, AT_AUTH_S, auth_s, AUTH_MAC, MAC_BYTES)
@@ -106,7 +108,7 @@ def _write(f: Fleet, i: int, treq: Row, auth_s: Row, auth_a: Row) -> int:
     at = HEAD_BYTES
     for k in range(tokens):
         token = f.token[i, START, k]
-        put_u16(out, at + TOKEN_TOR, token.tor)
+        put_u16(out, at + TOKEN_AUDITOR, token.auditor)
         put_u32(out, at + TOKEN_T, token.t)
         copy(out, at + TOKEN_MAC, token.mac, 0, MAC_BYTES)
         at += TOKEN_BYTES
@@ -125,48 +127,48 @@ def row_of(f: Fleet, i: int) -> int:
 
 
 @kernel
-def audit_head(frame: Row, src: int, dst: int, sub: int) -> None:
+def audit_head(packet: Row, src: int, dst: int, sub: int) -> None:
     """Write what every audit packet begins with; `dst` 0 is all. Source: docs/spec/rebound.md."""
-    frame[0] = AUDIT
-    put_u16(frame, AT_SRC, src)
-    put_u16(frame, AT_DST, dst)
-    frame[AT_SUB] = sub
+    packet[0] = AUDIT
+    put_u16(packet, AT_SRC, src)
+    put_u16(packet, AT_DST, dst)
+    packet[AT_SUB] = sub
 
 
 @kernel
-def next_fragment(f: Fleet, i: int, now: int, frame: Row) -> int:
+def next_fragment(f: Fleet, i: int, now: int, packet: Row) -> int:
     """Write the next fragment of the request under way; return its length, 0 if all are sent or the next has to wait.
 
     Source: RoboRebound §3.7.
     """
     r = f.robot[i]
-    body = f.settings[0].frame_max - FRAGMENT_HEAD_BYTES
+    body = f.settings[0].packet_max - FRAGMENT_HEAD_BYTES
     count = (r.request_len + body - 1) // body
     if r.request_len == 0 or r.request_next >= count:
         withdraw(f, i)
         return 0
     if now < r.repeat_at:
         return 0
-    audit_head(frame, int(r.id), int(r.request_to), FRAGMENT)
-    put_u16(frame, AT_REQUEST, int(r.request_no))
-    frame[AT_INDEX] = r.request_next
-    frame[AT_COUNT] = count
+    audit_head(packet, int(r.id), int(r.request_to), FRAGMENT)
+    put_u16(packet, AT_REQUEST, int(r.request_no))
+    packet[AT_INDEX] = r.request_next
+    packet[AT_COUNT] = count
     begin = r.request_next * body
     length = min(body, r.request_len - begin)
-    copy(frame, FRAGMENT_HEAD_BYTES, f.request.rows[r.request_row], begin, length)
+    copy(packet, FRAGMENT_HEAD_BYTES, f.request.rows[r.request_row], begin, length)
     r.request_next += 1
     return int(FRAGMENT_HEAD_BYTES + length)
 
 
 @kernel
-def hello(f: Fleet, i: int, frame: Row) -> int:
+def hello(f: Fleet, i: int, packet: Row) -> int:
     """Write the broadcast that tells others that this robot audits; return its length."""
-    audit_head(frame, int(f.robot[i].id), 0, HELLO)
+    audit_head(packet, int(f.robot[i].id), 0, HELLO)
     return AUDIT_HEAD_BYTES
 
 
 @kernel
-def new_token(f: Fleet, i: int, to: int, number: int, t: int, mac: Row, frame: Row) -> int:
+def new_token(f: Fleet, i: int, to: int, number: int, t: int, mac: Row, packet: Row) -> int:
     """Write the answer to request `number` of robot `to`, and store it in case it is lost; return its length.
 
     `t` is the token request's time, ms; `mac` (8,) is the token's.
@@ -176,21 +178,21 @@ def new_token(f: Fleet, i: int, to: int, number: int, t: int, mac: Row, frame: R
         o = f.owed[i, at]
         o.t, o.no = t, number
         copy(o.mac, 0, mac, 0, MAC_BYTES)
-    return int(token_packet(f, i, to, number, t, mac, frame))
+    return int(token_packet(f, i, to, number, t, mac, packet))
 
 
 @kernel
-def token_packet(f: Fleet, i: int, to: int, number: int, t: int, mac: Row, frame: Row) -> int:
+def token_packet(f: Fleet, i: int, to: int, number: int, t: int, mac: Row, packet: Row) -> int:
     """Write a token for robot `to`; return the packet's length. The arguments are those of `new_token`."""
-    audit_head(frame, int(f.robot[i].id), to, TOKEN)
-    put_u16(frame, AT_REQUEST, number)
-    put_u32(frame, REPLY_T, t)
-    copy(frame, REPLY_MAC, mac, 0, MAC_BYTES)
+    audit_head(packet, int(f.robot[i].id), to, TOKEN)
+    put_u16(packet, AT_REQUEST, number)
+    put_u32(packet, REPLY_T, t)
+    copy(packet, REPLY_MAC, mac, 0, MAC_BYTES)
     return TOKEN_FRAME_BYTES
 
 
 @kernel
-def take_fragment(f: Fleet, i: int, frame: Row, length: int, now: int) -> int:
+def take_fragment(f: Fleet, i: int, packet: Row, length: int, now: int) -> int:
     """Put a fragment in its place.
 
     Returns: the place among `f.rx_info[i]` of a request that is now whole, or -1. Its row of `f.rx` is given back, and
@@ -199,9 +201,9 @@ def take_fragment(f: Fleet, i: int, frame: Row, length: int, now: int) -> int:
     """
     if length < FRAGMENT_HEAD_BYTES + 1:
         return -1
-    src, no = get_u16(frame, AT_SRC), get_u16(frame, AT_REQUEST)
-    index, count = int(frame[AT_INDEX]), int(frame[AT_COUNT])
-    body = f.settings[0].frame_max - FRAGMENT_HEAD_BYTES
+    src, no = get_u16(packet, AT_SRC), get_u16(packet, AT_REQUEST)
+    index, count = int(packet[AT_INDEX]), int(packet[AT_COUNT])
+    body = f.settings[0].packet_max - FRAGMENT_HEAD_BYTES
     size = length - FRAGMENT_HEAD_BYTES
     if (
         index >= count
@@ -224,7 +226,7 @@ def take_fragment(f: Fleet, i: int, frame: Row, length: int, now: int) -> int:
         x.len = 0
     x.at = now
     x.have |= 1 << index
-    copy(f.rx.rows[x.row], index * body, frame, FRAGMENT_HEAD_BYTES, size)
+    copy(f.rx.rows[x.row], index * body, packet, FRAGMENT_HEAD_BYTES, size)
     if index == count - 1:
         x.len = index * body + size
     if x.have != (1 << count) - 1:
@@ -238,7 +240,8 @@ def take_fragment(f: Fleet, i: int, frame: Row, length: int, now: int) -> int:
 def _place(f: Fleet, i: int, src: int) -> int:
     """Return the sender's place, or a free one, or that of the request that has waited longest for a fragment.
 
-    Newcomers are never turned away: f_max liars who begin requests and do not end them would fill all places for ever.
+    Newcomers are never turned away: f_max compromised robots who begin requests and do not end them would fill all
+    places for ever.
     """
     oldest = 0
     for k in range(f.rx_info.shape[1]):

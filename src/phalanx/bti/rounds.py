@@ -84,8 +84,9 @@ def peer_at(f: Fleet, i: int, rob_id: int) -> int:
 def _replaceable(f: Fleet, i: int) -> int:
     """Return the row of the robot that was heard longest ago, if possible of one that was heard and no more.
 
-    Liars that relay the HELLO of more distant robots than the table holds would otherwise push out all real neighbours.
-    So robots stay that in T_val gave a token, answered a SEEK or asked for an audit. Not as printed (`paper`).
+    Compromised robots that relay the HELLO of more distant robots than the table holds would otherwise push out all
+    real neighbours. So robots stay that in T_val gave a token, answered a SEEK or asked for an audit. Not as printed
+    (`paper`).
     """
     r, s = f.robot[i], f.settings[0]
     oldest, at = 1 << 60, 0
@@ -110,9 +111,10 @@ def heard(f: Fleet, i: int, rob_id: int, now: int) -> None:
 def next_candidate(f: Fleet, i: int, now: int) -> int:
     """Return whom to ask next in this round, 0 if nobody is left: sources of fresh tokens first, then of AUDIT packets.
 
-    A robot that seeks asks only robots that have just answered its SEEK, and does not prefer fresh tokens: liars that
-    issued one once would use up its few requests. Within each group, a robot that did not answer its last requests
-    comes later. After that the order differs from robot to robot, so that no auditor is everybody's favourite.
+    A robot that seeks asks only robots that have just answered its SEEK, and does not prefer fresh tokens: compromised
+    robots that issued one once would use up its few requests. Within each group, a robot that did not answer its last
+    requests comes later. After that the order differs from robot to robot, so that no auditor is everybody's
+    favourite.
     Source: docs/spec/rebound.md (ghost auditors); docs/adr/0036.
     """
     r, s = f.robot[i], f.settings[0]
@@ -270,24 +272,24 @@ def forget_checkpoint(f: Fleet, i: int) -> None:
 
 
 @kernel
-def on_token(f: Fleet, i: int, tor: int, t: int, mac: Row, now: int) -> int:
+def on_token(f: Fleet, i: int, auditor: int, t: int, mac: Row, now: int) -> int:
     """Install a token and keep it; with f_max + 1 of them cut the log at their checkpoint.
 
     As an answer to this round counts only a token for the request that was sent to its auditor, by time and by the
-    checkpoint claimed: a liar that sends old tokens again, or signs for the start of the log, would otherwise keep its
-    victim from asking others (both seen to stop correct robots).
+    checkpoint claimed: a compromised robot that sends old tokens again, or signs for the start of the log, would
+    otherwise keep its victim from asking others (both seen to stop correct robots).
     Returns: 0, or negative when it is not a token for one of our checkpoints. Source: RoboRebound §3.5, §3.6.
     """
     r, s = f.robot[i], f.settings[0]
     which, code = PENDING, trusted.E_BAD_MAC
     if r.checkpoint_at >= 0:
-        code = _install(f, i, PENDING, tor, t, mac, now)
+        code = _install(f, i, PENDING, auditor, t, mac, now)
     if code == trusted.E_BAD_MAC and r.booted == 0:  # not for that one
-        which, code = START, _install(f, i, START, tor, t, mac, now)
+        which, code = START, _install(f, i, START, auditor, t, mac, now)
     if code < 0:
         return code
     r.tokens_got += 1
-    at = peer_at(f, i, tor)
+    at = peer_at(f, i, auditor)
     if at >= 0:
         p = f.peer[i, at]
         number = r.start_no if which == START else r.checkpoint_no
@@ -297,29 +299,29 @@ def on_token(f: Fleet, i: int, tor: int, t: int, mac: Row, now: int) -> int:
             p.answered = r.round_no
             p.misses = 0
         p.token = max(p.token, t)
-    _keep(f, i, which, tor, t, mac)
+    _keep(f, i, which, auditor, t, mac)
     if which == PENDING and r.tokens_pending >= s.f_max + 1:
         _promote(f, i)
     return 0
 
 
 @kernel
-def _install(f: Fleet, i: int, which: int, tor: int, t: int, mac: Row, now: int) -> int:
-    return int(trusted.anode_install_token(f.settings[0].profile, f.anode[i], now, tor, t, f.hckpt[i, which], mac))
+def _install(f: Fleet, i: int, which: int, auditor: int, t: int, mac: Row, now: int) -> int:
+    return int(trusted.anode_install_token(f.settings[0].profile, f.anode[i], now, auditor, t, f.hckpt[i, which], mac))
 
 
 @kernel
-def _keep(f: Fleet, i: int, which: int, tor: int, t: int, mac: Row) -> None:
+def _keep(f: Fleet, i: int, which: int, auditor: int, t: int, mac: Row) -> None:
     """Keep a token for a checkpoint, one an auditor."""
     r = f.robot[i]
     n = r.tokens_start if which == START else r.tokens_pending
     at = n
     for k in range(n):
-        if f.token[i, which, k].tor == tor:
+        if f.token[i, which, k].auditor == auditor:
             at = k
     if at >= f.token.shape[2]:
         return
-    f.token[i, which, at].tor = tor
+    f.token[i, which, at].auditor = auditor
     f.token[i, which, at].t = t
     copy(f.token[i, which, at].mac, 0, mac, 0, MAC_BYTES)
     if at == n:
@@ -345,7 +347,7 @@ def _promote(f: Fleet, i: int) -> None:
 
 
 @kernel
-def flush_marks(f: Fleet, i: int, treq: Row, auth_s: Row, auth_a: Row, tor: int, now: int) -> int:
+def flush_marks(f: Fleet, i: int, treq: Row, auth_s: Row, auth_a: Row, auditor: int, now: int) -> int:
     """Make a token request and the authenticators that go with it; flush both chains for them, and mark that.
 
     `treq` (32,) gets a `token_request`; `auth_s` and, in profile `paper` only, `auth_a` (30,) get an `authenticator`
@@ -354,7 +356,7 @@ def flush_marks(f: Fleet, i: int, treq: Row, auth_s: Row, auth_a: Row, tor: int,
     Source: RoboRebound Alg. 2, Alg. 4; docs/spec/rebound.md (stale log).
     """
     r, s = f.robot[i], f.settings[0]
-    code = trusted.anode_token_request(s.profile, f.anode[i], now, tor, treq)
+    code = trusted.anode_token_request(s.profile, f.anode[i], now, auditor, treq)
     if code < 0:
         return int(code)
     if s.profile == PAPER:

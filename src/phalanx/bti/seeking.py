@@ -76,9 +76,9 @@ def listens(f: Fleet, i: int, now: int, auth_s: Row) -> int:
 def not_arrived(f: Fleet, i: int, now: int, auth_s: Row) -> None:
     """Give up the request whose fragment did not arrive, and seek; a robot that seeks repeats the fragment later.
 
-    A liar out of the robot's range that knows when it asks could talk over each request. So a fragment is repeated
-    after random pauses, each about twice as long as the last.
-    `auth_s` (30,) is scratch. Source: docs/adr/0028; RoboRebound §5.2.
+    A compromised robot out of the robot's range that knows when it asks could talk over each request. So a fragment is
+    repeated after random pauses, each about twice as long as the last. `auth_s` (30,) is scratch. Source:
+    docs/adr/0028; RoboRebound §5.2.
     """
     r, s = f.robot[i], f.settings[0]
     if r.request_len == 0:
@@ -111,7 +111,7 @@ def _is_replaceable(f: Fleet, i: int, now: int) -> bool:
 
 
 @kernel
-def seek(f: Fleet, i: int, now: int, auth_s: Row, frame: Row) -> int:
+def seek(f: Fleet, i: int, now: int, auth_s: Row, packet: Row) -> int:
     """Write the next SEEK if it is due, and return its length; begin to seek if an auditor is silent or none is left.
 
     `auth_s` (30,) is scratch.
@@ -121,7 +121,7 @@ def seek(f: Fleet, i: int, now: int, auth_s: Row, frame: Row) -> int:
         if r.request_len == 0 and _has_to_seek(f, i, now):
             _start(f, i, now, int(r.round_no), auth_s)
         return 0
-    return int(packet(f, i, now, frame)) if now >= r.seek_at else 0
+    return int(write_seek(f, i, now, packet)) if now >= r.seek_at else 0
 
 
 @kernel
@@ -171,7 +171,7 @@ def _draw(f: Fleet, i: int, number: int, auth_s: Row) -> bool:
 
 
 @kernel
-def packet(f: Fleet, i: int, now: int, frame: Row) -> int:
+def write_seek(f: Fleet, i: int, now: int, packet: Row) -> int:
     """Write a SEEK, draw the time of the next one, and return its length.
 
     Where many robots are in range, all their answers would fill the channel: the first SEEK of a round asks for about
@@ -186,11 +186,11 @@ def packet(f: Fleet, i: int, now: int, frame: Row) -> int:
     r.quota = 0
     r.asked_at = now
     pause = max(1, s.t_audit >> 3)
-    r.seek_at = now + pause + draw(f, i, SEEK_AT, int(r.id), now, frame) % pause
-    audit_head(frame, int(r.id), 0, SEEK)
-    put_u32(frame, SEEK_NONCE, whole(r.nonce))
-    put_u32(frame, SEEK_SINCE, r.round_at)
-    frame[SEEK_SHARE] = min(share, 255)
+    r.seek_at = now + pause + draw(f, i, SEEK_AT, int(r.id), now, packet) % pause
+    audit_head(packet, int(r.id), 0, SEEK)
+    put_u32(packet, SEEK_NONCE, whole(r.nonce))
+    put_u32(packet, SEEK_SINCE, r.round_at)
+    packet[SEEK_SHARE] = min(share, 255)
     return SEEK_BYTES
 
 
@@ -230,7 +230,7 @@ def receive_here(f: Fleet, i: int, src: int, now: int, packet: Row) -> None:
 
 
 @kernel
-def answer(f: Fleet, i: int, now: int, frame: Row) -> int:
+def answer(f: Fleet, i: int, now: int, packet: Row) -> int:
     """Write the next answer to a SEEK that is due; return its length, 0 if none is due."""
     r = f.robot[i]
     if r.answer_at == 0 or now < r.answer_at:
@@ -250,7 +250,7 @@ def answer(f: Fleet, i: int, now: int, frame: Row) -> int:
     o, to = f.owed[i, due], whole(f.peer_id[i, due])
     o.answer_at = 0
     if o.t > 0 and o.t >= o.since:
-        return int(token_packet(f, i, to, o.no, o.t, o.mac, frame))
-    audit_head(frame, int(r.id), to, HERE)
-    put_u32(frame, HERE_NONCE, o.nonce)
+        return int(token_packet(f, i, to, o.no, o.t, o.mac, packet))
+    audit_head(packet, int(r.id), to, HERE)
+    put_u32(packet, HERE_NONCE, o.nonce)
     return HERE_BYTES

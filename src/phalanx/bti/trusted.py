@@ -1,9 +1,9 @@
 """The trusted nodes' C as kernels: the only way to them, compiled and not, for one robot or in loops over a fleet.
 
-`profile` is 0 (bound) or 1 (paper): two builds of firmware/. A node is a row of bytes that only the C reads, or, in
-`bound`, the number of one that is not here (elsewhere.py); rows and buffers are contiguous uint8. Functions return what
-the C returns, >= 0 or one of the E_ codes. The length of every row is checked before the C gets its address: a row that
-is too short is E_ARG.
+`profile` is 0 (hardened) or 1 (paper): two builds of firmware/. A node is a row of bytes that only the C reads, or, in
+`hardened`, the number of one that is not here (elsewhere.py); rows and buffers are contiguous uint8. Functions return
+what the C returns, >= 0 or one of the E_ codes. The length of every row is checked before the C gets its address: a
+row that is too short is E_ARG.
 How kernels find the C is in docs/adr/0010.
 Source: RoboRebound Alg. 2-4; docs/spec/rebound-nodes.md.
 """
@@ -19,8 +19,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from phalanx._firmware_bound import ffi as bound_ffi
-from phalanx._firmware_bound import lib as bound_lib
+from phalanx._firmware_hardened import ffi as hardened_ffi
+from phalanx._firmware_hardened import lib as hardened_lib
 from phalanx._firmware_paper import ffi as paper_ffi
 from phalanx._firmware_paper import lib as paper_lib
 from phalanx.errors import Unavailable
@@ -30,27 +30,29 @@ from phalanx.wire.fields import U32_BYTES, Row
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
-BOUND, PAPER = 0, 1
-FIRMWARE: dict[int, tuple[Any, Any]] = {BOUND: (bound_ffi, bound_lib), PAPER: (paper_ffi, paper_lib)}
+HARDENED, PAPER = 0, 1
+FIRMWARE: dict[int, tuple[Any, Any]] = {HARDENED: (hardened_ffi, hardened_lib), PAPER: (paper_ffi, paper_lib)}
 ELSEWHERE_BYTES = U32_BYTES  # of the row of a node that is not here
 # What each function does with such a node, by its name: the same arguments, pointers as cffi has them (elsewhere.py).
 ELSEWHERE: dict[str, Callable[..., int]] = {}
 AUTH_BYTES = table.AUTHENTICATOR.size
 TREQ_BYTES = table.TOKEN_REQUEST.size
 
-E_ARG: int = bound_lib.PHX_E_ARG
-E_AIRTIME: int = bound_lib.PHX_E_AIRTIME
-E_BAD_MAC: int = bound_lib.PHX_E_BAD_MAC
-REASONS = {getattr(bound_lib, e): e.removeprefix("PHX_E_").lower() for e in dir(bound_lib) if e.startswith("PHX_E_")}
+E_ARG: int = hardened_lib.PHX_E_ARG
+E_AIRTIME: int = hardened_lib.PHX_E_AIRTIME
+E_BAD_MAC: int = hardened_lib.PHX_E_BAD_MAC
+REASONS = {
+    getattr(hardened_lib, e): e.removeprefix("PHX_E_").lower() for e in dir(hardened_lib) if e.startswith("PHX_E_")
+}
 # Bytes of a node in each profile, by the first word of a function's name; on every machine the same, as a node's fields
 # have fixed widths.
 NODE_BYTES = {
     profile: {"snode": lib.phx_snode_size(), "anode": lib.phx_anode_size()} for profile, (_, lib) in FIRMWARE.items()
 }
-# What must hold of a parameter of such a name. More than FRAME_MAX the C refuses itself, before it touches an entry.
+# What must hold of a parameter of such a name. More than PACKET_MAX the C refuses itself, before it touches an entry.
 CHECKS = {
     "data": "0 <= length <= data.size",
-    "entry": f"min(length, {table.FRAME_MAX}) + {table.ENTRY_HEADER_BYTES} <= entry.size",
+    "entry": f"min(length, {table.PACKET_MAX}) + {table.ENTRY_HEADER_BYTES} <= entry.size",
     **{name: f"{name}.size >= {table.HASH_BYTES}" for name in ("top", "hckpt", "digest")},
     **{name: f"{name}.size >= {table.MAC_BYTES}" for name in ("mac", "treq_mac")},
     "key": f"key.size >= {table.KEY_BYTES}",
@@ -102,7 +104,7 @@ class _CFunction:
 
 def _c_function(profile: int, name: str, writes: tuple[int, ...]) -> _CFunction:
     ffi, lib = FIRMWARE[profile]
-    return _CFunction(ffi, f"phx_{('bound', 'paper')[profile]}_{name}", ffi.addressof(lib, f"phx_{name}"), writes)
+    return _CFunction(ffi, f"phx_{('hardened', 'paper')[profile]}_{name}", ffi.addressof(lib, f"phx_{name}"), writes)
 
 
 def _elsewhere(name: str, writes: tuple[int, ...]) -> _CFunction:
@@ -111,14 +113,14 @@ def _elsewhere(name: str, writes: tuple[int, ...]) -> _CFunction:
     def ask(*arguments: Any) -> int:
         return ELSEWHERE[name](*arguments) if name in ELSEWHERE else E_ARG
 
-    kind = bound_ffi.typeof(bound_ffi.addressof(bound_lib, f"phx_{name}"))
-    return _CFunction(bound_ffi, f"phx_elsewhere_{name}", bound_ffi.callback(kind, ask, error=E_ARG), writes)
+    kind = hardened_ffi.typeof(hardened_ffi.addressof(hardened_lib, f"phx_{name}"))
+    return _CFunction(hardened_ffi, f"phx_elsewhere_{name}", hardened_ffi.callback(kind, ask, error=E_ARG), writes)
 
 
 def _in_c(declared: _F) -> _F:
     """The kernel that calls the C function of the same name and parameters, in the profile's build, if all CHECKS hold.
 
-    Without a profile it is the same in both. What only `paper` has is E_ARG in `bound`.
+    Without a profile it is the same in both. What only `paper` has is E_ARG in `hardened`.
     """
     name = declared.__name__
     parameters = inspect.signature(declared).parameters
@@ -136,13 +138,13 @@ def _in_c(declared: _F) -> _F:
     assert rows <= CHECKS.keys() | {"node"}, "no row goes to C unchecked"
     checks = " and ".join(CHECKS[each] for each in parameters if each in CHECKS)
     body = [f"if not ({checks}):", "    return E_ARG"] if checks else []
-    if "node" in parameters and f"in_{BOUND}" in scope:
+    if "node" in parameters and f"in_{HARDENED}" in scope:
         scope["elsewhere"] = _elsewhere(name, writes)
         body += [f"if node.size == {ELSEWHERE_BYTES}:", f"    return elsewhere({told})"]
     calls = {profile: _call(profile, name, told, "node" in parameters, scope) for profile in FIRMWARE}
     if "profile" in parameters:
         body += [f"if profile == {PAPER}:", f"    return {calls[PAPER]}"]
-    body.append(f"return {calls[BOUND]}")
+    body.append(f"return {calls[HARDENED]}")
     return written(declared, body, {"E_ARG": E_ARG, **scope})
 
 
@@ -164,7 +166,7 @@ def snode_poll(profile: int, node: Row, now: int, data: Row, length: int, entry:
 
 @_in_c
 def anode_recv(profile: int, node: Row, now: int, data: Row, length: int, entry: Row) -> int:
-    """A frame from the radio may go to the c-node: `entry[7:]`, chained unless it is an AUDIT frame.
+    """A packet from the radio may go to the c-node: `entry[7:]`, chained unless it is an AUDIT packet.
 
     Returns: the entry's length. Source: RoboRebound Alg. 4 (RecvWireless).
     """
@@ -172,7 +174,7 @@ def anode_recv(profile: int, node: Row, now: int, data: Row, length: int, entry:
 
 @_in_c
 def anode_send(profile: int, node: Row, now: int, data: Row, length: int, entry: Row) -> int:
-    """A frame may go to the radio: `entry[7:]`, which in `bound` names this robot as source of an AUDIT frame.
+    """A packet may go to the radio: `entry[7:]`, which in `hardened` names this robot as source of an AUDIT packet.
 
     Returns: the entry's length. Source: RoboRebound Alg. 4 (SendWireless).
     """
@@ -210,7 +212,7 @@ def snode_check_auth_a(profile: int, node: Row, top: Row, robot_id: int, mac: Ro
 
 
 @_in_c
-def anode_token_request(profile: int, node: Row, now: int, tor: int, treq: Row) -> int:
+def anode_token_request(profile: int, node: Row, now: int, auditor: int, treq: Row) -> int:
     """`treq` is the record `token_request`; the a-chain is flushed. In `paper` the top is left out: zeros.
 
     Source: RoboRebound Alg. 4 (MakeTokenRequest).
@@ -218,20 +220,25 @@ def anode_token_request(profile: int, node: Row, now: int, tor: int, treq: Row) 
 
 
 @_in_c
-def anode_issue_token(profile: int, node: Row, tee: int, t: int, top: Row, treq_mac: Row, hckpt: Row, mac: Row) -> int:
-    """`mac` is the token for `tee`'s request: the caller has replayed its log up to `top` and found no fault.
+def anode_issue_token(
+    profile: int, node: Row, auditee: int, t: int, top: Row, treq_mac: Row, hckpt: Row, mac: Row
+) -> int:
+    """`mac` is the token for `auditee`'s request: the caller has replayed its log up to `top` and found no fault.
 
     Source: RoboRebound Alg. 4 (IssueToken).
     """
 
 
 @_in_c
-def anode_check_token(profile: int, node: Row, tor: int, tee: int, t: int, hckpt: Row, mac: Row) -> int:
-    """0 if `tor` issued this token to `tee`. Source: RoboRebound Alg. 4 (IsTokenValid, with the auditee named)."""
+def anode_check_token(profile: int, node: Row, auditor: int, auditee: int, t: int, hckpt: Row, mac: Row) -> int:
+    """Return 0 if `auditor` issued this token to `auditee`.
+
+    Source: RoboRebound Alg. 4 (IsTokenValid, with the auditee named).
+    """
 
 
 @_in_c
-def anode_install_token(profile: int, node: Row, now: int, tor: int, t: int, hckpt: Row, mac: Row) -> int:
+def anode_install_token(profile: int, node: Row, now: int, auditor: int, t: int, hckpt: Row, mac: Row) -> int:
     """0: the token counts from now on until it is too old. Source: RoboRebound Alg. 4 (InstallToken)."""
 
 

@@ -13,7 +13,7 @@ from phalanx.wire import table
 from phalanx.wire.table import HASH_BYTES
 
 CASE = layout(
-    "tee i8",
+    "auditee i8",
     "t i8",  # of the token request
     "tokens start_at start_len i8",
     "at i8",  # where in the request the replay stands
@@ -47,7 +47,7 @@ class Work(NamedTuple):
     waiting: U8x1  # outputs that the log still has to show, as entries of their cause's time
     evidence: U8x1  # what the log keeps beside the INPUT; as long as the longest that is read
     small: U8x2  # (4, 32): token requests, authenticators, hashes
-    frame: U8x1  # a radio frame
+    packet: U8x1  # a radio packet
     entry: U8x1  # a chained entry
     place: I64x1  # (1,): of the request that became whole last
     actions: Annotated[Any, Records(ACTION)]  # of the event that was handled last
@@ -60,7 +60,7 @@ pack = bundled(Work)
 
 def make_work(config: BtiConfig) -> Work:
     """Scratch memory for fleets of this configuration."""
-    entry = table.ENTRY_HEADER_BYTES + config.frame_max_bytes
+    entry = table.ENTRY_HEADER_BYTES + config.packet_max_bytes
     work = Work(
         case=np.zeros(1, CASE).view(np.recarray),
         batch=np.zeros((2, config.batch_size * entry), np.uint8),
@@ -71,7 +71,7 @@ def make_work(config: BtiConfig) -> Work:
         waiting=np.zeros(4 * entry, np.uint8),
         evidence=np.zeros(config.evidence_max_bytes, np.uint8),
         small=np.zeros((4, table.TOKEN_REQUEST.size), np.uint8),
-        frame=np.zeros(entry, np.uint8),
+        packet=np.zeros(entry, np.uint8),
         entry=np.zeros(entry, np.uint8),
         place=np.zeros(1, np.int64),
         actions=np.zeros(2 * entry // table.OUTPUT.size + MORE_ACTIONS, ACTION).view(np.recarray),

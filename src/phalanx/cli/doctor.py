@@ -85,7 +85,7 @@ def _kernels() -> Finding:
 
 def _trusted_nodes() -> Finding:
     missing = [
-        name for name in ("_firmware_bound", "_firmware_paper") if not importlib.util.find_spec(f"phalanx.{name}")
+        name for name in ("_firmware_hardened", "_firmware_paper") if not importlib.util.find_spec(f"phalanx.{name}")
     ]
     if missing:
         return Finding("trusted nodes", False, f"not compiled: {' and '.join(missing)}", "make setup, or pip install .")

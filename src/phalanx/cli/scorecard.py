@@ -31,7 +31,7 @@ def scorecard(
     out: Path,
     as_json: bool,
 ) -> int:
-    """Makes the runs that are not there, and the table of all; 1 if it was stopped, a run failed, or `bound` missed."""
+    """Make missing runs and the table of all; 1 if it was stopped, a run failed, or `hardened` missed."""
     with said_aside():
         plan = scorecard_plan([*map(absolute, attacks)], [*map(absolute, controllers)], seeds)
     warn_if_nothing_is_drawn()
@@ -46,7 +46,7 @@ def scorecard(
         return 1
     for path in draw_card(out, table, version()):
         talk(f"drawn: {path}")
-    return int(bool(failed) or any(line.misses for line in table if line.defence == "bound"))
+    return int(bool(failed) or any(line.misses for line in table if line.defence == "hardened"))
 
 
 def _show(table: Sequence[Line]) -> None:

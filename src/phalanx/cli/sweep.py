@@ -63,7 +63,7 @@ def make_runs(
 
 
 def _show(rows: list[dict[str, Any]], varied: list[str]) -> None:
-    heads = [*varied, "runs", "liars stopped", "never", "slowest s", "correct stopped", "no quorum", "contacts"]
+    heads = [*varied, "runs", "stopped", "never", "slowest s", "correct stopped", "no quorum", "contacts"]
     scored = any(row["score"] is not None for row in rows)
     heads += ["score"] * scored
     lines = [

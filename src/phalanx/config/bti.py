@@ -15,7 +15,7 @@ NEIGHBOUR_BYTES = 26
 STATE_ENTRY_BYTES = 34
 ENTRY_HEAD_BYTES = 7
 ADVICE_HEAD_BYTES = 3
-# Of log, per state period: a frame that takes as much airtime as four states, less the state it replaces.
+# Of log, per state period: a packet that takes as much airtime as four states, less the state it replaces.
 LIAR_BYTES = 376
 # Of one request; a fragment's number and their count are a byte, and a bit each in a word says which have come.
 MOST_FRAGMENTS = 63
@@ -60,7 +60,7 @@ class BtiConfig:
     n_max: int = within(
         24, 1, 400, "neighbours that storage and airtime are provided for; at least a quorum, f_max + 2"
     )
-    frame_max_bytes: int = within(2048, 256, 2048, "longest radio frame")
+    packet_max_bytes: int = within(2048, 256, 2048, "longest radio packet")
     reading_bytes: int = within(27, 1, 2048, "of a sensor reading as it is chained")
     command_bytes: int = within(19, 1, 2048, "of what goes to the actuators each control period")
     state_bytes: int = within(
@@ -83,11 +83,11 @@ class BtiConfig:
                 f"{self.t_audit_ms / 1000:g} s",
                 "t_val at least 1.5 times t_audit, or honest robots starve",
             )
-        fragments = -(-self.request_capacity_bytes // (self.frame_max_bytes - FRAGMENT_HEAD_BYTES))
+        fragments = -(-self.request_capacity_bytes // (self.packet_max_bytes - FRAGMENT_HEAD_BYTES))
         if fragments > MOST_FRAGMENTS:
             raise UsageError(
-                f"an audit request of {self.request_capacity_bytes} bytes takes {fragments} frames",
-                f"at most {MOST_FRAGMENTS}: a shorter t_val, a smaller n_max or longer frames",
+                f"an audit request of {self.request_capacity_bytes} bytes takes {fragments} packets",
+                f"at most {MOST_FRAGMENTS}: a shorter t_val, a smaller n_max or longer packets",
             )
         # Evidence is kept while the log is less than half full: the rest is for what comes without being asked.
         if self.evidence_max_bytes and self.evidence_bytes_per_s < self._entries_bytes_per_s + self._liars_bytes_per_s:
@@ -142,8 +142,8 @@ class BtiConfig:
     def log_capacity_bytes(self) -> int:
         """Bytes of log that a robot keeps: it is in Safe Mode before honest work fills them.
 
-        A liar may have its neighbours log more than its share: its a-node limits the airtime of what it sends to four
-        states' each state period, and one long frame takes no more than four short ones.
+        A compromised robot may have its neighbours log more than its share: its a-node limits the airtime of what it
+        sends to four states' each state period, and one long packet takes no more than four short ones.
         """
         return math.ceil(1.3 * (self.t_val_ms / 1000) * (self.log_bytes_per_s + self._liars_bytes_per_s)) + 1024
 

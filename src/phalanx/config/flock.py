@@ -1,4 +1,4 @@
-"""What a mission says of a flock (the paper's Table 3), and of robots that visitors drive."""
+"""Parameters of a flock (the paper's Table 3), and of robots that visitors drive."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class FlockConfig:
         4.0,
         0.0,
         NO_CROWD,
-        "all neighbours together push no harder than so many do, each at its hardest (`bound`;"
+        "all neighbours together push no harder than so many do, each at its hardest (`hardened`;"
         " less if T_val is above 10 s)",
     )
     limit_mps2: float = within(5.0, 0.0, 1e3, "largest acceleration along each axis")
@@ -99,8 +99,8 @@ class WheelsConfig:
     good_ms: int = within(300, 1, 60_000)  # a joystick's word is obeyed for so long, then the wheels stop
     state_every: int = within(6, 1, 1000)  # broadcast at each so manieth control step
     mission: int = within(1, 1, 2**32 - 1)  # its number, as the mission key has it: orders of another are not obeyed
-    # Signatures looked at from one reading to the next: true ones are one or two. Of false ones a liar's a-node lets
-    # out two at once, and then not two a second (`bound`).
+    # Signatures looked at from one reading to the next: true ones are one or two. Of false ones a compromised robot's
+    # a-node lets out two at once, and then not two a second (`hardened`).
     looks: int = within(16, 1, 255)
     gateway_key: bytes = b""  # Ed25519, public: who may give orders; empty for nobody
     operator_key: bytes = b""  # the same

@@ -103,7 +103,7 @@ def _sides(polygon: Polygon) -> list[tuple[Point, Point]]:
 
 
 def _inside(point: Point, polygon: Polygon) -> bool:
-    """Whether a line from the point to the right crosses an odd number of sides."""
+    """Return whether a line from the point to the right crosses an odd number of sides."""
     x, y = point
     odd = False
     for (ax, ay), (bx, by) in _sides(polygon):

@@ -76,7 +76,7 @@ class LidarConfig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExtractionConfig:
-    """What counts as a wall, a corner and a doorway in a scan.
+    """Thresholds that decide what counts as a wall, a corner and a doorway in a scan.
 
     Raises: UsageError: a value is out of range.
     Source: Encoded graphs §V-A (1.2 m, 2.5 m); the rest: measured, docs/adr/0019.

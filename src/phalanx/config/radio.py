@@ -21,7 +21,7 @@ HE_SYMBOL_US = 12.8
 class RadioConfig:
     """Parameters of 802.11ax without an access point; the defaults are RoboRebound's, as ns-3 plays them.
 
-    Reception is a disc: `range_m` follows from the path loss and the sensitivity. At MCS 3 the weakest frame that is
+    Reception is a disc: `range_m` follows from the path loss and the sensitivity. At MCS 3 the weakest packet that is
     detected at all still has 12 dB of SNR; whoever sets a faster MCS sets the sensitivity to match it.
 
     Raises: UsageError: a value is out of range.
@@ -43,13 +43,13 @@ class RadioConfig:
         4.0, 0, 300, "how much stronger than all that overlaps it a broadcast must be to survive"
     )
     data_capture_db: float = within(
-        12.0, 0, 300, "the same for unicast frames and acknowledgements. 300 for both: every overlap loses both"
+        12.0, 0, 300, "the same for unicast packets and acknowledgements. 300 for both: every overlap loses both"
     )
-    tries: int = within(7, 1, 255, "transmissions of a unicast frame before it is given up")
+    tries: int = within(7, 1, 255, "transmissions of a unicast packet before it is given up")
     loss: float = within(
         0.0, 0.0, 0.9, "share of receptions, acknowledgements too, that fail by chance, each robot's own"
     )
-    long_bytes: int = within(2048, 64, 8192, "longest frame; each robot's NIC holds one of more than 64 bytes")
+    long_bytes: int = within(2048, 64, 8192, "longest packet; each robot's NIC holds one of more than 64 bytes")
 
     def __post_init__(self) -> None:
         check_limits(self)

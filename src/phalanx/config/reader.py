@@ -47,14 +47,14 @@ class Reader:
         self._outermost: Keys = {}
 
     def root(self, kind: Any, data: bytes, name: str) -> Any:
-        """What the whole file says as a `kind`. Raises: UsageError: it does not."""
+        """Parse the whole file as a `kind`. Raises: UsageError: it does not parse."""
         node, self._outermost = compose(data, self._source, self._hint), keys_of(kind, self._derived)
         if node is None:
             raise UsageError(f"{self._source}: empty", f"allowed: {', '.join(keys_of(kind, self._derived))}")
         return self.read(kind, node, name)
 
     def read(self, kind: Any, node: yaml.Node, name: str) -> Any:
-        """What `node` says as a value of type `kind`; `name` is what people call it."""
+        """Parse `node` as a value of type `kind`; error messages call it `name`."""
         origin, arguments = get_origin(kind), get_args(kind)
         if origin in (typing.Union, types.UnionType):
             return self._read_union(arguments, node, name)
@@ -153,7 +153,7 @@ class Reader:
 def _culprit(
     fields: Keys, kind: Any, values: dict[str, Any], pairs: dict[str, tuple[yaml.Node, yaml.Node]], complaint: str
 ) -> yaml.Node | None:
-    """What a complaint about a whole record is about; None if that cannot be told."""
+    """Find the node that an error about a whole record concerns; None if unknown."""
 
     def still(said: dict[str, Any]) -> bool:
         try:
@@ -235,7 +235,7 @@ def schema_of(kind: Any, derived: Derived = NOTHING_DERIVED) -> dict[str, Any]:
 
 
 def as_written(said: Any, derived: Derived = NOTHING_DERIVED) -> Any:
-    """What a file says that is read as this: dicts, lists, words and numbers; what is as by default is left out."""
+    """Return the YAML-ready form of a value: dicts, lists, words and numbers, without defaults."""
     if dataclasses.is_dataclass(said):
         values = {key: (getattr(said, key), field) for key, field in keys_of(type(said), derived).items()}
         told = {key: value for key, (value, field) in values.items() if value != field.default}

@@ -12,7 +12,7 @@ Assign = Literal["free", "one-each", "tickets"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionConfig:
-    """What both ends keep to, and what a server admits.
+    """Limits that both ends of a session keep, and limits of what a server admits.
 
     Raises: UsageError: a value is not positive.
     """

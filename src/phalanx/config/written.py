@@ -1,4 +1,4 @@
-"""What people write: a file's bytes; and of YAML what it is made of, its words, and the line of each.
+"""Read files that people write: bytes, YAML nodes, keys, and the line of each.
 
 Whatever the bytes are, the answer is nodes or words, or a `UsageError` with file and line.
 """
@@ -55,7 +55,7 @@ def file_meant(path: Path, hint: str) -> str:
 
 
 def compose(data: bytes, source: str, hint: str) -> yaml.Node | None:
-    """What a file is made of; None of an empty one. Raises: UsageError: it is not YAML."""
+    """Parse a file into YAML nodes; None for an empty file. Raises: UsageError: it is not YAML."""
     with _yaml(data, source, hint):
         text, depth = data.decode(), 0
         for event in yaml.parse(text, _Loader):
@@ -76,7 +76,7 @@ def words_of(node: yaml.Node | None, data: bytes, source: str, hint: str) -> Any
 
 
 def line_of(node: yaml.Node) -> int:
-    """Where it begins, from 1."""
+    """Return the line on which a node begins, from 1."""
     return int(node.start_mark.line) + 1
 
 

@@ -128,7 +128,7 @@ class Targets:
         self.rows: NDArray[np.uint64] = np.ascontiguousarray(rows[self._order])
 
     def place(self, row: int) -> int:
-        """Where in the list the digest of a sorted row stood."""
+        """Return the position in the list of a sorted row's digest."""
         return int(self._order[row])
 
 

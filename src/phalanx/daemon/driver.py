@@ -22,13 +22,13 @@ from phalanx.robot.controllers.python_controller import OwnMistake
 from phalanx.robot.planner import Planner
 from phalanx.scenarios.own import find_class
 from phalanx.wire.record import FLOATS, LARGEST_NUMBER, Record
-from phalanx.wire.table import FRAME_MAX
+from phalanx.wire.table import PACKET_MAX
 
 from .driver_thread import DriverThread
 from .settings import RobotSettings
 
 TIMEOUT_S = 1.0
-PACKET_BYTES = FRAME_MAX  # more than a reading or a command
+PACKET_BYTES = PACKET_MAX  # more than a reading or a command
 READY, GO = b"ready", b"go"
 
 
@@ -125,7 +125,7 @@ class OwnDriver(Hardware):
             said = await self._thread.ask("sense", self._driver.sense, within_s)
         except OSError as error:  # a bus or a line was disturbed, or the time is over
             raise NoReading(str(error) or type(error).__name__) from error
-        if isinstance(said, bytes) and 0 < len(said) <= FRAME_MAX:
+        if isinstance(said, bytes) and 0 < len(said) <= PACKET_MAX:
             return said
         try:
             fields = dict(cast("Mapping[str, float]", said))
@@ -135,7 +135,7 @@ class OwnDriver(Hardware):
             return self._reads.encode(id=self._driver.rob_id, t=now_ms, **fields)
         except (TypeError, ValueError, KeyError, ArithmeticError, UsageError) as error:
             names = ", ".join(each.name for each in self._reads.fields if each.name not in ("id", "t"))
-            hint = f"{names}: numbers; or 1 to {FRAME_MAX} bytes"
+            hint = f"{names}: numbers; or 1 to {PACKET_MAX} bytes"
             raise OwnMistake(f"sense returned {reprlib.repr(said)}", hint, self._driver, "sense") from error
 
     def drive(self, command: bytes) -> None:

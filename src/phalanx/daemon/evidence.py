@@ -56,7 +56,7 @@ ENTRY_SCHEMA = {
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """What a robot logged in a mission, from the mission key on."""
+    """One robot's kept log of a mission, from the mission key on."""
 
     robot: int
     mission: int
@@ -70,7 +70,7 @@ class Kept:
         return b"".join(self.raw[each.at : each.end] for each in self.entries())
 
     def first_lie(self, controller: Callable[[int], Controller] | None = None) -> Finding | None:
-        """Where it stops being an honest robot's log; None if it does not.
+        """Find the first entry that an honest robot would not have logged; None if there is none.
 
         `controller` makes a researcher's own, if that is what the robot ran. Source: RoboRebound §3.7.
         """

@@ -73,10 +73,10 @@ class FarPlanner:
         self._send(reading)
         return newest
 
-    def overheard(self, frame: bytes) -> None:
+    def overheard(self, packet: bytes) -> None:
         """The planner is sent a broadcast, if it is one of where a robot is."""
-        if len(frame) == STATE.size and frame[0] == KIND_STATE:
-            self._send(frame)
+        if len(packet) == STATE.size and packet[0] == KIND_STATE:
+            self._send(packet)
 
     def close(self) -> None:
         """Nobody is asked any more."""
@@ -85,7 +85,7 @@ class FarPlanner:
         self._socket = None
 
     def _is_advice(self, packet: bytes) -> bool:
-        """Whether it is advice for this robot: what is not, is not even logged."""
+        """Return whether it is advice for this robot: what is not, is not even logged."""
         if self._key is None:
             return len(packet) == guarded.WISH.size and packet[0] == guarded.KIND_WISH
         if len(packet) != guarded.SIGNED_BYTES or packet[0] != guarded.KIND_SIGNED_WISH:
@@ -155,5 +155,5 @@ def check_adviser(scenario: Scenario, *, is_far: bool) -> None:
 
 
 def is_far(words: str) -> bool:
-    """Whether the planner of that name is another process."""
+    """Return whether the planner of that name is another process."""
     return words.partition(":")[0] in PLANNERS

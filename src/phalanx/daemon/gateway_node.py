@@ -1,7 +1,7 @@
 """Trusted nodes of a gateway's own: they seal what it says to robots, and check the tokens that it hears.
 
 They are a robot's nodes, under a number of their own among the mission's keys, with limits that stop nobody: no robot
-audits a gateway. Whoever has them can seal frames and vouch, as any one robot can. Source: docs/adr/0034.
+audits a gateway. Whoever has them can seal packets and vouch, as any one robot can. Source: docs/adr/0034.
 """
 
 from __future__ import annotations
@@ -73,16 +73,16 @@ class GatewayNode:
 
     def _begin(self, settings: RobotSettings, scenario: Scenario) -> None:
         sealed = read_mission_key(settings.path(settings.said.key), settings.said.robot)
-        if self._node.about.seq == sealed.seq and self._node.ask(lines.SEND, frame=WHAT_TIME)[0] > 0:
+        if self._node.about.seq == sealed.seq and self._node.ask(lines.SEND, packet=WHAT_TIME)[0] > 0:
             return  # a board that kept its power: the gateway alone was started again
         start(self._node, give_keys(self._node, settings, gateway_limits(scenario)))
         self._reserve(self._reserved_ms)
 
-    def seal(self, frame: bytes) -> bytes:
-        """The frame as it goes out; b"" if it is too much at once. Raises: Unavailable: they are gone, or refuse."""
+    def seal(self, packet: bytes) -> bytes:
+        """The packet as it goes out; b"" if it is too much at once. Raises: Unavailable: they are gone, or refuse."""
         if not self._is_sealed:
-            return frame
-        code, result = self._node.ask(lines.SEND, frame=frame)
+            return packet
+        code, result = self._node.ask(lines.SEND, packet=packet)
         if code == E_AIRTIME:
             return b""
         if code < 0:
@@ -91,38 +91,38 @@ class GatewayNode:
         return result[ENTRY_HEADER_BYTES:]
 
     def open(self, raw: bytes) -> bytes:
-        """The frame in what came; b"" if robots' nodes would not take it. Raises: Unavailable: ours are gone."""
+        """The packet in what came; b"" if robots' nodes would not take it. Raises: Unavailable: ours are gone."""
         if not self._is_sealed:
             return raw
-        if len(raw) <= SEAL.size or self._node.ask(lines.RECV, frame=raw)[0] < 0:
+        if len(raw) <= SEAL.size or self._node.ask(lines.RECV, packet=raw)[0] < 0:
             return b""
         return raw[: -SEAL.size]
 
-    def hear_fragment(self, frame: bytes) -> None:
+    def hear_fragment(self, packet: bytes) -> None:
         """A piece of a request: its first one says which checkpoint tokens will be for."""
         with contextlib.suppress(PeerError):
-            said = AUDIT_FRAGMENT.decode(frame)
+            said = AUDIT_FRAGMENT.decode(packet)
             hckpt = said["bytes"][AT_HCKPT : AT_HCKPT + HASH_BYTES]
             if said["index"] == 0 and len(hckpt) == HASH_BYTES and hckpt not in self._claims[said["src"]]:
                 self._claims[said["src"]].append(hckpt)
 
-    def is_token(self, tor: int, tee: int, t: int, mac: bytes) -> bool:
-        """Whether tor's nodes made this, for a checkpoint that tee was heard to show."""
+    def is_token(self, auditor: int, auditee: int, t: int, mac: bytes) -> bool:
+        """Return whether the auditor's nodes made this token, for a checkpoint that the auditee showed."""
         return any(
-            self._node.ask(lines.CHECK_TOKEN, tor=tor, tee=tee, t=t, hckpt=hckpt, mac=mac)[0] >= 0
-            for hckpt in reversed(self._claims[tee])
+            self._node.ask(lines.CHECK_TOKEN, auditor=auditor, auditee=auditee, t=t, hckpt=hckpt, mac=mac)[0] >= 0
+            for hckpt in reversed(self._claims[auditee])
         )
 
-    def age_s(self, tee: int, t: int, now_s: float) -> float:
+    def age_s(self, auditee: int, t: int, now_s: float) -> float:
         """How old a true token is that a robot asked for at `t` of its clock.
 
         That clock is where the least `now - t` of all true tokens for it says; of the same time a part in DRIFT more.
         """
         behind_s = now_s - t / 1000
-        least_s, since_s = self._least_s.get(tee, (behind_s, now_s))
+        least_s, since_s = self._least_s.get(auditee, (behind_s, now_s))
         age_s = behind_s - least_s - (now_s - since_s) / DRIFT
         if age_s <= 0:
-            self._least_s[tee] = behind_s, now_s
+            self._least_s[auditee] = behind_s, now_s
         return max(0.0, age_s)
 
     def _reserve(self, now_ms: int) -> None:
@@ -136,7 +136,7 @@ class GatewayNode:
 
 
 def gateway_limits(scenario: Scenario) -> Limits:
-    """What a gateway's nodes are made with."""
+    """Return the limits with which a gateway's nodes are made."""
     limits = limits_of(scenario.bti, scenario.radio)
     return replace(limits, t_val_ms=T_VAL_MS, send_us_per_s=ALL_US, send_capacity_us=ALL_US)
 

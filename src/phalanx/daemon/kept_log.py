@@ -65,7 +65,7 @@ class KeptLog:
             self._end(error.strerror)
 
     def keep(self, fleet: Fleet) -> None:
-        """What is new in the only robot's log; called after each event: one lengthens or shortens it, not both.
+        """Append new entries of the robot's log. Call it after each event, which lengthens or shortens the log.
 
         Where an audit was asked for, what the trusted nodes said for it stands too: who has the mission key checks it.
         """
@@ -77,7 +77,9 @@ class KeptLog:
                 shown = fleet.request.rows[0]  # the only one; whole, though it may have been said and given back
                 begin = min(length, max(begin, int(get_u32(shown, request.AT_SEGMENT_LEN))))
                 head = shown[: request.HEAD_BYTES].tobytes()
-                self._write(logged(fleet, 0, self._seen, begin) + PROOF.encode(tor=int(robot.request_to), head=head))
+                self._write(
+                    logged(fleet, 0, self._seen, begin) + PROOF.encode(auditor=int(robot.request_to), head=head)
+                )
             self._write(logged(fleet, 0, begin, length))
         self._seen, self._asked = length, asked
 

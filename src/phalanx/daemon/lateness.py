@@ -23,7 +23,7 @@ NS_PER_MS = 1e6
 
 
 class Moment(NamedTuple):
-    """What had passed by then, ms but for pages."""
+    """Counters at one moment: milliseconds, and pages."""
 
     wall: float
     computed: float
@@ -50,7 +50,7 @@ class Lateness:
         self._before, self._last = self._last, self._look(asked_ms)
 
     def why(self) -> str:
-        """What passed between the last two turns, in words."""
+        """Explain the delay between the last two turns, in words."""
         wall, computed, ready, collected, asked, pages = (b - a for a, b in zip(self._before, self._last, strict=True))
         # Who waits for an answer may wait for a processor meanwhile.
         rest = max(0.0, wall - self._meant - computed - max(ready, asked))

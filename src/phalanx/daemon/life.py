@@ -20,7 +20,7 @@ from typing import TypeVar
 import numpy as np
 
 from phalanx.bti import elsewhere, request
-from phalanx.bti.fleet import BOUND, make_fleet
+from phalanx.bti.fleet import HARDENED, make_fleet
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.work import make_work
 from phalanx.errors import UsageError
@@ -88,8 +88,8 @@ class Life:
         controller: MakeController | None = None,
         mission: int = 1,
     ) -> None:
-        if scenario.defence != "bound":
-            raise UsageError(f"defence is {scenario.defence}", "bound: no other has boards")
+        if scenario.defence != "hardened":
+            raise UsageError(f"defence is {scenario.defence}", "hardened: no other has boards")
         if rob_id > scenario.robots:
             raise UsageError(f"robot {rob_id} is not in the mission", f"robots are 1 to {scenario.robots}")
         self.scenario, self.id, self.mission = scenario, rob_id, mission
@@ -100,7 +100,7 @@ class Life:
             1,
             scenario.bti,
             params_of(scenario, mission),
-            profile=BOUND,
+            profile=HARDENED,
             controller=number_of(scenario, controller),
             mission_seed=scenario.seed,
             snode=self._rows,
@@ -116,13 +116,13 @@ class Life:
         self._planner: Planner | None = make(rob_id, scenario.goal_m) if make and not self.far else None
         self.attack: AttackSpec | None = next((x for x in scenario.drawn_attacks() if x.robot == rob_id), None)
         if self.attack:
-            self.attack.attack.kind.before_key(rob_id, BOUND, self._rows[0], scenario.bti.f_max)
+            self.attack.attack.kind.before_key(rob_id, HARDENED, self._rows[0], scenario.bti.f_max)
         self._advised = self.waits_for_advice = False
         self._lateness, self.why_late = Lateness(), ""
         self._came = asyncio.Event()
         self._cpu_s = self.began_s = 0.0
         self.began_ms = self.memory_began_kb = 0
-        self.longest_ms = {"late": 0.0, "reading": 0.0, "frame": 0.0, "audit": 0.0, "check": 0.0}
+        self.longest_ms = {"late": 0.0, "reading": 0.0, "packet": 0.0, "audit": 0.0, "check": 0.0}
         self.why_stopped = self.why_ended = ""
         self.no_reading: tuple[int, str] | None = None
         self.given: dict[int, tuple[int, int]] = {}
@@ -205,11 +205,11 @@ class Life:
             what, done = "audit", runtime.on_wake(now_ms)
         elif runtime.audit_ms <= now_ms:
             what, done = "audit", runtime.on_audit(now_ms)
-        elif frame := self.radio.take():
+        elif packet := self.radio.take():
             taken = self.clock.taken
-            what, done = "frame", runtime.on_packet(now_ms, frame)
+            what, done = "packet", runtime.on_packet(now_ms, packet)
             if self.clock.taken > taken:  # the a-node accepted the packet
-                self._overhear(now_ms, frame)
+                self._overhear(now_ms, packet)
         else:
             wait_ms = min(reads_ms, runtime.due_ms) - now_ms
             self._lateness.did("waiting", wait_ms)
@@ -249,11 +249,11 @@ class Life:
             log.warning("robot %d stands: no reading: %s", self.id, why)
         self.no_reading = (self.no_reading[0] if self.no_reading else now_ms), why
 
-    def _overhear(self, now_ms: int, frame: bytes) -> None:
+    def _overhear(self, now_ms: int, packet: bytes) -> None:
         if self.far:
-            self.far.overheard(frame)
+            self.far.overheard(packet)
         elif self._planner:
-            overheard(self._planner, now_ms, frame)
+            overheard(self._planner, now_ms, packet)
 
     def _perform(self, todo: list[Done]) -> None:
         assert self.runtime

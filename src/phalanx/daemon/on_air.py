@@ -40,22 +40,22 @@ class HostileRadio:
         """See `Radio`."""
         return self._radio.refused
 
-    def send(self, frame: bytes) -> None:
+    def send(self, packet: bytes) -> None:
         """See `Radio`."""
         lies = self._lies
         if lies and self._attack.name == "hold":
-            self._later(HELD_S, frame)
+            self._later(HELD_S, packet)
             return
-        self._radio.send(frame)
+        self._radio.send(packet)
         if lies:
-            self._more(frame)
+            self._more(packet)
 
     def take(self) -> bytes:
         """See `Radio`."""
-        lies, frame = self._lies, self._radio.take()
-        if frame and lies and self._attack.name == "replay":
-            self._more(frame)
-        return frame
+        lies, packet = self._lies, self._radio.take()
+        if packet and lies and self._attack.name == "replay":
+            self._more(packet)
+        return packet
 
     def fileno(self) -> int:
         """See `Radio`."""
@@ -67,24 +67,24 @@ class HostileRadio:
         self._began_s = self._began_s or now_s
         return (now_s - self._began_s) * self._speed >= self._attack.at_s
 
-    def _later(self, after_s: float, frame: bytes) -> None:
-        asyncio.get_running_loop().call_later(after_s / self._speed, self._radio.send, frame)
+    def _later(self, after_s: float, packet: bytes) -> None:
+        asyncio.get_running_loop().call_later(after_s / self._speed, self._radio.send, packet)
 
-    def _more(self, frame: bytes) -> None:
+    def _more(self, packet: bytes) -> None:
         if self._attack.name == "replay":
             for each_s in AGAIN_S:
-                self._later(each_s, frame)
+                self._later(each_s, packet)
         elif self._attack.name == "past":
-            for each in forgeries(frame):
+            for each in forgeries(packet):
                 self._radio.send(each)
 
 
-def forgeries(frame: bytes) -> list[bytes]:
-    """What a c-node can make of a sealed frame: without its seal, altered, as if another had said it, longer."""
-    altered, named = bytearray(frame), bytearray(frame)
+def forgeries(packet: bytes) -> list[bytes]:
+    """Return forgeries of a sealed packet: without its seal, altered, with another sender, too long."""
+    altered, named = bytearray(packet), bytearray(packet)
     altered[-SEAL.size - 1] ^= 1
     named[AT_ID] ^= 3
-    return [frame[: -SEAL.size], bytes(altered), bytes(named), frame + frame[-SEAL.size :]]
+    return [packet[: -SEAL.size], bytes(altered), bytes(named), packet + packet[-SEAL.size :]]
 
 
 # To speak past the a-node, to repeat what was heard and said, to be late, and to have another mission's key.

@@ -1,4 +1,4 @@
-"""What a robot's trusted nodes said of its kept log, checked by whoever has the mission key.
+"""Check a kept log against the MACs of the robot's trusted nodes; needs the mission key.
 
 A kept log has, after each request for an audit, what the request began with: the tops of both chains, which hold all
 that the nodes ever let through, and the nodes' MACs over them. Who has the owner's keys re-hashes the log and compares:
@@ -62,7 +62,7 @@ class Proven:
 
     @property
     def holds(self) -> bool:
-        """Whether anything is proven, and nothing disproved."""
+        """Return whether anything is proven, and nothing disproved."""
         return self.entries > 0 and self.false_at is None
 
 
@@ -109,7 +109,7 @@ def proven(kept: Kept, mission_key: bytes) -> Proven:
         if each.kind == PROOF.tag:
             said = PROOF.decode(raw)
             head = dict(zip(HEAD, REQUEST.form.unpack(said["head"]), strict=True))
-            if held[0] or held[1] or not _is_true(mission_key, kept.robot, tops, said["tor"], head):
+            if held[0] or held[1] or not _is_true(mission_key, kept.robot, tops, said["auditor"], head):
                 return Proven(entries, t_ms, count)
             entries, t_ms = count, int(head["t"])
             continue
@@ -124,16 +124,16 @@ def proven(kept: Kept, mission_key: bytes) -> Proven:
     return Proven(entries, t_ms, None)
 
 
-def _is_true(key: bytes, robot: int, tops: list[bytes], tor: int, head: dict[str, Any]) -> bool:
-    """Whether both nodes made MACs over these tops, the s-node's for the a-node's request."""
-    asked = mac_of(key, TREQ.encode(t=head["t"], tee=robot, tor=tor, thash_a=tops[1]))
+def _is_true(key: bytes, robot: int, tops: list[bytes], auditor: int, head: dict[str, Any]) -> bool:
+    """Return whether both nodes made MACs over these tops, the s-node's for the a-node's request."""
+    asked = mac_of(key, TREQ.encode(t=head["t"], auditee=robot, auditor=auditor, thash_a=tops[1]))
     shown = mac_of(key, AUTH_S.encode(thash=tops[0], id=robot, nonce=asked))
     return hmac.compare_digest(asked, head["treq_mac"]) and hmac.compare_digest(shown, head["auth_s_mac"])
 
 
 @dataclass(slots=True)
 class Signed:
-    """What one signer said in a log, each thing once; times are seconds since the mission key."""
+    """Messages of one signer in a log, each once; times are seconds since the mission key."""
 
     signer: str
     key: str  # public, hexadecimal; "" for nobody's
@@ -143,7 +143,7 @@ class Signed:
 
 
 def signed_in(kept: Kept) -> list[Signed]:
-    """Who said what the robot was told, in the order in which they are first heard; NOBODY for what is forged."""
+    """Group the signed messages in a log by signer, in order of first receipt; NOBODY for forged ones."""
     found: dict[str, Signed] = {}
     seen: set[bytes] = set()
     for t_ms, said, keys in _told(kept):

@@ -1,4 +1,4 @@
-"""A sealed radio between a c-node and its sealed a-node: kernels know plain frames, the a-node and the air sealed ones.
+"""A sealed radio between a c-node and its sealed a-node: kernels see plain packets, the a-node and the air sealed ones.
 
 Nothing here is trusted: the a-node makes the seals and looks at them. Source: docs/spec/sealed-radio.md.
 """
@@ -16,20 +16,20 @@ from phalanx.errors import UsageError
 from phalanx.net.udp_radio import Allowance, Radio
 from phalanx.scenarios.scenario import WHEELS, Scenario
 from phalanx.wire import Record, lines
-from phalanx.wire.table import ENTRY_HEADER_BYTES, FRAME_MAX, SEAL
+from phalanx.wire.table import ENTRY_HEADER_BYTES, PACKET_MAX, SEAL
 
 LEAST_PER_S = 50.0  # a gateway speaks by its own pace, not by an a-node's buckets
-WAITING = 256  # frames that go out whose seals are kept until they are asked for
+WAITING = 256  # packets that go out whose seals are kept until they are asked for
 SENDERS = 64  # that an a-node remembers: PHX_SOURCES in firmware/include/phx_seal.h
 
 
 def with_room_for_seals(scenario: Scenario) -> Scenario:
-    """The scenario with frames that a seal fits behind. Raises: UsageError: more neighbours than a-nodes remember."""
+    """The scenario with packets that a seal fits behind. Raises: UsageError: more neighbours than a-nodes remember."""
     most = SENDERS - (scenario.controller == WHEELS)  # one more seals: the gateway
     if scenario.bti.n_max > most:
         raise UsageError(f"n_max is {scenario.bti.n_max}, on a sealed radio", f"at most {most} neighbours")
-    most = min(scenario.bti.frame_max_bytes, FRAME_MAX - SEAL.size)
-    return replace(scenario, bti=replace(scenario.bti, frame_max_bytes=most))
+    most = min(scenario.bti.packet_max_bytes, PACKET_MAX - SEAL.size)
+    return replace(scenario, bti=replace(scenario.bti, packet_max_bytes=most))
 
 
 class SealedAir:
@@ -37,8 +37,8 @@ class SealedAir:
 
     def __init__(self, node: Elsewhere, radio: Radio) -> None:
         self._node, self._radio = node, radio
-        self._going: deque[tuple[bytes, bytes]] = deque(maxlen=WAITING)  # frame, seal
-        self._came = b"", b""  # the frame that was taken last, and its seal
+        self._going: deque[tuple[bytes, bytes]] = deque(maxlen=WAITING)  # packet, seal
+        self._came = b"", b""  # the packet that was taken last, and its seal
         self._refused: Counter[str] = Counter()
 
     @property
@@ -47,10 +47,10 @@ class SealedAir:
         return {**self._radio.refused, **self._refused}
 
     def ask(self, call: Record, now_ms: int | None = None, **arguments: Any) -> tuple[int, bytes]:
-        """See `Elsewhere`: frames without seals, in and out."""
+        """See `Elsewhere`: packets without seals, in and out."""
         if call is lines.RECV:
-            frame, (came, seal) = arguments["frame"], self._came
-            code, result = self._node.ask(call, now_ms, frame=frame + seal if frame == came else frame)
+            packet, (came, seal) = arguments["packet"], self._came
+            code, result = self._node.ask(call, now_ms, packet=packet + seal if packet == came else packet)
             if code < 0:
                 self._refused[REASONS[code]] += 1
             return code, result
@@ -61,9 +61,9 @@ class SealedAir:
         self._going.append((entry[ENTRY_HEADER_BYTES:], seal))
         return code - SEAL.size, entry
 
-    def send(self, frame: bytes) -> None:
+    def send(self, packet: bytes) -> None:
         """See `Radio`; with the seal that the a-node made for it."""
-        self._radio.send(frame + _seal(self._going, frame))
+        self._radio.send(packet + _seal(self._going, packet))
 
     def take(self) -> bytes:
         """See `Radio`: without its seal, which is kept until the a-node is asked."""
@@ -79,10 +79,10 @@ class SealedAir:
         return self._radio.fileno()
 
 
-def _seal(waiting: deque[tuple[bytes, bytes]], frame: bytes) -> bytes:
-    """The first seal that waits for this frame; none before it waits any longer. b"" for a frame that has none."""
+def _seal(waiting: deque[tuple[bytes, bytes]], packet: bytes) -> bytes:
+    """The first seal that waits for this packet; none before it waits any longer. b"" for a packet that has none."""
     for n, (each, seal) in enumerate(waiting):
-        if each == frame:
+        if each == packet:
             for _ in range(n + 1):
                 waiting.popleft()
             return seal
@@ -98,12 +98,12 @@ def may_say(scenario: Scenario, peers: int, *, sealed: bool = False) -> Allowanc
     limits = limits_of(scenario.bti, scenario.radio)
     behind = max(1, -(-(scenario.robots - 1) // max(1, peers)))
     # Twice: the network may say again what it carried.
-    frames_per_s = 2 * (limits.send_us_per_s + limits.audit_us_per_s) / limits.airtime_fixed_us
-    frames_per_s = behind * max(LEAST_PER_S, frames_per_s)
+    packets_per_s = 2 * (limits.send_us_per_s + limits.audit_us_per_s) / limits.airtime_fixed_us
+    packets_per_s = behind * max(LEAST_PER_S, packets_per_s)
     if sealed or scenario.controller == WHEELS:
-        return Allowance(frames_per_s)
+        return Allowance(packets_per_s)
     return Allowance(
-        frames_per_s,
+        packets_per_s,
         behind * limits.send_us_per_s,
         behind * limits.send_capacity_us,
         limits.airtime_fixed_us,

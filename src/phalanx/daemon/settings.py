@@ -1,4 +1,4 @@
-"""What one robot's file says: who it is, its mission, and where its trusted nodes, radio, sensors and motors are."""
+"""Settings file of one robot: its id, its mission, and where its trusted nodes, radio, sensors and motors are."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ DRIVERS = "python:FILE.py:CLASS, arena:FOLDER, dotbot://HOST:PORT/ADDRESS, or ro
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RadioFile:
-    """Where it speaks and listens. Raises: UsageError: to nobody."""
+    """Addresses where the radio sends and listens. Raises: UsageError: there is no peer."""
 
     here: str = field(metadata=told("where this robot listens, ADDRESS:PORT"))
     peers: tuple[str, ...] = field(metadata=told("the others' ADDRESS:PORT; from nobody else it hears anything"))
-    frames: Literal["plain", "sealed"] = field(
+    packets: Literal["plain", "sealed"] = field(
         default="plain", metadata=told("sealed: each carries its a-node's seal; the same for all robots")
     )
     group: str = field(default="", metadata=told("a multicast group to speak to, ADDRESS:PORT, instead of each peer"))
@@ -38,8 +38,8 @@ class RadioFile:
 
     @property
     def sealed(self) -> bool:
-        """Whether frames carry seals."""
-        return self.frames == "sealed"
+        """Return whether packets carry seals."""
+        return self.packets == "sealed"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,12 +96,12 @@ class RobotSettings:
 
     @property
     def state_file(self) -> Path:
-        """What it tells of its state, as JSON."""
+        """Return the path of the robot's state file, JSON."""
         return self.path(self.said.folder) / f"robot-{self.said.robot}.json"
 
     @property
     def log_file(self) -> Path:
-        """What was ever in its log."""
+        """Return the path of the robot's kept log."""
         return self.path(self.said.folder) / f"robot-{self.said.robot}.log"
 
 

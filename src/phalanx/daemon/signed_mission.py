@@ -20,7 +20,7 @@ from phalanx.errors import UsageError
 from phalanx.net.mission_key import MOST_BYTES
 from phalanx.scenarios.file import written_scenario
 from phalanx.scenarios.scenario import Scenario
-from phalanx.wire.table import FRAME_MAX, SEAL
+from phalanx.wire.table import PACKET_MAX, SEAL
 
 # The key signs encoded missions too, behind a context of their own.
 CONTEXT = b"phalanx swarm mission 1\x00"
@@ -49,7 +49,7 @@ class SignedMission:
         return asdict(self)
 
     def is_of(self, scenario: Scenario, number: int) -> bool:
-        """Whether it is the mission of that number, and was signed by whom it names; not whether he is the owner."""
+        """Return whether it has that mission number and its named signer's signature; not whether he is the owner."""
         if self.number != number or self.digest != digest_of(scenario):
             return False
         try:
@@ -62,8 +62,8 @@ class SignedMission:
 
 def digest_of(scenario: Scenario) -> str:
     """SHA-256 of what robots of a mission have in common, in hexadecimal; the same with a sealed radio and without."""
-    frame_max = min(scenario.bti.frame_max_bytes, FRAME_MAX - SEAL.size)
-    common = replace(scenario, name="", attacks=(), bti=replace(scenario.bti, frame_max_bytes=frame_max))
+    packet_max = min(scenario.bti.packet_max_bytes, PACKET_MAX - SEAL.size)
+    common = replace(scenario, name="", attacks=(), bti=replace(scenario.bti, packet_max_bytes=packet_max))
     return hashlib.sha256(json.dumps(written_scenario(common), sort_keys=True).encode()).hexdigest()
 
 

@@ -1,4 +1,4 @@
-"""What a robot tells of itself: a file of JSON for its owner alone, new each second, whole at any time."""
+"""Publish a robot's state: a JSON file for its owner alone, replaced whole each second."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ OLD_S = 5.0
 
 
 def state_of(life: Life) -> dict[str, Any]:
-    """What `phalanx robot status --json` prints."""
+    """Return the state that `phalanx robot status --json` prints."""
     robot = life.fleet.robot[0]
     runtime = life.runtime
     assert runtime
@@ -42,16 +42,16 @@ def state_of(life: Life) -> dict[str, Any]:
         "why_ended": life.why_ended,
         "no_reading": life.no_reading and {"for_s": (now_ms - life.no_reading[0]) / 1000, "why": life.no_reading[1]},
         "tokens": [
-            {"auditor": tor, "age_s": t_val_s - left_s, "left_s": left_s}
-            for tor, left_s in sorted(vouchers(life.fleet, 0, now_ms))
+            {"auditor": auditor, "age_s": t_val_s - left_s, "left_s": left_s}
+            for auditor, left_s in sorted(vouchers(life.fleet, 0, now_ms))
         ],
         "tokens_needed": life.scenario.bti.tokens_needed,
         "tokens_got": int(robot.tokens_got),
         "requests_sent": int(robot.requests_sent),
-        "given": [{"auditee": tee, **_ended(each, now_ms)} for tee, each in life.given.items()],
+        "given": [{"auditee": auditee, **_ended(each, now_ms)} for auditee, each in life.given.items()],
         "refused": [
-            {"auditee": tee, "reason": why.name.lower().replace("_", " "), **_ended(each, now_ms)}
-            for (tee, why), each in life.refused.items()
+            {"auditee": auditee, "reason": why.name.lower().replace("_", " "), **_ended(each, now_ms)}
+            for (auditee, why), each in life.refused.items()
         ],
         "log_bytes": int(robot.log_len),
         "log_bytes_max": int(robot.log_max),
@@ -77,7 +77,7 @@ def tell(path: Path, state: dict[str, Any]) -> None:
 
 
 def told(path: Path) -> dict[str, Any]:
-    """What a robot told last. Raises: UsageError: it never told anything there."""
+    """Read the state that a robot published last. Raises: UsageError: there is none."""
     try:
         if not path.is_file():  # a pipe would keep us, and all robots of an arena, waiting for who never writes
             raise UsageError(f"{path} is no file")
@@ -91,7 +91,7 @@ def told(path: Path) -> dict[str, Any]:
 
 
 def is_running(state: dict[str, Any]) -> bool:
-    """Whether the robot that told this is there and still tells."""
+    """Return whether the robot that told this is there and still tells."""
     with contextlib.suppress(PermissionError):  # another user's
         try:
             os.kill(state["pid"], 0)

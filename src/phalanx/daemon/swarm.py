@@ -175,35 +175,35 @@ class RobotSwarm(Ordered):
         """See `phalanx.robot.station.Air`: what is heard of it is no proof."""
         return robot not in self._at
 
-    def say(self, frame: bytes, robot: int) -> None:
+    def say(self, packet: bytes, robot: int) -> None:
         """See `phalanx.robot.station.Air`."""
-        if self._node and not (frame := self._node.seal(frame)):
+        if self._node and not (packet := self._node.seal(packet)):
             return
         if robot == EVERYBODY:
-            self._radio.send(frame)
+            self._radio.send(packet)
         else:
-            self._radio.send_to(frame, self._at[robot])
+            self._radio.send_to(packet, self._at[robot])
 
     def _listen(self, wait_s: float) -> None:
-        """One frame is heard, of each sender in its turn: boards take long for some, and a stop may wait for one."""
-        if frame := self._radio.take():
-            self._hear(frame)
+        """One packet is heard, of each sender in its turn: boards take long for some, and a stop may wait for one."""
+        if packet := self._radio.take():
+            self._hear(packet)
         else:
             select.select([self._radio], [], [], wait_s)
 
-    def _hear(self, frame: bytes) -> None:
-        if self._node and not (frame := self._node.open(frame)):
+    def _hear(self, packet: bytes) -> None:
+        if self._node and not (packet := self._node.open(packet)):
             return
         try:
-            if frame[0] == KIND_WHEELS_STATE:
-                self._hear_state(WHEELS_STATE.decode(frame))
-            elif self._node and frame[0] == KIND_AUDIT and len(frame) > SUB:
-                if frame[SUB] == FRAGMENT and self._is(AUDIT_FRAGMENT.decode(frame)["src"]):
-                    self._node.hear_fragment(frame)
-                elif frame[SUB] == TOKEN_REPLY:
-                    self._hear_token(self._node, AUDIT_TOKEN.decode(frame))
+            if packet[0] == KIND_WHEELS_STATE:
+                self._hear_state(WHEELS_STATE.decode(packet))
+            elif self._node and packet[0] == KIND_AUDIT and len(packet) > SUB:
+                if packet[SUB] == FRAGMENT and self._is(AUDIT_FRAGMENT.decode(packet)["src"]):
+                    self._node.hear_fragment(packet)
+                elif packet[SUB] == TOKEN_REPLY:
+                    self._hear_token(self._node, AUDIT_TOKEN.decode(packet))
         except PeerError:
-            log.debug("a frame that is none")
+            log.debug("a packet that is none")
 
     def _is(self, robot: int) -> bool:
         return self._at.get(robot) == self._radio.came_from
@@ -213,7 +213,7 @@ class RobotSwarm(Ordered):
         if not self._is(robot):
             return
         i = self._ids.index(robot)
-        # A liar may say that it is anywhere: pages have the area alone.
+        # A compromised robot may say that it is anywhere: pages have the area alone.
         width_mm, height_mm = self.area_mm
         x_mm, y_mm = min(max(state["x_mm"], 0.0), width_mm), min(max(state["y_mm"], 0.0), height_mm)
         self._places[robot] = Point(x_mm, y_mm), round(state["direction_deg"])
@@ -228,22 +228,27 @@ class RobotSwarm(Ordered):
                 each.route = ()
 
     def _hear_token(self, node: GatewayNode, token: dict[str, Any]) -> None:
-        tor, tee, t = token["src"], token["dst"], token["t"]
-        if not self._is(tor) or tee not in self._at or tor == tee or t <= self._newest_ms.get((tor, tee), 0):
+        auditor, auditee, t = token["src"], token["dst"], token["t"]
+        if (
+            not self._is(auditor)
+            or auditee not in self._at
+            or auditor == auditee
+            or t <= self._newest_ms.get((auditor, auditee), 0)
+        ):
             return
         try:
-            is_true = node.is_token(tor, tee, t, token["mac"])
+            is_true = node.is_token(auditor, auditee, t, token["mac"])
         except Unavailable as error:
             if not self.unchecked:
                 log.warning("%s", error)
             self.unchecked = "its own trusted nodes are gone: pages show no shields"
             return
         if is_true:
-            self._newest_ms[tor, tee] = t
+            self._newest_ms[auditor, auditee] = t
             now_s = time.monotonic()
             # As its robot's nodes count it: who holds true ones back shows nobody as protected for longer.
-            self._tokens[tor, tee] = now_s - node.age_s(tee, t, now_s)
-            self._audits.append(Audit(auditor=self._address(tor), auditee=self._address(tee), refusal=""))
+            self._tokens[auditor, auditee] = now_s - node.age_s(auditee, t, now_s)
+            self._audits.append(Audit(auditor=self._address(auditor), auditee=self._address(auditee), refusal=""))
 
     # --- the swarm ----------------------------------------------------------------------------------------------------
 
@@ -291,7 +296,7 @@ class RobotSwarm(Ordered):
     def _shield(self, robot: int, now_s: float) -> Shield:
         bti = self._settings.scenario.bti
         full_s = bti.t_val_ms / 1000
-        left = sorted(((left_s, tor) for tor, left_s in self._vouchers(robot, full_s, now_s)), reverse=True)
+        left = sorted(((left_s, auditor) for auditor, left_s in self._vouchers(robot, full_s, now_s)), reverse=True)
         silent_s = SILENT_STATES * bti.steps_per_state * bti.t_control_ms / 1000
         is_silent = self._clock() - self._heard_at_s[robot] > silent_s
         # A token that only we did not hear stops nobody: by then there is another.
@@ -303,16 +308,16 @@ class RobotSwarm(Ordered):
             address=self._address(robot),
             needed=bti.tokens_needed,
             full_s=full_s,
-            vouchers=tuple((self._address(tor), left_s) for left_s, tor in left),
+            vouchers=tuple((self._address(auditor), left_s) for left_s, auditor in left),
             safe_mode=doubted or (is_silent and len(left) < bti.tokens_needed),
             attack="",
         )
 
     def _vouchers(self, robot: int, good_s: float, now_s: float) -> Iterator[tuple[int, float]]:
-        for tor in self._ids:
-            left_s = self._tokens.get((tor, robot), -good_s) + good_s - now_s
+        for auditor in self._ids:
+            left_s = self._tokens.get((auditor, robot), -good_s) + good_s - now_s
             if left_s > 0:
-                yield tor, left_s
+                yield auditor, left_s
 
     def new_audits(self) -> Sequence[Audit]:
         """Those that ended with a token since the last call, oldest first; refusals are not said on the air."""

@@ -1,4 +1,4 @@
-"""What a gateway's file says of robots that are processes of their own: their mission, where they listen, who signs."""
+"""Settings file of a gateway for robots in processes of their own: mission, addresses, signers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .signed_mission import signed_for
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotAt:
-    """Where a robot listens. Raises: UsageError: a value is out of range."""
+    """Address at which a robot listens. Raises: UsageError: a value is out of range."""
 
     robot: int = field(metadata={"within": (1, 0xFFFF), **told("its number")})
     at: str = field(metadata=told("its radio's ADDRESS:PORT, as `here` in its own file"))
@@ -48,7 +48,7 @@ class SwarmFile:
     )
     number: int = field(default=0, metadata={"within": (0, 0xFFFF), **told("that these have, and no robot")})
     board: str = field(default="", metadata=told("what phalanx keys provision wrote for that number"))
-    frames: Literal["plain", "sealed"] = field(default="plain", metadata=told("as the robots' radios have it"))
+    packets: Literal["plain", "sealed"] = field(default="plain", metadata=told("as the robots' radios have it"))
 
     def __post_init__(self) -> None:
         check_limits(self)
@@ -57,8 +57,8 @@ class SwarmFile:
             raise UsageError("robots are none, or one is there twice", "each robot once")
         if bool(self.trusted) != bool(self.number) or self.number in numbers:
             raise UsageError(f"trusted nodes of number {self.number}", "trusted with a number that no robot has")
-        if self.frames == "sealed" and not self.trusted:
-            raise UsageError("frames: sealed, without trusted", "a gateway's own nodes seal what it says")
+        if self.packets == "sealed" and not self.trusted:
+            raise UsageError("packets: sealed, without trusted", "a gateway's own nodes seal what it says")
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,12 +83,12 @@ class SwarmSettings:
             board=said.board,
             trusted=said.trusted,
             driver="python:",
-            radio=RadioFile(here=said.here, peers=tuple(each.at for each in said.robots), frames=said.frames),
+            radio=RadioFile(here=said.here, peers=tuple(each.at for each in said.robots), packets=said.packets),
         )
         return RobotSettings(as_robot, self.path.parent)
 
     def signer(self, key: Ed25519PrivateKey, who: int) -> Signer:
-        """Who signs with that key. Raises: UsageError: the mission names another."""
+        """Load the signer with that key. Raises: UsageError: the mission names another key."""
         name = ("gateway_key", "operator_key")[who]
         signer = Signer(key, self.mission, who)
         if signer.public.hex() != getattr(self.scenario, name).lower():
@@ -104,7 +104,7 @@ def read_swarm(path: Path) -> SwarmSettings:
     scenario = mission_in(path.parent, said.mission)
     if scenario.controller != WHEELS:
         raise UsageError(f"{said.mission} has controller: {scenario.controller}", "wheels: the others obey no orders")
-    if said.frames == "sealed":
+    if said.packets == "sealed":
         scenario = with_room_for_seals(scenario)
     signed_for(path.parent / said.key, scenario, said.mission)
     mission = {read_mission_key(path.parent / said.key, each.robot).seq for each in said.robots}

@@ -60,7 +60,7 @@ class OwnClock:
     def now_ms(self) -> int:
         """The time of the nodes, ms since their power-up; they have a mission key."""
         if self._ahead_ms is None:
-            self.ask(lines.SEND, frame=WHAT_TIME)
+            self.ask(lines.SEND, packet=WHAT_TIME)
         assert self._ahead_ms is not None, "without a mission key they tell nothing"
         return int(self._ours_ms() + self._ahead_ms)
 
@@ -114,7 +114,7 @@ def _is_private(path: Path) -> bool:
 
 
 def _is_far(trusted: str) -> bool:
-    """Whether they are asked over a network."""
+    """Return whether they are asked over a network."""
     kind, _, where = trusted.partition(":")
     host = where.rpartition(":")[0].strip("[]")
     try:
@@ -149,7 +149,7 @@ def give_keys(node: SerialNode, settings: RobotSettings, limits: Limits) -> Miss
     elif node.about.sealed != said.radio.sealed:
         was = "was" if node.about.sealed else "was not"
         raise UsageError(
-            f"the radio of its trusted nodes {was} sealed when they were made", "frames: in radio:, or a new board"
+            f"the radio of its trusted nodes {was} sealed when they were made", "packets: in radio:, or a new board"
         )
     if sealed.seq <= node.about.seq:
         raise Unavailable(

@@ -45,7 +45,7 @@ def choose_protection(robots: int, defence: str | None, f_max: int | None) -> Pl
         chosen = [f"with {robots} robots f_max is {f}"] if (f_max or DEFAULT_F_MAX) > f else []
         if robots < BtiConfig(f_max=f).least_robots:
             chosen.append(f"if {f} of {robots} robots lie, they may have others stopped: P2 takes {robots + 1} robots")
-        return Plan(robots, defence or "bound", f, "; ".join(chosen))
+        return Plan(robots, defence or "hardened", f, "; ".join(chosen))
     if robots > MOST_ROBOTS:
         trouble, hint = f"{robots} robots in one radio range cannot audit each other in time", f"at most {MOST_ROBOTS}"
     elif robots < fewest_robots(1):

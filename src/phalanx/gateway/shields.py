@@ -54,7 +54,7 @@ class ShieldWatch:
                 )
         audits = sorted(audits, key=lambda audit: not audit.refusal)[:MOST_AUDITS]
         changed: list[Shield] = []
-        # Every tick while a liar is at large: the operator is told how long it took.
+        # Every tick while a compromised robot is at large: the operator is told how long it took.
         if uptime_s >= self._look_at_s or any(lie.stopped_at_s is None for lie in self._lies.values()):
             self._look_at_s = uptime_s + LOOK_EVERY_S
             changed = [shield for shield in self._swarm.shields() if self._is_news(shield, uptime_s)]

@@ -1,7 +1,7 @@
 """The simulated swarm as a PettingZoo environment: policies, learnt or scripted, fly the robots.
 
-Nobody audits them: an auditor would have to run the policy again, and get the same bits. Liars of the scenario lie to
-them as to any other robot.
+Nobody audits them: an auditor would have to run the policy again, and get the same bits. Compromised robots of the
+scenario lie to them as to any other robot.
 """
 
 from __future__ import annotations
@@ -71,9 +71,9 @@ class SwarmEnv(ParallelEnv[str, Vector, Vector]):  # type: ignore[misc]
 
     An observation is float32, (4 + 5 `heard`,). It begins with the way to the goal (m, two) and the own velocity (m/s,
     two). Then come the nearest robots that were heard in the last 5 s: of each 1.0, its place and its velocity, both
-    seen from the own; zeros where there is none. Places are what robots said: of a liar, a lie. An action is float32,
-    (2,): the acceleration, m/s², -5 to 5; more is cut. The reward is by how many metres the robot came nearer to the
-    goal, less 1 for each robot that it touches. All agents are truncated at the scenario's end.
+    seen from the own; zeros where there is none. Places are what robots said: of a compromised robot, a lie. An action
+    is float32, (2,): the acceleration, m/s², -5 to 5; more is cut. The reward is by how many metres the robot came
+    nearer to the goal, less 1 for each robot that it touches. All agents are truncated at the scenario's end.
 
     Args:
         scenario: itself, the name of a built-in one, or a YAML file; its defence is none.

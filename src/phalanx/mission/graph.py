@@ -47,7 +47,7 @@ class Node:
 
     @property
     def place(self) -> tuple[float, float] | None:
-        """Where the node is, map frame: the middle of its aliases' places."""
+        """Return the node's place, map frame: the middle of its aliases' places."""
         places = [thing for alias in self.see for thing in alias if isinstance(thing, Landmark | Position)]
         if not places:
             return None
@@ -251,6 +251,6 @@ class Draft:
             self.ways.append(PlainWay(source=target, target=source, direction_rad=back, do=do))
 
     def mission(self) -> Mission:
-        """What was written, checked. Raises: UsageError."""
+        """Return the checked mission. Raises: UsageError."""
         same = {each.name: getattr(self, each.name) for each in fields(self)}
         return Mission(**{**same, "nodes": tuple(self.nodes), "ways": tuple(self.ways)})

@@ -1,4 +1,4 @@
-"""What a robot can experience, and the canonical bytes of it: the only thing that is ever hashed.
+"""Define observables and their canonical bytes, the only thing that is ever hashed.
 
 A node of a mission is a conjunction of observables. Their bytes are integers behind tags and lengths, never formatted
 floats and never bare concatenation: "1" + "12" would be "11" + "2". All values that a robot measures are put into cells
@@ -74,7 +74,7 @@ class Landmark:
 
 
 class InSight(Sequence[Landmark]):
-    """What a scan shows, as kernels have it; landmarks are made of it when somebody asks for one.
+    """Landmarks of a scan as kernel arrays; objects are made on demand.
 
     Args:
         rows: (k, 5) as `rows_of` has them; none has a text.
@@ -157,7 +157,7 @@ class Direction:
 
 @dataclass(frozen=True, slots=True)
 class Previous:
-    """What the node before released."""
+    """Release of the previous node."""
 
     secret: bytes
 
@@ -199,7 +199,7 @@ class Experience:
 
 
 class Offset(NamedTuple):
-    """Where the middle of a cell lies, for one alias of one node; whole numbers, as they are stored.
+    """Offset of a cell's middle for one alias of one node; stored integers.
 
     x and y in mm within ± half a cell; the orientation in 1e-4 rad and the area in 0.01 m2, likewise. And how far it is
     to the next thing that looks the same, in 0.1 m rounded down, at most APART_MAX: that far and farther is far enough.
@@ -252,12 +252,12 @@ def rows_of(landmarks: Sequence[Landmark]) -> NDArray[np.float64]:
 
 
 def number_or_nan(value: float | None) -> float:
-    """What kernels take instead of None."""
+    """Return NaN for None, as kernels take it."""
     return math.nan if value is None else float(value)
 
 
 def number_or_none(value: float) -> float | None:
-    """What stands for what kernels gave."""
+    """Return None for NaN, as kernels give it."""
     return None if math.isnan(value) else value
 
 

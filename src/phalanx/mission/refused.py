@@ -17,7 +17,7 @@ class Unsigned(PeerError):
 
 
 class Altered(PeerError):
-    """What was decoded does not fit the file around it: a record was changed or put somewhere else."""
+    """A decoded record does not fit its file: it was changed or moved."""
 
 
 class NotForUs(PeerError):
@@ -33,7 +33,7 @@ class AlreadyStarted(PeerError):
 
 
 class Misplaced(UsageError):
-    """What was told, of a part.
+    """An error inside one part of a mission, with its place.
 
     Attributes:
         place: the way to that part from the top: a text is a key, a number counts items or keys from 0.
@@ -46,7 +46,7 @@ class Misplaced(UsageError):
 
 @contextlib.contextmanager
 def under(*place: str | int) -> Iterator[None]:
-    """What is complained of in this context stands there."""
+    """Prefix errors raised in this context with their place."""
     try:
         yield
     except UsageError as error:

@@ -17,7 +17,7 @@ from phalanx.bti.nodes import Limits, MissionKey, Refused
 from phalanx.errors import PeerError, Unavailable
 from phalanx.wire import Record, lines
 from phalanx.wire.framing import Frames, framed
-from phalanx.wire.table import ENTRY_HEADER_BYTES, FRAME_MAX, SEAL
+from phalanx.wire.table import ENTRY_HEADER_BYTES, PACKET_MAX, SEAL
 
 from .serial_line import SerialLine
 
@@ -29,7 +29,7 @@ AGAIN_S = 0.1  # until it is said again, beside what the bytes themselves take o
 DONE, SAFE = 0, 1  # what is returned by functions that make no entry
 NUMBERS = 1 << 16
 ANSWER_HEAD_BYTES = lines.ANSWER.size + ENTRY_HEADER_BYTES
-ANSWER_MAX = ANSWER_HEAD_BYTES + FRAME_MAX
+ANSWER_MAX = ANSWER_HEAD_BYTES + PACKET_MAX
 SEAL_BYTES = {lines.SEND: SEAL.size, lines.RECV: -SEAL.size}  # more in what is made than in what is given
 
 
@@ -93,7 +93,7 @@ class SerialNode:
             self._now_ms = now_ms
         if call in FORWARDED:
             # A longer one is refused as this is.
-            arguments = {name: data[: FRAME_MAX + 1] for name, data in arguments.items()}
+            arguments = {name: data[: PACKET_MAX + 1] for name, data in arguments.items()}
         code, result = self._call(call, **arguments)
         wanted = made_by(call, **arguments) + self._seal_bytes.get(call, 0) if code >= 0 else 0
         known = code in trusted.REASONS or code in (DONE, SAFE) or (call in FORWARDED and code == wanted)

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Protocol
 
 from phalanx.errors import Unavailable, UsageError
-from phalanx.wire.table import FRAME_MAX, KIND_AUDIT
+from phalanx.wire.table import KIND_AUDIT, PACKET_MAX
 
 ADDRESSES = Path("/proc/net/if_inet6")
 # Of one sender so many of the longest frames wait at least; of all together so many, if that is more.
@@ -102,7 +102,7 @@ class _Peer:
     def read(self) -> tuple[bytes, Address]:
         """Its next datagram, and whose it is. Raises: OSError: there is none, or nobody listens there."""
         self._frames -= 1
-        raw, came_from = self.socket.recvfrom(FRAME_MAX + 1)
+        raw, came_from = self.socket.recvfrom(PACKET_MAX + 1)
         return raw, came_from[:2]
 
     def may_say(self, frame: bytes) -> bool:
@@ -255,7 +255,7 @@ class UdpRadio:
     def _why_not(self, peer: _Peer, raw: bytes, came_from: Address) -> str:
         if came_from != peer.address:  # before its socket was connected
             return "foreign"
-        if len(raw) > FRAME_MAX:
+        if len(raw) > PACKET_MAX:
             return "too_large"
         if not raw:
             return "empty"

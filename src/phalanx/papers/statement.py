@@ -1,4 +1,4 @@
-"""What the papers say and what we found: statements, told as lines, as JSON, and as one page of all figures."""
+"""Compare the papers' statements with our measurements: as lines, as JSON, and as one page of all figures."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Statement:
 
     @property
     def differs(self) -> bool:
-        """Whether there is a verdict, and ours is not as it was asked."""
+        """Return whether there is a verdict, and ours is not as it was asked."""
         return self.agrees is not None and not self.agrees
 
     @property
@@ -53,7 +53,7 @@ class Statement:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What is told of a figure."""
+    """Report of one figure."""
 
     rows: list[dict[str, Any]]  # for JSON
     lines: list[str]
@@ -71,7 +71,7 @@ def _has_few_seeds(table: Table) -> bool:
 
 
 def report(figure: Figure, table: Table) -> Report:
-    """What is told of a figure that was measured."""
+    """Return the report of a measured figure."""
     if hasattr(figure.body, "report"):
         own: Report = figure.body.report(table)
         return own
@@ -87,7 +87,7 @@ def report(figure: Figure, table: Table) -> Report:
 
 
 def last_line(statements: list[Statement]) -> str:
-    """What agrees with the paper and the reference or is not worse, what differs, and why."""
+    """Summarise which statements agree with the paper and the reference, which differ, and why."""
     met = {
         asked: [each.what for each in statements if each.agrees and each.asked == asked]
         for asked in dict.fromkeys(each.asked for each in statements)
@@ -111,7 +111,7 @@ def band(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.f
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shown:
-    """What came of a figure: statements, or why there are none."""
+    """Result of a figure: statements, or the reason why there are none."""
 
     figure: Figure
     measured: str = ""  # how much of it, and by which version

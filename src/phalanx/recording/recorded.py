@@ -33,7 +33,7 @@ class Said:
 
 
 def is_recording(path: Path) -> bool:
-    """Whether it is meant to be one, by its name or its first bytes."""
+    """Return whether it is meant to be one, by its name or its first bytes."""
     if path.suffix == ".mcap":
         return True
     try:

@@ -66,7 +66,7 @@ class Recorder:
                 raise self._unwritable(failure) from failure
 
     def _begin(self) -> None:
-        """What a kind of run has at the start of its file."""
+        """Write the messages at the start of a run's file."""
 
     def _channel(self, topic: str, encoding: str, name: str, language: str, schema: bytes) -> None:
         number = self._writer.register_schema(name, language, schema)

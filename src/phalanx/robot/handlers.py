@@ -23,7 +23,7 @@ Seeking. If an auditor stays silent, or a round ends without enough tokens, the 
 robot that receives it answers at a random time, and the robot asks only those (bti/seeking.py).
 
 A robot whose controller is plain Python runs the same kernels step by step (robot.py). So does an attack, in another
-order or with other bytes (attacks/liar.py).
+order or with other bytes (adversary/liar.py).
 """
 
 from __future__ import annotations
@@ -256,7 +256,8 @@ def hear_fragment(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int,
 def knock(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
     """Check the request's form, and have the a-node issue the token to `w.small[2]`: `answer` sends it after the audit.
 
-    Liars can make any number of false token requests, which must not count as audits. Only IssueToken detects them.
+    Compromised robots can make any number of false token requests, which must not count as audits. Only IssueToken
+    detects them.
     Returns: 0 or a `Refusal`. Source: RoboRebound §3.8, §5.1.
     """
     q = f.rx.rows[f.rx_info[i, place].row]
@@ -288,8 +289,8 @@ def answer(f: Fleet, i: int, w: Work, now: int, place: int, src: int, refused: i
         return
     r.audits_passed += 1
     number = int(f.rx_info[i, place].no)
-    n = request.new_token(f, i, src, number, int(w.case[0].t), w.small[2, :MAC_BYTES], w.frame)
-    send(f, i, w, now, w.frame, n, src)
+    n = request.new_token(f, i, src, number, int(w.case[0].t), w.small[2, :MAC_BYTES], w.packet)
+    send(f, i, w, now, w.packet, n, src)
 
 
 # --- audited ---
@@ -323,8 +324,8 @@ def listen(f: Fleet, i: int, w: Work, now: int) -> bool:
 def begin_round(f: Fleet, i: int, w: Work, now: int) -> None:
     """Open a round, and send HELLO or SEEK."""
     rounds.begin_round(f, i, now)
-    n = seeking.packet(f, i, now, w.frame) if f.robot[i].seeks else request.hello(f, i, w.frame)
-    send(f, i, w, now, w.frame, n, actions.EVERYBODY)
+    n = seeking.write_seek(f, i, now, w.packet) if f.robot[i].seeks else request.hello(f, i, w.packet)
+    send(f, i, w, now, w.packet, n, actions.EVERYBODY)
 
 
 @kernel
@@ -338,18 +339,18 @@ def on_retry(f: Fleet, i: int, w: Work, now: int, busy: int) -> None:
 @kernel
 def seek(f: Fleet, i: int, w: Work, now: int) -> bool:
     """Answer SEEKs, and send one, if that is due; return whether it is time to ask for missing tokens."""
-    n = seeking.answer(f, i, now, w.frame)
+    n = seeking.answer(f, i, now, w.packet)
     while n > 0:
-        send(f, i, w, now, w.frame, n, get_u16(w.frame, request.AT_DST))
-        n = seeking.answer(f, i, now, w.frame)
+        send(f, i, w, now, w.packet, n, get_u16(w.packet, request.AT_DST))
+        n = seeking.answer(f, i, now, w.packet)
     for at_ms in (f.robot[i].answer_at, f.robot[i].retry_at):
         if at_ms > now:
             actions.append(w, actions.RETRY_AT, int(at_ms), 0)
     if rounds.retry(f, i, now) == 0:
         return False
-    n = seeking.seek(f, i, now, w.small[1], w.frame)
+    n = seeking.seek(f, i, now, w.small[1], w.packet)
     if n > 0:
-        send(f, i, w, now, w.frame, n, actions.EVERYBODY)
+        send(f, i, w, now, w.packet, n, actions.EVERYBODY)
     return True
 
 
@@ -379,18 +380,18 @@ def ask(f: Fleet, i: int, w: Work, now: int, busy: int) -> None:
 
 @kernel
 def next_fragment(f: Fleet, i: int, w: Work, now: int) -> int:
-    """Write the next fragment, of a new request if need be, to `w.frame`; return its length, 0 for nothing to send."""
-    n = request.next_fragment(f, i, now, w.frame)
+    """Write the next fragment, of a new request if need be, to `w.packet`; return its length, 0 for nothing to send."""
+    n = request.next_fragment(f, i, now, w.packet)
     if n == 0 and request.make_request(f, i, now, w.small[0], w.small[1], w.small[2]) > 0:
-        n = request.next_fragment(f, i, now, w.frame)
+        n = request.next_fragment(f, i, now, w.packet)
     return int(n)
 
 
 @kernel
 def ask_with(f: Fleet, i: int, w: Work, now: int, length: int) -> None:
-    """Send the fragment in `w.frame`; without one, say when to retry. Source: RoboRebound §5.2."""
+    """Send the fragment in `w.packet`; without one, say when to retry. Source: RoboRebound §5.2."""
     if length > 0:
-        if send(f, i, w, now, w.frame, length, int(f.robot[i].request_to)) <= 0:
+        if send(f, i, w, now, w.packet, length, int(f.robot[i].request_to)) <= 0:
             on_no_room(f, i)
         return
     at_ms = rounds.next_retry(f, i, now)

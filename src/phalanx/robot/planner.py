@@ -80,10 +80,10 @@ def advice_of(planner: Planner, t_ms: int, reading: bytes) -> bytes:
     return WISH.form.pack(KIND_WISH, *_as_f32(*wished))
 
 
-def overheard(planner: Planner, t_ms: int, frame: bytes) -> None:
+def overheard(planner: Planner, t_ms: int, packet: bytes) -> None:
     """Pass a broadcast to a planner, if it is a robot's state."""
-    if len(frame) == STATE.size and frame[0] == KIND_STATE:
-        _, rob_id, _, x, y, vx, vy = STATE.form.unpack(frame)
+    if len(packet) == STATE.size and packet[0] == KIND_STATE:
+        _, rob_id, _, x, y, vx, vy = STATE.form.unpack(packet)
         planner.hear(t_ms / 1000, rob_id, (x, y), (vx, vy))
 
 

@@ -96,13 +96,13 @@ def replay_bundled(f: Fleet, w: Work, q: Row) -> int:
             return int(-event)
         payload = q[c.payload_at : c.payload_at + c.payload_len]
         if event == audit.RECV:
-            state_len = dispatch.on_recv(s.controller, f.params, c.tee, c.entry_t, payload, c.payload_len, state)
+            state_len = dispatch.on_recv(s.controller, f.params, c.auditee, c.entry_t, payload, c.payload_len, state)
         elif event == log.ADVICE:
-            dispatch.on_advice(s.controller, f.params, c.tee, payload, c.payload_len, state)
+            dispatch.on_advice(s.controller, f.params, c.auditee, payload, c.payload_len, state)
             state_len = dispatch.size(s.controller, state)
         elif event == audit.INPUT:
             n = dispatch.on_input(
-                s.controller, f.params, c.tee, c.step, c.entry_t, payload, c.payload_len, state, w.out
+                s.controller, f.params, c.auditee, c.step, c.entry_t, payload, c.payload_len, state, w.out
             )
             state_len = dispatch.size(s.controller, state)
             refused = audit.expect(f, w, n)
@@ -121,6 +121,6 @@ def _begin(f: Fleet, w: Work, q: Row, state: Row) -> int:
     if c.known:
         return int(c.state_len)
     if q[AT_FLAGS]:
-        return int(dispatch.begin(s.controller, f.params, c.tee, state))
+        return int(dispatch.begin(s.controller, f.params, c.auditee, state))
     length = c.start_len - CHECKPOINT_BYTES
-    return int(length) if dispatch.is_encoding(s.controller, f.params, c.tee, state, length) else -1
+    return int(length) if dispatch.is_encoding(s.controller, f.params, c.auditee, state, length) else -1

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from phalanx.bti import audit, log, request, rounds
-from phalanx.bti.fleet import BOUND, make_fleet
+from phalanx.bti.fleet import HARDENED, make_fleet
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig
@@ -87,7 +87,14 @@ def first_lie(
         return None
     no_nodes = np.zeros((1, 8), np.uint8)
     fleet = make_fleet(
-        1, config, np.zeros(1), profile=BOUND, controller=0, mission_seed=mission_seed, snode=no_nodes, anode=no_nodes
+        1,
+        config,
+        np.zeros(1),
+        profile=HARDENED,
+        controller=0,
+        mission_seed=mission_seed,
+        snode=no_nodes,
+        anode=no_nodes,
     )
     work = make_work(config)
     newest = np.maximum.accumulate(entries["t_ms"])
@@ -96,7 +103,7 @@ def first_lie(
 
     def begin(count: int) -> None:
         c = work.case[0]
-        c.tee, c.at, c.end, c.waiting, c.step = rob_id, 0, entries["end"][count - 1], 0, 0
+        c.auditee, c.at, c.end, c.waiting, c.step = rob_id, 0, entries["end"][count - 1], 0, 0
         c.newest, c.t = t_key_ms, newest[count - 1]
         c.due = t_key_ms + int(rounds.phase_of(mission_seed, rob_id, config.t_control_ms))
         work.tops[:] = 0

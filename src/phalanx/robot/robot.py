@@ -1,6 +1,6 @@
 """One robot for callers in Python: events in, actions out, step by step, with the kernels of `handlers`.
 
-Controllers in plain Python decide between the steps. Attacks override some of them (attacks/liar.py).
+Controllers in plain Python decide between the steps. Attacks override some of them (adversary/liar.py).
 Source: RoboRebound §3; docs/spec/rebound.md (c-node).
 """
 
@@ -61,7 +61,7 @@ class Robot:
         self.make_controller = make_controller
         # Asked for at every event: reading a record's field takes a microsecond.
         self.id, self.profile = int(fleet.robot[i].id), int(fleet.settings[0].profile)
-        self._step_of, self._frame_max = fleet.robot["step"], int(fleet.settings[0].frame_max)
+        self._step_of, self._packet_max = fleet.robot["step"], int(fleet.settings[0].packet_max)
         self.controller = make_controller(self.id) if make_controller else None
         self.is_own = self.controller is not None
         self.raw = b""
@@ -96,7 +96,7 @@ class Robot:
             self.controller.on_recv(int(get_u32(self.w.entry, ENTRY_T)), packet)
             self._is_kept = False
         elif heard == handlers.WHOLE:
-            place, src = int(self.w.place[0]), int(self.w.case[0].tee)
+            place, src = int(self.w.place[0]), int(self.w.case[0].auditee)
             return self.answer(now_ms, place, src, self._judge(place, src))
         return actions.decode(self.w)
 
@@ -166,7 +166,7 @@ class Robot:
         self._is_kept = False
         if not self.controller.is_ours:  # report its mistakes at once
             self.keep_state()
-        return checked_outputs(outputs, self._frame_max, self.controller)
+        return checked_outputs(outputs, self._packet_max, self.controller)
 
     def evidence(self, step: int, t_ms: int, reading: bytes) -> bytes:
         """Return what to keep of `raw`: nothing once the log is half full, because the rest is for unasked packets."""
@@ -199,8 +199,8 @@ class Robot:
         if n == trusted.E_AIRTIME and self.is_own and not packet[0] & request.AUDIT:
             # Otherwise its auditors would stop it for a missing output, without a hint at the reason.
             raise OwnMistake(
-                f"robot {self.id}: its a-node has no airtime left for a frame of {len(packet)} bytes",
-                "shorter frames, or fewer: in each state period as much airtime as four of 27 bytes",
+                f"robot {self.id}: its a-node has no airtime left for a packet of {len(packet)} bytes",
+                "shorter packets, or fewer: in each state period as much airtime as four of 27 bytes",
                 self.controller,
             )
         return asked
@@ -217,9 +217,9 @@ class Robot:
         """Send the next fragment of an audit request, or say when to retry."""
         if self.busy:
             return []
-        n = request.next_fragment(self.f, self.i, now_ms, self.w.frame)
+        n = request.next_fragment(self.f, self.i, now_ms, self.w.packet)
         if n == 0 and self.make_request(now_ms):
-            n = request.next_fragment(self.f, self.i, now_ms, self.w.frame)
+            n = request.next_fragment(self.f, self.i, now_ms, self.w.packet)
         return self._done(handlers.ask_with, now_ms, n)[0]
 
     def make_request(self, now_ms: int) -> bool:
@@ -261,7 +261,7 @@ class Robot:
     def _replay(self, q: Row) -> int:
         assert self.make_controller
         case, w = self.w.case[0], self.w
-        controller = self.make_controller(int(case.tee))
+        controller = self.make_controller(int(case.auditee))
         known = int(case.known)
         if known or q[request.AT_FLAGS] == 0:
             end = CHECKPOINT_BYTES + int(case.state_len) if known else int(case.start_len)

@@ -30,7 +30,7 @@ BEACON_S = 1.0
 # What all are told may be lost on the air: a stop, and its end, is said so often at once, and then with each beacon.
 AT_ONCE, AGAIN_S = 5, 0.1
 MOTION, COLOUR = 0, 1  # kinds of orders
-# What makes an order's frame of the robot's id and the signer's clock, ms.
+# What makes an order's packet of the robot's id and the signer's clock, ms.
 Make = Callable[[int, int], bytes]
 
 
@@ -38,13 +38,13 @@ class Air(Protocol):
     """The radio of a station."""
 
     def is_busy(self) -> bool:
-        """Return whether the last frame still waits to go out."""
+        """Return whether the last packet still waits to go out."""
 
     def is_deaf(self, robot: int) -> bool:
         """Return whether the robot is known to be stopped for good."""
 
-    def say(self, frame: bytes, robot: int) -> None:
-        """Send a frame to a robot, or to EVERYBODY."""
+    def say(self, packet: bytes, robot: int) -> None:
+        """Send a packet to a robot, or to EVERYBODY."""
 
 
 class Station:
@@ -82,7 +82,7 @@ class Station:
 
     @property
     def has_to_speak(self) -> bool:
-        """Whether an order waits, or what all are told at once is not over."""
+        """Return whether an order waits, or a broadcast goes on."""
         return bool(self._waiting or self._at_once)
 
     def told(self, robot: int) -> int | None:
@@ -90,7 +90,7 @@ class Station:
         return None if (robot, MOTION) in self._waiting else self._told.get(robot, 0)
 
     def speak(self, air: Air, now_s: float, said_ms: int) -> float:
-        """Send what is due, one frame at a time; `said_ms` is the signers' clock.
+        """Send what is due, one packet at a time; `said_ms` is the signers' clock.
 
         Returns: when to ask again, s; never if nothing waits.
         """
@@ -120,13 +120,13 @@ class Station:
         if now_s >= self._operator_at_s:
             self._operator_at_s = now_s + (AGAIN_S if self._at_once else BEACON_S)
             self._at_once = max(0, self._at_once - 1)
-            frame = self.operator.stop(said_ms) if self._was_held else self.operator.go(said_ms)
+            packet = self.operator.stop(said_ms) if self._was_held else self.operator.go(said_ms)
         elif now_s >= self._beacon_at_s:
             self._beacon_at_s = now_s + BEACON_S
-            frame = self.gateway.beacon(said_ms)
+            packet = self.gateway.beacon(said_ms)
         else:
             return False
-        self._say(air, frame, EVERYBODY, now_s)
+        self._say(air, packet, EVERYBODY, now_s)
         return True
 
     def _say_to_one(self, air: Air, now_s: float, said_ms: int) -> None:
@@ -135,14 +135,14 @@ class Station:
                 del self._waiting[robot, kind]
             # Who has not heard yet that it may move would not obey.
             elif now_s >= self._may_order_at_s.get(robot, 0.0) and not (kind == MOTION and self._at_once):
-                frame = self._waiting.pop((robot, kind))(robot, said_ms)
+                packet = self._waiting.pop((robot, kind))(robot, said_ms)
                 self._told[robot] = self.gateway.number
-                self._may_order_at_s[robot] = now_s + (ENTRY_HEADER_BYTES + len(frame)) / ORDER_BYTES_PER_S
-                self._say(air, frame, robot, now_s)
+                self._may_order_at_s[robot] = now_s + (ENTRY_HEADER_BYTES + len(packet)) / ORDER_BYTES_PER_S
+                self._say(air, packet, robot, now_s)
                 return
 
-    def _say(self, air: Air, frame: bytes, robot: int, now_s: float) -> None:
-        air.say(frame, robot)
+    def _say(self, air: Air, packet: bytes, robot: int, now_s: float) -> None:
+        air.say(packet, robot)
         self._may_speak_at_s = now_s + 1 / ORDERS_PER_S
 
 

@@ -54,7 +54,7 @@ def params_of(scenario: Scenario, mission: int = 1) -> NDArray[np.float64]:
         return bundled.params(replace(scenario.guard, mission=mission))
     # Claims push a robot no faster in a long T_val than in 10 s. Other defences have no limit.
     longer = max(1.0, scenario.bti.t_val_ms / BtiConfig().t_val_ms)
-    crowd = scenario.flock.crowd / longer if scenario.defence == "bound" else NO_CROWD
+    crowd = scenario.flock.crowd / longer if scenario.defence == "hardened" else NO_CROWD
     return bundled.params(replace(scenario.flock, crowd=crowd))
 
 

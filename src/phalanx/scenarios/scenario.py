@@ -61,7 +61,8 @@ class Scenario:
     goal_m: tuple[float, float] = described((500.0, 500.0), "where it goes")
     duration_s: float = within(150.0, 0.1, LONGEST_S, "simulated time")
     defence: Defence = described(  # noqa: RUF009 - made a field
-        "bound", "none: robots are alone with the liar; paper: RoboRebound as printed; bound: as docs/spec/rebound.md"
+        "hardened",
+        "none: nothing stops compromised robots; paper: RoboRebound as printed; hardened: as docs/spec/rebound.md",
     )
     controller: str = described("flock", "what honest robots run")
     seed: int = described(0, "chooses broadcasts' phases, back-offs, and robots to compromise")

@@ -1,4 +1,4 @@
-"""How long a frame is on the air, from its bytes: headers, fragments, symbols, preamble.
+"""How long a packet is on the air, from its bytes: headers, fragments, symbols, preamble.
 
 Source: IEEE 802.11-2020 §17.3 (legacy OFDM), 802.11ax-2021 §27.3 (HE); the sums are those that ns-3 comes to.
 """
@@ -20,7 +20,7 @@ _BLOCK_ACK = 32
 
 
 class Rates(NamedTuple):
-    """Data bits of one symbol of each kind of frame, and the length of the HE symbol in ns."""
+    """Data bits of one symbol of each kind of packet, and the length of the HE symbol in ns."""
 
     broadcast_bits: int
     control_bits: int
@@ -47,7 +47,7 @@ def broadcast_us(rates: Rates, length: int) -> int:
 
 @kernel
 def unicast_us(rates: Rates, length: int) -> int:
-    """µs on the air of a unicast frame of `length` bytes over UDP, fragments in one A-MPDU: 620 for 2000 at MCS 3."""
+    """µs on the air of a unicast packet of `length` bytes over UDP, fragments in one A-MPDU: 620 for 2000 at MCS 3."""
     size = _on_the_wire(length, _IP + _LLC + _MAC + _FCS + _DELIMITER)
     return _HE_PREAMBLE_US - (-_symbols(size, rates.data_bits) * rates.data_symbol_ns // 1000)
 

@@ -1,4 +1,4 @@
-"""What a front end and its gateway send each other on a socket of their own: a head, then as many bytes as it says.
+"""Define the messages between a front end and its gateway: a header, then as many bytes as it states.
 
 Nobody else reads these bytes. The gateway does not trust the front end: it checks each head and each length.
 """
@@ -22,7 +22,7 @@ FRONT_HEAD = record(
 
 
 class FromFront(IntEnum):
-    """What a front end sends."""
+    """Message kinds from a front end."""
 
     OPENED = 1  # a client's address, ASCII
     RECEIVED = 2  # its message
@@ -31,7 +31,7 @@ class FromFront(IntEnum):
 
 
 class ToFront(IntEnum):
-    """What a gateway sends."""
+    """Message kinds from a gateway."""
 
     SEND = 65  # a message for one client
     PUBLISH = 66  # numbers of connections, and a message for all of them

@@ -16,7 +16,7 @@ RUN_MAX = 254  # bytes of one block without a zero
 # What a board leaves to the c-node: bits of `told` in `about`.
 TOLD_CLOCK = 1  # a bench's: tests tell it the time
 TOLD_READINGS = 2  # the sensors hang on the c-node, which reports them
-SEALED = 4  # a bit of `told` as well: a seal goes out behind each frame, and none is taken without one
+SEALED = 4  # a bit of `told` as well: a seal goes out behind each packet, and none is taken without one
 
 # What is answered instead of a node's own code.
 E_CALL = -64  # no such call, or not of its length
@@ -26,8 +26,8 @@ _NUMBER = "number u16: of the call; said again, it is answered again, and not do
 _TOP = "top b20: of the chain"
 _HCKPT = "hckpt b20: hash of the checkpoint"
 _MAC = "mac b8"
-_TOR = "tor u16: auditor"
-_TEE = "tee u16: auditee"
+_AUDITOR = "auditor u16: auditor"
+_AUDITEE = "auditee u16: auditee"
 _T = "t u32: ms, of the token request"
 
 
@@ -57,15 +57,17 @@ LOAD_MISSION = _call(
 )
 CLOCK = _call(0x44, "clock: it is so late; for a bench only", "t u32: ms, never before the last")
 POLL = _call(0x45, "poll: s-node; an `entry`", "reading rest: empty where the board has the sensors")
-RECV = _call(0x46, "recv: a-node; an `entry`", "frame rest: from the radio")
-SEND = _call(0x47, "send: a-node; an `entry`", "frame rest: to the radio")
+RECV = _call(0x46, "recv: a-node; an `entry`", "packet rest: from the radio")
+SEND = _call(0x47, "send: a-node; an `entry`", "packet rest: to the radio")
 ACTUATE = _call(0x48, "actuate: a-node; an `entry`", "command rest: to the actuators")
 MAKE_AUTH = _call(0x49, "make_auth: s-node; an `authenticator`", "nonce b8: MAC of the token request")
 CHECK_AUTH = _call(0x4A, "check_auth: s-node", _TOP, "id u16: robot id", "nonce b8", _MAC)
-TOKEN_REQUEST = _call(0x4B, "token_request: a-node; a `token_request`", _TOR)
-ISSUE_TOKEN = _call(0x4C, "issue_token: a-node; the token's MAC", _TEE, _T, _TOP, "treq_mac b8: of the request", _HCKPT)
-CHECK_TOKEN = _call(0x4D, "check_token: a-node", _TOR, _TEE, _T, _HCKPT, _MAC)
-INSTALL_TOKEN = _call(0x4E, "install_token: a-node", _TOR, _T, _HCKPT, _MAC)
+TOKEN_REQUEST = _call(0x4B, "token_request: a-node; a `token_request`", _AUDITOR)
+ISSUE_TOKEN = _call(
+    0x4C, "issue_token: a-node; the token's MAC", _AUDITEE, _T, _TOP, "treq_mac b8: of the request", _HCKPT
+)
+CHECK_TOKEN = _call(0x4D, "check_token: a-node", _AUDITOR, _AUDITEE, _T, _HCKPT, _MAC)
+INSTALL_TOKEN = _call(0x4E, "install_token: a-node", _AUDITOR, _T, _HCKPT, _MAC)
 CHECK = _call(0x4F, "check: a-node; code 1 in Safe Mode")
 SEAL = _call(0x50, "seal: manufacture: the radio is sealed, for ever; until a master key is loaded")
 

@@ -15,20 +15,20 @@ HASH_BYTES = 20  # SHA-1
 MAC_BYTES = 8  # LightMAC over PRESENT-80
 KEY_BYTES = 20  # K1 ‖ K2, as long as a hash: the mission key is blinded with one
 NONCE_BYTES = 8  # the MAC of the token request that an authenticator answers
-FRAME_MAX = 2048  # of a frame, a sensor reading or an actuator command, bytes
+PACKET_MAX = 2048  # of a packet, a sensor reading or an actuator command, bytes
 
 # --- entries of the two chains -----------------------------------------------------------------------------------
 
 ENTRY_INPUT = 1  # s-chain: what a sensor said
-ENTRY_RECV = 2  # a-chain: a frame from the radio
-ENTRY_SEND = 3  # a-chain: a frame to the radio
+ENTRY_RECV = 2  # a-chain: a packet from the radio
+ENTRY_SEND = 3  # a-chain: a packet to the radio
 ENTRY_ACMD = 4  # a-chain: a command to the actuators
 
 ENTRY = record(
     "entry: what is chained and what the c-node logs",
     "type u8: 1 INPUT, 2 RECV, 3 SEND, 4 ACMD",
     "t u32: ms, clock of the node that chained it",
-    "payload v16: u16 length, then the reading, the whole frame or the command",
+    "payload v16: u16 length, then the reading, the whole packet or the command",
 )
 ENTRY_HEADER_BYTES = ENTRY.size
 
@@ -49,7 +49,7 @@ EVIDENCE = record(
     tag=MARK_EVIDENCE,
 )
 
-# --- frames and payloads -------------------------------------------------------------------------------------------
+# --- packets and payloads -------------------------------------------------------------------------------------------
 
 KIND_STATE = 0x01
 KIND_SENSOR = 0x02
@@ -61,7 +61,7 @@ KIND_MISSION_READING = 0x08
 KIND_MISSION_MESSAGE = 0x09
 KIND_DRIVE = 0x0A
 KIND_ACTION = 0x0B
-KIND_AUDIT = 0x80  # the bit that keeps a frame out of the chains
+KIND_AUDIT = 0x80  # the bit that keeps a packet out of the chains
 
 _SAID = fields("id u16: robot id", "t u64: ms, sender's clock")
 _MOTION = fields("x_m y_m f32: position, world frame", "vx_mps vy_mps f32: velocity, world frame")
@@ -119,7 +119,7 @@ TOKEN_REPLY = 2
 SEEK = 3
 HERE = 4
 
-_AUDIT = fields("src u16: robot id; in `bound` written by the a-node", "dst u16: robot id, 0 for all")
+_AUDIT = fields("src u16: robot id; in `hardened` written by the a-node", "dst u16: robot id, 0 for all")
 AUDIT_HELLO = record("audit_hello: here is somebody who audits", *_AUDIT, f"sub u8 = {HELLO}", tag=KIND_AUDIT)
 AUDIT_SEEK = record(
     "audit_seek: lacks tokens; robots that receive it answer, each at a random time",
@@ -171,19 +171,19 @@ _AUTH = fields("thash b20: top of the chain", "id u16: robot id")
 AUTH_S = record("auth_s: authenticator of an s-node", *_AUTH, "nonce b8: MAC of the token request", tag=0x11)
 AUTH_S_PAPER = record("auth_s_paper: the same in profile `paper`", *_AUTH, tag=0x11)
 AUTH_A_PAPER = record("auth_a_paper: authenticator of an a-node; in profile `paper` only", *_AUTH, tag=0x12)
-_TREQ = fields("t u32: ms, auditee's a-node clock", "tee u16: auditee", "tor u16: auditor")
+_TREQ = fields("t u32: ms, auditee's a-node clock", "auditee u16: auditee", "auditor u16: auditor")
 TREQ = record("treq: token request", *_TREQ, "thash_a b20: top of the a-chain, just flushed", tag=0x13)
 TREQ_PAPER = record("treq_paper: the same in profile `paper`", *_TREQ, tag=0x13)
 TOKEN = record(
     "token: an auditor's word that it replayed the log and found no fault",
-    "tor u16: auditor",
-    "tee u16: auditee",
+    "auditor u16: auditor",
+    "auditee u16: auditee",
     "t u32: ms, of the request",
     "hckpt b20: hash of the checkpoint that was audited",
     tag=0x14,
 )
-_SENDER = fields("t u32: ms, sender's a-node clock; no two frames have the same", "src u16: robot id")
-SEALED = record("sealed: a frame on a sealed radio", *_SENDER, "hash b20: of the frame", tag=0x15)
+_SENDER = fields("t u32: ms, sender's a-node clock; no two packets have the same", "src u16: robot id")
+SEALED = record("sealed: a packet on a sealed radio", *_SENDER, "hash b20: of the packet", tag=0x15)
 
 # --- what trusted nodes hand out -----------------------------------------------------------------------------------
 
@@ -197,7 +197,7 @@ TOKEN_REQUEST = record(
     "top b20: of the a-chain, just flushed; zeros in profile `paper`",
     "mac b8",
 )
-SEAL = record("seal: behind each frame on a sealed radio", *_SENDER, "mac b8: of `sealed`")
+SEAL = record("seal: behind each packet on a sealed radio", *_SENDER, "mac b8: of `sealed`")
 
 # --- what an auditee shows -----------------------------------------------------------------------------------------
 
@@ -206,7 +206,7 @@ REQUEST_VERSION = 0x01
 REQUEST = record(
     "request: request for an audit; the tag is its version",
     "flags u8: 1: the log begins at boot",
-    "tee u16: auditee",
+    "auditee u16: auditee",
     "t u32: ms, of the token request",
     "top_a b20: top of the a-chain",
     "treq_mac b8: of the token request",
@@ -221,7 +221,7 @@ REQUEST = record(
     tag=REQUEST_VERSION,
 )
 COVERING_TOKEN = record(
-    "covering_token: an auditor's word for the start", "tor u16: auditor", "t u32: ms, of its request", "mac b8"
+    "covering_token: an auditor's word for the start", "auditor u16: auditor", "t u32: ms, of its request", "mac b8"
 )
 BOOTED = record("booted: the start of a log that begins at boot", "t_key u32: ms, when the mission key was loaded")
 CHECKPOINT = record(
@@ -240,7 +240,7 @@ KEPT = record(
 )
 PROOF = record(
     "proof: in a robot's kept log: what its trusted nodes said of all that stands before",
-    "tor u16: whom a request asked",
+    "auditor u16: whom a request asked",
     f"head b{REQUEST.size}: what it begins with",
     tag=0x86,
 )
@@ -251,7 +251,7 @@ KEPT_CLAIM = record("kept_claim: what the scan is to show", "claim v16: u16 leng
 OUTPUT = record(
     "output: what a controller puts out",
     "type u8: 3 SEND, 4 ACMD",
-    "payload v16: u16 length, then the frame or the command",
+    "payload v16: u16 length, then the packet or the command",
 )
 FLOCK_MEMORY = record(
     "flock_memory: what a flock's controller remembers",
@@ -295,14 +295,14 @@ CRUMB = record("crumb: a place of the way back", "x_cm y_cm i32: map frame")
 TURN_DEG = 360
 PASS_BY = 181  # so many numbers are left out by a record that is no robot
 ROBOT_PLACE = record(
-    "robot_place: where a robot is, in a frame; with a w of 181 · 360 or more it is no robot, and leaves out 181 "
-    "numbers",
+    "robot_place: where a robot is, in a state update; with a w of 181 · 360 or more it is no robot, and leaves out "
+    "181 numbers",
     "w u16: TURN_DEG · (how many numbers are left out before this one) + direction, whole degrees",
     "x u16: in the piece's steps from its left",
     "y u16: from its top",
 )
 ROUTE_POINT = record(
-    "route_point: a point of a route, in a frame",
+    "route_point: a point of a route, in a state update",
     "x u16: in the route's steps from its left",
     "y u16: from its top",
 )

@@ -33,7 +33,7 @@ class Sent:
 
 @dataclass(frozen=True, slots=True)
 class MissionPlan:
-    """What the adversary has and wants."""
+    """The adversary's means and goals."""
 
     start_s: float  # from when on it lies, seconds from the robot's start
     chance: np.random.Generator
@@ -67,7 +67,7 @@ class Between:
 
     @property
     def lies(self) -> bool:
-        """Whether it lies at this moment."""
+        """Return whether it lies at this moment."""
         return self.now_s >= self.plan.start_s
 
     def deliver(self, sent: Sent) -> Sent:

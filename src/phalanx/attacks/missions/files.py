@@ -1,4 +1,4 @@
-"""What is done to a mission's file on its way: altered, replaced, sent again."""
+"""Attacks on a mission file in transit: alter it, replace it, send it again."""
 
 from __future__ import annotations
 

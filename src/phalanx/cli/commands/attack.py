@@ -26,7 +26,7 @@ def list_attacks() -> None:
 @attack.command(epilog="Example: phalanx attack run spoof:robot=7,at=10 --defence none --duration 120")
 @click.argument("name", shell_complete=an_attack, metavar="NAME|FILE.py:CLASS[:robot=I,at=T,…]")
 @options.defence_option(
-    default="bound",
+    default="hardened",
     show_default=True,
     help="none, the paper's, or ours; of a mission: a plain graph, the paper profile unsigned, or sealed and signed.",
 )

@@ -86,7 +86,7 @@ def check() -> None:
     An auditor runs a robot's controller again, and convicts a robot whose controller answers otherwise. So the
     controller lives through the same calls in four processes, with other clocks, time zones and orders of sets. It is
     compiled and not, beside another robot's controller, and goes on from each of its checkpoints. Some frames and
-    readings are as liars and broken sensors make them. Ends with 1 if any byte differs, if something is raised, or if
-    it puts out what no robot takes, as NaN. A call that sleeps, opens a file, starts a thread or takes 10 s of
-    processor time is a mistake at once.
+    readings are as compromised robots and broken sensors make them. Ends with 1 if any byte differs, if something is
+    raised, or if it puts out what no robot takes, as NaN. A call that sleeps, opens a file, starts a thread or takes
+    10 s of processor time is a mistake at once.
     """

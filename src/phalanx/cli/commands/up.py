@@ -52,8 +52,8 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 @option("--start-key", help="Of one sealed --mission FILE; without, FILE.key.", type=FILE)
 @option("--trust", help="Refuse a --mission FILE none of these signed; repeatable.", multiple=True, metavar="KEY")
 @options.defence_option(
-    help="What robots do about liars among them: audit each other (bound), as the paper has it, or nothing."
-    "  [default: bound, for up to 100 robots; on a mission, where an audit can show what they read]"
+    help="Defence against compromised robots: audits (hardened), audits as printed (paper), or none."
+    "  [default: hardened, for up to 100 robots; on a mission, where an audit can show what they read]"
 )
 @option(
     "--f-max",

@@ -142,7 +142,7 @@ class Arena:
         self._tasks.add(asyncio.ensure_future(job))
 
     def look(self) -> None:
-        """What robots have told of themselves is known."""
+        """Read the state that each robot has published."""
         self._hear(self._said())
 
     async def _look_on(self) -> None:
@@ -163,7 +163,7 @@ class Arena:
             self.field.hear_of(i, state, (state["began_monotonic_s"] - self._began_s) * self._weather.speed)
 
     def _is_silent(self, i: int) -> bool:
-        """Whether radio i is off; one that is taken over obeys no a-node, and a gateway's has none."""
+        """Return whether radio i is off; one that is taken over obeys no a-node, and a gateway's has none."""
         is_robot = i < self.field.scenario.robots
         return is_robot and bool(self.field.world.safe[i]) and i + 1 not in self.on_air
 
@@ -247,7 +247,7 @@ class Robots:
             os.kill(pid, signal.SIGTERM)  # it is ours until `ended` has seen it
 
     def ended(self) -> bool:
-        """Whether one of them has ended."""
+        """Return whether one of them has ended."""
         gone = {pid: status for pid in self._living for found, status in [os.waitpid(pid, os.WNOHANG)] if found}
         for pid, status in gone.items():
             self.failed[self._living.pop(pid)] = _how_ended(os.waitstatus_to_exitcode(status))
@@ -307,8 +307,8 @@ def _check(scenario: Scenario, weather: Weather) -> None:
     for_robots(scenario)
     if scenario.robots > MOST_ROBOTS:
         raise UsageError(f"{scenario.robots} robots", f"at most {MOST_ROBOTS}: each is two processes")
-    if scenario.defence != "bound":
-        raise UsageError(f"defence is {scenario.defence}", "bound: processes have no other nodes")
+    if scenario.defence != "hardened":
+        raise UsageError(f"defence is {scenario.defence}", "hardened: processes have no other nodes")
     if weather.speed < 1 and scenario.controller == WHEELS:
         raise UsageError("an arena slower than real time, for robots that obey orders", "their gateway's clock is true")
     if weather.cut >= scenario.robots:
@@ -316,7 +316,7 @@ def _check(scenario: Scenario, weather: Weather) -> None:
 
 
 def _go_first() -> None:
-    """A processor that others keep busy would make robots late, and liars of them: before all that is not real-time."""
+    """Ask for real-time priority: on a busy processor honest robots would be late and look compromised."""
     try:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(os.sched_get_priority_min(os.SCHED_RR)))
     except PermissionError:

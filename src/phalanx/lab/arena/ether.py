@@ -1,6 +1,6 @@
 """A radio in real time between processes: each speaks UDP to one port, which passes on what those in range would hear.
 
-It loses, delays and repeats, so frames overtake each other. What is for one robot is tried again as Wi-Fi does it; what
+It loses, delays and repeats: packets overtake each other. What is for one robot is tried again as Wi-Fi does it; what
 is for all is said once. Source: docs/robot.md.
 """
 
@@ -20,7 +20,7 @@ from phalanx.net.ports import LOOPBACK
 from phalanx.wire.airtime import broadcast_us, rates_of, unicast_us
 from phalanx.wire.driven import EVERYBODY, ORDER
 from phalanx.wire.fields import get_u16, row
-from phalanx.wire.table import FRAME_MAX
+from phalanx.wire.table import PACKET_MAX
 from phalanx.world.audited.world import World
 from phalanx.world.radio.channel import (
     AIRTIME_US,
@@ -44,8 +44,8 @@ BUFFER_BYTES = 1 << 22
 class Weather:
     """Loss and delay of packets, and drift of clocks, beside the scenario's loss. Raises: UsageError: out of range."""
 
-    repeats: float = within(0.0, 0.0, 0.9, "share of frames that arrive twice")
-    delay_ms: float = within(5.0, 0.0, 10_000.0, "each frame is late by up to so much, so that one overtakes another")
+    repeats: float = within(0.0, 0.0, 0.9, "share of packets that arrive twice")
+    delay_ms: float = within(5.0, 0.0, 10_000.0, "each packet is late by up to so much, so that one overtakes another")
     cut: int = within(0, 0, 65_535, "so many robots, the first, and the others do not hear each other; 0: all do")
     cut_at_s: float = within(10.0, 0.0, 1e9, "from then on")
     clock_ppm: int = within(0, 0, 1000, "trusted processes' clocks are fast or slow by up to so much")
@@ -96,24 +96,24 @@ class Ether:
     def _hear(self) -> None:
         for _ in range(AT_ONCE):
             try:
-                frame, where = self._socket.recvfrom(FRAME_MAX + 1)
+                packet, where = self._socket.recvfrom(PACKET_MAX + 1)
             except OSError:
                 return
             i = self._index.get(where, -1)
-            if i >= 0 and 0 < len(frame) <= FRAME_MAX and not self._is_silent(i):
-                self._say(i, frame)
+            if i >= 0 and 0 < len(packet) <= PACKET_MAX and not self._is_silent(i):
+                self._say(i, packet)
 
-    def _say(self, i: int, frame: bytes) -> None:
+    def _say(self, i: int, packet: bytes) -> None:
         if i == self._robots:
-            self._say_order(frame)
+            self._say_order(packet)
             return
         if self._robots < len(self._ports) and self._dice.random() >= self._config.loss:
-            self._put(self._robots, frame)
+            self._put(self._robots, packet)
         reach = self._world.reach
         near = reach.ids[reach.near[i] : in_range(reach, i)].tolist()
-        is_audit = bool(frame[0] & request.AUDIT)
-        dst = int(get_u16(row(frame), request.AT_DST)) if is_audit and len(frame) >= request.AUDIT_HEAD_BYTES else 0
-        took_us = int(unicast_us(self._rates, len(frame)) if dst else broadcast_us(self._rates, len(frame)))
+        is_audit = bool(packet[0] & request.AUDIT)
+        dst = int(get_u16(row(packet), request.AT_DST)) if is_audit and len(packet) >= request.AUDIT_HEAD_BYTES else 0
+        took_us = int(unicast_us(self._rates, len(packet)) if dst else broadcast_us(self._rates, len(packet)))
         lost, counts = self._config.loss, self._world.air.counts[i]
         if dst:
             near = [j for j in near if j == dst - 1]
@@ -125,27 +125,27 @@ class Ether:
             kind = AUDIT_BROADCAST if is_audit else APP_BROADCAST
         told = counts[kind]
         told[SENT] += 1
-        told[BYTES] += len(frame)
+        told[BYTES] += len(packet)
         told[AIRTIME_US] += took_us
         told[DUE] += 1 if dst else len(near)
         for j in near:
             if self._dice.random() >= lost:
                 told[ARRIVED] += 1
                 for _ in range(1 + (self._dice.random() < self._weather.repeats)):
-                    self._put(j, frame)
+                    self._put(j, packet)
 
-    def _say_order(self, frame: bytes) -> None:
-        """A station's, which no count of robots' frames has in it; nor is it tried again."""
-        to = get_u16(row(frame), AT_ID) if len(frame) > AT_ID + 1 else 0
+    def _say_order(self, packet: bytes) -> None:
+        """A station's, which no count of robots' packets has in it; nor is it tried again."""
+        to = get_u16(row(packet), AT_ID) if len(packet) > AT_ID + 1 else 0
         for j in range(self._robots) if to == EVERYBODY else [to - 1]:
             if j < self._robots and self._dice.random() >= self._config.loss:
-                self._put(j, frame)
+                self._put(j, packet)
 
-    def _put(self, to: int, frame: bytes) -> None:
+    def _put(self, to: int, packet: bytes) -> None:
         late_s = LEAST_DELAY_S + self._dice.random() * self._weather.delay_ms / 1000 / self._weather.speed
-        asyncio.get_running_loop().call_later(late_s, self._deliver, to, frame)
+        asyncio.get_running_loop().call_later(late_s, self._deliver, to, packet)
 
-    def _deliver(self, to: int, frame: bytes) -> None:
+    def _deliver(self, to: int, packet: bytes) -> None:
         if not self._is_silent(to):
             with contextlib.suppress(OSError):  # no room, or nobody there: lost
-                self._socket.sendto(frame, (LOOPBACK, self._ports[to]))
+                self._socket.sendto(packet, (LOOPBACK, self._ports[to]))

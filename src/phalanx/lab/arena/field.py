@@ -48,7 +48,7 @@ class Field(Run):
         self._wall_s = self.now_s
 
     def sensed(self, i: int, now_ms: int) -> bytes:
-        """What robot i's sensors say, at this time of its own clock."""
+        """Return robot i's sensor reading at this time of its own clock."""
         body.advance(self.world, i)
         length = body.sensed(self.world, i, i + 1, now_ms)
         reading: bytes = self.world.reading[:length].tobytes()
@@ -58,7 +58,7 @@ class Field(Run):
         return reading
 
     def _lies(self, i: int) -> bool:
-        """Whether robot i is to lie by now."""
+        """Return whether robot i is to lie by now."""
         spec = next((each for each in self._drawn if each.robot == i + 1), None)
         return spec is not None and spec.at_s <= self.now_s < (math.inf if spec.until_s is None else spec.until_s)
 

@@ -1,4 +1,4 @@
-"""What an arena lays out for its robots: keys, a file for each, and the sockets of its body."""
+"""Create an arena's files for its robots: keys, a settings file each, and the sockets of the bodies."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def lay_out(
         signed = sign_mission(scenario, number, keys.signer("missions"))
         write_private(folder / name, issued(number, sealed, {}, signed.told))
     strangers = {each.robot for each in changes.on_air if each.name == "foreign-key"}
-    frames = "sealed" if changes.sealed else "plain"
+    packets = "sealed" if changes.sealed else "plain"
     for rob_id, port, (ppm, ahead_ms) in zip(ids, ports, clocks, strict=False):
         said = {
             "robot": rob_id,
@@ -96,7 +96,7 @@ def lay_out(
             "clock_ppm": ppm,
             "clock_ahead_ms": ahead_ms,
             "driver": "arena:.",
-            "radio": {"here": f"{LOOPBACK}:{port}", "peers": [air], "frames": frames},
+            "radio": {"here": f"{LOOPBACK}:{port}", "peers": [air], "packets": packets},
             "controller": changes.controller,
             "planner": changes.planner,
             "clock_speed": speed,
@@ -106,7 +106,7 @@ def lay_out(
         places.robots.append(read_robot(path))
     if with_station:
         here, at = f"{LOOPBACK}:{ports[-1]}", [{"robot": rob_id, "at": air} for rob_id in ids]
-        nodes = {"trusted": "process:gateway.flash", "number": gateway_id, "board": "gateway.bin", "frames": frames}
+        nodes = {"trusted": "process:gateway.flash", "number": gateway_id, "board": "gateway.bin", "packets": packets}
         said = {"mission": "mission.yaml", "key": "key.json", "here": here, "robots": at, **nodes}
         for role, who in STATION.items():
             write_private(folder / f"{role}.pem", pem(keys.signer(who)))

@@ -1,1 +1,1 @@
-"""Whether a controller answers the same inputs with the same bytes, and if not, where it differs."""
+"""Check that a controller answers the same inputs with the same bytes, and find the first difference."""

@@ -1,4 +1,4 @@
-"""Calls of a controller: a robot's life in the simulated world, then odd input of liars and broken sensors.
+"""Calls of a controller: a robot's life in the simulated world, then odd input of other robots and broken sensors.
 
 While it is called, it must not take for ever, sleep, start a thread or look at a file: `watched` finds it.
 """
@@ -41,11 +41,11 @@ ROBOTS, ROBOT, LIFE_S, GOAL_M = 9, 5, 15.0, (120.0, 120.0)
 CONTROL_MS = 250
 LATEST_MS = (1 << 32) - 1  # entries carry no later time
 LONGEST_BYTES = 400
-# Numbers as they lie in frames and readings: not a number of either sign, infinities, the largest, the least, -0.
+# Numbers as they lie in packets and readings: not a number of either sign, infinities, the largest, the least, -0.
 ODD = tuple(np.array(bits, "<u4").tobytes() for bits in (0x7FC00000, 0xFFC00001, 0x7F800000, 0xFF800000)) + tuple(
     np.array(value, "<f4").tobytes() for value in (3.4e38, -3.4e38, 1e-45, -0.0)
 )
-# Where all frames and readings have them.
+# Where all packets and readings have them.
 ID_AT, T_AT, NUMBERS_AT = table.SENSOR.at("id"), table.SENSOR.at("t"), table.SENSOR.at("x_m")
 FRAMES_A_READING = 3
 FRAME, ADVICE = -1, -2
@@ -71,7 +71,7 @@ _calls: list[list[str]] = []  # those that are watched, and what was seen of eac
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A frame that was heard, advice, or a reading."""
+    """A packet that was heard, advice, or a reading."""
 
     step: int  # of a reading, how many came before it; FRAME or ADVICE of those
     t_ms: int  # the node's time
@@ -84,7 +84,7 @@ class Call:
         return "on_input" if self.step >= 0 else {FRAME: "on_recv", ADVICE: "on_advice"}[self.step]
 
     def __str__(self) -> str:
-        what = f"reading {self.step}" if self.step >= 0 else {FRAME: "frame", ADVICE: "advice"}[self.step]
+        what = f"reading {self.step}" if self.step >= 0 else {FRAME: "packet", ADVICE: "advice"}[self.step]
         return f"{what}, {self.t_ms} ms" + (f", {self.odd}" if self.odd else "")
 
 
@@ -106,7 +106,7 @@ def maker(words: str) -> Make:
 def calls_of(make: Make, words: str, seed: int) -> list[Call]:
     """Return the calls that robot 5 of nine gets in 15 s, and then odd ones.
 
-    Raises: whatever the controller raises in a world without liars.
+    Raises: whatever the controller raises in a world without compromised robots.
     """
     chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 0xC4EC])))
     is_advised = _is_advised(make, words)
@@ -143,10 +143,10 @@ class _Listener(Controller):
     def decode(self, encoding: bytes) -> None:
         self._inner.decode(encoding)
 
-    def on_recv(self, t_ms: int, frame: bytes) -> None:
-        self._calls.append(Call(FRAME, t_ms, frame))
+    def on_recv(self, t_ms: int, packet: bytes) -> None:
+        self._calls.append(Call(FRAME, t_ms, packet))
         with watched(self._inner, "on_recv", str(self._calls[-1])):
-            self._inner.on_recv(t_ms, frame)
+            self._inner.on_recv(t_ms, packet)
 
     def on_input(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
         if self._planner:
@@ -156,7 +156,7 @@ class _Listener(Controller):
         self._calls.append(Call(step, t_ms, reading))
         with watched(self._inner, "on_input", str(self._calls[-1])):
             outputs = self._inner.on_input(step, t_ms, reading)
-        return checked_outputs(outputs, BtiConfig().frame_max_bytes, self._inner)
+        return checked_outputs(outputs, BtiConfig().packet_max_bytes, self._inner)
 
 
 def _world_of(words: str, seed: int) -> Scenario:
@@ -205,16 +205,16 @@ def _odd(life: list[Call], chance: np.random.Generator) -> Iterator[Call]:
     readings = [call for call in life if call.step >= 0]
     heard = [call.payload for call in life if call.step == FRAME]
     last, step = life[-1], readings[-1].step
-    state = bytes([table.KIND_STATE]) + readings[-1].payload[ID_AT:]  # if nobody broadcasts, a liar may
-    usual = {(frame[0], len(frame)): frame for frame in (state, *heard)}  # one of each kind and length
-    frames = list(_odd_frames(list(usual.values()), chance))
-    for k, (t_offset_ms, frame, odd) in enumerate(frames):
+    state = bytes([table.KIND_STATE]) + readings[-1].payload[ID_AT:]  # if nobody broadcasts, a compromised robot may
+    usual = {(packet[0], len(packet)): packet for packet in (state, *heard)}  # one of each kind and length
+    packets = list(_odd_frames(list(usual.values()), chance))
+    for k, (t_offset_ms, packet, odd) in enumerate(packets):
         t_ms = min(max(0, last.t_ms + CONTROL_MS * (k // FRAMES_A_READING) + t_offset_ms), LATEST_MS)
-        yield Call(FRAME, t_ms, frame, odd)
+        yield Call(FRAME, t_ms, packet, odd)
         if k % FRAMES_A_READING == 0:
             step += 1
             yield _at(readings[-1], step, last.t_ms + CONTROL_MS * (k // FRAMES_A_READING))
-    now_ms = last.t_ms + CONTROL_MS * (1 + len(frames) // FRAMES_A_READING)
+    now_ms = last.t_ms + CONTROL_MS * (1 + len(packets) // FRAMES_A_READING)
     advised = [call.payload for call in life if call.step == ADVICE and call.payload]
     for payload, odd in _odd_advice(advised[-1]) if advised else ():
         step, now_ms = step + 1, now_ms + CONTROL_MS
@@ -231,21 +231,21 @@ def _at(call: Call, step: int, t_ms: int) -> Call:
 
 
 def _odd_frames(usual: list[bytes], chance: np.random.Generator) -> Iterator[tuple[int, bytes, str]]:
-    """By how much its time is off, ms; the frame; what is odd of it."""
-    for frame in usual:
-        yield from ((0, frame, "again") for _ in range(3))
-        yield from ((off_ms, frame, f"{off_ms:+d} ms out of order") for off_ms in (-5000, 60_000, -(1 << 32), 1 << 32))
-        yield from ((0, frame[:n], f"cut to {n} bytes") for n in sorted({0, 1, 3, len(frame) // 2, len(frame) - 1}))
-        yield 0, frame + b"\0", "a byte too long"
-        yield 0, frame + bytes(max(0, LONGEST_BYTES - len(frame))), f"{LONGEST_BYTES} bytes"
-        yield 0, frame[:1] + bytes(len(frame) - 1), "zeros"
-        yield 0, frame[:1] + b"\xff" * (len(frame) - 1), "ones"
+    """By how much its time is off, ms; the packet; what is odd of it."""
+    for packet in usual:
+        yield from ((0, packet, "again") for _ in range(3))
+        yield from ((off_ms, packet, f"{off_ms:+d} ms out of order") for off_ms in (-5000, 60_000, -(1 << 32), 1 << 32))
+        yield from ((0, packet[:n], f"cut to {n} bytes") for n in sorted({0, 1, 3, len(packet) // 2, len(packet) - 1}))
+        yield 0, packet + b"\0", "a byte too long"
+        yield 0, packet + bytes(max(0, LONGEST_BYTES - len(packet))), f"{LONGEST_BYTES} bytes"
+        yield 0, packet[:1] + bytes(len(packet) - 1), "zeros"
+        yield 0, packet[:1] + b"\xff" * (len(packet) - 1), "ones"
         for rob_id in (0, ROBOT, *range(1000, 1040)):
-            told = np.frombuffer(frame, np.uint8).copy()
+            told = np.frombuffer(packet, np.uint8).copy()
             put_u16(told, ID_AT, rob_id)
             yield 0, told.tobytes(), f"from robot {rob_id}"
-        for at in range(len(frame) - 4, 2, -4):
-            yield from ((0, frame[:at] + odd + frame[at + len(odd) :], f"{odd.hex()} at byte {at}") for odd in ODD)
+        for at in range(len(packet) - 4, 2, -4):
+            yield from ((0, packet[:at] + odd + packet[at + len(odd) :], f"{odd.hex()} at byte {at}") for odd in ODD)
     for _ in range(20):
         noise = bytearray(chance.bytes(int(chance.integers(1, 64))))
         noise[0] &= ~table.KIND_AUDIT & 0xFF

@@ -31,7 +31,7 @@ PLAIN = "process 1"
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Where a check failed first."""
+    """First failure of a check."""
 
     call: int  # its number in the sequence, from 0
     at: str  # what was called, and when
@@ -57,7 +57,7 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What came of all checks of a controller."""
+    """Results of all checks of a controller."""
 
     controller: str
     seed: int
@@ -66,7 +66,7 @@ class Report:
 
     @property
     def agrees(self) -> bool:
-        """Whether nothing was found."""
+        """Return whether nothing was found."""
         return all(check.finding is None for check in self.checks)
 
     def as_json(self) -> dict[str, Any]:
@@ -82,7 +82,7 @@ def check_controller(words: str, seed: int = 0) -> Report:
     Args:
         words: "FILE.py:CLASS", or the name of a controller of ours.
         seed: of the life that the controller is led through.
-    Raises: UsageError: no such controller, or it fails in a world without liars. Unavailable: a process ended early.
+    Raises: UsageError: no such controller, or it fails in an honest world. Unavailable: a process ended early.
     """
     with mistakes_in(words):
         calls = calls_of(maker(words), words, seed)

@@ -109,7 +109,7 @@ def _step(controller: Controller, call: Call) -> Step:
                 controller.on_advice(call.payload)
             else:
                 told = controller.on_input(call.step, call.t_ms, call.payload)
-                outputs = checked_outputs(told, BtiConfig().frame_max_bytes, controller)
+                outputs = checked_outputs(told, BtiConfig().packet_max_bytes, controller)
                 refused = _unfit(outputs)
     except Endless:
         raise
@@ -127,7 +127,7 @@ def _step(controller: Controller, call: Call) -> Step:
 
 
 def _unfit(outputs: list[Output]) -> str:
-    """What is wrong with the first of them that no body and no neighbour could use; "" if nothing is."""
+    """Describe the first output that no body and no neighbour could use; "" if all are usable."""
     for output in outputs:
         layouts = COMMANDS if isinstance(output, Act) else SAID
         known = layouts.get((output.payload[0], len(output.payload)))

@@ -40,7 +40,7 @@ OUTCOME = {
     "harm_unit": "string",
     "bites_from": "double",  # from so much harm on, the attack calls it a bite
     "liars": "int64",
-    "deviated": "int64",  # liars that did what no honest robot would
+    "deviated": "int64",  # compromised robots that did what no honest robot would
     "stopped": "int64",  # of these, those in Safe Mode; of a robot on its own mission, whether it refuses or holds
     "slowest_stop_s": "double",  # from the first deviation to Safe Mode
     "bound_s": "double",  # of that; none where nothing is promised

@@ -15,11 +15,12 @@ import numpy as np
 
 from phalanx.attacks.library import ATTACKS
 from phalanx.config.defence import DEFENCES
+from phalanx.errors import UsageError, did_you_mean
 from phalanx.net.private_file import write_whole
 from phalanx.papers.plot import BLUE, ORANGE, VERMILION, Axes, blank, finish, legend_above
 
 COLOURS: dict[str, str] = dict(zip(DEFENCES, (VERMILION, ORANGE, BLUE), strict=True))
-WORDS: dict[str, str] = dict(zip(DEFENCES, ("no defence", "as the paper prints it", "ours (bound)"), strict=True))
+WORDS: dict[str, str] = dict(zip(DEFENCES, ("no defence", "as the paper prints it", "ours (hardened)"), strict=True))
 SHIFT: dict[str, float] = dict(zip(DEFENCES, (-0.25, 0.0, 0.25), strict=True))
 # Of what counts as a bite: less is drawn at the axis, more at the edge.
 LEAST, MOST = 0.01, 300.0
@@ -28,7 +29,7 @@ ROW_IN, HEAD_IN = 0.24, 2.4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """What an attack came to under a defence in a protocol, over the seeds; None where nobody measures that."""
+    """Results of an attack under a defence in a protocol, over the seeds; None where not measured."""
 
     protocol: str
     attack: str
@@ -40,7 +41,7 @@ class Line:
     harm_undefended: float | None  # median of the same with defence none
     harm_unit: str
     bites_from: float  # from so much on, the attack calls it a bite
-    deviated: int  # liars that did what no honest robot would
+    deviated: int  # compromised robots that did what no honest robot would
     stopped: int  # of these
     stop_median_s: float | None  # from the first deviation to Safe Mode, of a run's slowest
     stop_worst_s: float | None
@@ -53,10 +54,15 @@ class Line:
 
 
 def lines(rows: Iterable[Mapping[str, Any]]) -> list[Line]:
-    """The table of a store's rows; of two of the same seed, the later one counts: its attack was changed since."""
+    """Return the table of a store's rows; of two of the same seed, the later one counts: its attack was changed since.
+
+    Raises: UsageError: a row is of a defence that there is not.
+    """
     newest = {tuple(row[name] for name in ("protocol", "attack", "defence", "seed")): row for row in rows}
     of: dict[tuple[str, str, str], list[Mapping[str, Any]]] = {}
     for (protocol, attack, defence, _), row in newest.items():
+        if defence not in DEFENCES:
+            raise UsageError(f"a saved run has defence {defence!r}", f"{did_you_mean(defence, DEFENCES)}sweep again")
         of.setdefault((protocol, attack, defence), []).append(row)
     order = {name: place for place, name in enumerate(ATTACKS)}
     protocols = list(dict.fromkeys(protocol for protocol, _, _ in of))
@@ -149,7 +155,7 @@ def _draw(stem: Path, protocol: str, of: Sequence[Line], version: str) -> tuple[
     damage.invert_yaxis()
     _legend(damage, of)
     runs, misses = sum(line.runs for line in of), sum(line.misses for line in of)
-    costs = [line.cost_bytes_per_s for line in of if line.defence == "bound" and line.cost_bytes_per_s]
+    costs = [line.cost_bytes_per_s for line in of if line.defence == "hardened" and line.cost_bytes_per_s]
     cost = f"; audits send {np.median(costs) / 1000:.2f} kB/s a robot" if costs else ""
     footer = f"{runs} runs, {misses} with a promise that was not kept{cost}\nphalanx {version}"
     return finish(picture, f"Every attack on {protocol}, without a defence, with the paper's, with ours", footer, stem)

@@ -1,4 +1,4 @@
-"""Who is tried against what: each attack under each defence in each protocol, as runs that a sweep can deal out.
+"""Plan the scorecard: each attack under each defence in each protocol, as runs of a sweep.
 
 A protocol is what honest robots do. Bundled controllers that scenarios run are there by themselves, in a scenario that
 comes with them if there is one; so are missions, of one robot and of a team; and a controller of one's own.
@@ -21,8 +21,9 @@ from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attack, is_file
 from phalanx.scenarios.scenario import PROTOCOLS, Scenario, in_scenarios
 
-# When liars begin, and for how long they are watched: T_val and more than a round of audits beside it. Protocols are in
-# plain Python, ten times as dear as a flock, and what is lost to others shows in so much of their own scenarios.
+# When compromised robots begin, and for how long they are watched: T_val and more than a round of audits beside it.
+# Protocols are in plain Python, ten times as dear as a flock, and what is lost to others shows in so much of their own
+# scenarios.
 AT_S, WATCHED_S, WATCHED_IN_PROTOCOLS_S = 12.0, 24.0, 48.0
 MISSIONS: Mapping[str, tuple[Scene, ...]] = {"mission": ("errand", "file"), "team": ("team",)}
 HONEST_KEPT = 8  # honest runs: all attacks of a seed are compared with the same
@@ -111,7 +112,7 @@ def known_protocols() -> list[str]:
 
 
 def _ground(name: str) -> tuple[Scenario | None, str | None]:
-    """Where a protocol is tried, and the controller's file if it has one."""
+    """Return the scenario in which a protocol is tried, and the controller's file if it has one."""
     if name == WHEELS or name in MISSIONS:
         return None, None
     if is_file(name):

@@ -46,7 +46,7 @@ ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THRE
 
 @dataclass(frozen=True, slots=True)
 class Failed:
-    """What a job came to that ended with an exception: a line that says why."""
+    """Result of a job that ended with an exception: one line that gives the reason."""
 
     why: str
 
@@ -92,7 +92,7 @@ def run_sweep(
 
 
 def run_job(job: Job) -> dict[str, Any]:
-    """What a run comes to, as a row of the store. What a researcher's own file prints goes to stderr."""
+    """Run a job and return its row of the store. Output of a researcher's own file goes to stderr."""
     assert job.scenario, "a sweep's runs have one"
     with contextlib.redirect_stdout(sys.stderr), mistakes_in(job.attack, job.controller):
         scenario, own = find_controller(job.controller, job.scenario)
@@ -116,7 +116,7 @@ def _named(job: Job) -> str:
 
 
 def deal_cases(scheduler: str | None, workers: int | None) -> EachCase:
-    """What measures a figure's cases as `run_sweep` makes runs, for `phalanx.papers.table.measure`.
+    """Measure a figure's cases with the scheduler of `run_sweep`, for `phalanx.papers.table.measure`.
 
     Raises: UsageError: both. And there, when all others are measured: Unavailable: a case could not be.
     """
@@ -184,7 +184,7 @@ def dealt(
 
 
 def _make(run: Callable[[Any], Any], jobs: Sequence[tuple[str, Any]]) -> list[Any]:
-    """What the first jobs came to, or `Failed`: of as many as fit into `TASK_S`, of one at least."""
+    """Run the first jobs, as many as fit into `TASK_S` and at least one; return results or `Failed`."""
     made: list[Any] = []
     until_s = time.perf_counter() + TASK_S
     for _, job in jobs:
@@ -198,7 +198,7 @@ def _make(run: Callable[[Any], Any], jobs: Sequence[tuple[str, Any]]) -> list[An
 
 
 def why_not(error: BaseException | None) -> str:
-    """What a job ended with, as a line."""
+    """Return the exception of a job as one line."""
     if isinstance(error, PhalanxError):
         return str(error)
     if type(error).__name__ == "KilledWorker":
@@ -207,7 +207,7 @@ def why_not(error: BaseException | None) -> str:
 
 
 def get_ready() -> None:
-    """What processes of this machine are forked from begins to import what they need, while we do something else."""
+    """Start the fork server of this machine, which imports the workers' modules in the background."""
     context = get_context("forkserver")
     context.set_forkserver_preload(["distributed", __name__])
     before = {name: os.environ.get(name) for name in ONE_THREAD}

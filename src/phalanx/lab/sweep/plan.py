@@ -1,4 +1,4 @@
-"""What a sweep is: a scenario, what is varied of it, and seeds, as YAML; and the runs that this comes to."""
+"""Read a sweep from YAML: a scenario, the options that vary, and seeds; list its runs."""
 
 from __future__ import annotations
 

@@ -130,7 +130,7 @@ class Store:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """What came is written, and the folder is let go."""
+        """Write pending rows and release the folder."""
         if self._lock >= 0:
             try:
                 self.write()
@@ -225,7 +225,7 @@ def _type(values: tuple[Cell, ...]) -> str:
 
 
 def points(sweep: Plan, rows: Iterator[dict[str, Any]]) -> list[dict[str, Any]]:
-    """What the runs of each point came to, in the order of the grid; rows of other points are left out."""
+    """Average the runs of each grid point, in grid order; rows of other points are left out."""
     at: dict[tuple[Cell, ...], list[dict[str, Any]]] = {}
     of_job = {job.key: at.setdefault(tuple(value for _, value in job.point), []) for job in sweep.jobs}
     for row in rows:

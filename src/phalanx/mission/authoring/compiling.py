@@ -74,7 +74,7 @@ OFFSET_LIMIT_MM = 50
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BuildOptions:
-    """Who may run a mission, and when."""
+    """Options of a build: which robot may run the mission, and when."""
 
     profile: Profile = Profile.SEALED
     robots: tuple[int, ...] = ()  # ids; empty is any
@@ -104,7 +104,7 @@ class Built:
 
 
 class Maker:
-    """What both profiles share: numbering, headers, offsets."""
+    """Base of both profiles' encoders: numbering, headers, offsets."""
 
     def __init__(self, mission: Mission, options: BuildOptions, random: Random) -> None:
         default = PAPER_CODING if options.profile is Profile.PAPER else SEALED_CODING
@@ -143,7 +143,7 @@ class Maker:
         return nodes, number, [sorted(self.after[name], key=lambda way: number[way.target]) for name in number]
 
     def offset(self, alias: tuple[Observable, ...]) -> Offset:
-        """Where the cells of an alias are counted from."""
+        """Return the origin of an alias' cells."""
         return alias_offset(self.coding, alias, self.options.offset_mm)
 
     @staticmethod
@@ -187,7 +187,7 @@ def observed_bytes(
 
 
 def alias_offset(coding: CodingConfig, alias: tuple[Observable, ...], rounded_mm: int = 1) -> Offset:
-    """Where the cells of an alias are counted from, rounded to multiples within half a cell."""
+    """Return the origin of an alias' cells, rounded to multiples within half a cell."""
     place = place_of(alias)
     if place is None:
         return Offset()

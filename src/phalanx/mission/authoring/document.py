@@ -34,7 +34,7 @@ TOKEN = re.compile(r"[0-9a-f]{32,200}")  # at least 128 random bits
 
 
 class WrittenMission:
-    """What a file says, and where. Raises: UsageError: it is not YAML."""
+    """Parsed mission file with line numbers. Raises: UsageError: it is not YAML."""
 
     def __init__(self, data: bytes, source: str) -> None:
         self._source = source
@@ -52,7 +52,7 @@ class WrittenMission:
 
 
 def _about(root: yaml.Node | None, complaint: str, place: tuple[str | int, ...]) -> yaml.Node | None:
-    """What a complaint is about: what stands at its place, or the key in there that it names; None: the whole file."""
+    """Find the node an error concerns: the value at its path, or the key it names; None: the whole file."""
     about, inside = None, root
     for step in place:
         if not isinstance(inside, yaml.MappingNode | yaml.SequenceNode):

@@ -89,7 +89,7 @@ def once(landmarks: Iterable[Landmark]) -> list[Landmark]:
 
 
 def is_written_twice(one: Landmark, other: Landmark) -> bool:
-    """Whether these are the same thing, at two places: who knows the one takes the other for it, and never finds it."""
+    """Return whether two landmarks look the same, so that a robot takes one for the other."""
     alike = (one.type, one.text) == (other.type, other.text) and _is_same(one, other)
     return alike and math.hypot(one.x_m - other.x_m, one.y_m - other.y_m) > MIDDLE_M
 
@@ -130,7 +130,7 @@ def _apart_m(landmark: Landmark, rows: Rows) -> float:
 
 
 class Looks:
-    """What robots' lidar and extraction show in a building, without noise; `as_drawn`, with the dust of its map."""
+    """Landmarks that a noiseless lidar shows in a building; with `as_drawn`, with the dust of its map."""
 
     def __init__(self, plan: FloorPlan, lidar: LidarConfig | None = None, *, as_drawn: bool = False) -> None:
         lidar = lidar or LidarConfig()
@@ -139,11 +139,11 @@ class Looks:
         self._extraction = plan.extraction.for_noise(lidar.noise_m)
 
     def from_pose(self, pose: Pose) -> tuple[Landmark, ...]:
-        """What there is to be seen from x, y, heading; map frame."""
+        """Return the landmarks visible from x, y, heading; map frame."""
         return extract(self._eye.sweep(pose, self._chance), self._extraction).landmarks(*pose)
 
     def shows(self, pose: Pose, landmark: Landmark) -> bool:
-        """Whether this landmark is among it; a code is for cameras, and may be."""
+        """Return whether this landmark is among it; a code is for cameras, and may be."""
         return landmark.text is not None or any(_is(found, landmark) for found in self.from_pose(pose))
 
 
@@ -201,7 +201,7 @@ def _looks(plan: FloorPlan, lidar: LidarConfig, *, as_drawn: bool = False) -> Ca
 
 
 def _beside(site: Site, looks: Sequence[Sequence[Landmark]]) -> list[Landmark]:
-    """What else looks show, if two of them show it: a landmark that is seen badly once is no other one."""
+    """Return other landmarks in at least two looks: one poor sighting does not count as another landmark."""
     others = [[found for found in look if not any(_is(found, alias) for alias in site.aliases)] for look in looks]
     before: dict[tuple[str, int, int], list[Landmark]] = {}
     beside = []
@@ -229,7 +229,7 @@ def _away(one: Landmark, other: Landmark) -> float:
 
 
 def _places(plan: FloorPlan, site: Site) -> list[Pose]:
-    """Where robots may stand that see a landmark, looking at it."""
+    """Return the places from which robots see a landmark, facing it."""
     x, y = site.place_m
     poses = []
     for away, k in ((away, k) for away in AWAY_M for k in range(DIRECTIONS)):

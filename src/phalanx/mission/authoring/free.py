@@ -1,4 +1,4 @@
-"""Where robots can be in a building, and how far it is from one place to another for who has a body."""
+"""Compute free space of a building for a robot with a body: reachable cells and path lengths."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Cell = tuple[int, int]
 
 
 class Free:
-    """What is free in a building, and joined to where robots begin: cells of a grid."""
+    """Grid cells of a building that are free and connected to the robots' start."""
 
     def __init__(self, plan: FloorPlan, starts: Sequence[Place]) -> None:
         self._plan, self._starts = plan, tuple(starts)
@@ -43,14 +43,14 @@ class Free:
                 yield place
 
     def has_room(self, x_m: float, y_m: float) -> bool:
-        """Whether a robot can be there, if it gets there."""
+        """Return whether a robot can be there, if it gets there."""
         x0, y0, x1, y1 = self._plan.bounds
         leaves = any(math.dist((x_m, y_m), start) <= LEAVE_M for start in self._starts)
         least_m = STAND_M if leaves else PASS_M
         return x0 <= x_m <= x1 and y0 <= y_m <= y1 and self._plan.clearance_m(x_m, y_m) >= least_m
 
     def is_near(self, x_m: float, y_m: float) -> bool:
-        """Whether a robot can be there, or a step beside it."""
+        """Return whether a robot can be there, or a step beside it."""
         return any(cell in self._cells for cell in _around(*self._cell(x_m, y_m)))
 
     def side_of(self, a: Place, b: Place) -> int | None:
@@ -70,13 +70,13 @@ class Free:
         return None
 
     def on_way(self, a: Place, b: Place, metres: float, side: int) -> Place | None:
-        """Where a robot is after so much of the way from a towards b: on its line, or next to it; None for nowhere."""
+        """Return a free place so many metres from a towards b, on the line or beside it; None if there is none."""
         x, y = b[0] - a[0], b[1] - a[1]
         share = metres / math.hypot(x, y)
         return next(self.beside_line((a[0] + share * x, a[1] + share * y), math.atan2(y, x), side), None)
 
     def beside_line(self, at: Place, along_rad: float, side: int) -> Iterator[Place]:
-        """Where a robot can be that follows a line: at this place of it; or else on this side, the nearest first."""
+        """Return where a robot that follows a line can be: on it, or else on this side, nearest first."""
         x, y = -side * math.sin(along_rad), side * math.cos(along_rad)
         if self._cell(*at) in self._cells:
             yield at
@@ -85,18 +85,18 @@ class Free:
         yield from (place for place in places if self._cell(*place) in self._cells)
 
     def again_beside(self, at: Place, along_rad: float) -> Iterator[Place]:
-        """Where a robot can be that goes around what ends a line, or tries it again, left and right of where it was."""
+        """Return free places left and right of a line's end, for a robot that goes around or retries."""
         for aside_m in (ASIDE_M[0], -ASIDE_M[0], ASIDE_M[-1], -ASIDE_M[-1]):
             place = at[0] - aside_m * math.sin(along_rad), at[1] + aside_m * math.cos(along_rad)
             if self._cell(*place) in self._cells and self._plan.sees(at, place):
                 yield place
 
     def beside(self, plan: FloorPlan, place: Place) -> list[Place]:
-        """Where a robot can be that is at a place, which may lie in a wall: near, and in sight of it."""
+        """Return free places near a place, which may lie in a wall, and in sight of it."""
         return [each for each in self.places(*place, BESIDE_M) if plan.sees(each, place)]
 
     def has_way(self, ones: Sequence[Place], others: Sequence[Place], most_m: float) -> bool:
-        """Whether a robot gets from one of these places to one of those others on no more than so many metres."""
+        """Return whether a robot gets from one of these places to one of those on at most so many metres."""
         ends = {self._cell(*place) for place in others}
         if not ends:
             return False

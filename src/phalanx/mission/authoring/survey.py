@@ -212,7 +212,7 @@ def _joined(ways: set[tuple[str, str]], *spare: set[tuple[str, str]]) -> set[tup
 
 
 def _without(dark: Collection[str], *ways: set[tuple[str, str]]) -> set[tuple[str, str]]:
-    """What `_joined` gives, without ways to and from what is dark."""
+    """Return the result of `_joined` without ways to and from dark nodes."""
     return _joined(*({(a, b) for a, b in each if a not in dark and b not in dark} for each in ways))
 
 

@@ -157,7 +157,7 @@ def place_bytes(shape: Shape, cell: Cell, text: str | None = None) -> bytes:
 
 
 def cell_at(shape: Shape) -> int:
-    """Where in the canonical bytes of a shape the eight bytes of x and y stand."""
+    """Return the offset of x and y, eight bytes, in the canonical bytes of a shape."""
     content = table.POSITION if shape.place == AT_POSITION else table.LANDMARK
     return table.CANONICAL.size + table.OBSERVABLE.size + content.at("x")
 

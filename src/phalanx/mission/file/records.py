@@ -46,7 +46,7 @@ class Profile(IntEnum):
 
 
 class WayKind(IntEnum):
-    """What is encoded in a way from one node to the next (paper profile)."""
+    """Kind of encoding of a way from one node to the next (paper profile)."""
 
     EMPTY = 0
     DIRECTION = 1
@@ -55,7 +55,7 @@ class WayKind(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """What holds for the whole mission; its digest is bound to every node."""
+    """Header of a mission; its digest is bound to every node."""
 
     profile: Profile
     mission_id: bytes  # 16 random bytes
@@ -84,7 +84,7 @@ class Header:
 
     @property
     def digest(self) -> bytes:
-        """What binds nodes to this header."""
+        """Return the digest that binds nodes to this header."""
         return sha3_256(self.encode())
 
 

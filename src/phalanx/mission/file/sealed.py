@@ -29,7 +29,7 @@ PAD = 64  # payloads grow in such steps, so that their length tells little
 
 @dataclass(frozen=True, slots=True)
 class WayOut:
-    """What a payload says about one way: the gate of the node it leads to (`onward`), and what to do to get there."""
+    """One way in a payload: the gate of the node it leads to (`onward`), and the instruction to get there."""
 
     gate: Gate
     do: Action | None = None
@@ -37,7 +37,7 @@ class WayOut:
 
 @dataclass(frozen=True, slots=True)
 class Payload:
-    """What a sealed node tells whoever opened it."""
+    """Contents of a sealed node, readable once it is opened."""
 
     name: str
     do: Action | None
@@ -113,18 +113,18 @@ def open_payload(header: Header, node: int, record: NodeRecord, secret: bytes) -
 
 
 def direction_tag(secret: bytes, target: int, sector: int) -> bytes:
-    """What is stored for the direction of a way; searched by trying the sectors."""
+    """Return the tag stored for the direction of a way; decoders try each sector."""
     message = b"dir" + table.OF_SECTOR.form.pack(target, sector)
     return hmac.digest(secret, message, "sha256")[:TAG_BYTES]
 
 
 def visited_proof(secret: bytes) -> bytes:
-    """What a robot shows another to prove that it decoded the node; says nothing about the secret."""
+    """Return the proof that a robot decoded the node; it reveals nothing about the secret."""
     return hkdf_sha256(secret, b"visited", SECRET_BYTES)
 
 
 def visited_hash(proof: bytes) -> bytes:
-    """What is stored to check such a proof."""
+    """Return the hash stored to check such a proof."""
     return sha3_256(b"visited" + proof)
 
 

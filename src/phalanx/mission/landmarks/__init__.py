@@ -1,4 +1,4 @@
-"""What a robot's sensors show of the world, as landmarks: from lidar scans, from camera pictures, from floor plans."""
+"""Extract landmarks from lidar scans, camera pictures and floor plans."""
 
 from .features import Features, extract
 from .floorplan import FloorPlan, WallCode, floorplan_of_yaml

@@ -1,4 +1,4 @@
-"""Where a QR code hangs, from the pixels of its four corners: a homography, then the pose with the least pixel error.
+"""Estimate a QR code's pose from its four corner pixels: a homography, then least pixel error.
 
 Only + - * / and square roots, so that an auditor who gets the corners comes to the same landmark to the bit.
 """
@@ -45,7 +45,7 @@ class Intrinsics:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mount:
-    """Where the camera sits on the robot; it looks horizontally."""
+    """Mounting pose of the camera on the robot; it looks horizontally."""
 
     x_m: float = 0.0  # robot frame (x forward, y left), z above the floor
     y_m: float = 0.0
@@ -65,7 +65,7 @@ class CodePose:
 
     @property
     def sure(self) -> bool:
-        """Whether the normal can be told from this picture: the other tilt fits worse, or is nearly the same."""
+        """Return whether the normal can be told from this picture: the other tilt fits worse, or is nearly the same."""
         alike = sum(a * b for a, b in zip(self.normal, self.other_normal, strict=True)) > SAME_COSINE
         return alike or self.other_error_px > SURE_TIMES * self.error_px + SURE_PX
 

@@ -42,14 +42,14 @@ def meet(walls: F64x2, a: int, b: int) -> tuple[float, float, float]:
 
 @kernel
 def _grazes(x: float, y: float, walls: F64x2, w: int, graze_sine: float) -> bool:
-    """Whether the robot sees the point of wall `w` at too flat an angle."""
+    """Return whether the robot sees the point of wall `w` at too flat an angle."""
     grazes: bool = abs(x * walls[w, ALONG_Y] - y * walls[w, ALONG_X]) < graze_sine * math.sqrt(x * x + y * y)
     return grazes
 
 
 @kernel
 def _runs_away(v: View, walls: F64x2, spans: I64x2, w: int, graze_sine: float) -> bool:
-    """Whether the robot looks along the farther half of a short wall.
+    """Return whether the robot looks along the farther half of a short wall.
 
     It has few points there, and of what stands across its nearer end many lie within `split_m` of it. Those turn its
     line, so that it seems to be seen at an angle.
@@ -107,7 +107,7 @@ def next_beam(v: View, beam: int, step: int) -> int:
 
 @kernel
 def _turns_back(v: View, limits: Limits, walls: F64x2, w: int, i: int, step: int) -> bool:
-    """Whether the surface goes on behind the line of the wall that ends at point i."""
+    """Return whether the surface goes on behind the line of the wall that ends at point i."""
     j = i + step
     if _off_line(v, j, walls, w) > -limits.line_m:
         return False
@@ -121,7 +121,7 @@ def _turns_back(v: View, limits: Limits, walls: F64x2, w: int, i: int, step: int
 
 @kernel
 def _slides(v: View, limits: Limits, walls: F64x2, w: int, i: int, step: int) -> bool:
-    """Whether the surface leaves the line of the wall little by little before point i: what is round does so."""
+    """Return whether the surface leaves the line of the wall little by little before point i: what is round does so."""
     ax, ay, p = walls[w, ALONG_X], walls[w, ALONG_Y], i
     while 0 < p < len(v.x) - 1 and _off_line(v, p, walls, w) < -ROUND * limits.line_m:
         p -= step

@@ -36,7 +36,7 @@ UNSEEN = -1.0
 
 @kernel
 def _is_open(v: View, from_beam: int, to_beam: int, a: Pair, b: Pair, clear_m: float) -> bool:
-    """Whether all beams from `from_beam` to `to_beam` pass between jambs a and b; half of them must say something.
+    """Return whether beams `from_beam` to `to_beam` pass between jambs a and b; half must have a range.
 
     Nothing may be hit before the line of the jambs, nor behind it up to `clear_m`: a closed door, an alcove.
     """
@@ -200,7 +200,7 @@ def rooms_of(corners: F64x2, room_min_m2: float) -> F64x2:
 
 
 class Features(NamedTuple):
-    """What a scan shows; all in the robot's frame, metres and radians, in the order of the bearings."""
+    """Features of a scan in the robot's frame, metres and radians, ordered by bearing."""
 
     walls: F64x2  # (w, 8): a point on it, unit direction (robot on the left), first end, last end
     corners: F64x2  # (c, 6): position, beam, wall before, wall after (-1: not seen), 1 if convex
@@ -252,7 +252,7 @@ def _sweep_of(scan: LaserScan, config: ExtractionConfig) -> Sweep:
 
 @kernel
 def _seam(ranges: F64x1) -> int:
-    """Where to cut a full turn open: at the largest step of the range, so that no wall is cut."""
+    """Return the beam at which to cut a full turn: at the largest range step, so that no wall is cut."""
     n = len(ranges)
     best, at = -1.0, 0
     for k in range(n):

@@ -68,12 +68,12 @@ class FloorPlan:
         return clearance(self.walls, float(x_m), float(y_m))
 
     def inside(self, x_m: float, y_m: float) -> bool:
-        """Whether the place is free: within the bounds, and on the free side of the nearest outlines."""
+        """Return whether the place is free: within the bounds, and on the free side of the nearest outlines."""
         x0, y0, x1, y1 = self.bounds
         return x0 <= x_m <= x1 and y0 <= y_m <= y1 and all(o.has_on_free_side(x_m, y_m) for o in self.outlines)
 
     def sees(self, a: tuple[float, float], b: tuple[float, float]) -> bool:
-        """Whether no wall lies between two places; walls that only reach up to one of them do not count."""
+        """Return whether no wall lies between two places; walls that only reach up to one of them do not count."""
         x, y = float(b[0]) - float(a[0]), float(b[1]) - float(a[1])
         length = math.hypot(x, y)
         if length < 1e-9:
@@ -83,7 +83,7 @@ class FloorPlan:
     def is_clear(
         self, a: tuple[float, float], b: tuple[float, float], side_m: float, near_m: float, far_m: float
     ) -> bool:
-        """Whether no wall enters a rectangle on the right of the way from a to b.
+        """Return whether no wall enters a rectangle on the right of the way from a to b.
 
         It begins and ends `side_m` inside of a and b, and reaches from `near_m` to `far_m` on the right.
         """
@@ -121,7 +121,7 @@ def clearance(walls: F64x2, x: float, y: float) -> float:
 
 @kernel
 def _is_crossed(walls: F64x2, x: float, y: float, way_x: float, way_y: float, margin: float) -> bool:
-    """Whether a wall meets the way from x, y, but for such a share of it at both ends."""
+    """Return whether a wall meets the way from x, y, but for such a share of it at both ends."""
     for i in range(len(walls)):
         along_x, along_y = walls[i, 2] - walls[i, 0], walls[i, 3] - walls[i, 1]
         cross = way_x * along_y - way_y * along_x
@@ -242,13 +242,13 @@ class Beacon:
         check_limits(self)
 
     def is_read(self, away_m: float, chance: float) -> bool:
-        """Whether it is read from so far off, by a standard normal number."""
+        """Return whether it is read from so far off, by a standard normal number."""
         return away_m + self.noise_m * chance <= self.range_m
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quantity:
-    """What robots read where they measure more than a level of it; half is left `half_m` off; walls keep it."""
+    """Signal that robots read above a level; it halves every `half_m` metres; walls block it."""
 
     reading: str
     x_m: float = within(0.0, -LARGEST, LARGEST)  # map frame
@@ -266,7 +266,7 @@ class Quantity:
             raise UsageError(f"over {self.over:g} of a peak of {self.peak:g}", "below the peak, or nobody reads it")
 
     def is_read(self, away_m: float, chance: float) -> bool:
-        """Whether it is read from so far off, by a standard normal number."""
+        """Return whether it is read from so far off, by a standard normal number."""
         halves = away_m / self.half_m
         return self.peak / (1.0 + halves * halves) + self.noise * chance >= self.over
 

@@ -58,7 +58,7 @@ class MapWords:
 
 
 def map_words(data: bytes, name: str) -> MapWords:
-    """What a map_server YAML file says.
+    """Parse a map_server YAML file.
 
     Raises: UsageError: it does not describe a map. Source: ROS map_server, nav2_map_server.
     """
@@ -297,7 +297,7 @@ def without_dust(cells: NDArray[np.uint8], edge_m: float) -> tuple[NDArray[np.ui
 
 
 def _is_passed(solid: NDArray[np.bool_], row: int, column: int, edge_m: float) -> bool:
-    """Whether a robot gets from each place beside a speck to each other beside it: it parts nothing."""
+    """Return whether a robot gets from each place beside a speck to each other beside it: it parts nothing."""
     away = PASS_M / edge_m + 0.5  # in cells, of a robot's middle from the middles of what it passes
     reach = math.ceil(2 * away)
     window = solid[max(0, row - reach) : row + reach + 1, max(0, column - reach) : column + reach + 1]

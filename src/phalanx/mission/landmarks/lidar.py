@@ -119,7 +119,7 @@ def _cast_disc(x: float, y: float, radius: float, beams: Beams, ranges: F64x1) -
 
 @kernel
 def _is_hidden(x: float, y: float, radius: float, beams: Beams, ranges: F64x1) -> bool:
-    """Whether all beams that may meet something in a circle, robot frame, have met something before it."""
+    """Return whether all beams that may meet something in a circle, robot frame, have met something before it."""
     squared = x * x + y * y - radius * radius
     if squared <= 0.0:
         return False

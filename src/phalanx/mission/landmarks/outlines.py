@@ -37,7 +37,7 @@ class Outline:
         return (*self.points.min(0).tolist(), *self.points.max(0).tolist())
 
     def has_on_free_side(self, x_m: float, y_m: float) -> bool:
-        """Whether a place lies inside an outline around free space, or outside of an island."""
+        """Return whether a place lies inside an outline around free space, or outside of an island."""
         # A way along walls without thickness encloses nothing.
         if abs(self.area_m2) < TOUCH_M:
             return True

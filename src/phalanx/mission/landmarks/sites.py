@@ -61,7 +61,7 @@ class _Corner:
 
 
 def is_shown(thing: Landmark, sites: Iterable[Site]) -> bool:
-    """Whether one of them is such a landmark, at that place."""
+    """Return whether one of them is such a landmark, at that place."""
     same = (other for site in sites for other in site.aliases if other.type == thing.type)
     return any(abs(other.x_m - thing.x_m) <= SHOWN_M and abs(other.y_m - thing.y_m) <= SHOWN_M for other in same)
 

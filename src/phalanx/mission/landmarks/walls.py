@@ -126,7 +126,7 @@ def fit_line(x: F64x1, y: F64x1, first: int, last: int) -> tuple[float, float, f
 
 @kernel
 def _strays(x: F64x1, y: F64x1, first: int, last: int, split_m: float) -> bool:
-    """Whether a point of first..last is farther than `split_m` from the line through them all."""
+    """Return whether a point of first..last is farther than `split_m` from the line through them all."""
     cx, cy, ax, ay = fit_line(x, y, first, last)
     for i in range(first, last + 1):  # noqa: SIM110 - kernels know no generators
         if abs(ax * (y[i] - cy) - ay * (x[i] - cx)) > split_m:
@@ -187,7 +187,7 @@ def _off(x: F64x1, y: F64x1, i: int, line: tuple[float, float, float, float]) ->
 def _is_flat(
     x: F64x1, y: F64x1, first: int, last: int, line: tuple[float, float, float, float], long_m: float, line_m: float
 ) -> bool:
-    """Whether points of a wall so long are of one face, and not of a leg or of two faces."""
+    """Return whether points of a wall so long are of one face, and not of a leg or of two faces."""
     if long_m < ROUND_M and abs(_bow(x, y, first, last, line)) > ROUND * line_m:
         return False
     return long_m >= STEPPED_M or _step(x, y, first, last, line) <= line_m

@@ -1,1 +1,1 @@
-"""Where a robot believes to be, and how sure it is: an extended Kalman filter over landmarks and odometry."""
+"""Estimate a robot's pose and covariance: an extended Kalman filter over landmarks and odometry."""

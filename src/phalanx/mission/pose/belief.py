@@ -120,7 +120,7 @@ class Belief:
 
     @property
     def drift(self) -> tuple[float, float, float]:
-        """What odometry leaves out: of the way, of turns, and radians per metre. Source: Encoded graphs §VI-F."""
+        """Return odometry drift: scale of distance, of turns, and rad per metre. Source: Encoded graphs §VI-F."""
         way, turn, curve = self.mean[3:].tolist()
         return way, turn, curve
 

@@ -24,7 +24,7 @@ Steps = tuple[float, float, float, float]
 
 
 class Groups(NamedTuple):
-    """What is searched for together, as kernels take it."""
+    """Shapes that are searched together, as kernel arrays."""
 
     rows: F64x2  # (m, 5) offset of the cells, and the reach in 0.1 m from which things count, or 0
     targets: U64x2  # (t, 4) digests, those of a group together and sorted
@@ -43,7 +43,7 @@ class Doubt(NamedTuple):
 
 
 class Message(NamedTuple):
-    """What is hashed, in words of eight bytes with SHA3's padding, zeros where x, y, bin and area go."""
+    """Message to hash in 8-byte words with SHA3 padding; zeros where x, y, bin and area go."""
 
     template: U64x1
     word: int  # where x begins
@@ -123,7 +123,7 @@ def level_of(thing: F64x1, place: bool, steps: Steps, doubt: Doubt) -> int:
 
 @kernel
 def bins_beside(turn_rad: float, offset_rad: float, step_rad: float, doubt: Doubt) -> tuple[bool, bool]:
-    """Whether the next bin of an orientation may be meant, and whether the one before may."""
+    """Return whether the next bin of an orientation may be meant, and whether the one before may."""
     if np.isnan(turn_rad):
         return False, False
     turn = (turn_rad - offset_rad) / step_rad

@@ -63,7 +63,7 @@ def turn_to(truth_rad: float, seen_rad: float, half: bool) -> float:
 
 @kernel
 def most_of(turn_rad: float) -> float:
-    """What a match may misfit by, with such a turn from the orientation seen to the true one."""
+    """Return the largest misfit of a match, given the turn from the seen orientation to the true one."""
     return MISFIT_2 if np.isnan(turn_rad) else MISFIT_3
 
 
@@ -93,7 +93,7 @@ def may_mean(
     sight: Sight,
     within_m: float,
 ) -> bool:
-    """Whether a thing seen may be a known one, whatever is written on them."""
+    """Return whether a thing seen may be a known one, whatever is written on them."""
     dx, dy = known[j, X] - seen[i, X], known[j, Y] - seen[i, Y]
     # Nearly all end here.
     if not -within_m <= dx <= within_m or known[j, KIND] != seen[i, KIND]:

@@ -67,7 +67,7 @@ class Unshown(PeerError):
 
 
 def unlock(mission: EncodedMission, claim: Claim) -> bytes | None:
-    """What the claim opens the node with, by one hash or one KDF: a key (sealed), b"" (paper), or None: nothing."""
+    """Try to unlock the node with the claim, by one hash or KDF: a key (sealed), b"" (paper), or None."""
     if not 0 <= claim.node < len(mission.nodes) or not 0 <= claim.alias < len(mission.nodes[claim.node].aliases):
         return None
     alias = mission.nodes[claim.node].aliases[claim.alias]
@@ -110,7 +110,7 @@ def shows(
 
 
 def _is_offset(coding: CodingConfig, offset: Offset) -> bool:
-    """Whether no part of it is more than half a cell, bin or step: a compiler's is not, and a liar's would be a lever.
+    """Return whether each part is at most half a cell, bin or step; a larger one would be an attacker's lever.
 
     Without it a robot could say of any orientation that it is in the bin that opens the node.
     """

@@ -1,4 +1,4 @@
-"""Where things stand that nobody surveyed, one landmark may be a stranger; several that agree hardly are.
+"""Match several landmarks at once: among unsurveyed objects one may match by chance, several rarely do.
 
 The compiler tells how far a landmark is from the next thing that looks the same, of those that it knows. Of others a
 robot may know how close they stand in such a building, `strangers_per_m2`, and so how often some of them pass for all

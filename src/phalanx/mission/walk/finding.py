@@ -54,7 +54,7 @@ Believed = tuple[Opened | None, Fix | None, Reason]  # why not, if nothing was o
 
 @dataclass(frozen=True, slots=True)
 class Find:
-    """What a search came to."""
+    """Result of a search."""
 
     keys: Keyring  # with what was tried; a new node's gates are not among them yet
     opened: Opened | None  # what was found, or None; then `reason` says why not
@@ -64,7 +64,7 @@ class Find:
 
 
 class _Decoded:
-    """What a robot has decoded, as it asks of it at every step.
+    """Decoded nodes, indexed for the queries of every step.
 
     Attributes:
         candidates: nodes that it may try, by its last node and its target.
@@ -199,7 +199,7 @@ class Finder:
         return None if more else gaze_of(self.config, chart, state.target, search.steps, shapes, asked)
 
     def look(self, state: State, seen: Experience) -> Find:
-        """What the search comes upon."""
+        """Return the result of the search."""
         budget, keys = Budget(self.config.hash_tries if self._is_paper else self.config.kdf_tries), state.keys
         opened, fix, reason = None, None, Reason.NOTHING_SENSED
         failed: set[bytes] = set()
@@ -224,7 +224,7 @@ class Finder:
         return Find(keys, opened, fix, reason, budget.used)
 
     def nothing(self, state: State, seen: Experience, tries: int) -> Find:
-        """What a search comes to that finds nothing."""
+        """Return the result of a search that finds nothing."""
         reason = Reason.NOTHING_SENSED
         if tries or seen.landmarks or seen.sensors:
             most = self.config.hash_tries if self._is_paper else self.config.kdf_tries
@@ -256,7 +256,7 @@ class Finder:
         return self._decoded(state.opened).chart
 
     def _unexplained(self, state: State, seen: Experience, again: Container[int] = ()) -> Experience:
-        """What was experienced, without what is too far off, or known to be other nodes' than the target's.
+        """Return the observation without landmarks that are too far off or belong to other nodes than the target.
 
         Args:
             again: numbers of known landmarks that may be another node's too.
@@ -280,7 +280,7 @@ class Finder:
         return search_sealed(self.mission, self.config, locks, seen, state.heard, state.keys.tried, failed, budget)
 
     def _released(self, state: State) -> bytes:
-        """What chained nodes need of the node before them: its hash (paper profile)."""
+        """Return the hash of the previous node that chained nodes need (paper profile)."""
         if not self._is_paper or state.at is None:
             return b""
         return self.mission.nodes[state.at].aliases[state.opened[state.at].alias].mark
@@ -359,6 +359,6 @@ class Finder:
 
 
 def _is_middle(coding: CodingConfig, offset: Offset, thing: Landmark) -> bool:
-    """Whether a thing is in the middle of its cell, counted from an offset."""
+    """Return whether a thing is in the middle of its cell, counted from an offset."""
     x, y, _ = middle_of(coding, offset, cell_of(coding, offset, thing.x_m, thing.y_m))
     return length_m(thing.x_m - x, thing.y_m - y) <= MIDDLE_M

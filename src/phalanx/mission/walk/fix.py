@@ -108,7 +108,7 @@ def pose_doubt_m(seen: Experience) -> float:
 
 
 def is_there(config: MissionConfig, seen: Experience, x_m: float, y_m: float) -> bool:
-    """Whether the robot is at a place, however its doubt has it."""
+    """Return whether the robot is at a place, however its doubt has it."""
     away_m = length_m(x_m - seen.x_m, y_m - seen.y_m)
     return away_m + ALONE_SIGMAS * pose_doubt_m(seen) <= config.place_m
 
@@ -120,7 +120,7 @@ def doubt_m(config: MissionConfig, seen: Experience, landmark: Landmark) -> floa
 
 
 def sighting(observed: Landmark, truth: Landmark, x_m: float, y_m: float, turned_rad: float = 0.0) -> Sighting:
-    """What it means that `observed` is `truth`.
+    """Return the sighting that matches `observed` to `truth`.
 
     Args:
         x_m, y_m: where the pose now puts what was observed.
@@ -133,12 +133,12 @@ def sighting(observed: Landmark, truth: Landmark, x_m: float, y_m: float, turned
 
 
 def fits(config: MissionConfig, spread: F64x2, x_m: float, y_m: float, match: Sighting) -> bool:
-    """Whether what was seen from a pose so unsure may be what it is matched with."""
+    """Return whether what was seen from a pose so unsure may be what it is matched with."""
     return bool(misfit(spread, x_m, y_m, match, sight_of(config)) <= most_of(match.turn_rad))
 
 
 def is_alone(config: MissionConfig, seen: Experience, pair: Match, mean: F64x1, spread: F64x2) -> bool:
-    """Whether nothing else that looks the same can be meant: the robot's doubt does not reach to the next such thing.
+    """Return whether no other look-alike can be meant: it lies beyond the robot's uncertainty.
 
     If another one were seen, it would be within the doubt of that one, and that is `apart_m` from here.
 
@@ -163,7 +163,7 @@ def told(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> l
 
 
 def has_rival(config: MissionConfig, seen: Experience, observed: Landmark, truth: Landmark) -> bool:
-    """Whether another landmark of the same scan may as well be the one that was recognised."""
+    """Return whether another landmark of the same scan may as well be the one that was recognised."""
     spread = pose_spread(seen.spread)
     for other in seen.landmarks:
         if other is observed or other.type != truth.type or other.text != truth.text:
@@ -217,20 +217,20 @@ def told_by(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -
 
 
 def _from_pose(seen: Experience, pair: Match, mean: F64x1) -> Sighting:
-    """What a match means to a robot that is at another pose now."""
+    """Return a match, moved to the robot's present pose."""
     observed, truth = pair
     return sighting(observed, truth, *as_known(seen, observed, mean), wrap_rad(float(mean[2]) - seen.heading_rad))
 
 
 def as_known(seen: Experience, landmark: Landmark, mean: F64x1) -> tuple[float, float]:
-    """Where a landmark lies, had the robot been at another pose."""
+    """Return a landmark, moved to the robot's other pose."""
     sine, cosine = sin_cos(float(mean[2]) - seen.heading_rad)
     dx, dy = float(landmark.x_m - seen.x_m), float(landmark.y_m - seen.y_m)
     return float(mean[0]) + (cosine * dx - sine * dy), float(mean[1]) + (sine * dx + cosine * dy)
 
 
 def is_sure(config: MissionConfig, seen: Experience) -> bool:
-    """Whether the pose is about as sure as one gets, and a correction would say nothing."""
+    """Return whether the pose is about as sure as one gets, and a correction would say nothing."""
     (xx, _, _, yy, _, tt), (place_m, turn_rad) = seen.spread, floor_of(config)
     most = GROWN * GROWN
     return max(xx, yy) <= most * place_m * place_m and tt <= most * turn_rad * turn_rad

@@ -22,7 +22,7 @@ KEY_VERSION = 2
 
 @dataclass(frozen=True, slots=True)
 class Hint:
-    """What to measure for one alias, without where it is: the shape, and the offset of its cells."""
+    """Hint for one alias without its place: the shape to measure, and the offset of its cells."""
 
     shape: Shape
     offset: Offset = Offset()  # noqa: RUF009  # a NamedTuple: nobody can change it
@@ -64,7 +64,7 @@ def join_shares(shares: list[bytes]) -> bytes:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class StartKey:
-    """What is not in the file: the gates of the first nodes, and the messages that a controller sends."""
+    """Secret that is not in the file: the gates of the first nodes, and the controllers' messages."""
 
     mission_id: bytes
     gates: dict[int, Gate]  # by node; none in the paper profile

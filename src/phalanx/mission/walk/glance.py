@@ -30,7 +30,7 @@ AREA = 4  # of what is seen, where a chart has the text
 
 
 class Gaze(NamedTuple):
-    """What is looked for, and how: the same until a node is decoded or given up."""
+    """Search target and method; constant until a node is decoded or given up."""
 
     known: F64x2  # (n, 5) landmarks decoded before, as `Chart` has them
     nodes: I64x1  # (n,) of each its node
@@ -57,7 +57,7 @@ def gaze_of(
     shapes: Shapes,
     asked: Sequence[tuple[Shape, int]],
 ) -> Gaze | None:
-    """What a robot looks for that has decoded so much, and makes for a target.
+    """Return the gaze for the nodes decoded so far and the present target.
 
     Args:
         shapes: packed.
@@ -81,7 +81,7 @@ def gaze_of(
 
 @kernel
 def _is_asked(gaze: Gaze, seen: F64x2, i: int, away_dm: float) -> bool:
-    """Whether a thing in sight is of a shape that is searched elsewhere."""
+    """Return whether a thing in sight is of a shape that is searched elsewhere."""
     for k in range(len(gaze.asked)):
         kind, oriented, area, reach_dm = gaze.asked[k, 0], gaze.asked[k, 1], gaze.asked[k, 2], gaze.asked[k, 3]
         lacks = (oriented > 0.0 and np.isnan(seen[i, TURN])) or (area > 0.0 and np.isnan(seen[i, AREA]))

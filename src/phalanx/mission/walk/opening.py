@@ -31,7 +31,7 @@ class OpenWay:
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """What a walk goes on with of a decoded node: no gate, and nothing that was sealed beyond where and whither."""
+    """Parts of a decoded node that a walk keeps: its place and ways, no gate and no other sealed content."""
 
     alias: int  # by which it was recognised
     place_m: tuple[float, float] | None  # as in `Opened`

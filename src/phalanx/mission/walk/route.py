@@ -28,7 +28,7 @@ class Map:
         self.finals = frozenset(i for i, node in enumerate(mission.nodes) if node.flags & FINAL)
 
     def may_enter(self, node: int, opened: Collection[int]) -> bool:
-        """Whether all that must come before a node has been decoded."""
+        """Return whether all that must come before a node has been decoded."""
         return node not in self.joins or node in opened or all(other in opened for other in self.before[node])
 
     def distances(

@@ -117,7 +117,7 @@ def region(
 
 
 def fits(shape: Shape, landmark: Landmark) -> bool:
-    """Whether the landmark has what the shape asks for."""
+    """Return whether the landmark has what the shape asks for."""
     return (
         landmark.type == LANDMARK_TYPES[shape.place - 1]
         and (not shape.oriented or landmark.orientation_rad is not None)

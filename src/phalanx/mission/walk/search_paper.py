@@ -222,7 +222,7 @@ class PaperSearch:
 
 
 def _is_bare(shape: Shape) -> bool:
-    """Whether it asks for a place, and for nothing else that robots sense or do."""
+    """Return whether it asks for a place, and for nothing else that robots sense or do."""
     wanted = shape.text, shape.sensors, shape.messages, shape.action, shape.time
     return bool(shape.place) and not any(wanted)
 

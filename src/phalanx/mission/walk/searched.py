@@ -1,4 +1,4 @@
-"""What was searched in vain, and is not searched again: around which cells, and of all others which cells themselves.
+"""Remember fruitless searches, so that the same cells are not searched again.
 
 A robot that looks at the same door ten times a second would search around the same cells again; one that drives past
 it, around the next cell, of whose surroundings it knows all but an edge.
@@ -51,7 +51,7 @@ SPIRAL = np.array(spiral(RINGS_MOST), np.int64)
 
 @kernel
 def row_of(table: I64x2, lane: int, numbers: Numbers) -> int:
-    """Where this cell is in the table, or the free row where it would be."""
+    """Return the row of this cell in the hash table, or the free row for it."""
     x, y, turn, area = numbers
     mask = len(table) - 1
     row = (x * 73856093 + y * 19349663 + turn * 83492791 + area * 39916801 + lane * 67867967) & mask
@@ -130,7 +130,7 @@ def keep_tiles(known: Known, lane: int, numbers: Numbers, rings: int, bits: I64x
 
 
 class Searched:
-    """What one mission's searches found nothing in.
+    """Cells in which one mission's searches found nothing.
 
     A lane stands for all that goes into a hash beside the cell, and for the digests that are looked for.
     """

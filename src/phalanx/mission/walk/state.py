@@ -142,7 +142,7 @@ class Reason(Enum):
 
 
 class Kind(Enum):
-    """What a robot shall do."""
+    """Kind of an instruction."""
 
     GO = "go"  # from the node's place in the direction, until the next node decodes
     DO = "do"  # an action, until the next node decodes
@@ -167,7 +167,7 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a step came to."""
+    """Result of a step."""
 
     order: Order
     decoded: Opened | None = None  # the node that was validated in this step, or None; then `reason` says why not

@@ -123,8 +123,8 @@ class Walker:
     def hear_report(self, state: State, report: tuple[tuple[int, bytes], ...]) -> State:
         """The state after another robot told where it was; what it cannot prove is ignored (sealed profile).
 
-        In the paper profile nothing is stored to check a proof with, and a robot's word is taken: a liar can make
-        others go elsewhere first, and no more.
+        In the paper profile nothing is stored to check a proof with, and a robot's word is taken: a compromised robot
+        can make others go elsewhere first, and no more.
         """
         nodes = self.mission.nodes
         checked = self.mission.header.profile is Profile.SEALED
@@ -149,7 +149,7 @@ class Walker:
         return replace(state, t_s=seen.t_s, since_s=since, heard=heard)
 
     def _glance(self, state: State, seen: Experience) -> Find | None:
-        """What a search comes upon, if it is nothing; None where a glance does not tell, or something seems wrong."""
+        """Return the empty result if a glance rules out a find; None if it does not, or if something looks wrong."""
         is_sane = _is_on_plane(seen) and 0.0 <= seen.travelled_m <= FAR_M
         tries = self._finder.tries_in_vain(state, seen) if is_sane else None
         return None if tries is None else self._finder.nothing(state, seen, tries)
@@ -163,7 +163,7 @@ class Walker:
 
     @staticmethod
     def _sane(seen: Experience) -> Experience:
-        """What was experienced, without what no robot can: a pose that is no number, things beyond a kilometre."""
+        """Return the observation without impossible values: a pose that is NaN, landmarks beyond a kilometre."""
         if not _is_on_plane(seen):
             return replace(seen, x_m=PLANE_M, y_m=PLANE_M, heading_rad=0.0, landmarks=())
         near = tuple(landmark for landmark in seen.landmarks if distance_m(seen, landmark) < SIGHT_M)
@@ -246,8 +246,8 @@ class Walker:
         return replace(state, target=None, phase=next_phase(state.phase, event))
 
     def _is_explored(self, state: State) -> bool:
-        """Whether each node of a mission without a final one was decoded, by this robot or, proven, by another."""
-        # In the paper profile a report proves nothing, and a liar's must not make a mission look whole.
+        """Return whether each node of a mission without a final one was decoded, by this robot or, proven, another."""
+        # In the paper profile a report proves nothing, and a compromised robot's must not make a mission look whole.
         proven = state.others if self.mission.header.profile is Profile.SEALED else frozenset()
         return not self.map.finals and len(state.opened.keys() | proven) == len(self.mission.nodes)
 
@@ -279,7 +279,7 @@ class Walker:
         return state, event, Reason.TIMED_OUT if event is Event.TIMED_OUT else None
 
     def _has_passed(self, state: State, seen: Experience) -> bool:
-        """Whether the target is a place that is known, and reached again by a pose that can be trusted."""
+        """Return whether the target is a place that is known, and reached again by a pose that can be trusted."""
         known = state.opened.get(state.target) if state.target is not None else None
         if state.phase is not Phase.SEEKING or known is None or known.place_m is None:
             return False

@@ -1,1 +1,1 @@
-"""What a captured file is worth: by sums, and by really trying."""
+"""Estimate the value of a captured file: by calculation, and by real attacks."""

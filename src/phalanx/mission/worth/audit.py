@@ -1,4 +1,4 @@
-"""What a mission is worth: per node, what who captured the file tries at most, given what the node before reveals.
+"""Bound the tries that open each node of a captured file, given what the previous node reveals.
 
 Guessing costs add along a walk and never multiply: who has opened one node looks for the next in a corridor. Only what
 cannot be measured from a floor plan (a start key, a message, a random token) is out of reach. What is counted opens
@@ -91,7 +91,7 @@ def audit(
     outlook: Outlook | None = None,
     doors: ExtractionConfig | None = None,
 ) -> Audit:
-    """What a captured file of this mission is worth, and what the author should look at.
+    """Estimate the tries to open a captured file, and list problems for the author.
 
     Args:
         open_start: the attacker has the start key (it is in the file, or was captured with the robot).
@@ -181,7 +181,7 @@ def _robot_tries(coding: CodingConfig, config: MissionConfig, alias: Alias, node
 def _problems(
     mission: Mission, coding: CodingConfig, config: MissionConfig, doors: ExtractionConfig
 ) -> dict[str, list[str]]:
-    """What the author should look at, by node."""
+    """Return problems for the author, by node."""
     out: dict[str, list[str]] = {}
 
     def tell(name: str, problem: str) -> None:
@@ -246,7 +246,7 @@ def _near_pairs(
 
 
 def _same(mine: Alias, theirs: Alias, a: Node, b: Node) -> bool:
-    """Whether all but the places are the same, so that only the position tells the nodes apart."""
+    """Return whether all but the places are the same, so that only the position tells the nodes apart."""
     rest = [
         ({thing for thing in alias if not hasattr(thing, "x_m")}, node.wait, node.do)
         for alias, node in ((mine, a), (theirs, b))
@@ -256,7 +256,7 @@ def _same(mine: Alias, theirs: Alias, a: Node, b: Node) -> bool:
 
 
 def _fits(coding: CodingConfig, mine: Alias, theirs: Alias) -> bool:
-    """Whether what satisfies one alias lies in the other's cell as well."""
+    """Return whether what satisfies one alias lies in the other's cell as well."""
     place = place_of(mine)
     there = place_of(theirs)
     if place is None or there is None:

@@ -74,7 +74,7 @@ def _bins(coding: CodingConfig, shape: Shape, box: Box) -> list[tuple[int, int]]
 
 
 def can_guess(shape: Shape) -> bool:
-    """Whether a shape is made of a place alone, so that a map's size is all one needs."""
+    """Return whether a shape is made of a place alone, so that a map's size is all one needs."""
     return bool(shape.place) and not (shape.text or shape.sensors or shape.messages or shape.action or shape.time)
 
 

@@ -85,7 +85,7 @@ def look_ahead(
 def ways_in_vain(
     mission: Mission, plan: FloorPlan, lidar: LidarConfig | None = None
 ) -> tuple[Outlook, set[Way], set[Way]]:
-    """What `look_ahead` gives; ways, from and to, that failed until it knew more; and those it could spare.
+    """Return the outlook; ways that failed until the robot knew more; and ways it could skip.
 
     A robot holds no map, tries any way, and may be lost on one that fails.
     """
@@ -117,7 +117,7 @@ class _Scout:
         self.shown_m2: dict[str, float] = {}
 
     def run(self) -> Outlook:
-        """What `look_ahead` gives."""
+        """Return the outlook, see `look_ahead`."""
         waiting = [(0.0, node.name, self._begun(node)) for node in self.mission.nodes if node.start]
         while True:
             self._decode(waiting)
@@ -245,7 +245,7 @@ class _Scout:
         return self.free.side_of(source.place, target.place)
 
     def _eyes(self, seen: Experience, side: int, target: Node) -> list[Experience]:
-        """Who may go there: on its line or on this side of it; to what is no door also who tries again beside that."""
+        """Return the poses of robots that go there: on the line or on this side; to a non-door also beside it."""
         assert self.free is not None, "a way has a side where there is a plan"
         places = list(self.free.beside_line((seen.x_m, seen.y_m), seen.heading_rad, side))
         if all(isinstance(thing, Landmark) and thing.type == "doorway" for thing in _things(target)):
@@ -261,7 +261,7 @@ class _Scout:
         return min(target.within_m or math.inf, self.config.decode_m)
 
     def _decodes(self, target: Node, seen: Experience, again: list[Match], whys: list[str], *, shown: bool) -> bool:
-        """Whether a node is believed from here; if not, and it might have been, says why.
+        """Return whether a node is believed from here; if not, and it might have been, says why.
 
         Args:
             shown: a scan has to show it, from just here.
@@ -298,14 +298,14 @@ class _Scout:
         return told(self.config, seen, list(off))
 
     def _again(self, seen: Experience) -> list[Match]:
-        """What the robot knows and sees again."""
+        """Return the known landmarks that the robot sees again."""
         near = ((distance_m(seen, thing), thing) for thing in self.known)
         first = sorted(((away, thing) for away, thing in near if away <= self.config.decode_m), key=lambda row: row[0])
         in_sight = (thing for _, thing in first if self._sees(seen, thing))
         return [(thing, thing) for thing in islice(in_sight, AGAIN_MOST)]
 
     def _in_sight(self, seen: Experience, target: Node) -> list[Landmark]:
-        """What counts of a node, from where a robot can be."""
+        """Return the node's landmarks that are visible from where a robot can be."""
         if self.free is not None and not self.free.is_near(seen.x_m, seen.y_m):
             return []
         return [
@@ -317,7 +317,7 @@ class _Scout:
         ]
 
     def _is_seen_beside(self, target: Node) -> bool:
-        """Whether a node is in sight from anywhere: robots leave the straight way, and begin beside it."""
+        """Return whether a node is in sight from anywhere: robots leave the straight way, and begin beside it."""
         return any(
             self._is_clear(place, thing)
             for thing in _things(target)
@@ -369,7 +369,7 @@ class _Scout:
         return is_before and self._is_clear((seen.x_m, seen.y_m), thing)
 
     def _is_clear(self, eye: tuple[float, float], thing: Landmark) -> bool:
-        """Whether no wall is between, but the one that it is in."""
+        """Return whether no wall is between, but the one that it is in."""
         away = math.dist(eye, (thing.x_m, thing.y_m))
         share = max(0.0, 1 - BEFORE_M / max(away, BEFORE_M))
         place = eye[0] + share * (thing.x_m - eye[0]), eye[1] + share * (thing.y_m - eye[1])

@@ -112,7 +112,7 @@ class Guess:
         return min(everywhere, max(1.0, wedge / delta_m**2 + reaches[1] / delta_m)) * bins * areas
 
     def _before(self, node: Node, way: PlainWay | None) -> Before | None:
-        """What the node before reveals."""
+        """Return what the previous node reveals."""
         if way is None or way.do is not None:
             return None
         source, sectors = self.nodes[way.source].place, self.coding.sectors

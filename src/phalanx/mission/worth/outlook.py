@@ -1,4 +1,4 @@
-"""What is to be expected of a mission before anybody drives: which nodes robots decode, and how long it may take."""
+"""Predict a mission before it runs: which nodes robots decode, and how long it may take."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ UNPLACED_M = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Outlook:
-    """What is to be expected of a mission; nodes by name, each with the reasons."""
+    """Prediction of a mission; nodes by name, each with the reasons."""
 
     infeasible: dict[str, tuple[str, ...]]  # cannot be decoded: one reason for each way there
     doubtful: dict[str, str]  # may be looked for in the wrong place
@@ -29,7 +29,7 @@ class Outlook:
     order: tuple[str, ...] = ()
 
     def completes(self, mission: Mission) -> bool:
-        """Whether each part can be lived to its end: to a final node, or to all of them."""
+        """Return whether each part can be lived to its end: to a final node, or to all of them."""
         for part in mission.parts:
             names = {node.name for node in mission.nodes if node.part == part}
             finals = {node.name for node in mission.nodes if node.part == part and node.final}

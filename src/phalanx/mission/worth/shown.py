@@ -1,4 +1,4 @@
-"""What a floor plan tells whoever guesses: where landmarks are that what is known of a node may mean, likeliest first.
+"""List what a floor plan tells an attacker: candidate landmarks of a node, likeliest first.
 
 The attack and the audit both ask here, so that the audit counts what the attack tries.
 """
@@ -41,7 +41,7 @@ MOST = 16.0
 
 
 class Before(NamedTuple):
-    """What the open node before tells: where it is, and in which direction of how many the next one lies."""
+    """Knowledge from the previous opened node: its place, and the sector in which the next node lies."""
 
     x_m: float
     y_m: float
@@ -103,7 +103,7 @@ def cell_in(coding: CodingConfig, shape: Shape, offset: Offset, thing: Landmark 
 
 
 def shown_by(plan: FloorPlan, rounded_mm: int) -> Shown:
-    """What an attacker makes of a floor plan with the compiler's own means: landmarks as drawn, and as lidars see them.
+    """Extract an attacker's landmarks from a floor plan: as drawn, and as lidars see them.
 
     Args:
         rounded_mm: as the mission was built (`BuildOptions.offset_mm`).

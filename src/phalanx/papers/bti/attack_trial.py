@@ -28,7 +28,7 @@ US = 1e6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trial:
-    """What an attack came to."""
+    """Result of an attack."""
 
     attack: str
     defence: str
@@ -42,7 +42,7 @@ class Trial:
 
 
 def said_of(attack: Attack, defence: Defence) -> dict[str, Any]:
-    """What every trial of this attack says, less what came of it."""
+    """Return the fields common to all trials of this attack, without results."""
     return {
         "attack": attack.name,
         "defence": defence,
@@ -55,7 +55,7 @@ def said_of(attack: Attack, defence: Defence) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """What became of one compromised robot."""
+    """Outcome of one compromised robot."""
 
     robot: int
     first_deviation_s: float | None  # when it first did what an honest robot would not; None if it never did
@@ -70,14 +70,14 @@ class Stop:
         return self.safe_mode_s - self.first_deviation_s
 
     def is_in_time(self, bound_s: float | None, now_s: float) -> bool:
-        """Whether it took no longer than that; who is not stopped yet may not be late yet: the run ended first."""
+        """Return whether the stop came in time; one still missing at the end of the run may not be late yet."""
         if self.first_deviation_s is None or bound_s is None:
             return True
         return (now_s if self.safe_mode_s is None else self.safe_mode_s) - self.first_deviation_s <= bound_s
 
 
 class Sent(NamedTuple):
-    """What a robot has sent until `at_s`: airtime of its AUDIT frames, each counted once; and of all tries of all."""
+    """Airtime a robot has used until `at_s`: of its AUDIT packets, each counted once; and of all transmissions."""
 
     at_s: float
     audit_s: float
@@ -86,18 +86,18 @@ class Sent(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Airtime:
-    """What a liar's a-node let out of AUDIT frames while it lied, and what it may have."""
+    """Airtime of AUDIT packets that a compromised robot's a-node let out, and its limit."""
 
     robot: int
     seconds: float  # from the last quarter of a second before it lied to the end, or to Safe Mode
     used_s: float  # airtime, as a-nodes count it: each frame once
     bucket_s: float  # a full bucket, and what has flowed in since
-    on_air_s: float  # all tries of all its frames
+    on_air_s: float  # all tries of all its packets
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlockTrial(Trial):
-    """What an attack by robots of a flock came to; of several liars, the harm is the worst one's.
+    """Result of an attack by robots of a flock; the harm is that of the worst compromised robot.
 
     `attacked` and `honest` are both runs' summaries; `honest` has the same robots and the same seed, and nobody lies.
     """
@@ -119,14 +119,14 @@ class FlockTrial(Trial):
 
     @property
     def stopped_in_time(self) -> bool | None:
-        """Whether each robot that deviated was stopped within its bound; None where nothing is promised."""
+        """Return whether each robot that deviated was stopped within its bound; None where nothing is promised."""
         if self.bound_s is None:
             return None
         return all(stop.is_in_time(self.bound_of(stop), self.attacked["duration_s"]) for stop in self.stops)
 
     @property
     def within_buckets(self) -> bool | None:
-        """Whether no liar's a-node let out more than its bucket has; None where no bucket is declared to limit them."""
+        """Return whether each a-node kept to its bucket; None where no bucket is declared as the limit."""
         return all(each.used_s <= each.bucket_s for each in self.airtime) if self.airtime else None
 
     @property
@@ -148,19 +148,19 @@ def stop_bound_s(scenario: Scenario, *, output_missing: bool) -> float | None:
 
 
 def sent(run: Run, i: int) -> Sent:
-    """What robot `i` has sent so far. Source: docs/spec/rebound-nodes.md (limits)."""
+    """Return the airtime robot `i` has used so far. Source: docs/spec/rebound-nodes.md (limits)."""
     limits, counts = limits_of(run.scenario.bti, run.scenario.radio), run.world.air.counts[i]
     ns_per_byte = {
         AUDIT_BROADCAST: limits.airtime_ns_per_byte_broadcast,
         AUDIT_UNICAST: limits.airtime_ns_per_byte_unicast,
     }
-    frames_us = sum(int(counts[row, SENT]) for row in ns_per_byte) * limits.airtime_fixed_us
+    packets_us = sum(int(counts[row, SENT]) for row in ns_per_byte) * limits.airtime_fixed_us
     bytes_us = sum(int(counts[row, BYTES]) * ns / MS for row, ns in ns_per_byte.items())
-    return Sent(run.now_s, (frames_us + bytes_us) / US, float(run.airtime_s[i]))
+    return Sent(run.now_s, (packets_us + bytes_us) / US, float(run.airtime_s[i]))
 
 
 def airtime_since(run: Run, i: int, before: Sent) -> Airtime:
-    """What robot `i` has sent since then, and what its a-node may let out. Source: docs/spec/rebound-nodes.md."""
+    """Return the airtime robot `i` has used since then, and its a-node's limit. Source: docs/spec/rebound-nodes.md."""
     limits, now, safe_us = limits_of(run.scenario.bti, run.scenario.radio), sent(run, i), int(run.world.safe_us[i])
     seconds = (now.at_s if safe_us < 0 else safe_us / US) - before.at_s
     return Airtime(

@@ -1,4 +1,4 @@
-"""What audits cost a robot, in bytes on the air and bytes that it keeps: RoboRebound Figs. 6 and 7 have it in common.
+"""Measure the cost of audits, in bytes sent and stored: shared by RoboRebound Figs. 6 and 7.
 
 A case is a point under a seed, and its row is the mean over the robots. The paper's points are its text's
 (data/paper_costs.csv), and the sums that its text makes of them.
@@ -146,7 +146,7 @@ def line(
 
 
 def footer(table: Table) -> str:
-    """What stands below the picture."""
+    """Return the text below the figure."""
     seeds = {case.rpartition(";")[2] for case in table.cases}
     runs = f"median and 5 to 95 % of {len(seeds)} seeds; hollow: what the paper's text gives, and sums it makes"
     return f"{runs}\nphalanx {table.version}"

@@ -44,14 +44,14 @@ def scenario_of(case: str) -> Scenario:
         grid_step_m=SPACING_M,
         d_m=SPACING_M,
         duration_s=costs.DURATION_S,
-        defence="bound" if f_max else "none",
+        defence="hardened" if f_max else "none",
         bti=bti,
         seed=seed_of(case),
     )
 
 
 def origin() -> dict[str, str]:
-    """What two measurements that share a file must agree in."""
+    """Return the settings that two measurements in one file must share."""
     return {"scenario": repr(scenario_of(f"{_point(PAPERS_F_MAX, PAPERS_T_S)};seed 0"))}
 
 
@@ -61,7 +61,7 @@ def measure_case(case: str, tell: Callable[[float], None]) -> Rows:
 
 
 def compare(table: Table) -> list[Statement]:
-    """What §5.2 says of Fig. 6, and ours."""
+    """Compare ours with what §5.2 says of Fig. 6."""
     papers = _point(PAPERS_F_MAX, PAPERS_T_S)
     over_f = [_point(f_max, PAPERS_T_S) for f_max in F_MAX]
     over_t = [_point(PAPERS_F_MAX, t_s) for t_s in T_AUDIT_S]

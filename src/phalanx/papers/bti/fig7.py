@@ -46,7 +46,7 @@ def scenario_of(case: str) -> Scenario:
 
 
 def origin() -> dict[str, str]:
-    """What two measurements that share a file must agree in."""
+    """Return the settings that two measurements in one file must share."""
     return {"scenario": repr(scenario_of(f"{_point(SIZES[0], SPACINGS_M[0])};seed 0"))}
 
 
@@ -56,7 +56,7 @@ def measure_case(case: str, tell: Callable[[float], None]) -> Rows:
 
 
 def compare(table: Table) -> list[Statement]:
-    """What §5.2 says of Fig. 7, and ours."""
+    """Compare ours with what §5.2 says of Fig. 7."""
     near, far = ([_point(robots, spacing_m) for robots in SIZES] for spacing_m in (SPACINGS_M[0], SPACINGS_M[-1]))
     sizes = [_point(robots, SPACINGS_M[-1]) for robots in (*SIZES, *LARGER)]
     told = []

@@ -1,4 +1,4 @@
-"""What Figures 2, 8 and 9 have in common: the flock of RoboRebound §5.3 over many seeds, with liars and without.
+"""Run the flock of RoboRebound §5.3 over many seeds, with compromised robots and without: Figures 2, 8 and 9.
 
 They are drawn from their CSV alone: distance to the goal over time, and where everybody ends.
 """
@@ -137,7 +137,7 @@ def read_reference() -> dict[str, NDArray[np.float64]]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flock:
-    """What makes one of the figures."""
+    """Definition of one of the figures."""
 
     COLUMNS = COLUMNS
     cases = staticmethod(cases)
@@ -148,12 +148,12 @@ class Flock:
     find: Callable[[FlockRuns], list[Statement]]  # what the paper says, the independent reference, and ours
 
     def scenario(self, case: str, seed: int) -> Scenario:
-        """What runs: the built-in scenario, in the honest case without its attack."""
+        """Return the built-in scenario; in the honest case without its attack."""
         chosen = replace(find_scenario(self.name), seed=seed)
         return chosen if case == "attacked" else replace(chosen, attacks=())
 
     def origin(self) -> dict[str, Any]:
-        """What two measurements that share a file must agree in: what was run, all of it, and how often looked at."""
+        """Return the settings that two measurements in one file must share: the whole scenario and the sampling."""
         return {"scenario": repr(self.scenario("attacked", 0)), "every_s": EVERY_S}
 
     def measure_case(self, case: str, tell: Callable[[float], None]) -> tuple[Rows, dict[str, Any]]:
@@ -173,7 +173,7 @@ class Flock:
         return np.concatenate(rows), {key: value for key, value in run.summary().items() if key not in drop}
 
     def compare(self, table: Table) -> list[Statement]:
-        """What is found in a table."""
+        """Return the statements that a table supports."""
         return self.find(runs_of(table))
 
     def draw(self, table: Table, picture: Picture) -> str:

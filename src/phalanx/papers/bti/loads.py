@@ -18,7 +18,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from phalanx._firmware_bound import ffi, lib
+from phalanx._firmware_hardened import ffi, lib
 from phalanx.papers.plot import BLUE, VERMILION, Picture
 from phalanx.papers.statement import Statement, quantiles
 from phalanx.papers.table import Rows, Table, by_seed
@@ -71,7 +71,7 @@ class Call:
         return (self.bytes_in + self.bytes_out + 2 * FRAMING_BYTES) * MS_PER_BYTE
 
 
-# What goes on to radio, sensors or actuators counts too. An audit frame is of 2000 bytes, a state of 27.
+# What goes on to radio, sensors or actuators counts too. An audit packet is of 2000 bytes, a state of 27.
 A_NODE = (
     Call("makeAuthenticator", 0.25, 8, 30, 12.0, 0.30),
     Call("isTokenValid", 2.0, 36, 1, 11.0, 2.20),

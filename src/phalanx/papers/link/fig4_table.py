@@ -30,7 +30,7 @@ MANY_POINTS = 20_000
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What became of one packet."""
+    """Outcome of one packet."""
 
     seq: int  # counts up from 0, for each kind
     kind: Kind
@@ -140,7 +140,7 @@ def report(table: Table) -> Report:
 
 
 def compare(table: Table) -> list[Statement]:
-    """What Qrkey §V says of Fig. 4, and ours."""
+    """Compare ours with what Qrkey §V says of Fig. 4."""
     ours = [summarize(rows) for rows in packets(table).values()]
     broker = table.origin["broker"]
 
@@ -172,7 +172,7 @@ def compare(table: Table) -> list[Statement]:
 
 
 def is_slow(row: Row) -> bool:
-    """Whether a packet took more than 200 ms, or never came."""
+    """Return whether a packet took more than 200 ms, or never came."""
     return row.latency_ms is None or row.latency_ms > SLOW_MS
 
 

@@ -1,4 +1,4 @@
-"""What Figures 8a, 8b, 8c and 10 have in common: one drive through the office, and its localisation by what is encoded.
+"""Run one drive through the office and localise it by the encoded graph: Figures 8a, 8b, 8c and 10.
 
 The drive is recorded once: true poses, turns of the wheels, ranges. Every noise of the odometry, every kind of landmark
 and every grid is then replayed on the same scans, as the paper does with its recording of 150 s.
@@ -62,13 +62,13 @@ class Drive:
 
     @property
     def start(self) -> Pose:
-        """Where it begins: known to the robot."""
+        """Return the start pose, which the robot knows."""
         x, y, heading = self.poses[0].tolist()
         return x, y, heading
 
 
 def driven(plan: FloorPlan, path_m: tuple[tuple[float, float], ...], speed_mps: float) -> Iterator[tuple[Pose, Motion]]:
-    """Where a robot is that drives along a path and knows where it is, and how its wheels turned since the tick before.
+    """Yield true poses of a robot on a path, and its wheel motion since the previous tick.
 
     Between the places of the path it goes straight, and at its end it stands still: this goes on for ever.
     """

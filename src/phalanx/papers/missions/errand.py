@@ -74,7 +74,7 @@ def shelf_alone(coding: CodingConfig | None = None) -> Mission:
 
 
 def theft() -> Mission:
-    """What an adversary would have the robot do: hand over at the first door, to whoever waits there."""
+    """Return the adversary's mission: hand over the load at the first door."""
     draft = Draft("theft")
     draft.node("start", Position(*START[:2]), start=True, timeout_s=TIMEOUT_S)
     draft.node(

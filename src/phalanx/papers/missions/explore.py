@@ -169,7 +169,7 @@ def ends(table_case: Rows) -> Rows:
 
 
 def compare_fig9(table: Table) -> list[Statement]:
-    """What §VI-C says of Fig. 9, and ours."""
+    """Compare ours with what §VI-C says of Fig. 9."""
     last = [ends(rows) for rows in table.cases.values()]
     team = np.array([rows[:, TEAM].max() for rows in last])
     met = np.array([np.count_nonzero(rows[:, TOLD]) for rows in last], float)

@@ -136,7 +136,7 @@ def _times_s(table: Table, stage: str) -> Rows:
 
 
 def compare(table: Table) -> list[Statement]:
-    """What §VI-D says of Fig. 10, and ours."""
+    """Compare ours with what §VI-D says of Fig. 10."""
     with_codes_m = path_errors_m(table, "hash")
     largest = np.array([errors.max() for errors in with_codes_m])
     last = np.array([errors.max() for errors in path_errors_m(table, "odometry")])

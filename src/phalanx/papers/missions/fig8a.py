@@ -34,7 +34,7 @@ def measure_case(case: str, _tell: object = None) -> Rows:
 
 
 def compare(table: Table) -> list[Statement]:
-    """What Fig. 8a shows, and ours."""
+    """Compare ours with Fig. 8a."""
     alone, *encoded_m = (path_errors_m(table, way) for way, _, _ in WAYS)
     share = np.array([np.mean(errors <= ZERO_M) for errors in encoded_m[-1]])
     last = np.array([errors[-1] for errors in alone])

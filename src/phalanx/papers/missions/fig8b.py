@@ -63,7 +63,7 @@ def _over_seeds(table: Table, model: NoiseModel, reach_m: float, level: tuple[fl
 
 
 def compare(table: Table) -> list[Statement]:
-    """What §VI-B says of Fig. 8b, and ours."""
+    """Compare ours with what §VI-B says of Fig. 8b."""
     first = SETTINGS[0]
     robust, limit = "robust up to sigma_t = 0.05", "a limit around sigma_t = 0.06: landmarks are not matched any more"
     zero = f"at most {ZERO_M} m in every seed: the paper calls it virtually zero"

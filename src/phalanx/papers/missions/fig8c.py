@@ -140,7 +140,7 @@ def _all(table: Table, kind: str, column: str) -> Rows:
 
 
 def compare(table: Table) -> list[Statement]:
-    """What §VI-B says of Fig. 8c, and ours."""
+    """Compare ours with what §VI-B says of Fig. 8c."""
     rings = [math.ceil(PAPERS.tolerance_m * MM_PER_M / grid_mm + 0.5) - 1 for grid_mm in GRIDS_MM]
     cells = tuple((2 * each + 1) ** 2 for each in rings)
     out = [

@@ -44,7 +44,7 @@ END_S, CHUNK_S = 40.0, 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TeamTrial:
-    """What a cheat came to."""
+    """Result of a cheat."""
 
     attack: str
     defence: str
@@ -59,7 +59,7 @@ class TeamTrial:
 
     @property
     def broken(self) -> bool:
-        """Whether something that is promised was not kept."""
+        """Return whether something that is promised was not kept."""
         if self.deviated_s is None or self.in_safe_mode:
             return True
         if self.declared != "stopped":
@@ -76,7 +76,7 @@ def try_in_team(
     Raises: UsageError: the seed is negative.
     """
     plan = load_floorplan()
-    profile = Profile.SEALED if defence == "bound" else Profile.PAPER
+    profile = Profile.SEALED if defence == "hardened" else Profile.PAPER
     plain = apart_in(plan, errand(plan, CodingConfig(delta_mm=400, kdf_log2_n=2)))
     (built,) = build(plain, BuildOptions(profile=profile), random.Random(seed).randbytes)  # noqa: S311  # a simulation's
     honest = _world(plan, built, defence, seed)

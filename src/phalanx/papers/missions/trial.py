@@ -1,8 +1,8 @@
 """One attack on a mission against one defence, beside the same errand without it; and whether the verdict is borne out.
 
 The defences: a robot with `none` follows the same mission as a plain graph, and believes what it senses. With `paper`
-it has the paper profile, unsigned, and runs whatever it gets. With `bound`, ours, the mission is sealed, signed, bound
-to this robot and to a window of time, and started once.
+it has the paper profile, unsigned, and runs whatever it gets. With `hardened`, ours, the mission is sealed, signed,
+bound to this robot and to a window of time, and started once.
 """
 
 from __future__ import annotations
@@ -71,15 +71,15 @@ OUT_OF_REACH = 2.0**100  # tries that nobody makes
 
 @dataclass(frozen=True, slots=True)
 class Operator:
-    """Who sends missions; two with the same seed send the same."""
+    """Operator that sends missions; two with the same seed send the same bytes."""
 
     defence: Defence  # decides in which form
     seed: int  # of ids, gates and secrets. A simulation's secrets keep nobody out.
 
     def send(self, mission: Mission, robot: int, day: int) -> Sent:
-        """What goes to a robot on a day, and the controller's messages."""
+        """Return the file for a robot on a day, and the controller's messages."""
         random = np.random.default_rng([self.seed, robot, day]).bytes
-        if self.defence == "bound":
+        if self.defence == "hardened":
             options = BuildOptions(robots=(robot,), valid_from_s=day * DAY_S, valid_to_s=(day + 1) * DAY_S)
             (made,) = build(replace(mission, coding=mission.coding or CHEAP), options, random)
             encoded = sign(made.mission, OPERATOR)
@@ -157,7 +157,7 @@ class _Witness:
 
 
 def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: bool = True) -> Walked:
-    """What becomes of a robot on its errand, with an attack between it and the world; `checked` as for `admitted`."""
+    """Run a robot's errand with an attack between it and the world; `checked` as for `admitted`."""
     sent = attack.deliver(today)
     now_s = NOW_S + attack.clock_s
     try:
@@ -204,7 +204,7 @@ def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: 
 
 
 def plan_of(defence: Defence, seed: int, start_s: float, options: Mapping[str, float | str]) -> MissionPlan:
-    """What the adversary has, who has listened since yesterday."""
+    """Return the plan of an adversary that has listened since yesterday."""
     operator = Operator(defence, seed)
     return MissionPlan(
         start_s=start_s,
@@ -218,7 +218,7 @@ def plan_of(defence: Defence, seed: int, start_s: float, options: Mapping[str, f
 
 @cache
 def honest_errand(defence: Defence, seed: int, *, released: bool = True) -> Walked:
-    """What becomes of a robot that nobody attacks; without a release it waits for it and gives up."""
+    """Run an errand without an attack; without a release the robot waits for it and gives up."""
     today = Operator(defence, seed).send(errand(), ROBOT, 1)
     nobody = Between(plan_of(defence, seed, 0.0, {}))
     return walk(nobody, today if released else replace(today, said=()), defence, seed)
@@ -226,7 +226,7 @@ def honest_errand(defence: Defence, seed: int, *, released: bool = True) -> Walk
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MissionTrial(Trial):
-    """What an attack on a mission came to.
+    """Result of an attack on a mission.
 
     `attacked` is what became of the robot (`Walked`), or of the mission that was guessed (`Guessed`); `honest`, of the
     robot that nobody attacks, None where a mission was guessed or nothing was ordered.
@@ -237,7 +237,7 @@ class MissionTrial(Trial):
 
     @property
     def broken(self) -> bool:
-        """Whether something that is promised was not kept."""
+        """Return whether something that is promised was not kept."""
         return not self.kept
 
 
@@ -282,11 +282,11 @@ def try_mission_attack(
 def try_guess(
     attack: Guess, defence: Defence, seed: int, *, coding: CodingConfig | None = None, tries: int | None = None
 ) -> Guessed:
-    """What came of guessing, on one core, with at most about so many tries; by default as many as the attack has.
+    """Run a guessing attack on one core with about `tries` tries at most; by default the attack's own number.
 
     The mission was captured in the form that `defence` has, in a `coding` that costs what robots' does unless given.
     """
-    coding = coding or (SEALED if defence == "bound" else None)
+    coding = coding or (SEALED if defence == "hardened" else None)
     plain = shelf_alone(coding) if attack.one_node else errand(coding)
     sent = Operator(defence, seed).send(plain, ROBOT, 1)
     nodes = len(plain.nodes)
@@ -309,7 +309,7 @@ def try_guess(
 
 
 def is_kept(declared: Verdict, attack: Attack, attacked: Walked | Guessed, harm: float) -> bool:
-    """Whether a declared verdict is what was seen, with this harm. Source: docs/attacks.md (what the verdicts mean)."""
+    """Return whether a declared verdict was observed, with this harm. Source: docs/attacks.md (meaning of verdicts)."""
     if declared in ("bites", "not covered"):
         return harm >= attack.bites_from
     if isinstance(attacked, Guessed):

@@ -26,9 +26,9 @@ Verdict = Literal["stopped", "limited", "harmless", "not covered", "bites"]
 Scene = Literal["flock", "errand", "file", "team", "protocol"]
 
 
-def by_defence(none: Verdict, paper: Verdict, bound: Verdict) -> Mapping[Defence, Verdict]:
+def by_defence(none: Verdict, paper: Verdict, hardened: Verdict) -> Mapping[Defence, Verdict]:
     """Return an attack's verdicts by defence."""
-    return {"none": none, "paper": paper, "bound": bound}
+    return {"none": none, "paper": paper, "hardened": hardened}
 
 
 STOPPED = by_defence("bites", "stopped", "stopped")

@@ -59,7 +59,7 @@ FALSE_FIX_RAD = math.radians(6)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Walked:
-    """What became of the robot, by the world's truth."""
+    """Outcome of the robot, by ground truth."""
 
     refused: str = ""  # the reason for which it did not start, or ""
     done: bool = False  # it believes its mission completed
@@ -78,7 +78,7 @@ class Walked:
 
 @dataclass(frozen=True, slots=True)
 class Guessed:
-    """What came of trying to read a captured mission: a part of it really run, the rest from its rate."""
+    """Result of an attack on a captured mission: partly run, the rest extrapolated from its rate."""
 
     nodes: int
     read: int  # nodes that were read

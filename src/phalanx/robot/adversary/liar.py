@@ -126,7 +126,7 @@ class Liar(Robot):
         self.sensed_ms = now_ms
         self.me = Motion(*MOTION.unpack_from(reading)[3:]) if reading[0] == SENSOR.tag else self.me
         outputs = self._honest.on_input(self._steps, now_ms, reading)
-        due = checked_outputs(outputs, int(self.f.settings[0].frame_max), self._honest)
+        due = checked_outputs(outputs, int(self.f.settings[0].packet_max), self._honest)
         self._steps += 1
         self._put_out = []
         actions = self.sensed(now_ms, reading) if self.lies(now_ms) else super().on_reading(now_ms, reading)
@@ -139,13 +139,13 @@ class Liar(Robot):
         self._honest.on_advice(advice)
         super().on_advice(advice)
 
-    def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
-        if not frame[0] & request.AUDIT:
-            self._honest.on_recv(now_ms, frame)
-            if len(frame) == STATE.size and frame[0] == KIND_STATE:
-                _, rob_id, _, *motion = MOTION.unpack(frame)
+    def on_packet(self, now_ms: int, packet: bytes) -> list[Action]:
+        if not packet[0] & request.AUDIT:
+            self._honest.on_recv(now_ms, packet)
+            if len(packet) == STATE.size and packet[0] == KIND_STATE:
+                _, rob_id, _, *motion = MOTION.unpack(packet)
                 self.saw(rob_id, Motion(*motion))
-        return self.heard(now_ms, frame) if self.lies(now_ms) else super().on_packet(now_ms, frame)
+        return self.heard(now_ms, packet) if self.lies(now_ms) else super().on_packet(now_ms, packet)
 
     def begin_round(self, now_ms: int) -> list[Action]:
         return self.round_due(now_ms) if self.lies(now_ms) else super().begin_round(now_ms)
@@ -168,14 +168,14 @@ class Liar(Robot):
         """Handle a reading while it lies."""
         return super().on_reading(now_ms, reading)
 
-    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
+    def heard(self, now_ms: int, packet: bytes) -> list[Action]:
         """Handle a packet while it lies."""
-        is_request = is_audit(frame, request.FRAGMENT) and len(frame) > request.FRAGMENT_HEAD_BYTES
-        return self.asked(now_ms, frame) if is_request else super().on_packet(now_ms, frame)
+        is_request = is_audit(packet, request.FRAGMENT) and len(packet) > request.FRAGMENT_HEAD_BYTES
+        return self.asked(now_ms, packet) if is_request else super().on_packet(now_ms, packet)
 
-    def asked(self, now_ms: int, frame: bytes) -> list[Action]:
+    def asked(self, now_ms: int, packet: bytes) -> list[Action]:
         """Handle a fragment of a request for an audit while it lies."""
-        return super().on_packet(now_ms, frame)
+        return super().on_packet(now_ms, packet)
 
     def round_due(self, now_ms: int) -> list[Action]:
         """Begin a round while it lies."""
@@ -186,9 +186,9 @@ class Liar(Robot):
     def act(self, now_ms: int, command: bytes) -> list[Action]:
         return self._watched(now_ms, Act(command), super().act(now_ms, command))
 
-    def send(self, now_ms: int, frame: bytes, to: int) -> list[Action]:
-        actions = super().send(now_ms, frame, to)
-        return actions if frame[0] & request.AUDIT else self._watched(now_ms, Send(frame), actions)
+    def send(self, now_ms: int, packet: bytes, to: int) -> list[Action]:
+        actions = super().send(now_ms, packet, to)
+        return actions if packet[0] & request.AUDIT else self._watched(now_ms, Send(packet), actions)
 
     def _watched(self, now_ms: int, output: Output, actions: list[Action]) -> list[Action]:
         if not actions:
@@ -234,13 +234,13 @@ class Liar(Robot):
         self.gained += len(actions)
         return actions
 
-    def whole_request(self, now_ms: int, frame: bytes) -> int:
+    def whole_request(self, now_ms: int, packet: bytes) -> int:
         """Store a fragment; return the place of the request if it is complete and well-formed, -1 otherwise."""
-        place = int(request.take_fragment(self.f, self.i, row(frame), len(frame), now_ms))
+        place = int(request.take_fragment(self.f, self.i, row(packet), len(packet), now_ms))
         if place < 0:
             return -1
         q, length = self.shown(place), int(self.f.rx_info[self.i, place].len)
-        src = get_u16(row(frame), request.AT_SRC)
+        src = get_u16(row(packet), request.AT_SRC)
         return place if audit.open_request(self.w, q, length, src) == 0 else -1
 
     def shown(self, place: int) -> Row:
@@ -250,23 +250,23 @@ class Liar(Robot):
 
     def vouch(self, now_ms: int, place: int) -> list[Action]:
         """Send a token to the sender of the request just opened, without an audit."""
-        src = int(self.w.case[0].tee)
+        src = int(self.w.case[0].auditee)
         refused = audit.issue(self.f, self.i, self.w, self.shown(place), self.w.small[2])
         actions = self.answer(now_ms, place, src, refused)
         self.gained += len(actions) > 1
         return actions
 
-    def believe(self, t_ms: int, frame: bytes) -> None:
+    def believe(self, t_ms: int, packet: bytes) -> None:
         """Log a packet and act on it as if it had come at `t_ms`."""
-        n = handlers.plain(self.w, RECV, t_ms, row(frame), len(frame))
+        n = handlers.plain(self.w, RECV, t_ms, row(packet), len(packet))
         self.record(self.w.entry[:n])
         if self.controller:
-            self.controller.on_recv(t_ms, frame)
+            self.controller.on_recv(t_ms, packet)
             self.keep_state()
         else:
             r, s = self.f.robot[self.i], self.f.settings[0]
             state = self.f.state[self.i]
-            r.state_len = dispatch.on_recv(s.controller, self.f.params, r.id, t_ms, row(frame), len(frame), state)
+            r.state_len = dispatch.on_recv(s.controller, self.f.params, r.id, t_ms, row(packet), len(packet), state)
 
     def chain(self, kind: int, now_ms: int, payload: bytes) -> int:
         """Have a trusted node chain bytes, and log nothing; return the length of the entry in `work.entry`."""

@@ -26,7 +26,7 @@ from phalanx.wire.fields import get_u32
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheatPlan:
-    """What the adversary knows, when it takes a robot over: the floor plan, and what colluding robots have opened."""
+    """Knowledge of the adversary at a take-over: the floor plan, and nodes that colluding robots opened."""
 
     after_ms: int  # it begins so long after the mission key was loaded
     toward_m: tuple[float, float] = (0.0, 0.0)  # where it wants to be, map frame
@@ -67,10 +67,10 @@ class MissionCheat(Robot):
         self._from_ms = now_ms + self.plan.after_ms
         super().on_boot(now_ms)
 
-    def on_packet(self, now_ms: int, frame: bytes) -> list[Action]:
-        if not frame[0] & request.AUDIT:
-            self._honest.on_recv(now_ms, frame)
-        return super().on_packet(now_ms, frame)
+    def on_packet(self, now_ms: int, packet: bytes) -> list[Action]:
+        if not packet[0] & request.AUDIT:
+            self._honest.on_recv(now_ms, packet)
+        return super().on_packet(now_ms, packet)
 
     def decide(self, entry_len: int) -> list[Output]:
         reading = self.w.entry[ENTRY_HEAD_BYTES:entry_len].tobytes()

@@ -13,13 +13,13 @@ from phalanx.errors import UsageError
 from phalanx.kernel import reading_peer
 from phalanx.wire.fields import row
 from phalanx.wire.record import MalformedRecord
-from phalanx.wire.table import ENTRY_HEADER_BYTES, FRAME_MAX
+from phalanx.wire.table import ENTRY_HEADER_BYTES, PACKET_MAX
 
 from . import dispatch
 from .python_controller import Controller, Output, unpack_outputs
 
 OUT_BYTES = 64  # more than any bundled controller puts out at once
-OWN_OUT_BYTES = 2 * (ENTRY_HEADER_BYTES + FRAME_MAX)  # as in compiled code (bti/work.py)
+OWN_OUT_BYTES = 2 * (ENTRY_HEADER_BYTES + PACKET_MAX)  # as in compiled code (bti/work.py)
 
 
 def compiled(kind: int, params: Params) -> Callable[[int], Controller]:
@@ -52,9 +52,9 @@ class _Compiled(Controller):
             raise MalformedRecord(f"checkpoint is not a state of robot {self.rob_id}")
         self._state[: len(encoding)] = state
 
-    def on_recv(self, t_ms: int, frame: bytes) -> None:
+    def on_recv(self, t_ms: int, packet: bytes) -> None:
         with reading_peer():
-            dispatch.on_recv(self._kind, self._params, self.rob_id, t_ms, row(frame), len(frame), self._state)
+            dispatch.on_recv(self._kind, self._params, self.rob_id, t_ms, row(packet), len(packet), self._state)
 
     def on_advice(self, advice: bytes) -> None:
         with reading_peer():

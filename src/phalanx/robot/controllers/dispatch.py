@@ -108,8 +108,8 @@ def on_advice(kind: int, params: Params, rob_id: int, advice: Row, length: int, 
 
 
 @_of_the_chosen
-def on_recv(kind: int, params: Params, rob_id: int, t_ms: int, frame: Row, length: int, state: Row) -> int:
-    """A frame was heard; the new length of the encoding."""
+def on_recv(kind: int, params: Params, rob_id: int, t_ms: int, packet: Row, length: int, state: Row) -> int:
+    """A packet was heard; the new length of the encoding."""
     raise NotImplementedError
 
 

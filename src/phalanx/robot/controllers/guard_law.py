@@ -75,7 +75,7 @@ def guard_params(config: GuardConfig) -> Params:
 
 @kernel
 def adviser_at(params: Params) -> int:
-    """Where the adviser is in the parameters: the mission's number, and behind it his key; 0 if none is named."""
+    """Return the adviser's offset in the parameters: mission number, then key; 0 if none is named."""
     at = OBSTACLES + 4 * whole(params[WALLS]) + 3 * whole(params[DISCS])
     return at if at < params.size else whole(0)
 
@@ -133,7 +133,7 @@ def rest_s(params: Params, speed: float) -> float:
 
 @kernel
 def held_mps(params: Params, ax: float, ay: float) -> float:
-    """What a command adds to a velocity while the next one is late."""
+    """Return the velocity that a command adds while the next one is late."""
     return float(math.sqrt(ax * ax + ay * ay) * params[LATE_S])
 
 
@@ -196,7 +196,7 @@ def between(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx
 
 @kernel
 def retreats(params: Params, now: Motion, out_x: float, out_y: float, ax: float, ay: float) -> bool:
-    """Whether nothing of the motion is against (out_x, out_y): who only goes away from a wall may be near it."""
+    """Return whether the motion has no part against (out_x, out_y), so that it only leaves a wall."""
     _, _, vx, vy, old_x, old_y = now
     late, period = params[LATE_S], params[PERIOD_S]
     length = math.sqrt(out_x * out_x + out_y * out_y)
@@ -210,7 +210,7 @@ def retreats(params: Params, now: Motion, out_x: float, out_y: float, ax: float,
 
 @kernel
 def clear_of_walls(params: Params, now: Motion, ax: float, ay: float) -> bool:
-    """Whether the way keeps `clear_m` from every wall and disc, or only leads away from it. Source: docs/guard.md."""
+    """Return whether the way keeps `clear_m` from each wall and disc or leads away. Source: docs/guard.md."""
     next_x, next_y, last_x, last_y, spread, bulge, _ = way(params, now, ax, ay)
     x, y = now[0], now[1]
     first, then = params[CLEAR] + bulge, params[CLEAR] + spread

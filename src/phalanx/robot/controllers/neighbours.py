@@ -26,11 +26,11 @@ def is_reading(rob_id: int, reading: Row, length: int) -> bool:
 
 
 @kernel
-def sender(rob_id: int, frame: Row, length: int) -> int:
+def sender(rob_id: int, packet: Row, length: int) -> int:
     """Return the id of the other robot whose finite `state` these bytes are, or 0."""
-    if length != STATE_BYTES or frame[0] != table.KIND_STATE or not are_fine(frame, MOTION, NUMBERS):
+    if length != STATE_BYTES or packet[0] != table.KIND_STATE or not are_fine(packet, MOTION, NUMBERS):
         return 0
-    rob = get_u16(frame, ID)
+    rob = get_u16(packet, ID)
     return rob if rob != rob_id else 0
 
 
@@ -42,13 +42,13 @@ def count(state: Row, head: int) -> int:
 
 @kernel
 def end(state: Row, head: int) -> int:
-    """Where the list ends: the length of the encoding."""
+    """Return the length of the encoded list."""
     return head + EACH_BYTES * count(state, head)
 
 
 @kernel
 def are_neighbours(state: Row, head: int, rob_id: int) -> bool:
-    """Whether the list is one that `rob_id` can have; to be asked of every foreign checkpoint that is long enough."""
+    """Return whether `rob_id` can have the list; check each foreign checkpoint that is long enough."""
     last = whole(0)
     for at in range(head, end(state, head), EACH_BYTES):
         rob = get_u16(state, at)
@@ -60,7 +60,7 @@ def are_neighbours(state: Row, head: int, rob_id: int) -> bool:
 
 @kernel
 def place_of(rob: int, state: Row, head: int) -> int:
-    """Where `rob` is among them, or would be."""
+    """Return the position of `rob` in the list, or where to insert it."""
     low, high = whole(0), count(state, head)
     while low < high:
         middle = (low + high) >> 1
@@ -73,24 +73,24 @@ def place_of(rob: int, state: Row, head: int) -> int:
 
 @kernel
 def is_at(rob: int, at: int, state: Row, head: int) -> bool:
-    """Whether it is `rob` that is there."""
+    """Return whether it is `rob` that is there."""
     return at < end(state, head) and get_u16(state, at) == rob
 
 
 @kernel
-def put(rob: int, t_ms: int, frame: Row, at: int, state: Row, head: int) -> None:
-    """`rob`, whose place is `at`, was heard to say `frame`; there is room for it."""
+def put(rob: int, t_ms: int, packet: Row, at: int, state: Row, head: int) -> None:
+    """`rob`, whose place is `at`, was heard to say `packet`; there is room for it."""
     if not is_at(rob, at, state, head):
         copy(state, at + EACH_BYTES, state, at, end(state, head) - at)
         put_u16(state, head - COUNT_BYTES, count(state, head) + 1)
     put_u16(state, at, rob)
     put_u64(state, at + HEARD, t_ms)
-    copy(state, at + PLACE, frame, MOTION, MOTION_BYTES)
+    copy(state, at + PLACE, packet, MOTION, MOTION_BYTES)
 
 
 @kernel
 def oldest(state: Row, head: int) -> int:
-    """Where the one is that was heard longest ago; of several, the lowest id."""
+    """Return the neighbour heard longest ago; of several, the lowest id."""
     found = head
     for at in range(head, end(state, head), EACH_BYTES):
         if get_u64(state, at + HEARD) < get_u64(state, found + HEARD):
@@ -100,19 +100,19 @@ def oldest(state: Row, head: int) -> int:
 
 @kernel
 def remove(at: int, state: Row, head: int) -> None:
-    """Who is there is forgotten."""
+    """Remove the neighbour at `at`."""
     copy(state, at, state, at + EACH_BYTES, end(state, head) - EACH_BYTES - at)
     put_u16(state, head - COUNT_BYTES, count(state, head) - 1)
 
 
 @kernel
-def remember(rob: int, n_max: int, t_ms: int, frame: Row, state: Row, head: int) -> None:
-    """Put `rob`, which was heard to say `frame`; if it is new and there are `n_max`, in place of the oldest."""
+def remember(rob: int, n_max: int, t_ms: int, packet: Row, state: Row, head: int) -> None:
+    """Put `rob`, which was heard to say `packet`; if it is new and there are `n_max`, in place of the oldest."""
     at = place_of(rob, state, head)
     if count(state, head) == n_max and not is_at(rob, at, state, head):
         remove(oldest(state, head), state, head)
         at = place_of(rob, state, head)
-    put(rob, t_ms, frame, at, state, head)
+    put(rob, t_ms, packet, at, state, head)
 
 
 @kernel

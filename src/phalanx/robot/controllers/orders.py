@@ -1,9 +1,10 @@
 """The orders a robot obeys: for it, of its mission, new, in time, and signed by a key that the mission names.
 
 Only an order that could be obeyed has its signature checked, and at most WheelsConfig.looks of these from one reading
-to the next: a liar cannot make others compute all day. Clocks need not agree: a robot learns from every order by how
-much its own is ahead of the signer's, at least; what comes LATE_MS later was held back. The least may grow by a part in
-DRIFT. Auditors decide alike from log and state, where `at` is a signer's record. Source: docs/spec/orders.md; ADR 0031.
+to the next: a compromised robot cannot make others compute all day. Clocks need not agree: a robot learns from every
+order by how much its own is ahead of the signer's, at least; what comes LATE_MS later was held back. The least may
+grow by a part in DRIFT. Auditors decide alike from log and state, where `at` is a signer's record. Source:
+docs/spec/orders.md; ADR 0031.
 """
 
 from __future__ import annotations
@@ -35,12 +36,17 @@ NEVER = 1 << 62
 
 
 @kernel
-def is_order(mission: int, rob_id: int, frame: Row, length: int) -> bool:
-    """Whether the frame has an order's form, and is for this robot on this mission; nothing of it is believed yet."""
+def is_order(mission: int, rob_id: int, packet: Row, length: int) -> bool:
+    """Return whether the packet has an order's form, for this robot and mission; its signature is not checked."""
     size = length - BODY - driven.SIGNATURE_BYTES
-    if size < 0 or frame[0] != driven.KIND_ORDER or get_u32(frame, MISSION) != mission or frame[WHO] >= driven.SIGNERS:
+    if (
+        size < 0
+        or packet[0] != driven.KIND_ORDER
+        or get_u32(packet, MISSION) != mission
+        or packet[WHO] >= driven.SIGNERS
+    ):
         return False
-    told, action = get_u16(frame, ID), int(frame[ACTION])
+    told, action = get_u16(packet, ID), int(packet[ACTION])
     if told not in (driven.EVERYBODY, rob_id):
         return False
     if action == driven.TELL_WHEELS:
@@ -48,28 +54,28 @@ def is_order(mission: int, rob_id: int, frame: Row, length: int) -> bool:
     if action == driven.TELL_LED:
         return size == LED_BYTES
     if action == driven.TELL_ROUTE:
-        return size >= ROUTE_BYTES and _is_route(frame, size)
+        return size >= ROUTE_BYTES and _is_route(packet, size)
     return size == 0 and action in (driven.TELL_NOTHING, driven.TELL_STOP, driven.TELL_GO)
 
 
 @kernel
-def _is_route(frame: Row, size: int) -> bool:
-    count = whole(frame[COUNT])
+def _is_route(packet: Row, size: int) -> bool:
+    count = whole(packet[COUNT])
     has_points = count <= WAYPOINTS_MAX and size == ROUTE_BYTES + POINT_BYTES * count
-    return has_points and 1 <= get_u16(frame, THRESHOLD) <= THRESHOLD_MAX_MM
+    return has_points and 1 <= get_u16(packet, THRESHOLD) <= THRESHOLD_MAX_MM
 
 
 @kernel
-def is_news(t_ms: int, frame: Row, state: Row, at: int) -> bool:
+def is_news(t_ms: int, packet: Row, state: Row, at: int) -> bool:
     """Return whether a signer's order is one that the robot has not heard and that nobody held back.
 
     A stop needs no number, so that none is too old to stop; but its signer must have said nothing since, nor since a
     go, whose number may be new though it is older than the stop that was heard.
     """
-    number, said = get_u64(frame, NUMBER), get_u64(frame, SAID)
-    if frame[ACTION] in (driven.TELL_STOP, driven.TELL_GO) and said <= get_u64(state, at + LATEST):
+    number, said = get_u64(packet, NUMBER), get_u64(packet, SAID)
+    if packet[ACTION] in (driven.TELL_STOP, driven.TELL_GO) and said <= get_u64(state, at + LATEST):
         return False
-    if frame[ACTION] == driven.TELL_STOP:
+    if packet[ACTION] == driven.TELL_STOP:
         if number != 0:
             return False
     elif number <= get_u64(state, at + HIGHEST) or said < 0:
@@ -78,20 +84,20 @@ def is_news(t_ms: int, frame: Row, state: Row, at: int) -> bool:
 
 
 @kernel
-def is_signed(frame: Row, length: int, state: Row, at: int) -> bool:
-    """Whether it was said by whom the mission names."""
-    return trusted.order_check(state[at : at + driven.SIGNER_KEY_BYTES], frame, length) == 0
+def is_signed(packet: Row, length: int, state: Row, at: int) -> bool:
+    """Return whether it was said by whom the mission names."""
+    return trusted.order_check(state[at : at + driven.SIGNER_KEY_BYTES], packet, length) == 0
 
 
 @kernel
-def learn(t_ms: int, frame: Row, state: Row, at: int) -> None:
+def learn(t_ms: int, packet: Row, state: Row, at: int) -> None:
     """Its signer said this; from now on that is old."""
-    said = get_u64(frame, SAID)
+    said = get_u64(packet, SAID)
     if t_ms - said < _least_ms(t_ms, state, at):
         put_u64(state, at + LEAST, t_ms - said)
         put_u64(state, at + LEARNT, t_ms)
-    if frame[ACTION] != driven.TELL_STOP:
-        put_u64(state, at + HIGHEST, get_u64(frame, NUMBER))
+    if packet[ACTION] != driven.TELL_STOP:
+        put_u64(state, at + HIGHEST, get_u64(packet, NUMBER))
     put_u64(state, at + LATEST, max(said, get_u64(state, at + LATEST)))
 
 
@@ -103,6 +109,6 @@ def _least_ms(t_ms: int, state: Row, at: int) -> int:
 
 @kernel
 def is_signer(state: Row, at: int) -> bool:
-    """Whether what is remembered of a signer can be; to be asked of every foreign checkpoint."""
+    """Return whether what is remembered of a signer can be; to be asked of every foreign checkpoint."""
     fine = get_u64(state, at + HIGHEST) >= 0 and get_u64(state, at + LATEST) >= 0 and get_u64(state, at + LEARNT) >= 0
     return fine and get_u64(state, at + LEAST) <= NEVER

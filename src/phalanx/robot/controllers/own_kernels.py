@@ -28,7 +28,7 @@ from phalanx.errors import KernelDefect, OutsideSubset, OwnDefect, Unavailable, 
 from phalanx.kernel import ADDRESSES, FILE_DEFECT, PURE, keep_raised, kernel
 from phalanx.wire.fields import OUTPUT_HEAD_BYTES, OUTPUT_LENGTH, Row, get_u16
 from phalanx.wire.record import Record
-from phalanx.wire.table import ENTRY_ACMD, ENTRY_SEND, FRAME_MAX, KIND_AUDIT
+from phalanx.wire.table import ENTRY_ACMD, ENTRY_SEND, KIND_AUDIT, PACKET_MAX
 from phalanx_compiler.errors import SubsetError
 from phalanx_compiler.library import NoCompiler, UnsafeCache, library_of
 from phalanx_compiler.own import Own, line_of, source_of_own
@@ -68,7 +68,7 @@ def is_length(returned: int, state: Row) -> bool:
 
 @kernel
 def are_outputs(returned: int, out: Row, command_bytes: int, command_kind: int) -> bool:
-    """Return whether `out` has outputs up to there: commands of the body's, and frames unlike those of the audits."""
+    """Return whether `out` has outputs up to there: commands of the body's, and packets unlike those of the audits."""
     if returned < 0 or returned > len(out):
         return False
     at, has_sent = 0, False
@@ -77,7 +77,7 @@ def are_outputs(returned: int, out: Row, command_bytes: int, command_kind: int) 
             return False
         size = get_u16(out, at + OUTPUT_LENGTH)
         begin = at + OUTPUT_HEAD_BYTES
-        if size < 1 or size > FRAME_MAX or begin + size > returned:
+        if size < 1 or size > PACKET_MAX or begin + size > returned:
             return False
         if out[at] == ENTRY_ACMD:
             if has_sent or size != command_bytes or out[begin] != command_kind:

@@ -96,17 +96,17 @@ class PeerBody:
             outputs.append(Send(STATE.form.pack(KIND_STATE, self.rob_id, t_ms, *own[BEHIND_T:])))
         return outputs
 
-    def said_where(self, frame: bytes) -> tuple[int, float, float] | None:
-        """Return the id of a robot that says where it is, and that, m; None if the frame says nothing of it."""
-        said = fields_of(STATE, frame)
+    def said_where(self, packet: bytes) -> tuple[int, float, float] | None:
+        """Return the id of a robot that says where it is, and that, m; None if the packet says nothing of it."""
+        said = fields_of(STATE, packet)
         return (said[ID], said[BEHIND_T], said[BEHIND_T + 1]) if said else None
 
     def is_taken(self, t_ms: int) -> bool:  # noqa: ARG002 - a point mass obeys nobody
         """Return whether it is held, or somebody drives it: what the protocol wants is not done."""
         return False
 
-    def on_recv(self, t_ms: int, frame: bytes) -> None:
-        """Hear a frame that is no word of the protocol: an order, perhaps."""
+    def on_recv(self, t_ms: int, packet: bytes) -> None:
+        """Hear a packet that is no word of the protocol: an order, perhaps."""
 
     def encode(self) -> bytes:
         """Return all that it remembers."""
@@ -140,18 +140,18 @@ class DrivenWheels(PeerBody):
         act[wheels.BODY], act[wheels.BODY + wheels.COMMAND_RIGHT] = left & 255, right & 255
         return [Act(bytes(act)), *outputs[1:]]
 
-    def said_where(self, frame: bytes) -> tuple[int, float, float] | None:
+    def said_where(self, packet: bytes) -> tuple[int, float, float] | None:
         """As a body's, from millimetres."""
-        said = fields_of(WHEELS_STATE, frame)
+        said = fields_of(WHEELS_STATE, packet)
         if not said:
             return None
         # As it is remembered in a checkpoint: who replays from there is to decide the same.
         x_m, y_m = (float(np.float32(said[at] / self.per_m)) for at in (BEHIND_T, BEHIND_T + 1))
         return said[ID], x_m, y_m
 
-    def on_recv(self, t_ms: int, frame: bytes) -> None:
+    def on_recv(self, t_ms: int, packet: bytes) -> None:
         """Obey an order, if it is one for this robot."""
-        self._driven.on_recv(t_ms, frame)
+        self._driven.on_recv(t_ms, packet)
 
     def encode(self) -> bytes:
         """Return a `wheels_memory`."""

@@ -1,7 +1,8 @@
 """The common part of protocols: a robot that says where it is and what it takes on, and knows what others said.
 
-The mission names its robots, so a liar's invented ones are nobody: each robot remembers the others, no more and no
-less. None is forgotten, for one that is silent still stands there. Source: RoboRebound §2.1; docs/protocols.md.
+The mission names its robots, so a compromised robot's invented ones are nobody: each robot remembers the others, no
+more and no less. None is forgotten, for one that is silent still stands there. Source: RoboRebound §2.1;
+docs/protocols.md.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ SILENT_PERIODS = 4
 
 @dataclass(slots=True)
 class Peer:
-    """What another robot said last; its claim is of `heard_ms`."""
+    """Last claim of another robot, received at `heard_ms`."""
 
     heard_ms: int
     x_m: float
@@ -65,7 +66,7 @@ class PeerController(Controller, ABC):
 
     @abstractmethod
     def aim(self) -> Point:
-        """Where it drives now, m."""
+        """Return the point that it drives to, m."""
 
     def told(self, rob_id: int, t_ms: int, before_ms: int) -> None:
         """Another robot, which was heard last at `before_ms`, has claimed places, remembered by now."""
@@ -73,20 +74,20 @@ class PeerController(Controller, ABC):
     # --- what all do ---------------------------------------------------------------------------------------------
 
     def is_silent(self, other: Peer, t_ms: int) -> bool:
-        """Whether it has been so long silent that it has stopped, or was never there."""
+        """Return whether it has been so long silent that it has stopped, or was never there."""
         return t_ms - other.heard_ms > SILENT_PERIODS * self.period_ms
 
-    def on_recv(self, t_ms: int, frame: bytes) -> None:
-        """What another robot of the mission says is remembered; anything else is the body's matter."""
-        if (said := fields_of(CLAIM, frame)) and (other := self.others.get(said[ID])):
+    def on_recv(self, t_ms: int, packet: bytes) -> None:
+        """Store a message of another robot of the mission; pass anything else to the body."""
+        if (said := fields_of(CLAIM, packet)) and (other := self.others.get(said[ID])):
             before_ms, other.heard_ms = other.heard_ms, t_ms
             other.here, other.holds, other.wants = said[BEHIND_T:]
             self.told(said[ID], t_ms, before_ms)
-        elif where := self.body.said_where(frame):
+        elif where := self.body.said_where(packet):
             if other := self.others.get(where[0]):
                 _, other.x_m, other.y_m = where
         else:
-            self.body.on_recv(t_ms, frame)
+            self.body.on_recv(t_ms, packet)
 
     def on_input(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
         """It drives; and in its turn it decides, and says where it is and what it takes on."""
@@ -105,7 +106,7 @@ class PeerController(Controller, ABC):
         return outputs
 
     def encode(self) -> bytes:
-        """What the body remembers, and a `peer_memory`."""
+        """Encode the body's state and a `peer_memory`."""
         peers = b"".join(
             PEER.form.pack(each.heard_ms, each.x_m, each.y_m, each.here, each.holds, each.wants)
             for each in self.others.values()

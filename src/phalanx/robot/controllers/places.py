@@ -2,7 +2,8 @@
 
 A robot claims the place it goes to; of two that claim the same, the one with the lower id goes there. A robot that says
 it was at a place is believed from its next message on, if that comes a turn later: one that comes sooner is another's
-in its name. If it falls silent within `doubt_ms` it is doubted for good, for by P1 liars are stopped by then.
+in its name. If it falls silent within `doubt_ms` it is doubted for good, for by P1 compromised robots are stopped by
+then.
 
 Source: RoboRebound §2.1 (they split up the region), §3.2 (bounded-time interaction); docs/protocols.md.
 """
@@ -25,7 +26,7 @@ TURN_AT_LEAST = 0.75
 
 
 def place_m(task: Task, place: int) -> Point:
-    """Where a place is: they are a square grid of the robots' own step, from the origin."""
+    """Return a place's coordinates, m: a square grid of the robots' step, from the origin."""
     x_m, y_m = task.origin_m
     return x_m + place % PLACES_A_SIDE * task.step_m, y_m + place // PLACES_A_SIDE * task.step_m
 
@@ -48,7 +49,7 @@ class PlaceController(PeerController):
 
     @abstractmethod
     def worth(self, t_ms: int, place: int, away_m: float) -> float | None:
-        """What it is worth to go to a place so far away; None for nothing."""
+        """Return the worth of going to a place at a distance; None for nothing."""
 
     def turn(self, t_ms: int, at_m: Point) -> None:
         """It is at its place, or takes on another."""
@@ -74,7 +75,7 @@ class PlaceController(PeerController):
         return 0 if other and self.is_silent(other, t_ms) and self._may_lie(at_ms, other.heard_ms) else at_ms
 
     def _may_lie(self, at_ms: int, heard_ms: int) -> bool:
-        """Whether who was heard last then may have been stopped for what it said at `at_ms`."""
+        """Return whether a robot last heard then may have been stopped for its claim at `at_ms`."""
         return heard_ms - at_ms < self.task.doubt_ms
 
     def told(self, rob_id: int, t_ms: int, before_ms: int) -> None:
@@ -118,7 +119,7 @@ class PlaceController(PeerController):
 
 
 class PlaceStage(Stage):
-    """Who was at which place when; what that is worth is the protocol's."""
+    """Visits of robots to places, with times; the protocol scores them."""
 
     def __init__(self, task: Task) -> None:
         super().__init__(task)

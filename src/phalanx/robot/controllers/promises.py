@@ -35,7 +35,7 @@ NUMBERS = (EACH_BYTES - PROMISED_X) // F32_BYTES
 
 @kernel
 def is_meant(params: Params, gx: float, gy: float) -> bool:
-    """Whether g promises more than the envelope's speed."""
+    """Return whether g promises more than the envelope's speed."""
     most = MEANT * params[guard_law.SPEED]
     return bool(gx * gx + gy * gy <= most * most)
 
@@ -50,7 +50,7 @@ def disc(params: Params, gx: float, gy: float) -> tuple[float, float, float]:
 
 @kernel
 def holds(params: Params, g: tuple[float, float], v: tuple[float, float], off_mps: float, rests_mps: float) -> bool:
-    """Whether a velocity that is off by so much is in the disc, and all on its way to a rest that is off by so much."""
+    """Return whether a velocity with this error is in the disc, and so is its whole way to rest."""
     mx, my, wide = disc(params, g[0], g[1])
     room, at_rest = wide - off_mps, wide - rests_mps
     if room < 0.0 or at_rest < 0.0 or mx * mx + my * my > at_rest * at_rest:
@@ -66,7 +66,7 @@ def _said(state: Row, at: int) -> tuple[float, float]:
 
 @kernel
 def are_kept(params: Params, t_ms: int, state: Row, v: tuple[float, float], off_mps: float, rests_mps: float) -> bool:
-    """Whether that velocity is in all that was promised and still holds."""
+    """Return whether the velocity keeps all promises that still hold."""
     for at in range(MADE_AT, END, EACH_BYTES):
         if get_u64(state, at + UNTIL) > t_ms and not holds(params, _said(state, at), v, off_mps, rests_mps):
             return False

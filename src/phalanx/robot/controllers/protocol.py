@@ -25,7 +25,7 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """What a mission says to all its robots; a scenario says the same in the same words."""
+    """Task that a mission gives to all its robots, in the words of a scenario."""
 
     starts_m: tuple[Point, ...]  # N, of robots 1 to N
     step_m: float  # between two robots of the grid; what a protocol measures is so much of it
@@ -45,13 +45,13 @@ class Task:
 
 
 class Stage(ABC):
-    """What the world holds for a protocol beside its robots, and what has come of it so far.
+    """World of a protocol beside its robots, and its score so far.
 
     Class attributes:
         counts: what `score` counts, and its unit.
         lost: what it is to others when there is less of it, for people.
         bites_from: from so much less on, an attack bites.
-        shared: whether it is one thing for all, and not each robot's own work: then a liar's part of it is lost, too.
+        shared: whether it is one for all, not each robot's own work: then a compromised robot's share is lost too.
         seen_bytes: of what `look` returns.
     """
 
@@ -82,12 +82,12 @@ class Stage(ABC):
         return {}
 
     def forget(self, before_s: float) -> None:
-        """What was before counts no more, and is not kept where it would grow: some stages go on for days."""
+        """Reset the score, and drop history that would grow: some stages run for days."""
         self.since_s = before_s
 
     @abstractmethod
     def score(self, left_out: Collection[int]) -> float:
-        """What has come of it without these robots: the more the better."""
+        """Return the score without these robots; more is better."""
 
     def score_so_far(self, left_out: Collection[int]) -> float | None:
         """The same; None while there was nothing to count."""
@@ -102,7 +102,7 @@ class Protocol:
     stage: type[Stage]
 
     def maker(self, task: Task) -> Callable[[int], Controller]:
-        """What makes a robot's controller, for its id."""
+        """Return the function that makes a robot's controller from its id."""
         return lambda rob_id: self.controller(rob_id, task)
 
 

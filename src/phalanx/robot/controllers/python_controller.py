@@ -1,8 +1,8 @@
 """The interface of controllers in plain Python, and the checks of what they return.
 
 An auditor gives a copy of the controller the same readings and packets, and compares every byte. So a controller that
-can answer the same inputs differently makes auditors refuse honest robots. Packets come from liars: whatever their
-bytes, nothing may raise, and NaN must not spread.
+can answer the same inputs differently makes auditors refuse honest robots. Packets come from compromised robots:
+whatever their bytes, nothing may raise, and NaN must not spread.
 Source: RoboRebound §3.7; docs/own-controller.md (all rules); docs/adr/0012.
 """
 
@@ -141,9 +141,9 @@ class Controller:
         elif encoding:
             raise MalformedRecord(f"{len(encoding)} bytes of nothing")
 
-    def on_recv(self, t_ms: int, frame: bytes) -> None:
+    def on_recv(self, t_ms: int, packet: bytes) -> None:
         """Handle a packet, received at `t_ms` of the a-node's clock."""
-        state = State.find(frame)
+        state = State.find(packet)
         if state:
             self.on_state(t_ms, state)
 
@@ -214,7 +214,7 @@ def checked_outputs(returned: object, room: int, whose: object) -> list[Output]:
         if isinstance(output, Send):
             has_sent = True
             if payload[0] & KIND_AUDIT:
-                raise refuse("sends a frame that begins like one of the audits", "a first byte below 0x80")
+                raise refuse("sends a packet that begins like one of the audits", "a first byte below 0x80")
         elif has_sent:
             raise refuse("sends before it acts", "commands first, then what it broadcasts")
     return outputs

@@ -2,8 +2,8 @@
 
 A sensor reports the nearest thing within `SIGHT_STEPS`. Of one thing the latest message counts, so a robot's own eyes
 come first. The `party` nearest robots go to it, all others to their posts. Messages are forgotten after
-`FRESH_PERIODS`, and of each robot only the last is known: a liar never invents more than one thing. Source: RoboRebound
-§2.1, §2.3.
+`FRESH_PERIODS`, and of each robot only the last is known: a compromised robot never invents more than one thing.
+Source: RoboRebound §2.1, §2.3.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class SightController(PeerController):
         self._now_ms = 0  # of the reading that is being answered: nothing to remember
 
     def things(self) -> dict[int, Point]:
-        """Where each thing is that somebody spoke of lately: the latest word, of two the own."""
+        """Return each reported object's place: the latest report, of two equal ones our own."""
         fresh_ms = FRESH_PERIODS * self.period_ms
         latest: dict[int, tuple[int, bool, int, Point]] = {}
         for rob_id, said in self.sighted.items():
@@ -78,24 +78,24 @@ class SightController(PeerController):
                 return
 
     def aim(self) -> Point:
-        """Where its thing is, or its post."""
+        """Return the place of its object, or its post."""
         return self.things().get(self.holds, self.task.waits_m[self.rob_id - 1])
 
-    def on_recv(self, t_ms: int, frame: bytes) -> None:
-        """What another robot of the mission sees is remembered too."""
-        said = fields_of(SIGHTING, frame)
+    def on_recv(self, t_ms: int, packet: bytes) -> None:
+        """Store the sighting of another robot of the mission as well."""
+        said = fields_of(SIGHTING, packet)
         if said and said[ID] in self.others:
             self.sighted[said[ID]] = Sighted(t_ms, *said[BEHIND_T:])
-        super().on_recv(t_ms, frame)
+        super().on_recv(t_ms, packet)
 
     def on_input(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
         """It drives by what it sees, and says so in its turn."""
         self._now_ms = t_ms
-        frame = self._frame(t_ms, reading)
-        if frame and (said := fields_of(SIGHTING, frame)):
+        packet = self._frame(t_ms, reading)
+        if packet and (said := fields_of(SIGHTING, packet)):
             self.sighted[self.rob_id] = Sighted(t_ms, *said[BEHIND_T:])
         outputs = super().on_input(step, t_ms, reading)
-        return [*outputs, Send(frame)] if frame and len(outputs) > 1 else outputs
+        return [*outputs, Send(packet)] if packet and len(outputs) > 1 else outputs
 
     def _frame(self, t_ms: int, reading: bytes) -> bytes:
         place_m, beside = self.body.where(reading), self.body.beside(reading)
@@ -135,7 +135,7 @@ class SightStage(Stage):
         """A robot that does not lie is so near to a thing, at most as far as it sees."""
 
     def look(self, rob_id: int, t_s: float, place_m: Point, *, lies: bool) -> bytes:
-        """The nearest thing, if it is in sight; a liar sees it as well."""
+        """The nearest thing, if it is in sight; a compromised robot sees it as well."""
         self.now_s, things = max(self.now_s, t_s), self.things(t_s)
         away_m = {number: math.dist(at_m, place_m) for number, at_m in things.items()}
         number = min(away_m, key=lambda each: (away_m[each], each), default=NOWHERE)

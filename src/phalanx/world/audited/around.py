@@ -23,7 +23,7 @@ class Around:
         self._boxes = world.boxes[:, :2], world.boxes[:, 2:]  # least and greatest corners
 
     def look(self, rob_id: int, _t_s: float, place_m: tuple[float, float], *, lies: bool) -> bytes:
-        """Return the bytes behind the motion in a robot's reading; a liar's sensors measure the same."""
+        """Return the bytes behind the motion in a robot's reading; a compromised robot's sensors measure the same."""
         del lies
         here = np.array(place_m)
         others = np.delete(self._world.pos, rob_id - 1, axis=0)[: len(self._world.fleet.robot) - 1]

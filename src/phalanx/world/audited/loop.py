@@ -41,11 +41,11 @@ REACHED, FOR_PYTHON = 0, 1
 def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeline, in one place
     """Advance the world to `until_us`, or to the first event that a robot in Python has to handle.
 
-    Returns: REACHED; FOR_PYTHON: the event is in `clock.kind`, `clock.robot`, `clock.arg` and `frame`.
+    Returns: REACHED; FOR_PYTHON: the event is in `clock.kind`, `clock.robot`, `clock.arg` and `packet`.
     Source: docs/spec/world.md.
     """
     clock = world.clock[0]
-    for profile in (trusted.BOUND, trusted.PAPER):
+    for profile in (trusted.HARDENED, trusted.PAPER):
         trusted.host_use(profile, 1 - int(world.fleet.settings[0].plain))
     while True:
         while clock.next < clock.receivers:
@@ -58,7 +58,7 @@ def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeli
         if clock.sender != NOBODY:
             i = clock.sender
             clock.sender = NOBODY
-            if frame_left(world, i, clock.arrived):
+            if packet_left(world, i, clock.arrived):
                 return FOR_PYTHON
         if next_us(world.queue) > until_us:
             clock.now_us = until_us
@@ -116,7 +116,7 @@ def control(world: World, i: int) -> int:
     now = clock_ms(world, i)
     length = body.sensed(world, i, int(world.fleet.robot[i].id), now)
     if world.runs[i] != COMPILED:
-        world.frame_len[0] = length
+        world.packet_len[0] = length
         return for_python(world, CONTROL, i, 0)
     handlers.on_reading(world.fleet, i, world.work, now, world.reading, length)
     carry_out(world, i, now)
@@ -132,32 +132,32 @@ def transmitted(world: World, i: int, arg: int) -> None:
     clock.receivers = end.receivers
     clock.sender = end.left
     clock.arrived = end.arrived
-    n = len(end.frame)
-    copy(world.frame, 0, end.frame, 0, n)
-    world.frame_len[0] = n
+    n = len(end.packet)
+    copy(world.packet, 0, end.packet, 0, n)
+    world.packet_len[0] = n
     for k in range(min(2, end.receivers)):
         prefetch_receiver(world, int(world.receivers[k]))
 
 
 @kernel
 def deliver(world: World, j: int) -> int:
-    """Deliver the frame to robot j. Returns: FOR_PYTHON if Python has to handle it. Source: RoboRebound Alg. 4."""
+    """Deliver the packet to robot j. Returns: FOR_PYTHON if Python has to handle it. Source: RoboRebound Alg. 4."""
     if j >= len(world.fleet.robot) or world.safe[j]:
         return 0
     if world.runs[j] != COMPILED:
         return for_python(world, MESSAGE, j, 0)
     prefetch_log(world, j)
     now = clock_ms(world, j)
-    handlers.on_packet(world.fleet, j, world.work, now, world.frame, world.frame_len[0])
+    handlers.on_packet(world.fleet, j, world.work, now, world.packet, world.packet_len[0])
     if world.work.used[actions.COUNT] > 0:  # seldom, and this is the loop's most frequent event
         carry_out(world, j, now)
     return 0
 
 
 @kernel
-def frame_left(world: World, i: int, arrived: int) -> int:
-    """Handle a frame that left robot i's radio: after a fragment the next may follow. Source: RoboRebound §5.2."""
-    if not request.is_fragment(world.frame, world.frame_len[0]) or i >= len(world.fleet.robot) or world.safe[i]:
+def packet_left(world: World, i: int, arrived: int) -> int:
+    """Handle a packet that left robot i's radio: after a fragment the next may follow. Source: RoboRebound §5.2."""
+    if not request.is_fragment(world.packet, world.packet_len[0]) or i >= len(world.fleet.robot) or world.safe[i]:
         return 0
     if world.runs[i] != COMPILED:
         return for_python(world, SENT, i, arrived)
@@ -215,9 +215,9 @@ def _retry_us(world: World, i: int, now: int, at_ms: int) -> int:
 
 
 @kernel
-def transmit(world: World, i: int, frame: Row, length: int, to: int) -> int:
-    """Enqueue a frame in robot i's radio, for `to` (a robot's index) or BROADCAST. Returns: -1 if it is full."""
-    return radio.enqueue(world.air, world.queue, i, frame, length, to, world.clock[0].now_us)
+def transmit(world: World, i: int, packet: Row, length: int, to: int) -> int:
+    """Enqueue a packet in robot i's radio, for `to` (a robot's index) or BROADCAST. Returns: -1 if it is full."""
+    return radio.enqueue(world.air, world.queue, i, packet, length, to, world.clock[0].now_us)
 
 
 @kernel

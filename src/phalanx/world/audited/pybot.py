@@ -133,8 +133,8 @@ def handle(
 
 def _payload(world: World, kind: int, seen: bytes, arg: int) -> bytes | str:
     if kind in (CONTROL, MESSAGE):
-        raw = world.reading if kind == CONTROL else world.frame
-        return raw[: world.frame_len[0]].tobytes() + seen
+        raw = world.reading if kind == CONTROL else world.packet
+        return raw[: world.packet_len[0]].tobytes() + seen
     if kind == loop.SENT:
         return "it arrived" if arg else "it did not arrive"
     return "after it has listened" if kind == loop.ROUND and arg else ""
@@ -148,9 +148,9 @@ def _look(world: World, robot: Robot, stage: Looks, now_us: int, now_ms: int) ->
 
 def _plan(world: World, robot: Robot, planner: Planner, kind: int, now_ms: int) -> None:
     if kind == MESSAGE:
-        overheard(planner, now_ms, world.frame[: world.frame_len[0]].tobytes())
+        overheard(planner, now_ms, world.packet[: world.packet_len[0]].tobytes())
     elif kind == CONTROL:
-        advice = advice_of(planner, now_ms, world.reading[: world.frame_len[0]].tobytes())
+        advice = advice_of(planner, now_ms, world.reading[: world.packet_len[0]].tobytes())
         if advice:
             robot.on_advice(advice)
 
@@ -170,9 +170,9 @@ def _check_commands(body_kind: int, robot: Robot, asked: list[Action]) -> None:
 
 def _actions(world: World, robot: Robot, kind: int, now_ms: int, seen: bytes, arg: int) -> list[Action]:
     if kind == CONTROL:
-        return robot.on_reading(now_ms, world.reading[: world.frame_len[0]].tobytes() + seen)
+        return robot.on_reading(now_ms, world.reading[: world.packet_len[0]].tobytes() + seen)
     if kind == MESSAGE:
-        return robot.on_packet(now_ms, world.frame[: world.frame_len[0]].tobytes())
+        return robot.on_packet(now_ms, world.packet[: world.packet_len[0]].tobytes())
     if kind == loop.WAKE:
         return robot.on_wake(now_ms) if isinstance(robot, Liar) and robot.lies(now_ms) else []
     # Other robots in Python learn that their radio is full by `on_no_room`.
@@ -186,7 +186,7 @@ def _actions(world: World, robot: Robot, kind: int, now_ms: int, seen: bytes, ar
 
 
 def wake(world: World, liar: Liar, now_us: int) -> None:
-    """Schedule the next time that a liar acts out of turn, if it does."""
+    """Schedule the next time that a compromised robot acts out of turn, if it does."""
     if not liar.period_ms:
         return
     start_us = liar.plan.start_ms * 1000 - int(world.boot_us[liar.i])

@@ -63,7 +63,7 @@ class Quorum:
     def _has(self) -> NDArray[np.bool_]:
         # A second may just have begun, and a short burst does not fill the channel.
         passed_us = max(int(self._world.clock[0].now_us) - self._looked_us, SECOND_US)
-        # Frames of correct robots only: a robot that a liar jams was not stopped for want of a quorum.
+        # Packets of correct robots only: a robot that a compromised robot jams was not stopped for want of a quorum.
         sent_us, full = (self._spent_us() - self._airtime_us) * self._correct, np.zeros(len(self._correct), bool)
         _full(self._world.reach, sent_us, passed_us, full)
         # A robot stopped in spite of a quorum still counts as an auditor: one failure must not excuse the next.
@@ -75,7 +75,7 @@ class Quorum:
 
 @kernel
 def _full(reach: Reach, sent_us: I64x1, passed_us: int, full: BOOLx1) -> None:
-    """Set `full`, (N,), for each robot in whose range frames took longer than the time that has passed."""
+    """Set `full`, (N,), for each robot in whose range packets took longer than the time that has passed."""
     for i in range(len(full)):
         total = sent_us[i]
         for at in range(reach.near[i], in_range(reach, i)):

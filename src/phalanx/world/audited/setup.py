@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.bti.fleet import BOUND, PAPER, PLAIN, make_fleet
+from phalanx.bti.fleet import HARDENED, PAPER, PLAIN, make_fleet
 from phalanx.bti.nodes import Limits, MissionKey, Nodes, TrustedNodes, limits_of, seal_mission_key
 from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig
@@ -34,7 +34,7 @@ from .world import PYTHON, VERDICTS, World, clock_ms, make_clock, pack
 
 # A robot's master key, 20 bytes: secret; and its mission key.
 Board = tuple[bytes, MissionKey]
-PROFILES = {"none": PLAIN, "paper": PAPER, "bound": BOUND}
+PROFILES = {"none": PLAIN, "paper": PAPER, "hardened": HARDENED}
 MOVE_US = 50_000
 # All robots are powered up within this time.
 POWER_UP_MS = 60_000
@@ -48,7 +48,7 @@ class Setup:
 
     robots: int  # N
     starts_m: NDArray[np.float64]  # (M, 2), where robots, and stations behind them, are at first
-    profile: int  # of the trusted nodes: BOUND, PAPER or PLAIN
+    profile: int  # of the trusted nodes: HARDENED, PAPER or PLAIN
     controller: int  # number of the bundled controller (dispatch.NUMBERS), 0 for one in plain Python
     params: NDArray[np.float64]  # the controller's
     body: int  # POINT_MASS or WHEELS, see `body.driven_by`
@@ -69,16 +69,17 @@ class Setup:
 def audits_share(config: BtiConfig, radio: RadioConfig, robots: float, *, filled: bool = False) -> float:
     """Return the share of airtime that the audit requests of so many robots take, all in one range; 1 is all of it.
 
-    Each T_audit a robot sends f_max + 1 auditors a checkpoint and the log since. `filled`: f_max liars fill that log as
-    fast as it has room. The result is up to a quarter below measurements of 25 to 120 honest robots, f_max 3 to 8.
+    Each T_audit a robot sends f_max + 1 auditors a checkpoint and the log since. `filled`: f_max compromised robots
+    fill that log as fast as it has room. The result is up to a quarter below measurements of 25 to 120 honest robots,
+    f_max 3 to 8.
     """
     neighbours = min(max(math.ceil(robots) - 1, config.quorum), config.n_max)
     seen = replace(config, n_max=neighbours)
     grows = 1000 * seen.log_capacity_bytes / seen.t_val_ms if filled else seen.log_bytes_per_s
     shown = grows * seen.t_audit_ms / 1000 + seen.checkpoint_capacity_bytes + REQUEST_OVERHEAD_BYTES
-    whole, rest = divmod(math.ceil(shown), seen.frame_max_bytes - FRAGMENT_HEAD_BYTES)
+    whole, rest = divmod(math.ceil(shown), seen.packet_max_bytes - FRAGMENT_HEAD_BYTES)
     rates = rates_of(radio)
-    request_us = whole * unicast_us(rates, seen.frame_max_bytes) + unicast_us(rates, FRAGMENT_HEAD_BYTES + rest)
+    request_us = whole * unicast_us(rates, seen.packet_max_bytes) + unicast_us(rates, FRAGMENT_HEAD_BYTES + rest)
     return robots * seen.tokens_needed * request_us / (1000 * seen.t_audit_ms)
 
 
@@ -169,8 +170,8 @@ def make_world(setup: Setup, chance: np.random.Generator) -> World:
         safe_us=np.full(n, -1, np.int64),
         retry_us=np.full(n, -1, np.int64),
         receivers=np.zeros(m, np.int32),
-        frame=np.zeros(setup.radio.long_bytes + 64, np.uint8),
-        frame_len=np.zeros(1, np.int64),
+        packet=np.zeros(setup.radio.long_bytes + 64, np.uint8),
+        packet_len=np.zeros(1, np.int64),
         reading=np.zeros(64, np.uint8),
         verdicts=np.zeros((VERDICTS, 4), np.int64),
     )

@@ -46,7 +46,7 @@ CLOCK = layout(
     "sender next receivers arrived i8",
     # An event that waits for Python.
     "kind robot i8",
-    "arg i8",  # of SENT: whether the frame arrived; of ROUND: whether the robot has listened
+    "arg i8",  # of SENT: whether the packet arrived; of ROUND: whether the robot has listened
     "verdicts i8",  # count since the start; the ring keeps the newest
 )
 
@@ -75,8 +75,8 @@ class World(NamedTuple):
     safe_us: I64x1  # (N,), when it entered Safe Mode, -1 if it has not
     retry_us: I64x1  # (N,), when the next RETRY is due, -1 if none is
     receivers: I32x1  # (M,), of the transmission that is being delivered
-    frame: U8x1  # that transmission's bytes, or the frame for Python
-    frame_len: I64x1  # (1,), its length
+    packet: U8x1  # that transmission's bytes, or the packet for Python
+    packet_len: I64x1  # (1,), its length
     reading: U8x1  # (64,)
     verdicts: I64x2  # (VERDICTS, 4): time µs, auditor, auditee, refusal
 

@@ -1,4 +1,4 @@
-"""What a drawn building is put together from: boxes, thin walls and things that stand askew, on a rectangular site."""
+"""Compose a drawn building on a rectangular site: boxes, thin walls and rotated boxes."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ class Site:
         return all(thing.away_m(other) >= way_m for other in others)
 
     def put_askew(self, room: Box) -> bool:
-        """Whether a box that stands askew found a place in a room."""
+        """Return whether a box that stands askew found a place in a room."""
         long, wide = self.between(0.3, 1.4), self.between(0.25, 0.7)
         r = math.hypot(long, wide) / 2
         if min(room.x1 - room.x0, room.y1 - room.y0) < 2 * (r + WAY_M):
@@ -205,7 +205,7 @@ class Site:
 
 
 def _runs(steps: NDArray[np.int8]) -> Iterator[tuple[int, int]]:
-    """Where runs of equal steps that are not 0 begin and end."""
+    """Return the begin and end of each run of equal steps that are not 0."""
     starts = [0, *(np.flatnonzero(np.diff(steps)) + 1).tolist(), len(steps)]
     for (first, last), (step, _) in zip(pairwise(starts), groupby(steps.tolist()), strict=True):
         if step:

@@ -62,7 +62,7 @@ class Camera:
 
     @property
     def eye(self) -> tuple[Intrinsics, Mount]:
-        """What robots and auditors have to know of it to tell where a code is."""
+        """Return the camera model by which robots and auditors locate a code."""
         return self.config.intrinsics, self.config.mount
 
     def picture(
@@ -74,7 +74,7 @@ class Camera:
     def look(
         self, pose: Pose, random: np.random.Generator, people: NDArray[np.float64] = _NOBODY, turn_radps: float = 0.0
     ) -> tuple[SeenCode, ...]:
-        """What is read in a `picture` from a pose; one that shows no code is not made."""
+        """Read the codes in a `picture` from a pose; a picture without codes is not rendered."""
         shown, shift = self._shown(pose, people), self._shift(random)
         return read_codes(self._picture(shown, shift, turn_radps)) if shown else ()
 

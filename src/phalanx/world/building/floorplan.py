@@ -77,7 +77,7 @@ def _drawn_in(path: Path, words: bytes, read: Mapping[Any, Any], swept: bool) ->
 
 
 def drawn_like(name: str) -> str:
-    """What a name was perhaps meant to be of drawn buildings, as `drawn:7` for `drwn:7`; or nothing."""
+    """Suggest a drawn building's name for a misspelt one, as `drawn:7` for `drwn:7`; or ""."""
     kind, colon, rest = name.partition(":")
     return PREFIX + rest if colon and did_you_mean(kind, (PREFIX[:-1],)) else ""
 

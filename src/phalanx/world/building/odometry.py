@@ -26,7 +26,7 @@ Pose = tuple[float, float, float]
 
 
 class NoiseModel(StrEnum):
-    """Where the factor comes from."""
+    """Source of an odometry factor."""
 
     STAGE = "stage"  # drawn once from ± sigma / 2, as the simulator Stage does with odom_error
     FIXED = "fixed"  # always 1 + sigma
@@ -89,7 +89,7 @@ class Odometry:
 
     @property
     def draws(self) -> bool:
-        """Whether its factors are others at every step."""
+        """Return whether its factors are others at every step."""
         return self._noise.model is NoiseModel.STEP
 
     def draw(self) -> None:
@@ -167,7 +167,7 @@ class DiffDrive:
 
     @property
     def body(self) -> Body:
-        """What kernels take of it."""
+        """Return the parameters that kernels take."""
         config = self.config
         sizes = float(config.radius_m), float(config.axle_m), float(config.wheel_max_mps)
         return Body(*sizes, float(self.left), float(self.right))

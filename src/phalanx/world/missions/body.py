@@ -32,7 +32,7 @@ MILLI = 1000
 
 
 class Building:
-    """What robots in one building share: its walls and codes, who walks about, and how sensors see them."""
+    """Building that robots share: walls, codes, people who walk about, and sensor models."""
 
     def __init__(self, plan: FloorPlan, lidar: LidarConfig | None = None, crowd: Walkers | None = None) -> None:
         self.plan = plan
@@ -45,7 +45,7 @@ class Building:
 
     @property
     def eye(self) -> Eye | None:
-        """What is known of robots' cameras, if there is anything for them to read."""
+        """Return the robots' camera model if there are codes to read."""
         return self.camera.eye if self.camera else None
 
     def pass_time(self, now_s: float) -> None:
@@ -137,7 +137,7 @@ class MissionBody:
             wheels.pose, (odometry.pose, odometry.travelled_m), self._now_s = driven
 
     def _runs_into_somebody(self, way_m: float) -> bool:
-        """Whether a person whom it touches then is nearer after so much way."""
+        """Return whether a person whom it touches then is nearer after so much way."""
         x, y, heading = self.wheels.pose
         after = x + way_m * math.cos(heading), y + way_m * math.sin(heading)
         for *person, radius in self.building.people.tolist():
@@ -160,7 +160,7 @@ class MissionBody:
         return self.sensors.make(self.rob_id, t_ms, odometry.pose, odometry.travelled_m, raw), raw
 
     def _near(self) -> list[str]:
-        """What it reads of sources around, the nearest first."""
+        """Return the readings of sources in range, nearest first."""
         plan, at = self.building.plan, self.wheels.pose[:2]
         found = []
         for source in plan.sources:
@@ -188,7 +188,7 @@ class MissionBody:
             self._speed_mps, self._turn_radps = speed / MILLI, turn / MILLI
         elif command[:1] == bytes([KIND_ACTION]):
             self.actions.append(command)
-            with suppress(MalformedMission):  # of a liar: nobody knows what that looks like
+            with suppress(MalformedMission):  # of a compromised robot: nobody knows what that looks like
                 self._did[parse_action(command[ACTION.size :]).name] = self._now_s
 
     def halt(self) -> None:

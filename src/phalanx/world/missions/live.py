@@ -27,13 +27,13 @@ from .world import MissionRobot, MissionWorld
 WAITING = "waiting"  # to begin, before any phase of the walk
 TICK_S = 0.1
 NICE = 5
-# A liar that wants to be elsewhere wants to be so far from the building's edge.
+# A compromised robot that wants to be elsewhere wants to be so far from the building's edge.
 EDGE_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """Where a robot truly is (map frame), how far its mission has got, and who vouches for it."""
+    """True pose of a robot (map frame), its mission's progress, and its vouchers."""
 
     x_m: float
     y_m: float
@@ -58,7 +58,7 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class Lie:
-    """What makes a robot lie from now on: its number, and the attack by its name."""
+    """Request to compromise a robot: its number, and the attack's name."""
 
     robot: int
     attack: str
@@ -74,7 +74,7 @@ class Crew:
         self._told = [(0, 0, False)] * run.robots
 
     def tick(self, held: bool = False) -> Moment:
-        """What a tenth of a second later is; if they are held, no time passes for them."""
+        """Advance by a tenth of a second; for held robots no time passes."""
         if not held:
             self._tick += 1
             self._world.advance(self._tick * TICK_S)
@@ -83,7 +83,8 @@ class Crew:
             tuple(self._standing(i, robot) for i, robot in enumerate(self._world.robots)),
             tuple(news for i, robot in enumerate(self._world.robots) for news in self._news(i, robot)),
             tuple(
-                (tor - 1, tee - 1, why.name.lower().replace("_", " ") if why else "") for _, tor, tee, why in verdicts
+                (auditor - 1, auditee - 1, why.name.lower().replace("_", " ") if why else "")
+                for _, auditor, auditee, why in verdicts
             ),
         )
 
@@ -104,7 +105,9 @@ class Crew:
             *robot.body.wheels.pose,
             Phase.HELD.value if is_stopped else phase.value if begun else WAITING,
             "Safe Mode" if is_stopped else why,
-            tuple((tor - 1, left_s) for tor, left_s in shields(self._world.world, i)) if self._run.audited else (),
+            tuple((auditor - 1, left_s) for auditor, left_s in shields(self._world.world, i))
+            if self._run.audited
+            else (),
             is_stopped,
             robot.attack,
             drift_of(*robot.controller.memory.belief.drift),

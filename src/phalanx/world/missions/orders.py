@@ -25,7 +25,7 @@ File = tuple[EncodedMission, StartKey | None]
 
 @dataclass(frozen=True, slots=True)
 class Orders:
-    """What a fleet is given."""
+    """Orders of a fleet."""
 
     name: str
     plan: FloorPlan  # the building, with the codes that the mission's author hung on its walls
@@ -43,7 +43,7 @@ class Orders:
 
 
 def orders_of(plain: Mission, built: Sequence[Built], plan: FloorPlan) -> Orders:
-    """What robots are given of a mission whose author is asked.
+    """Return the orders for a mission, built from its source.
 
     Args:
         built: a file and a key for each of its parts, in their order.
@@ -55,7 +55,7 @@ def orders_of(plain: Mission, built: Sequence[Built], plan: FloorPlan) -> Orders
 def orders_of_files(
     name: str, files: Sequence[File], plan: FloorPlan, plain: Mission | None = None, start: Pose | None = None
 ) -> Orders:
-    """What robots are given of encoded missions.
+    """Return the orders for encoded missions.
 
     Args:
         files: one for each part, with its start key.
@@ -90,14 +90,14 @@ def orders_of_files(
 
 
 def start_of(plan: FloorPlan) -> Pose:
-    """Where robots begin in a building. Raises: UsageError: it does not say."""
+    """Return the start pose in a building. Raises: UsageError: it names none."""
     if plan.start is None:
         raise UsageError(f"{plan.name} does not say where robots begin", "start_pose: [x, y, heading] in the map")
     return plan.start
 
 
 def _start(plain: Mission, part: str, plan: FloorPlan) -> Pose:
-    """Where a part's robots are put: at its first start node; where the map says, if that is in no place."""
+    """Return the pose of a part's robots: its first start node, or the map's start if that has no place."""
     node = next(node for node in plain.nodes if node.start and node.part == part)
     if node.place is None:
         return start_of(plan)
@@ -138,17 +138,17 @@ def furnished(plan: FloorPlan, plain: Mission) -> FloorPlan:
 
 
 def _readings(alias: tuple[Observable, ...]) -> list[str]:
-    """What other sensors than lidar and camera have to say for it."""
+    """Return the required readings of sensors other than lidar and camera."""
     return [thing.value.decode(errors="replace") for thing in alias if isinstance(thing, Sensor)]
 
 
 def _title(plain: Mission, part: str) -> str:
-    """What robots on a part are called when others see what they do."""
+    """Return the name under which others observe robots on a part."""
     return part if len(plain.parts) > 1 else LONE
 
 
 def _doings(plain: Mission) -> list[str]:
-    """What robots can see each other do in a mission."""
+    """Return the actions that robots can see each other do in a mission."""
     return [doing(_title(plain, part), act.name) for part in plain.parts for act in actions_of(plain, [part])]
 
 

@@ -1,4 +1,4 @@
-"""What becomes of a robot on a mission, written down with the world's eyes: no decision looks at it."""
+"""Report a robot's mission by ground truth; no decision uses it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _TOLD = {Reason.DRIFT, Reason.CONTRADICTED, Reason.ALTERED}
 
 @dataclass(slots=True)
 class Report:
-    """What became of a robot."""
+    """Outcome of one robot."""
 
     robot: int
     done: bool = False
@@ -167,7 +167,7 @@ class Logbook:
         return ""
 
     def finish(self, safe_mode_s: float | None = None) -> Report:
-        """What became of it, and when it was stopped by those who audit it, if it was."""
+        """Return the outcome of the robot, and when its auditors stopped it, if they did."""
         told = self.report.not_validated
         if safe_mode_s is not None:
             told = [*told, (safe_mode_s, "Safe Mode")]
@@ -208,7 +208,7 @@ def digest_of(reports: list[Report]) -> str:
 
 
 def drift_words(drift: tuple[float, float, float]) -> str:
-    """What a robot has learnt that its odometry leaves out, for people: see `Report.drift`."""
+    """Format the estimated odometry drift for people, see `Report.drift`."""
     way, turn, curve = drift
     return f"way {100 * way:+.1f} %   turns {100 * turn:+.1f} %   {math.degrees(curve):+.2f}° a metre"
 

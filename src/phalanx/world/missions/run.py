@@ -26,7 +26,7 @@ CHUNK_S = 2.0
 def run_mission(
     run: MissionRun, workers: int = 1, on_progress: Callable[[float], None] = lambda _share: None
 ) -> list[Report]:
-    """What became of each robot.
+    """Run a mission and return the outcome of each robot.
 
     Args:
         workers: processes that share robots which cannot hear each other.

@@ -1,4 +1,4 @@
-"""What decides a mission run: the building, what each robot is given, how robots sense and whether they audit."""
+"""Set up a mission run: building, each robot's part, sensors, and audits."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MakeLiar = Callable[[Fleet, int, Work, Callable[[int], Controller]], Robot]
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What one robot is given: an encoded mission, the key that starts it, the pose it is put at."""
+    """Part of one robot: an encoded mission, its start key and the start pose."""
 
     mission: EncodedMission
     key: StartKey | None
@@ -47,7 +47,7 @@ class MissionRun:
     plan: FloorPlan  # the building; its walls do not stop radio
     parts: tuple[Part, ...]  # of the mission; robot i gets part i modulo their number
     robots: int = 1
-    defence: str = "none"  # "none", "paper" or "bound": whether, and by which protocol, robots audit each other
+    defence: str = "none"  # "none", "paper" or "hardened": whether, and by which protocol, robots audit each other
     f_max: int = 1  # the most compromised robots that audits tolerate
     # Of their odometry
     noise: OdometryNoise = OdometryNoise()  # noqa: RUF009  # frozen
@@ -87,23 +87,23 @@ class MissionRun:
 
     @property
     def audited(self) -> bool:
-        """Whether robots audit each other."""
+        """Return whether robots audit each other."""
         return self.defence != "none"
 
     @property
     def alone(self) -> bool:
-        """Whether no robot can hear another, or is to see what another does."""
+        """Return whether no robot can hear another, or is to see what another does."""
         says = any(node.sends for part in self.parts for node in part.mission.nodes)
         sees = any(part.name for part in self.parts)
         return not (self.audited or self.meet_m or says or sees)
 
     def part_of(self, number: int) -> Part:
-        """What a robot is given."""
+        """Return a robot's part."""
         return self.parts[number % len(self.parts)]
 
 
 def doing(who: str, action: str) -> str:
-    """What a robot's sensor says of another, on the part `who`, that does something: S_ij.
+    """Return the sensor reading of another robot, on part `who`, that does something: S_ij.
 
     Source: Encoded graphs Fig. 5 (sensor data at robot i, describing robot j's actions).
     """
@@ -131,7 +131,7 @@ def pool_of(plain: Mission) -> tuple[Action, ...]:
 
 
 def actions_of(plain: Mission, parts: Container[str]) -> list[Action]:
-    """What a mission has the robots on some of its parts do."""
+    """Return the actions that a mission asks of robots on some of its parts."""
     nodes = {node.name: node for node in plain.nodes if node.part in parts}
     done: list[Action] = []
     for node in nodes.values():

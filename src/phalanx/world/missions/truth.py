@@ -1,4 +1,4 @@
-"""Whether what a robot believes is true, judged with the world's eyes.
+"""Judge a robot's beliefs by ground truth.
 
 A fix is false if it leaves the robot more than 0.5 m or 6 degrees off, or further than three of its own standard
 deviations, where it has an idea of them. A decoded node is false if its landmark is not in sight where it truly is, or
@@ -38,7 +38,7 @@ AROUND_M = {"room": math.inf, "doorway": 1.5}
 
 
 def wrong_by(true: Pose, estimate: Pose, spread: Covariance | None) -> str:
-    """What is wrong with an estimated pose: "metres", "degrees", "sigmas", or "" if it is a true one.
+    """Name the error of an estimated pose: "metres", "degrees", "sigmas", or "" if it is right.
 
     Args:
         spread: how uncertain the robot takes its estimate to be, or None if it has no idea.
@@ -59,13 +59,13 @@ def wrong_by(true: Pose, estimate: Pose, spread: Covariance | None) -> str:
 
 
 class Truth:
-    """What is true in a building, for robots with such a lidar."""
+    """Ground truth of a building, for robots with such a lidar."""
 
     def __init__(self, plan: FloorPlan, lidar: LidarConfig) -> None:
         self._plan, self._lidar = plan, lidar
 
     def denies(self, true: Pose, opened: Opened, seen: Experience | None, cell_m: float) -> str:
-        """What is wrong with a decoded node: "elsewhere", "hidden", "another", or "" if it is a true one.
+        """Name the error of a decoded node: "elsewhere", "hidden", "another", or "" if it is right.
 
         Args:
             true: where the robot is.
@@ -83,7 +83,7 @@ class Truth:
         return "elsewhere" if off_m > PLACE_M + cell_m / 2 else ""
 
     def in_sight(self, true: Pose, landmark: Landmark) -> bool:
-        """Whether a robot there can see where a landmark is: in range, in its field of view, behind no wall.
+        """Return whether a robot there can see where a landmark is: in range, in its field of view, behind no wall.
 
         Of a room it is the walls around that are in the field of view, so its middle need not be.
         """
@@ -107,7 +107,7 @@ class Truth:
 
 
 def _points_of(landmark: Landmark) -> list[tuple[float, float]]:
-    """Where to look for it; any of them will do."""
+    """Return points of a landmark; any visible one will do."""
     x, y = landmark.x_m, landmark.y_m
     if landmark.type == "room":
         around = [(WIDE_M * math.cos(i * math.pi / 4), WIDE_M * math.sin(i * math.pi / 4)) for i in range(8)]
@@ -119,7 +119,7 @@ def _points_of(landmark: Landmark) -> list[tuple[float, float]]:
 
 
 def _was_seen(true: Pose, landmark: Landmark, seen: Experience) -> bool:
-    """Whether something like it was seen where it is, by where the robot truly is."""
+    """Return whether something like it was seen where it is, by where the robot truly is."""
     turn = true[2] - seen.heading_rad
     cosine, sine = math.cos(turn), math.sin(turn)
     for other in seen.landmarks:

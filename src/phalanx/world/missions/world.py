@@ -21,7 +21,7 @@ from phalanx.mission import Walker
 from phalanx.robot.actions import Actuate
 from phalanx.robot.adversary.attack import Attack
 from phalanx.robot.adversary.mission_cheat import CheatPlan
-from phalanx.robot.controllers.mission.controller import Assignment, Missions, message_frame
+from phalanx.robot.controllers.mission.controller import Assignment, Missions, message_packet
 from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.robot.robot import Robot
 from phalanx.world.audited import loop, pybot
@@ -168,7 +168,7 @@ class MissionWorld:
 
     @property
     def over(self) -> bool:
-        """Whether nobody has anything left to do."""
+        """Return whether nobody has anything left to do."""
         return all(robot.controller.over or self.world.safe[i] for i, robot in enumerate(self.robots))
 
     def advance(self, until_s: float) -> None:
@@ -196,9 +196,9 @@ class MissionWorld:
     def _say(self) -> None:
         """The controller's messages, one after the other, again and again: a robot may have been out of hearing."""
         message = self.run.controller[self._said % len(self.run.controller)]
-        frame = np.frombuffer(bytearray(message_frame(STATION_ID, message)), np.uint8)
+        packet = np.frombuffer(bytearray(message_packet(STATION_ID, message)), np.uint8)
         self._said += 1
-        loop.transmit(self.world, len(self.robots), frame, len(frame), BROADCAST)
+        loop.transmit(self.world, len(self.robots), packet, len(packet), BROADCAST)
 
     def meet(self) -> list[tuple[MissionRobot, Proofs]]:
         """Robots on the same part that see each other exchange proofs: another part's nodes have the same numbers.
@@ -248,7 +248,7 @@ class MissionWorld:
             robot.note(self.now_s)
 
     def _watched(self, robot: MissionRobot) -> list[str]:
-        """What a robot sees others do, all around it: S_ij. Source: Encoded graphs Fig. 5."""
+        """Return the actions of others that a robot sees, all around it: S_ij. Source: Encoded graphs Fig. 5."""
         if not self._is_watched:
             return []
         at, told = robot.body.wheels.pose[:2], list[str]()
@@ -278,7 +278,7 @@ class MissionWorld:
         return self._verdicts.new()
 
     def finish(self) -> list[Report]:
-        """What became of each robot."""
+        """Return the outcome of each robot."""
         told = self.world.fleet.robot
         return [
             replace(

@@ -1,6 +1,6 @@
 """One radio channel for all robots: CSMA/CA with carrier sense inside a disc, hidden terminals and losses by overlap.
 
-Every robot has a NIC: a short queue of frames, a back-off counter, a random state of its own. The loop pops events and
+Every robot has a NIC: a short queue of packets, a back-off counter, a random state of its own. The loop pops events and
 calls `attempt` and `finish`; everything else happens inside. What is modelled and what is not: docs/adr/0011.
 
 Rules of this file. Carrier sense and reception look only at the robots in `Reach`. A NIC's next attempt only ever moves
@@ -27,7 +27,7 @@ from phalanx.world.audited.events import Queue, push
 from . import nic as card
 from .reach import Reach, in_range
 
-# Kinds of events; a TX_END's arg is 0 for a frame, 1 + the robot that is answered for an acknowledgement.
+# Kinds of events; a TX_END's arg is 0 for a packet, 1 + the robot that is answered for an acknowledgement.
 ATTEMPT, TX_END = 1, 2
 
 BROADCAST = -1
@@ -36,16 +36,16 @@ SLOTS = 16
 SHORT_BYTES = 64
 AUDIT_BIT = 0x80
 
-# Rows of `Air.counts[i]`: what a frame is, by its first byte and its destination.
+# Rows of `Air.counts[i]`: what a packet is, by its first byte and its destination.
 APP_BROADCAST, APP_UNICAST, AUDIT_BROADCAST, AUDIT_UNICAST = 0, 1, 2, 3
-# Columns: frames that left or were given up, receptions due and those that came about (all on the sender's account),
-# frames heard by this robot, bytes of frames sent (each once, however often tried), airtime of all tries, sum over
-# receptions of µs since `enqueue`, frames that found no room in the NIC.
+# Columns: packets that left or were given up, receptions due and those that came about (all on the sender's account),
+# packets heard by this robot, bytes of packets sent (each once, however often tried), airtime of all tries, sum over
+# receptions of µs since `enqueue`, packets that found no room in the NIC.
 SENT, DUE, ARRIVED, HEARD, BYTES, AIRTIME_US, DELAY_US, DROPPED = 0, 1, 2, 3, 4, 5, 6, 7
 
 
 SLOT = layout(
-    "since i8",  # when the frame was put there, µs
+    "since i8",  # when the packet was put there, µs
     "dst i4",  # robot or BROADCAST
     "length i4",  # bytes
 )
@@ -55,30 +55,30 @@ class Air(NamedTuple):
     """The channel and everybody's NIC; half a kB a robot."""
 
     nic: Annotated[Any, Records(card.NIC)]  # (N,)
-    # By place first: most rings have one frame, so what lies behind the first places is never touched.
-    short: U8x3  # (SLOTS, N, SHORT_BYTES), frames of the ring
-    long: Pool  # of long_bytes: the one longer frame of each ring
+    # By place first: most rings have one packet, so what lies behind the first places is never touched.
+    short: U8x3  # (SLOTS, N, SHORT_BYTES), packets of the ring
+    long: Pool  # of long_bytes: the one longer packet of each ring
     slot: Annotated[Any, Records(SLOT, 2)]  # (SLOTS, N)
     counts: I64x3  # (N, 4, 8), see APP_BROADCAST … and SENT …
-    tried: I64x2  # (N, 4), bytes of all tries of frames, by kind: a unicast frame without an answer is tried again
+    tried: I64x2  # (N, 4), bytes of all tries of packets, by kind: a unicast packet without an answer is tried again
     rates: Rates  # bits and times of a symbol
     half_exponents: int  # twice the exponent of the path loss
     capture: float  # how many times as strong as all that overlaps it a broadcast must be
-    data_capture: float  # the same for unicast frames and acknowledgements
+    data_capture: float  # the same for unicast packets and acknowledgements
     loss: float  # share of receptions that fail by chance
-    tries: int  # transmissions of a unicast frame
+    tries: int  # transmissions of a unicast packet
 
 
 pack = bundled(Air)
 
 
 class End(NamedTuple):
-    """What came of a transmission."""
+    """Outcome of a transmission."""
 
-    receivers: int  # how many robots have the frame now; their ids are in the caller's array
-    left: int  # robot whose NIC is done with the frame, or NOBODY: it may hand over the next one
-    arrived: int  # for `left`: 1, or 0 if a unicast frame was given up
-    frame: Row  # its bytes, until somebody next calls `enqueue`
+    receivers: int  # how many robots have the packet now; their ids are in the caller's array
+    left: int  # robot whose NIC is done with the packet, or NOBODY: it may hand over the next one
+    arrived: int  # for `left`: 1, or 0 if a unicast packet was given up
+    packet: Row  # its bytes, until somebody next calls `enqueue`
 
 
 def make_air(robots: int, config: RadioConfig, seed: int) -> Air:
@@ -114,10 +114,10 @@ def delivery(air: Air, kind: int) -> float:
 
 
 @kernel
-def enqueue(air: Air, queue: Queue, robot: int, frame: Row, length: int, dst: int, now_us: int) -> int:
-    """0, and the robot's NIC will send the frame, a copy; -1 if it has no room, the length is not legal, or it is off.
+def enqueue(air: Air, queue: Queue, robot: int, packet: Row, length: int, dst: int, now_us: int) -> int:
+    """0, and the robot's NIC will send the packet, a copy; -1 if it has no room, the length is not legal, or it is off.
 
-    `dst` is a robot, or BROADCAST. A frame to nobody is tried like one to a robot out of range.
+    `dst` is a robot, or BROADCAST. A packet to nobody is tried like one to a robot out of range.
     """
     nic = air.nic[robot]
     is_long = length > SHORT_BYTES
@@ -129,13 +129,13 @@ def enqueue(air: Air, queue: Queue, robot: int, frame: Row, length: int, dst: in
         or (is_long and nic.long_used)
     ):
         if length > 0:
-            air.counts[robot, _class(int(frame[0]), dst), DROPPED] += 1
+            air.counts[robot, _class(int(packet[0]), dst), DROPPED] += 1
         return -1
     slot = (int(nic.head) + int(nic.waiting)) % SLOTS
     if is_long:
         nic.long_used, nic.long_row = 1, lend(air.long)
     target = air.long.rows[nic.long_row] if is_long else air.short[slot, robot]
-    copy(target, 0, frame, 0, length)
+    copy(target, 0, packet, 0, length)
     taken = air.slot[slot, robot]
     taken.dst, taken.length, taken.since = dst, length, now_us
     nic.waiting += 1
@@ -148,9 +148,9 @@ def enqueue(air: Air, queue: Queue, robot: int, frame: Row, length: int, dst: in
 
 @kernel
 def silence(air: Air, robot: int) -> None:
-    """The robot's radio is off: it forgets its frames, hears nothing, acknowledges nothing; nobody waits for it.
+    """The robot's radio is off: it forgets its packets, hears nothing, acknowledges nothing; nobody waits for it.
 
-    A frame that is on the air goes on to its end.
+    A packet that is on the air goes on to its end.
     Source: RoboRebound §3.6 (Safe Mode).
     """
     nic = air.nic[robot]
@@ -162,7 +162,7 @@ def silence(air: Air, robot: int) -> None:
 
 @kernel
 def attempt(air: Air, reach: Reach, queue: Queue, robot: int, now_us: int) -> None:
-    """What an ATTEMPT asks for is done: the robot's next frame goes on the air, or the attempt is put off.
+    """Handle an ATTEMPT: transmit the robot's next packet, or defer the attempt.
 
     Source: IEEE 802.11-2020 §10.23.2 (EDCA), as in ns-3; docs/adr/0011.
     """
@@ -190,9 +190,9 @@ def attempt(air: Air, reach: Reach, queue: Queue, robot: int, now_us: int) -> No
 
 @kernel
 def finish(air: Air, reach: Reach, queue: Queue, robot: int, arg: int, now_us: int, receivers: I32x1) -> End:
-    """What a TX_END says has happened: who received, and whether the NIC is done with the frame.
+    """Handle a TX_END: decide which robots received, and whether the NIC is done with the packet.
 
-    `receivers`, (≥ N,), is filled with the ids of those who received the frame now; `robot` and `arg` are the event's.
+    `receivers`, (≥ N,), is filled with the ids of those who received the packet now; `robot` and `arg` are the event's.
     Source: IEEE 802.11-2020 §10.23.2, as in ns-3; docs/adr/0011.
     """
     if arg > 0:
@@ -200,7 +200,7 @@ def finish(air: Air, reach: Reach, queue: Queue, robot: int, arg: int, now_us: i
     nic = air.nic[robot]
     slot = int(nic.head)
     dst = whole(air.slot[slot, robot].dst)
-    frame = _bytes(air, robot, slot)
+    packet = _bytes(air, robot, slot)
     count = 0
     if dst == BROADCAST:
         end = in_range(reach, robot)
@@ -210,27 +210,27 @@ def finish(air: Air, reach: Reach, queue: Queue, robot: int, arg: int, now_us: i
                 receivers[count] = other
                 count += 1
         _account(air, robot, slot, receivers, count, now_us)
-        return End(count, _done(air, queue, robot, now_us), 1, frame)
+        return End(count, _done(air, queue, robot, now_us), 1, packet)
     if not (0 <= dst < len(air.nic) and card.received(air.nic[dst], robot, now_us, air.data_capture, air.loss)):
         arrived = 1 if nic.delivered else 0
-        return End(0, _retry(air, queue, robot, now_us), arrived, frame)
+        return End(0, _retry(air, queue, robot, now_us), arrived, packet)
     if not nic.delivered:
         nic.delivered = 1
         receivers[0] = dst
         count = 1
         _account(air, robot, slot, receivers, count, now_us)
-    # The gap before the acknowledgement counts as part of it: nobody who heard the frame could begin there.
+    # The gap before the acknowledgement counts as part of it: nobody who heard the packet could begin there.
     _transmit(air, reach, queue, dst, now_us, now_us + card.SIFS_US + ack_us(air.rates), 0, 1 + robot)
-    return End(count, NOBODY, 0, frame)
+    return End(count, NOBODY, 0, packet)
 
 
 @kernel
 def _finish_ack(air: Air, queue: Queue, robot: int, sender: int, now_us: int) -> End:
     nic = air.nic[sender]
-    frame = _bytes(air, sender, int(nic.head))
+    packet = _bytes(air, sender, int(nic.head))
     if card.received(nic, robot, now_us, air.data_capture, air.loss):
-        return End(0, _done(air, queue, sender, now_us), 1, frame)
-    return End(0, _retry(air, queue, sender, now_us), 1, frame)
+        return End(0, _done(air, queue, sender, now_us), 1, packet)
+    return End(0, _retry(air, queue, sender, now_us), 1, packet)
 
 
 @kernel
@@ -283,7 +283,7 @@ def _transmit(
         due += 1
         level = card.strength(float(reach.square[at]), air.half_exponents)
         heard = card.listen(other, robot, level, air.capture, now_us, end_us)
-        # Only whoever reads the frame knows that an answer follows.
+        # Only whoever reads the packet knows that an answer follows.
         card.hold(other, now_us, end_us + answer_us if heard else end_us)
     nic.due = due
     push(queue, end_us, TX_END, robot, arg)

@@ -23,11 +23,11 @@ _LONG_AGO = -(1 << 40)
 _STREAM = 0x4E49  # sets the radio's draws apart from whatever else comes from the same seed
 
 NIC = layout(
-    "heard_until i8",  # the last frame in range ends then, µs
-    "hears_from i8",  # the frame that it listens to: when it began,
+    "heard_until i8",  # the last packet in range ends then, µs
+    "hears_from i8",  # the packet that it listens to: when it began,
     "hears_until i8",  # when it ends,
     "busy_until i8",  # the channel counts as busy until then: own frames, others', and their acknowledgements
-    "own_until i8",  # own last frame ends then
+    "own_until i8",  # own last packet ends then
     "attempt_at i8",  # next attempt, or NEVER
     "random u8",  # xorshift64
     "hears i4",  # who sends it, or NOBODY,
@@ -35,10 +35,10 @@ NIC = layout(
     "noise f8",  # the same, of all others since the channel was last silent
     "slots i4",  # back-off: idle slots still to wait
     "window tries i4",
-    "head i4",  # of the ring of frames
-    "waiting i4",  # frames in the ring
-    "due i4",  # robots in range when the frame began
-    "long_row i4",  # of the one longer frame, where it is
+    "head i4",  # of the ring of packets
+    "waiting i4",  # packets in the ring
+    "due i4",  # robots in range when the packet began
+    "long_row i4",  # of the one longer packet, where it is
     "queued u1",  # an ATTEMPT is among the events
     "long_used u1",
     "delivered u1",  # the addressee has it, the acknowledgement may have been lost
@@ -62,10 +62,10 @@ def make_nics(robots: int, seed: int) -> NDArray[np.void]:
 
 @kernel
 def listen(nic: Nic, sender: int, strong: float, capture: float, now_us: int, end_us: int) -> bool:
-    """Whether the NIC turns to the frame that begins; if not, the frame is noise to what the NIC listens to.
+    """Return whether the NIC locks onto the packet that begins; otherwise it counts as noise.
 
     A preamble is found if it is `capture` times as strong as the noise.
-    Source: ns-3's ThresholdPreambleDetectionModel, without frame capture; docs/adr/0011.
+    Source: ns-3's ThresholdPreambleDetectionModel, without packet capture; docs/adr/0011.
     """
     if nic.heard_until <= now_us:
         nic.noise = 0.0
@@ -83,9 +83,9 @@ def listen(nic: Nic, sender: int, strong: float, capture: float, now_us: int, en
 
 @kernel
 def received(nic: Nic, sender: int, now_us: int, capture: float, loss: float) -> bool:
-    """Whether the NIC now has the sender's frame, which ends: it listened to that one, and the noise was low enough.
+    """Return whether the NIC received the packet that ends: it was locked on it, and the noise was low enough.
 
-    Of those frames it loses a share of `loss` by chance, its own; without a loss it asks no chance.
+    Of those packets it loses a share of `loss` by chance, its own; without a loss it asks no chance.
 
     Source: docs/adr/0011.
     """
@@ -98,7 +98,7 @@ def received(nic: Nic, sender: int, now_us: int, capture: float, loss: float) ->
 
 @kernel
 def strength(square: float, half_exponents: int) -> float:
-    """What is left of a signal at so many metres squared; 1 at one metre, and nearer.
+    """Return the signal strength at a squared distance, m²; 1 within one metre.
 
     Source: ns-3's LogDistancePropagationLossModel.
     """

@@ -1,4 +1,4 @@
-"""Who is in range of whom, as lists: robots are sorted into square cells as wide as the range.
+"""List the robots in range of each robot, by square cells as wide as the range.
 
 The cost is linear in robots and neighbours. Lists are symmetric, in the order of robots, and the same for the same
 positions. Everything else that asks for robots nearby (carrier sense, overlaps, contacts) goes through these lists.
@@ -115,7 +115,7 @@ def rebuild(reach: Reach, pos: F64x2) -> int:
 
 @kernel
 def in_range(reach: Reach, i: int) -> int:
-    """Where the list of robot i's neighbours ends, which begins at `near[i]` of `ids` and `square`."""
+    """Return the end of robot i's neighbour list, which begins at `near[i]` of `ids` and `square`."""
     if reach.listed[i] == reach.looks[0]:
         return reach.end[i]  # type: ignore[no-any-return]
     pos, end = reach.at, reach.near[i]
@@ -135,7 +135,7 @@ def in_range(reach: Reach, i: int) -> int:
 
 @kernel
 def _has_moved(reach: Reach, pos: F64x2) -> bool:
-    """Whether somebody has gone so far since candidates were noted that others may be in range.
+    """Return whether a robot has moved so far since the candidates were noted that others may be in range.
 
     What all have gone together, and that all have come nearer to each other by the same share, as a flock does on its
     way to a goal, does not count. Two that were no candidates were farther apart than range and skin: that share of
@@ -220,7 +220,7 @@ def _put_in_order(reach: Reach, begin: int, end: int, k: int) -> None:
 
 @kernel
 def walled(reach: Reach, i: int, k: int) -> bool:
-    """Whether the two are in different aisles."""
+    """Return whether the two are in different aisles."""
     return bool(reach.aisle[i] != reach.aisle[k] and reach.aisle[i] != 0 and reach.aisle[k] != 0)
 
 

@@ -14,15 +14,16 @@ from phalanx.world.radio.reach import in_range, rebuild, set_aisles
 
 # Of the channel. Where all hear each other it works up to 0.6, but 324 robots at 20 m (0.46) lost some after 40 s.
 MOST_AUDITS = 0.45
-# With logs that f_max liars fill: at 0.40 they stopped correct robots, at 0.31 none (docs/results.md).
+# With logs that f_max compromised robots fill: at 0.40 they stopped correct robots, at 0.31 none (docs/results.md).
 MOST_FILLED = 0.35
-# What the AUDIT buckets of f_max liars may let out. Where they had a quarter or more, nothing was measured.
+# What the AUDIT buckets of f_max compromised robots may let out. Where they had a quarter or more, nothing was
+# measured.
 MOST_BUCKETS = 0.25
 US_PER_S = 1e6
 
 
 def cautions(scenario: Scenario) -> list[str]:
-    """Return a line for each reason why the audits may fail: the channel, T_val, the robots in range, or the liars."""
+    """Return a line for each reason why the audits may fail: channel, T_val, robots in range, or compromised robots."""
     if scenario.defence == "none":
         return []
     near = _in_range_at_start(scenario)
@@ -51,7 +52,7 @@ def _many(scenario: Scenario, near: Sequence[NDArray[np.int32]]) -> list[str]:
 def _flooded(scenario: Scenario) -> list[str]:
     bti = scenario.bti
     share = bti.f_max * limits_of(bti, scenario.radio).audit_us_per_s / US_PER_S
-    if scenario.defence != "bound" or share < MOST_BUCKETS:
+    if scenario.defence != "hardened" or share < MOST_BUCKETS:
         return []
     lets = f"with n_max {bti.n_max} the a-nodes of f_max compromised robots let out audit packets for {share:.0%}"
     return [
@@ -78,7 +79,7 @@ def _crowded(scenario: Scenario) -> list[str]:
     filled = audits_share(scenario.bti, scenario.radio, scenario.robots_in_range, filled=True)
     if filled <= MOST_FILLED:
         return []
-    want = f"{robots}: if f_max liars fill their logs, audits want {filled:.0%} of the channel"
+    want = f"{robots}: if f_max compromised robots fill their logs, audits want {filled:.0%} of the channel"
     return [f"{want}, and above {MOST_FILLED:.0%} correct robots may be stopped; a smaller f_max or fewer robots help"]
 
 

@@ -76,7 +76,7 @@ class Recording(Recorder):
         self.put("/scene", 0, self._ground())
 
     def about(self) -> dict[str, str]:
-        """What the file says of the whole run."""
+        """Return the metadata of the whole run."""
         scenario, bti = self._scenario, self._scenario.bti
         words = {"name": scenario.name, "seed": scenario.seed, "defence": scenario.defence}
         words |= {"duration_s": scenario.duration_s, "tokens_needed": bti.tokens_needed, "t_val_ms": bti.t_val_ms}

@@ -1,4 +1,4 @@
-"""What came of a scenario under several seeds, as arrays, tables and files."""
+"""Collect a scenario's results over several seeds, as arrays, tables and files."""
 
 from __future__ import annotations
 

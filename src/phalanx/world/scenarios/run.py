@@ -230,7 +230,7 @@ class Run:
         wronged = self._correct & self.in_safe_mode & ~alone
 
         def each(count: NDArray[np.int64]) -> dict[str, float]:
-            """Return a robot's mean in a second, of the flock's frames and of audits'."""
+            """Return a robot's mean in a second, of the flock's packets and of audits'."""
             kinds = {"app": APP_BROADCAST, "audit": AUDIT_BROADCAST}
             return {name: float(count[:, first : first + 2].sum()) / n / seconds for name, first in kinds.items()}
 

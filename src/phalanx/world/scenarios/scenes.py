@@ -64,7 +64,7 @@ def lines_of(path: Path) -> list[Line]:
 
 
 class Live(Recording):
-    """What a recording of a run would say, told at once."""
+    """Live stream of the scene that a recording of the run would hold."""
 
     def __init__(self, scenario: Scenario, put: Callable[[Line], None]) -> None:
         super().__init__(Path(), scenario)

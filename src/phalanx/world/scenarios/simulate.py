@@ -145,7 +145,7 @@ def _here(job: _Job, on_progress: Callable[[float], None]) -> list[dict[str, Any
 
 
 def _one(job: _Job, seed: int, on_share: Callable[[float], None]) -> dict[str, Any]:
-    """What one run comes to: arrays (T, …), verdicts, the summary."""
+    """Run once and return arrays (T, …), verdicts and the summary."""
     scenario = replace(job.scenario, seed=seed)
     apart = math.ceil(job.every_s / STEP_S)  # steps from look to look
     seen: dict[str, list[Any]] = {"positions_m": [], "velocities_mps": [], "in_safe_mode": []}

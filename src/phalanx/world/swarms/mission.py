@@ -153,7 +153,7 @@ class MissionSwarm(Roster):
         check_sensed(furnished(self.plan, plain), plain)
 
     def prepare(self, plain: Mission, built: Sequence[Built]) -> Callable[[], None]:
-        """What has all robots begin a mission, see `OnMission`."""
+        """Prepare all robots for a mission, see `OnMission`."""
         return partial(self.begin, orders_of(plain, built, self.plan))
 
     def begin(self, orders: Orders) -> None:
@@ -215,7 +215,7 @@ class MissionSwarm(Roster):
         ]
 
     def lit(self) -> Sequence[Lit]:
-        """What was decoded and is somewhere, in the order in which it was."""
+        """Return decoded nodes that have a place, in order of decoding."""
         return [lit for lit in self._lit.values() if lit is not None]
 
     def news(self) -> Sequence[tuple[str, News]]:
@@ -289,7 +289,7 @@ class ShieldedMissionSwarm(MissionSwarm):
                 address=each.address,
                 needed=bti.tokens_needed,
                 full_s=bti.t_val_ms / 1000,
-                vouchers=tuple((self._members[tor].address, left_s) for tor, left_s in stands.vouchers),
+                vouchers=tuple((self._members[auditor].address, left_s) for auditor, left_s in stands.vouchers),
                 safe_mode=stands.safe_mode,
                 attack=stands.attack,
             )
@@ -318,6 +318,6 @@ class ShieldedMissionSwarm(MissionSwarm):
     def _take(self, moment: Moment) -> None:
         super()._take(moment)
         self._audits += [
-            Audit(auditor=self._members[tor].address, auditee=self._members[tee].address, refusal=why)
-            for tor, tee, why in moment.audits
+            Audit(auditor=self._members[auditor].address, auditee=self._members[auditee].address, refusal=why)
+            for auditor, auditee, why in moment.audits
         ]

@@ -82,7 +82,7 @@ def draw_places(count: int, chance: np.random.Generator) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class SwarmKeys:
-    """What a swarm's owner gives it for one mission."""
+    """Keys that a swarm's owner gives it for one mission."""
 
     mission: int
     boards: Sequence[Board]  # of each robot, in the order of ids
@@ -111,10 +111,10 @@ class StationAir:
         """See `phalanx.robot.station.Air`."""
         return bool(self._world.safe[robot - 1])
 
-    def say(self, frame: bytes, robot: int) -> None:
+    def say(self, packet: bytes, robot: int) -> None:
         """See `phalanx.robot.station.Air`."""
         to = BROADCAST if robot == EVERYBODY else robot - 1
-        loop.transmit(self._world, self._row, np.frombuffer(bytearray(frame), np.uint8), len(frame), to)
+        loop.transmit(self._world, self._row, np.frombuffer(bytearray(packet), np.uint8), len(packet), to)
 
 
 class ProtectedSwarm(Ordered):
@@ -132,7 +132,7 @@ class ProtectedSwarm(Ordered):
         seed: int,
         clock: Callable[[], float],
         *,
-        defence: str = "bound",
+        defence: str = "hardened",
         f_max: int = 3,
         keys: SwarmKeys | None = None,
         protocol: str = "",
@@ -272,11 +272,11 @@ class ProtectedSwarm(Ordered):
     # --- its work -----------------------------------------------------------------------------------------------------
 
     def done(self) -> Done | None:
-        """What has come of it, called about once a second; None where they wait for people."""
+        """Return the work's score, about once a second; None while robots wait for visitors."""
         return self._work.done(self._now_s) if self._work else None
 
     def things(self) -> Sequence[Point]:
-        """Where the things are now that the work is about, those in the area."""
+        """Return the places of the work's objects in the area."""
         return [Point(x * 1000, y * 1000) for x, y in self._work.things_m(self._now_s)] if self._work else ()
 
     # --- the shields --------------------------------------------------------------------------------------------------
@@ -291,7 +291,7 @@ class ProtectedSwarm(Ordered):
             address=self._members[i].address,
             needed=self._config.tokens_needed,
             full_s=self._config.t_val_ms / 1000,
-            vouchers=tuple((self._members[tor - 1].address, left_s) for tor, left_s in shields(self.world, i)),
+            vouchers=tuple((self._members[auditor - 1].address, left_s) for auditor, left_s in shields(self.world, i)),
             safe_mode=bool(self.world.safe[i]),
             attack=liar.attack.name if isinstance(liar, Liar) else "",
         )
@@ -300,15 +300,15 @@ class ProtectedSwarm(Ordered):
         """Those that ended since the last call, oldest first."""
         return [
             Audit(
-                auditor=self._members[tor - 1].address,
-                auditee=self._members[tee - 1].address,
+                auditor=self._members[auditor - 1].address,
+                auditee=self._members[auditee - 1].address,
                 refusal="" if why is Refusal.NONE else why.name.lower().replace("_", " "),
             )
-            for _, tor, tee, why in self._verdicts.new()
+            for _, auditor, auditee, why in self._verdicts.new()
         ]
 
     def attacks(self) -> Sequence[AttackChoice]:
-        """What a robot can be made to do, first what is plain to see."""
+        """Return the attacks a robot can be made to run, most visible first."""
         own = self._work.protocol if self._work else None
         choices = [
             AttackChoice(name, attack.does)
@@ -335,7 +335,7 @@ class ProtectedSwarm(Ordered):
         )
         make = self._work.make_controller if self._work else None
         if self._work:
-            self._nodes[i].bring_up()  # what it remembers is what the liar goes on from
+            self._nodes[i].bring_up()  # what it remembers is what the compromised robot goes on from
         liar = lying(attacks()[attack], self.world.fleet, i, self.world.work, plan, make)
         self._liars[i] = self._nodes[i] = liar
         self.world.runs[i] = PYTHON

@@ -1,4 +1,4 @@
-"""What a protocol has the demo's robots do while nobody drives them: what point masses do in scenarios, on wheels.
+"""Drive idle demo robots by a protocol, as scenarios drive point masses, but on wheels.
 
 It is run in plain Python, so that a swarm that works costs more than one that waits.
 """
@@ -118,16 +118,16 @@ class Work:
         )
 
     def aim_m(self, controller: Controller | None, now_ms: int) -> Point | None:
-        """Where an honest robot goes by itself; None while it is driven or held."""
+        """Return the goal of an honest idle robot, m; None while it is driven or held."""
         assert isinstance(controller, PeerController), "as made here"
         return None if controller.body.is_taken(now_ms) else controller.aim()
 
     def done(self, now_s: float) -> Done:
-        """What has come of it lately; what was before is forgotten where it would grow."""
+        """Return the recent score; drop older history that would grow."""
         self.stage.forget(max(0.0, now_s - LATELY_S))
         stage, score = self.stage, self.stage.score_so_far(())
         return Done(name=self.protocol, score=score, counts=stage.counts, lately_s=max(1.0, now_s - stage.since_s))
 
     def things_m(self, now_s: float) -> list[Point]:
-        """Where the things are that it is about, those in the area."""
+        """Return the places of its objects in the area."""
         return [(x, y) for x, y in self.stage.things(now_s).values() if 0 <= x <= AREA_MM[0] / 1000 >= y >= 0]

@@ -1,7 +1,7 @@
 """Olfati-Saber flocking: neighbours at their distance (alpha), around obstacles (beta), to the goal (gamma).
 
 Its state is a `flock_memory` and its neighbours by rising id, 18 + 26 n bytes. One not heard for `forget_ms` is
-forgotten: it would otherwise push for ever from where it was last seen, and a liar's inventions would outlive the liar.
+forgotten: it would otherwise push for ever from where it was last seen, and robots that a lie invents would stay.
 The price: a silent robot is forgotten too, though it still stands there. Times are the log's; a packet's own is not
 used. A reading that makes no sense changes nothing: the robot coasts and says nothing.
 
@@ -59,11 +59,11 @@ def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
 
 
 @kernel
-def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, state: Row) -> int:
+def on_recv(params: Params, rob_id: int, t_ms: int, packet: Row, length: int, state: Row) -> int:
     """Remember a broadcast, in place of the one heard longest ago if full; return the new length of the encoding."""
-    rob = neighbours.sender(rob_id, frame, length)
+    rob = neighbours.sender(rob_id, packet, length)
     if rob != 0:
-        neighbours.remember(rob, whole(params[flock_law.N_MAX]), t_ms, frame, state, HEAD_BYTES)
+        neighbours.remember(rob, whole(params[flock_law.N_MAX]), t_ms, packet, state, HEAD_BYTES)
     return size(state)
 
 

@@ -9,7 +9,7 @@ names; for the first `forget_ms`, to hear who is there; and for `forget_ms` afte
 remember, or one where that robot cannot have got to: somebody speaks in its name. A reading that makes no sense changes
 nothing: it coasts and says nothing.
 
-Source: docs/guard.md (the law, and why it keeps clear); RoboRebound Alg. 1 (the frame of it).
+Source: docs/guard.md (the law, and why it keeps clear); RoboRebound Alg. 1 (the packet of it).
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ ROUNDED_M = 0.13
 
 @kernel
 def capacity(params: Params) -> int:
-    """What a state's row must hold, bytes: the longest state, and behind it an adviser's key if there is one."""
+    """Return the bytes of a state's row: the longest state, then an adviser's key if there is one."""
     return _longest(params) + (driven.SIGNER_KEY_BYTES if guard_law.adviser_at(params) > 0 else 0)
 
 
@@ -139,7 +139,7 @@ def on_advice(params: Params, rob_id: int, advice: Row, length: int, state: Row)
 
 @kernel
 def _is_signed(params: Params, adviser: int, rob_id: int, advice: Row, length: int, state: Row) -> bool:
-    """Whether it is for this robot on this mission, not looked at since the last reading, new, and the adviser's."""
+    """Return whether advice is for this robot and mission, new, unchecked since the last reading, and signed."""
     if advice[0] != guarded.KIND_SIGNED_WISH or state[FRESH] == guarded.IS_FRESH:
         return False
     if get_u32(advice, SIGNED_MISSION) != whole(params[adviser]) or get_u16(advice, SIGNED_ID) != rob_id:
@@ -154,29 +154,29 @@ def _is_signed(params: Params, adviser: int, rob_id: int, advice: Row, length: i
 
 
 @kernel
-def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, state: Row) -> int:
+def on_recv(params: Params, rob_id: int, t_ms: int, packet: Row, length: int, state: Row) -> int:
     """Remember a broadcast, ignore anything else, as a flock's robots do; return the new length of the encoding."""
-    rob = neighbours.sender(rob_id, frame, length)
+    rob = neighbours.sender(rob_id, packet, length)
     if rob == 0:
         return size(state)
     forget_ms, n_max = whole(params[guard_law.FORGET_MS]), whole(params[guard_law.N_MAX])
     at = neighbours.place_of(rob, state, HEAD_BYTES)
     stands = False
     if neighbours.is_at(rob, at, state, HEAD_BYTES):
-        stands = not _can_be(params, t_ms, frame, at, state)
+        stands = not _can_be(params, t_ms, packet, at, state)
     elif neighbours.count(state, HEAD_BYTES) == n_max:
         stands = t_ms - get_u64(state, neighbours.oldest(state, HEAD_BYTES) + HEARD) <= forget_ms
     if stands:
         put_u64(state, STANDS, t_ms + forget_ms)
-    neighbours.remember(rob, n_max, t_ms, frame, state, HEAD_BYTES)
+    neighbours.remember(rob, n_max, t_ms, packet, state, HEAD_BYTES)
     return size(state)
 
 
 @kernel
-def _can_be(params: Params, t_ms: int, frame: Row, at: int, state: Row) -> bool:
-    """Whether a robot can have got from where it was heard last to where it says it is."""
-    dx = get_f32(frame, SENSED_X) - get_f32(state, at + PLACE_X)  # a state's place lies as a sensor's
-    dy = get_f32(frame, SENSED_Y) - get_f32(state, at + PLACE_Y)
+def _can_be(params: Params, t_ms: int, packet: Row, at: int, state: Row) -> bool:
+    """Return whether a robot can have got from where it was heard last to where it says it is."""
+    dx = get_f32(packet, SENSED_X) - get_f32(state, at + PLACE_X)  # a state's place lies as a sensor's
+    dy = get_f32(packet, SENSED_Y) - get_f32(state, at + PLACE_Y)
     since_s = (t_ms - get_u64(state, at + HEARD) + params[guard_law.RADIO_MS]) * 1e-3
     most = params[guard_law.SPEED] * since_s + ROUNDED_M
     return bool(dx * dx + dy * dy <= most * most)
@@ -251,7 +251,7 @@ def _command(params: Params, t_ms: int, now: guard_law.Motion, state: Row) -> tu
 
 @kernel
 def _is_good(params: Params, t_ms: int, now: guard_law.Motion, state: Row, ax: float, ay: float) -> bool:
-    """Whether the robot can do that, keeps what it promised, and still brakes before it touches what it knows of."""
+    """Return whether the robot can do that, keeps its promises, and can brake before known obstacles."""
     x, y, vx, vy = now[0], now[1], now[2], now[3]
     period = params[guard_law.PERIOD_S]
     then = (vx + period * ax, vy + period * ay)
@@ -302,7 +302,7 @@ def _promised(params: Params, t_ms: int, now: guard_law.Motion, state: Row) -> t
 
 @kernel
 def _reach(params: Params, t_ms: int, state: Row, at: int, later_s: float) -> tuple[float, float, float]:
-    """Where the neighbour that is at `at` can be so much later: a middle, and how far from it."""
+    """Return the disc that neighbour `at` can reach in so much time: centre and radius."""
     place = (get_f32(state, at + PLACE_X), get_f32(state, at + PLACE_Y))
     said = (get_f32(state, at + SAID_X), get_f32(state, at + SAID_Y))
     known_s = (t_ms - get_u64(state, at + HEARD) + params[guard_law.RADIO_MS]) * 1e-3

@@ -4,7 +4,7 @@ It obeys an `order` that it can check (orders.py). Its state is a `wheels_memory
 the keys it obeys and the last joystick order; a reached point of the route is taken out. While somebody holds it, it
 stands. A reading that makes no sense stops the wheels, in silence.
 
-Source: docs/spec/vocabulary.md (orders, lengths and directions); RoboRebound Alg. 1 (the frame of it).
+Source: docs/spec/vocabulary.md (orders, lengths and directions); RoboRebound Alg. 1 (the packet of it).
 """
 
 from __future__ import annotations
@@ -126,25 +126,25 @@ def _are_signers(params: Params, state: Row) -> bool:
 
 
 @kernel
-def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, state: Row) -> int:
+def on_recv(params: Params, rob_id: int, t_ms: int, packet: Row, length: int, state: Row) -> int:
     """Obey an order that this robot has to obey; return the new length of the encoding. Source: docs/spec/orders.md."""
-    if not orders.is_order(whole(params[MISSION]), rob_id, frame, length):
+    if not orders.is_order(whole(params[MISSION]), rob_id, packet, length):
         return size(state)
-    who = whole(frame[orders.WHO])
+    who = whole(packet[orders.WHO])
     at = SIGNERS + orders.EACH_BYTES * who
-    if not orders.is_news(t_ms, frame, state, at) or state[CHECKS] >= params[LOOKS]:
+    if not orders.is_news(t_ms, packet, state, at) or state[CHECKS] >= params[LOOKS]:
         return size(state)
     state[CHECKS] += 1
-    if orders.is_signed(frame, length, state, at):
-        orders.learn(t_ms, frame, state, at)
-        _obey(who, t_ms, frame, length - driven.SIGNATURE_BYTES, state)
+    if orders.is_signed(packet, length, state, at):
+        orders.learn(t_ms, packet, state, at)
+        _obey(who, t_ms, packet, length - driven.SIGNATURE_BYTES, state)
     return size(state)
 
 
 @kernel
-def _obey(who: int, t_ms: int, frame: Row, end: int, state: Row) -> None:
-    """What the order says is done, but no motion while somebody holds the robot. Source: docs/spec/vocabulary.md."""
-    action, body = int(frame[orders.ACTION]), orders.BODY
+def _obey(who: int, t_ms: int, packet: Row, end: int, state: Row) -> None:
+    """Carry out the order, but move nothing while an operator holds the robot. Source: docs/spec/vocabulary.md."""
+    action, body = int(packet[orders.ACTION]), orders.BODY
     if action == driven.TELL_STOP:
         state[HELD] |= 1 << who
         state[LEFT] = 0
@@ -153,18 +153,18 @@ def _obey(who: int, t_ms: int, frame: Row, end: int, state: Row) -> None:
     elif action == driven.TELL_GO:
         state[HELD] &= HELD_BY_ALL - (1 << who)
     elif action == driven.TELL_LED:
-        copy(state, LED, frame, body, orders.LED_BYTES)
+        copy(state, LED, packet, body, orders.LED_BYTES)
     elif action == driven.TELL_WHEELS and state[HELD] == 0:
-        state[LEFT] = percent(get_i8(frame, body)) & 255
-        state[RIGHT] = percent(get_i8(frame, body + TOLD_RIGHT)) & 255
+        state[LEFT] = percent(get_i8(packet, body)) & 255
+        state[RIGHT] = percent(get_i8(packet, body + TOLD_RIGHT)) & 255
         put_u64(state, HEARD, t_ms)
         state[COUNT] = 0
     elif action == driven.TELL_ROUTE and state[HELD] == 0:
         state[LEFT] = 0
         state[RIGHT] = 0
-        put_u16(state, THRESHOLD, get_u16(frame, orders.THRESHOLD))
-        state[COUNT] = frame[orders.COUNT]
-        copy(state, ROUTE, frame, orders.POINTS, end - orders.POINTS)
+        put_u16(state, THRESHOLD, get_u16(packet, orders.THRESHOLD))
+        state[COUNT] = packet[orders.COUNT]
+        copy(state, ROUTE, packet, orders.POINTS, end - orders.POINTS)
 
 
 @kernel
@@ -196,7 +196,7 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
 
 @kernel
 def _first(state: Row) -> tuple[float, float]:
-    """Where the first point of the route lies from here, mm."""
+    """Return the vector to the first point of the route, mm."""
     x_mm, y_mm = get_u16(state, ROUTE + orders.POINT_X), get_u16(state, ROUTE + orders.POINT_Y)
     return x_mm - get_f32(state, X), y_mm - get_f32(state, Y)
 

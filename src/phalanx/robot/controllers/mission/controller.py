@@ -54,7 +54,7 @@ _MOST = 1e9
 
 @dataclass(frozen=True, slots=True)
 class Assignment:
-    """What every robot knows of one robot's mission: nothing that decodes anything."""
+    """Public part of one robot's mission: nothing in it decodes a node."""
 
     mission: EncodedMission
     start: Pose  # x, y in metres and heading in radians at which the robot is put, map frame
@@ -79,12 +79,12 @@ class Missions:
         self, rob_id: int, own: Walker, kind: type[MissionController] | None = None
     ) -> Callable[[int], Controller]:
         """Return what makes controllers inside a robot: its own, of a `kind`, with its walker; others' to replay."""
-        others = cache(lambda tee: Walker(self.assigned[tee].mission, config=self.config, replays=True))
+        others = cache(lambda auditee: Walker(self.assigned[auditee].mission, config=self.config, replays=True))
 
-        def make(tee: int) -> Controller:
-            if tee == rob_id:
-                return (kind or MissionController)(tee, self, own)
-            return MissionController(tee, self, others(tee))
+        def make(auditee: int) -> Controller:
+            if auditee == rob_id:
+                return (kind or MissionController)(auditee, self, own)
+            return MissionController(auditee, self, others(auditee))
 
         return make
 
@@ -103,7 +103,7 @@ class Missions:
 
 @dataclass(frozen=True, slots=True)
 class Memory:
-    """What the controller remembers."""
+    """State of the controller."""
 
     belief: Belief
     odometry: Pose = (0.0, 0.0, 0.0)  # by the last reading, in its own frame
@@ -147,18 +147,18 @@ class MissionController(EvidenceController):
         self._fixed = (0.0, 0.0)
 
     def pose(self, reading: bytes) -> Pose:
-        """Where the robot believes to be, by a reading of its own."""
+        """Return the estimated pose after one of the robot's readings."""
         return self._belief(self.missions.sensors.parse(reading)).pose
 
     def uncorrected_pose(self) -> Pose:
-        """Where it would believe to be by its last reading, had it never validated anything."""
+        """Return the pose by odometry alone, without any validated node."""
         (x, y, heading), (ahead, aside, turn) = self.given.start, self.memory.odometry
         sine, cosine = sin_cos(heading)
         return x + (cosine * ahead - sine * aside), y + (sine * ahead + cosine * aside), wrap(heading + turn)
 
     @property
     def over(self) -> bool:
-        """Whether it has stopped for good."""
+        """Return whether it has stopped for good."""
         return self.memory.walk.phase in (Phase.DONE, Phase.HELD)
 
     # --- the robot alone ----------------------------------------------------------------------------------------------
@@ -188,10 +188,10 @@ class MissionController(EvidenceController):
 
     # --- what is replayed ---------------------------------------------------------------------------------------------
 
-    def on_recv(self, t_ms: int, frame: bytes) -> None:  # noqa: ARG002 - a message is good whenever it comes
+    def on_recv(self, t_ms: int, packet: bytes) -> None:  # noqa: ARG002 - a message is good whenever it comes
         """An encoded message is remembered; anything else is not for this controller."""
-        if len(frame) == table.MISSION_MESSAGE.size and frame[0] == table.KIND_MISSION_MESSAGE:
-            message = frame[-SECRET_BYTES:]
+        if len(packet) == table.MISSION_MESSAGE.size and packet[0] == table.KIND_MISSION_MESSAGE:
+            message = packet[-SECRET_BYTES:]
             self.memory = replace(self.memory, walk=self.walker.hear(self.memory.walk, message))
 
     def on_evidence(self, step: int, t_ms: int, reading: bytes, evidence: bytes) -> list[Output]:
@@ -240,14 +240,14 @@ class MissionController(EvidenceController):
         return self.walker.step(self.memory.walk, seen)
 
     def landmarks(self, scan: bytes, pose: Pose) -> Sequence[Landmark]:
-        """What a scan shows."""
+        """Return the landmarks of a scan."""
         return landmarks_in(self.missions.sensors.scan_of(scan), self._extraction, *pose)
 
     def _waits(self, seen: Experience) -> bool:
         return seen.t_s < self.given.begin_s + self.given.wait_s
 
     def _belief(self, now: Reading) -> Belief:
-        """Where the robot believes to be, now that its wheels have said this."""
+        """Return the pose estimate updated with this odometry."""
         touches = bool(np.count_nonzero(now.clear < self._touching))
         driven: Belief = self.memory.belief.driven(
             self.memory.odometry, now.pose, wheels_of(self.missions.config), touches=touches
@@ -277,7 +277,7 @@ class MissionController(EvidenceController):
         return Act(table.DRIVE.form.pack(table.KIND_DRIVE, self.rob_id, t_ms, speed, turn))
 
     def _actions(self, t_ms: int, outcome: Outcome) -> list[Output]:
-        """What is to be done at a node just decoded, and what leads on from it."""
+        """Return the actions at a node just decoded, and the ways on from it."""
         here = outcome.decoded.do if outcome.decoded else None
         onward = outcome.order.do if outcome.event is not None and outcome.order.kind is Kind.DO else None
         said = [action_bytes(action) for action in (here, onward) if action is not None]
@@ -288,7 +288,7 @@ class MissionController(EvidenceController):
         said, every = self.memory.said, self.missions.say_every
         if not said or (step + self.rob_id) % every:
             return []
-        return [Send(message_frame(self.rob_id, said[step // every % len(said)]))]
+        return [Send(message_packet(self.rob_id, said[step // every % len(said)]))]
 
     # --- the checkpoint -----------------------------------------------------------------------------------------------
 
@@ -332,6 +332,6 @@ class MissionController(EvidenceController):
             raise MalformedMission("a state has one spelling")
 
 
-def message_frame(rob_id: int, message: bytes) -> bytes:
+def message_packet(rob_id: int, message: bytes) -> bytes:
     """An encoded message, as a robot says it, or a station whose id is nobody's."""
     return table.MISSION_MESSAGE.form.pack(table.KIND_MISSION_MESSAGE, rob_id, message)

@@ -1,4 +1,4 @@
-"""Where to drive next, and how fast: straight to the goal where that is free, else along the cheapest way around.
+"""Choose where to drive and how fast: straight to the goal if that is free, else the cheapest way around.
 
 On the way that field.py finds it makes for the farthest place that it can go straight to, and keeps to this until it is
 there or something comes between: a robot that chose anew at every step would turn to and fro between two equal ways.
@@ -51,7 +51,7 @@ NEARBY_M = 1.0
 
 
 class Goal(NamedTuple):
-    """What a robot makes for, in its own frame."""
+    """Goal of a robot, in its own frame."""
 
     at: Point
     beyond: Point  # what a way around makes for
@@ -119,7 +119,7 @@ def around(
 
 @kernel
 def touches(points: F64x2, count: int, speed_mps: float, turn_radps: float) -> bool:
-    """Whether a robot that drives so for a second comes too near to something, and nearer than it is."""
+    """Return whether driving so for a second comes too near to an obstacle, and nearer than now."""
     part = ARC_S / ARC_STEPS
     xs, ys = np.empty(ARC_STEPS), np.empty(ARC_STEPS)
     x, y = 0.0, 0.0

@@ -33,7 +33,7 @@ class BadEvidence(PeerError):
 
 
 class Sensed(NamedTuple):
-    """What other sensors read in one moment."""
+    """Readings of the other sensors at one moment."""
 
     readings: tuple[bytes, ...] = ()
     codes: tuple[SeenCode, ...] = ()
@@ -51,7 +51,7 @@ def code_entry(code: SeenCode) -> bytes:
 
 
 def parse_sensed(raw: bytes) -> Sensed:
-    """What other sensors read, by what stands behind a scan. Raises: PeerError: something else does."""
+    """Parse the other sensors' readings behind a scan. Raises: PeerError: they are malformed."""
     if not raw:
         return Sensed()
     if len(raw) > SENSED_MAX_BYTES:

@@ -34,7 +34,7 @@ NEAR_GOAL = 3.2  # cells: a place in a wall is reached from so near
 
 @kernel
 def weight(near: int) -> int:
-    """What a step costs, in halves, so near to a thing."""
+    """Return the cost of a step at a distance from an obstacle, in halves."""
     if near < TOUCHES:
         return TOUCHING
     if near < 8:
@@ -71,7 +71,7 @@ def standing(cells: U8x1, here: Point, along: tuple[float, float], points: F64x2
 
 @kernel
 def is_nearer(points: F64x2, here: Point, to_x: float, to_y: float) -> bool:
-    """Whether a robot that goes straight so far, in cells, comes too near to something, and nearer than it is."""
+    """Return whether a straight move, in cells, comes too near to an obstacle, and nearer than now."""
     whole = to_x * to_x + to_y * to_y
     for k in range(len(points)):
         dx, dy = points[k, 0] - here[0], points[k, 1] - here[1]
@@ -134,7 +134,7 @@ def seeds(leave: I64x1, goal_x: float, goal_y: float, points: F64x2, out: I64x1)
 
 @kernel
 def is_between(points: F64x2, here: tuple[float, float], along: tuple[float, float], away: float) -> bool:
-    """Whether something is on the straight way from here, in cells."""
+    """Return whether something is on the straight way from here, in cells."""
     for k in range(len(points)):
         dx, dy = points[k, 0] - here[0], points[k, 1] - here[1]
         ahead = dx * along[0] + dy * along[1]

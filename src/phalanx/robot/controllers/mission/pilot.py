@@ -60,7 +60,7 @@ class Leg:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """What to do now: speeds, and whether the way is given up as blocked."""
+    """Drive command: speeds, and whether the way is given up as blocked."""
 
     speed_mps: float = 0.0
     turn_radps: float = 0.0
@@ -189,7 +189,7 @@ def _onward(order: Order, pose: Pose, line_m: float) -> tuple[Point, Point, floa
 
 
 def _past(order: Order, pose: Pose, there_m: Point) -> Point:
-    """Where to go, robot frame: to a known place, and on in the same direction if it was not seen from there."""
+    """Return the goal, robot frame: a known place, or beyond it in the same direction if not seen from there."""
     there = _local(pose, there_m)
     x0, y0 = order.place_m or pose[:2]
     dx, dy = there_m[0] - x0, there_m[1] - y0

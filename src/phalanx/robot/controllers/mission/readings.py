@@ -75,7 +75,7 @@ class Reading:
 
 
 def scan_sha1(raw: bytes) -> bytes:
-    """What a reading says of its scan. Source: docs/spec/mission.md (Under audit)."""
+    """Return the hash of its scan that a reading carries. Source: docs/spec/mission.md (Under audit)."""
     return hashlib.sha1(raw, usedforsecurity=False).digest()
 
 

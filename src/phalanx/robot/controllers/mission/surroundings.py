@@ -1,4 +1,4 @@
-"""A robot's memory of the things around it: a square of cells that moves along, in the frame of its odometry.
+"""A robot's memory of the things around it: a square of cells that moves along, in the packet of its odometry.
 
 Fixes move the map under a robot, not the things beside it: nothing here knows the map. Things out of view are
 remembered long enough to turn about and go around them, and short enough for a person who has gone. A cell is FRESH
@@ -139,7 +139,7 @@ def free_way(points: F64x2, count: int, cosine: float, sine: float, margin_m: fl
 
 @kernel
 def sight(clear: U8x1, cosines: F64x1, sines: F64x1, goal_x: float, goal_y: float, margin_m: float) -> bool:
-    """Whether a reading shows the straight way to a place, robot frame, to be free."""
+    """Return whether a reading shows the straight way to a place, robot frame, to be free."""
     away = math.sqrt(goal_x * goal_x + goal_y * goal_y)
     # What is farther than a sector's byte can say may have any wall before it.
     if goal_x <= 0.0 or away >= CLEAR * CLEAR_STEP_M:

@@ -23,7 +23,7 @@ class Explorer(PlaceController):
 
 
 class Map(PlaceStage):
-    """What somebody has seen is on the map."""
+    """Map of cells that robots have seen."""
 
     counts = "% seen"
     lost = "so much less of the area is seen by correct robots"

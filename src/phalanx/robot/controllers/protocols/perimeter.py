@@ -28,7 +28,7 @@ class Sentry(SightController):
 
 
 class Intruders(SightStage):
-    """Who comes when and from where is the seed's; who is caught, or through, is gone."""
+    """Intruders; the seed decides when and where they come. They leave when caught or through."""
 
     counts = "% caught"
     lost = "so many more of the intruders get through"
@@ -71,7 +71,7 @@ class Intruders(SightStage):
             self.caught[number] = tuple(both)
 
     def marks(self) -> list[Point]:
-        """Where those got through that were not caught."""
+        """Return the places where intruders got through."""
         come = range(self._through_by(self.now_s))
         return [self._place_m(number, self._lasts_s) for number in come if number not in self.caught]
 

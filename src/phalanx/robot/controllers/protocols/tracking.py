@@ -70,7 +70,7 @@ class Target(SightStage):
         self.watchers[self._step(t_s)].add(rob_id)
 
     def marks(self) -> list[Point]:
-        """Where it turned."""
+        """Return the places where the target turned."""
         return [place_m for _, place_m in self._way]
 
     def score(self, left_out: Collection[int]) -> float:

@@ -154,7 +154,7 @@ class Warehouse(PeerController):
 
 
 class Errands(Stage):
-    """Who has been at its shelf and then at its station has delivered."""
+    """Errands from a shelf to a station; a robot that visits both has delivered."""
 
     counts = "deliveries"
     lost = "so many fewer deliveries by correct robots"

@@ -1,4 +1,4 @@
-/* Profile `bound`, the default: the printed protocol with its holes closed (docs/spec/rebound-nodes.md). */
+/* Profile `hardened`, the default: the printed protocol with its holes closed (docs/spec/rebound-nodes.md). */
 #include <string.h>
 
 #include "internal.h"
@@ -44,17 +44,17 @@ static uint64_t airtime_ns(const phx_limits *limits, int unicast, uint32_t len)
     return (uint64_t)limits->airtime_fixed_us * 1000u + (uint64_t)per_byte * len;
 }
 
-/* Audits never see AUDIT frames, so what they may do to the channel is bounded here. us per s are ns per ms. */
-int phx_send_rules(phx_anode *a, uint32_t now, const uint8_t *frame, uint32_t len)
+/* Audits never see AUDIT packets, so what they may do to the channel is bounded here. us per s are ns per ms. */
+int phx_send_rules(phx_anode *a, uint32_t now, const uint8_t *packet, uint32_t len)
 {
     const phx_limits *limits = &a->node.flash.limits;
     int failed;
 
-    if (frame[0] & PHX_KIND_AUDIT) {
+    if (packet[0] & PHX_KIND_AUDIT) {
         int unicast;
         if (len < PHX_AUDIT_HEADER_BYTES)
             return PHX_E_ARG;
-        unicast = frame[PHX_AUDIT_DST] != 0 || frame[PHX_AUDIT_DST + 1u] != 0;
+        unicast = packet[PHX_AUDIT_DST] != 0 || packet[PHX_AUDIT_DST + 1u] != 0;
         failed = phx_draw(&a->audit, now, limits->audit_us_per_s, (uint64_t)limits->audit_capacity_us * 1000u,
                           airtime_ns(limits, unicast, len));
     } else {
@@ -64,10 +64,10 @@ int phx_send_rules(phx_anode *a, uint32_t now, const uint8_t *frame, uint32_t le
     return failed ? PHX_E_AIRTIME : 0;
 }
 
-/* Nobody answers for an AUDIT frame, so nobody may send one in another's name. */
-void phx_mark_source(const phx_node *node, uint8_t *frame)
+/* Nobody answers for an AUDIT packet, so nobody may send one in another's name. */
+void phx_mark_source(const phx_node *node, uint8_t *packet)
 {
-    phx_put16(frame + PHX_AUDIT_SRC, node->flash.robot_id);
+    phx_put16(packet + PHX_AUDIT_SRC, node->flash.robot_id);
 }
 
 uint32_t phx_auth_bytes(uint8_t out[PHX_AUTH_S_BYTES], uint8_t type, const uint8_t thash[PHX_HASH_BYTES], uint16_t id,
@@ -87,27 +87,27 @@ void phx_request_top(phx_node *node, uint8_t thash[PHX_HASH_BYTES])
     memcpy(thash, node->top, PHX_HASH_BYTES);
 }
 
-uint32_t phx_treq_bytes(uint8_t out[PHX_TREQ_BYTES], uint32_t t, uint16_t tee, uint16_t tor,
+uint32_t phx_treq_bytes(uint8_t out[PHX_TREQ_BYTES], uint32_t t, uint16_t auditee, uint16_t auditor,
                         const uint8_t thash[PHX_HASH_BYTES])
 {
     out[0] = PHX_TREQ;
     phx_put32(out + PHX_TREQ_T, t);
-    phx_put16(out + PHX_TREQ_TEE, tee);
-    phx_put16(out + PHX_TREQ_TOR, tor);
+    phx_put16(out + PHX_TREQ_AUDITEE, auditee);
+    phx_put16(out + PHX_TREQ_AUDITOR, auditor);
     memcpy(out + PHX_TREQ_THASH_A, thash, PHX_HASH_BYTES);
     return PHX_TREQ_BYTES;
 }
 
 /* The newest token of each auditor; of more than f_max + 1 auditors those with the newest, as no check needs more.
    Places fill in order. */
-int phx_keep_token(phx_anode *a, uint32_t now, uint16_t tor, uint32_t t)
+int phx_keep_token(phx_anode *a, uint32_t now, uint16_t auditor, uint32_t t)
 {
     unsigned place = 0;
 
     if (t > now)
         return PHX_E_FUTURE;
     for (unsigned i = 0; i <= a->node.flash.limits.f_max; i++) {
-        if (a->tokens[i].tor == tor || a->tokens[i].tor == 0) {
+        if (a->tokens[i].auditor == auditor || a->tokens[i].auditor == 0) {
             place = i;
             break;
         }
@@ -115,7 +115,7 @@ int phx_keep_token(phx_anode *a, uint32_t now, uint16_t tor, uint32_t t)
             place = i;
     }
     if (t >= a->tokens[place].t) {
-        a->tokens[place].tor = tor;
+        a->tokens[place].auditor = auditor;
         a->tokens[place].t = t;
     }
     return 0;
