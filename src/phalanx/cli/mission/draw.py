@@ -14,10 +14,9 @@ import numpy as np
 
 from phalanx.cli.terminal import Progress, end_status_line
 from phalanx.errors import Unavailable, UsageError
+from phalanx.lab.figures.plot import BLUE, GREEN, MATPLOTLIB_HINT, ORANGE, PURPLE, VERMILION
 from phalanx.mission import BuildOptions, Landmark, Mission, Profile, build
 from phalanx.mission.landmarks.floorplan import FloorPlan
-from phalanx.papers.figure import MATPLOTLIB_HINT
-from phalanx.papers.plot import BLUE, GREEN, ORANGE, PURPLE, VERMILION
 from phalanx.world.building.odometry import OdometryNoise
 from phalanx.world.missions.orders import orders_of
 from phalanx.world.missions.report import Report

@@ -15,8 +15,8 @@ import numpy as np
 
 from phalanx.attacks.library import ATTACKS
 from phalanx.config.defence import DEFENCES
+from phalanx.lab.figures.plot import BLUE, ORANGE, VERMILION, Axes, blank, finish, legend_above
 from phalanx.net.private_file import write_whole
-from phalanx.papers.plot import BLUE, ORANGE, VERMILION, Axes, blank, finish, legend_above
 
 COLOURS: dict[str, str] = dict(zip(DEFENCES, (VERMILION, ORANGE, BLUE), strict=True))
 WORDS: dict[str, str] = dict(zip(DEFENCES, ("no defence", "as the paper prints it", "ours (bound)"), strict=True))
