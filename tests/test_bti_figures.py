@@ -21,9 +21,9 @@ from phalanx.attacks import ATTACKS
 from phalanx.errors import UsageError
 from phalanx.lab.figures.flocks import draw_flock
 from phalanx.lab.figures.plot import DRAWN_BY, draw
+from phalanx.lab.scorecard.flock_trial import FlockTrial, Stop, said_of, stop_bound_s, try_attack
 from phalanx.papers.bti import flock as bti_flock
 from phalanx.papers.bti import liars
-from phalanx.papers.bti.attack_trial import FlockTrial, Stop, said_of, stop_bound_s, try_attack
 from phalanx.papers.bti.flock import (
     COLUMNS,
     HONEST,
