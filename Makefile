@@ -151,6 +151,7 @@ lint: lint-python lint-web
 lint-python: .venv/dev
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
+	PYTHONPATH=src:. $(BIN)/lint-imports --no-cache
 	$(LEFT_OVER) $(BIN)/mypy
 
 # While pip installs.

@@ -25,7 +25,7 @@ from pathlib import Path
 from phalanx.attacks import IN_FLOCKS
 from phalanx.config.defence import DEFENCES
 from phalanx.errors import PhalanxError
-from phalanx.papers.bti.attack_trial import airtime_since, sent, stop_bound_s
+from phalanx.lab.scorecard.flock_trial import airtime_since, sent, stop_bound_s
 from phalanx.papers.table import Table, TableFile, version
 from phalanx.robot.adversary.liar import Liar
 from phalanx.scenarios.attack_spec import AttackSpec

@@ -38,7 +38,7 @@ from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import PhalanxError, UsageError
-from phalanx.papers.bti.attack_trial import Sent, airtime_since
+from phalanx.lab.scorecard.flock_trial import Sent, airtime_since
 from phalanx.papers.table import Table, TableFile, version
 from phalanx.robot.adversary.liar import Liar
 from phalanx.scenarios.attack_spec import AttackSpec

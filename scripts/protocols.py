@@ -17,7 +17,7 @@ from matplotlib.patches import Rectangle
 from phalanx.attacks import IN_PROTOCOLS
 from phalanx.config.defence import DEFENCES
 from phalanx.config.flock import Box
-from phalanx.papers.plot import BLUE, GREY, VERMILION
+from phalanx.lab.figures.plot import BLUE, GREY, VERMILION
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.scenario import PROTOCOLS

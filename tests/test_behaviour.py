@@ -22,8 +22,8 @@ from behaviour.cases import (
     all_cases,
 )
 from conftest import ROOT
-from phalanx.attacks.library import ATTACKS
 from phalanx.config.builtin import built_in
+from phalanx.robot.adversary.registry import attacks
 
 CASES = all_cases()
 ORACLE = [sys.executable, str(ROOT / "scripts" / "oracle.py")]
@@ -52,7 +52,7 @@ def test_all_bundled_scenarios_missions_and_attacks_are_cases():
     assert set(SCENARIOS) == set(built_in("scenarios"))
     missions = {case.inputs.get("mission") for case in CASES.values()} - {None}
     assert missions == set(built_in("missions"))
-    assert {*FLOCK_ATTACKS, *PROTOCOL_ATTACKS, *ERRAND_ATTACKS, *FILE_ATTACKS, *TEAM_ATTACKS} == set(ATTACKS)
+    assert {*FLOCK_ATTACKS, *PROTOCOL_ATTACKS, *ERRAND_ATTACKS, *FILE_ATTACKS, *TEAM_ATTACKS} == set(attacks())
 
 
 def test_all_swarms_of_the_benchmark_are_cases():

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from phalanx.lab.figures.plot import draw
 from phalanx.papers.bti import costs, fig6, fig7, liars
 from phalanx.papers.bti.flock import HONEST, LIAR, FlockRun, FlockRuns
 from phalanx.papers.figure import FIGURES
-from phalanx.papers.plot import draw
 from phalanx.papers.table import Table, TableFile
 from phalanx.scenarios.scenario import Scenario
 from phalanx.world.scenarios.run import Run

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from phalanx.lab.figures.plot import draw
 from phalanx.papers.bti import loads
 from phalanx.papers.figure import FIGURES
-from phalanx.papers.plot import draw
 from phalanx.papers.statement import report
 from phalanx.papers.table import measure, read_table
 

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import zlib
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +19,11 @@ import pytest
 import phalanx
 from phalanx.attacks import ATTACKS
 from phalanx.errors import UsageError
+from phalanx.lab.figures.flocks import draw_flock
+from phalanx.lab.figures.plot import DRAWN_BY, draw
+from phalanx.lab.scorecard.flock_trial import FlockTrial, Stop, said_of, stop_bound_s, try_attack
 from phalanx.papers.bti import flock as bti_flock
 from phalanx.papers.bti import liars
-from phalanx.papers.bti.attack_trial import FlockTrial, Stop, said_of, stop_bound_s, try_attack
 from phalanx.papers.bti.flock import (
     COLUMNS,
     HONEST,
@@ -34,7 +37,6 @@ from phalanx.papers.bti.flock import (
     runs_of,
 )
 from phalanx.papers.figure import FIGURES, Figure
-from phalanx.papers.plot import draw
 from phalanx.papers.statement import band, last_line
 from phalanx.papers.table import Table, TableFile, measure, read_table
 from phalanx.scenarios.attack_spec import AttackSpec
@@ -352,8 +354,9 @@ class TestMeasuring:
 
 
 class TestPicture:
-    def test_it_is_drawn_from_the_csv_alone(self, tmp_path):
+    def test_it_is_drawn_from_the_csv_alone(self, tmp_path, monkeypatch):
         pytest.importorskip("matplotlib")
+        monkeypatch.setitem(DRAWN_BY, "bti-fig9", partial(draw_flock, SMALL_FIGURE.body))
         csv_path = measure(tmp_path / "a", SMALL_FIGURE, 2)
         (tmp_path / "b").mkdir()
         moved = Path(shutil.copy(csv_path, tmp_path / "b"))

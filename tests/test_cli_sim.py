@@ -366,7 +366,7 @@ class TestAttack:
         assert len(said(*words)["stops"]) == 2
 
     def test_too_late_ends_with_1(self, phalanx, monkeypatch):
-        monkeypatch.setattr("phalanx.papers.bti.attack_trial.stop_bound_s", lambda *_, **__: 0.5)
+        monkeypatch.setattr("phalanx.lab.scorecard.flock_trial.stop_bound_s", lambda *_, **__: 0.5)
         code, out, _ = phalanx("attack", "run", "spoof:at=5", "--duration", "18", "--robots", "9")
         assert code == 1
         assert "BROKEN" in out

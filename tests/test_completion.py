@@ -10,8 +10,9 @@ import sys
 
 import pytest
 
-from phalanx.attacks import ATTACKS, IN_SWARMS
+from phalanx.attacks import IN_SWARMS
 from phalanx.config.builtin import built_in
+from phalanx.robot.adversary.registry import attacks
 from phalanx.scenarios.scenario import PROTOCOLS
 
 SCENARIOS, MISSIONS, MAPS = (list(built_in(kind)) for kind in ("scenarios", "missions", "maps"))
@@ -52,7 +53,7 @@ def offered(shell, line: str) -> list[str]:
     [
         ("phalanx sim run ", SCENARIOS, ["mine.yaml"]),
         ("phalanx sim run flock-12 --attack ", ["none", *IN_SWARMS], ["mine.py"]),
-        ("phalanx attack run ", ATTACKS, ["mine.py"]),
+        ("phalanx attack run ", attacks(), ["mine.py"]),
         ("phalanx sim run flock-12 --controller ", ["flock", "guard", *PROTOCOLS], ["mine.py"]),
         ("phalanx attack run spoof --controller ", ["flock", "guard", *PROTOCOLS], ["mine.py"]),
         ("phalanx sim check ", ["flock", "guard", "wheels", *PROTOCOLS], ["mine.py"]),

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 
 from phalanx.cli.commands.mission import mission as group
 from phalanx.errors import UsageError
+from phalanx.lab.buildings.drawn import KINDS, drawn
 from phalanx.mission.landmarks import FloorPlan, landmarks_of
-from phalanx.world.building.floorplan import KINDS, drawn, load_floorplan
+from phalanx.world.building.floorplan import load_floorplan
 from phalanx.world.building.walkers import Walkers
 
 ROBOT_M = 0.175

@@ -18,11 +18,11 @@ import pytest
 
 from conftest import bare_mosquitto, child, eventually
 from phalanx.errors import Unavailable, UsageError
+from phalanx.lab.figures.plot import draw
 from phalanx.net.mosquitto import find_mosquitto
 from phalanx.papers.figure import FIGURES
 from phalanx.papers.link.fig4 import CSV_NAME, make_packet, measure
 from phalanx.papers.link.fig4_table import KINDS, PAPER, Row, cells, head, packets, summarize
-from phalanx.papers.plot import draw
 from phalanx.papers.table import TableFile, read_table
 from ports import free_port
 

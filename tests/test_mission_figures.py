@@ -9,6 +9,7 @@ import pytest
 
 from phalanx.crypto.sha3 import Targets, find, padded, sha3_256
 from phalanx.errors import UsageError
+from phalanx.lab.figures.plot import DRAWN_BY, draw, drawing
 from phalanx.mission import Walker
 from phalanx.papers.figure import FIGURES, Figure
 from phalanx.papers.missions import fig8a as mission_fig8a
@@ -16,7 +17,6 @@ from phalanx.papers.missions import fig8c as mission_fig8c
 from phalanx.papers.missions import fig10 as mission_fig10
 from phalanx.papers.missions.drive import encoded, errors_m, record, replay
 from phalanx.papers.missions.explore import FIG9, ROBOTS, TABLE1, ends, measure_case, shares_of
-from phalanx.papers.plot import draw
 from phalanx.papers.statement import Statement, report
 from phalanx.papers.table import Table, TableFile, measure, read_table
 from phalanx.world.building.odometry import NoiseModel, OdometryNoise
@@ -69,7 +69,7 @@ def test_what_is_no_table_is_refused(tmp_path: Path, data: bytes) -> None:
         read_table(tmp_path / "x.csv")
 
 
-def test_a_figure_goes_on_where_it_was_stopped_and_is_drawn_from_its_table_alone(tmp_path: Path) -> None:
+def test_a_figure_goes_on_where_it_was_stopped_and_is_drawn_from_its_table_alone(tmp_path: Path, monkeypatch) -> None:
     measured: list[str] = []
 
     class Body:
@@ -87,9 +87,10 @@ def test_a_figure_goes_on_where_it_was_stopped_and_is_drawn_from_its_table_alone
         def compare(self, table: Table) -> list[Statement]:
             return [Statement(what="rows", paper="", ours=str(len(table.cases)), agrees=True, why="")]
 
-        def draw(self, table: Table, picture) -> None:
-            picture.subplots().plot(table.column("seed 0", "b"))
+    def line(table: Table, picture) -> None:
+        picture.subplots().plot(table.column("seed 0", "b"))
 
+    monkeypatch.setitem(DRAWN_BY, "mission-figx", line)
     figure = Figure(name="mission-figx", about="a test", made_by=Body())
     with pytest.raises(KeyboardInterrupt):
         measure(tmp_path, figure, 2)
@@ -108,7 +109,7 @@ def test_a_figure_goes_on_where_it_was_stopped_and_is_drawn_from_its_table_alone
 @pytest.mark.parametrize("name", FIGURES)
 def test_every_figure_is_made_by_something_that_can_measure_compare_and_draw(name: str) -> None:
     body = FIGURES[name].body
-    assert callable(body.draw)
+    assert callable(drawing(name))
     assert all(map(callable, (body.measure, body.report) if hasattr(body, "measure") else (body.cases, body.compare)))
 
 
@@ -163,6 +164,6 @@ def test_every_statement_of_a_short_drive_names_what_was_asked(tmp_path: Path) -
 
 
 def test_the_camera_office_has_23_codes_and_all_of_them_are_encoded() -> None:
-    plan, mission = mission_fig10._place()
+    plan, mission = mission_fig10.place()
     assert len(plan.codes) == 23
     assert len(mission.nodes) == 24

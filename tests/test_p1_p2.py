@@ -8,7 +8,7 @@ import pytest
 
 from phalanx.attacks import IN_FLOCKS
 from phalanx.config import BtiConfig
-from phalanx.papers.bti.attack_trial import stop_bound_s
+from phalanx.lab.scorecard.flock_trial import stop_bound_s
 from phalanx.robot.adversary.liar import Liar
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario

@@ -16,7 +16,7 @@ from phalanx.attacks import IN_PROTOCOLS
 from phalanx.config import BtiConfig
 from phalanx.errors import UsageError
 from phalanx.lab.determinism.check import check_controller
-from phalanx.papers.bti.attack_trial import stop_bound_s
+from phalanx.lab.scorecard.flock_trial import stop_bound_s
 from phalanx.robot.controllers.places import PLACES, PlaceController
 from phalanx.robot.controllers.protocol import find_protocol
 from phalanx.robot.controllers.protocols.warehouse import Floor

@@ -12,6 +12,7 @@ import pytest
 
 from phalanx.cli import reproduce
 from phalanx.errors import Unavailable
+from phalanx.lab.figures.plot import DRAWN_BY
 from phalanx.papers.figure import FIGURES, Figure
 from phalanx.papers.statement import NOT_MEASURED, Statement, quantiles
 from phalanx.papers.table import by_seed, read_table
@@ -38,8 +39,9 @@ class Body:
         value = table.column("seed 0", "x")[0]
         return [Statement(what="x | y", paper="1", ours=f"{value:g}", agrees=value == 1, why="the same")]
 
-    def draw(self, table, picture):
-        picture.subplots().plot([0, table.column("seed 0", "x")[0]])
+
+def line(table, picture):
+    picture.subplots().plot([0, table.column("seed 0", "x")[0]])
 
 
 @pytest.fixture
@@ -48,6 +50,8 @@ def figures(monkeypatch):
         name: Figure(name=name, about=f"about {name}", made_by=Body(value)) for name, value in zip("abc", (1, 2, 1))
     }
     monkeypatch.setattr(reproduce, "FIGURES", made)
+    for name in made:
+        monkeypatch.setitem(DRAWN_BY, name, line)
     return made
 
 

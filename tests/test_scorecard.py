@@ -10,14 +10,15 @@ from pathlib import Path
 
 import pytest
 
-from phalanx.attacks import ATTACKS, IN_FLOCKS
+from phalanx.attacks import IN_FLOCKS
 from phalanx.cli import scorecard as command
 from phalanx.errors import UsageError
 from phalanx.lab.scorecard import bout as bouts
 from phalanx.lab.scorecard.bout import OUTCOME, drive, run_bout, try_on_wheels
 from phalanx.lab.scorecard.card import draw_card, lines
+from phalanx.lab.scorecard.flock_trial import FlockTrial, Stop, said_of
 from phalanx.lab.scorecard.plan import AT_S, COMMON, MISSIONS, known_protocols, scorecard_plan
-from phalanx.papers.bti.attack_trial import FlockTrial, Stop, said_of
+from phalanx.robot.adversary.registry import attacks
 from phalanx.scenarios.own import find_attack
 from phalanx.scenarios.scenario import in_scenarios
 
@@ -29,10 +30,10 @@ class TestPlan:
     def test_every_attack_is_tried_wherever_it_can_be_under_every_defence_and_seed(self):
         jobs = list(scorecard_plan((), (), 2).jobs)
         tried = {(dict(job.point)["protocol"], job.attack) for job in jobs}
-        assert {attack for _, attack in tried} == set(ATTACKS)
+        assert {attack for _, attack in tried} == set(attacks())
         assert {protocol for protocol, _ in tried} == {*in_scenarios(), "wheels", *MISSIONS}
         assert {name for protocol, name in tried if protocol == "wheels"} == {
-            name for name, attack in ATTACKS.items() if attack.on_wheels
+            name for name, attack in attacks().items() if attack.on_wheels
         }
         assert {(protocol, name) for protocol in in_scenarios() for name in IN_FLOCKS} < tried
         assert not {("flock", "flip-bit"), ("mission", "spoof"), ("team", "flip-bit")} & tried
@@ -78,8 +79,8 @@ STOPPED_IN_TIME = (Stop(1, 12.0, 20.0),)
 def a_trial(attack="spoof", defence="hardened", stops=STOPPED_IN_TIME, harm=1.0, **attacked):
     told = {"duration_s": 60.0, "correct_in_safe_mode": [], "without_quorum": []}
     came_to = {"harm": harm, "attacked": told | attacked, "honest": told, "honest_distance_m": 0.0}
-    bound_s = 10.101 if ATTACKS[attack].verdicts[defence] == "stopped" else None
-    return FlockTrial(**said_of(ATTACKS[attack], defence), **came_to, bound_s=bound_s, stops=stops)
+    bound_s = 10.101 if attacks()[attack].verdicts[defence] == "stopped" else None
+    return FlockTrial(**said_of(attacks()[attack], defence), **came_to, bound_s=bound_s, stops=stops)
 
 
 @pytest.mark.parametrize(
@@ -94,7 +95,7 @@ def a_trial(attack="spoof", defence="hardened", stops=STOPPED_IN_TIME, harm=1.0,
     ],
 )
 def test_a_promise_that_is_not_kept_is_missed(trial, missed):
-    assert [words for words, is_so in bouts._missed(trial, ATTACKS[trial.attack]).items() if is_so] == missed
+    assert [words for words, is_so in bouts._missed(trial, attacks()[trial.attack]).items() if is_so] == missed
 
 
 class TestBout:

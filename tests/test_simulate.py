@@ -22,6 +22,7 @@ from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
 from phalanx.config.builtin import built_in
 from phalanx.errors import Unavailable, UsageError
+from phalanx.lab.tables import to_pandas, to_parquet
 from phalanx.scenarios.file import find_scenario
 from phalanx.world import AttackSpec, Result, Scenario, simulate
 from phalanx.world.scenarios.cautions import cautions, neighbours_at_start
@@ -182,7 +183,7 @@ class TestProcesses:
 
 class TestTables:
     def test_robots_are_a_row_a_robot_a_moment(self, result):
-        frame = result.to_pandas()
+        frame = to_pandas(result)
         assert len(frame) == 2 * 7 * 9
         row = frame[(frame.seed == 4) & (frame.time_s == 1.5) & (frame.robot == 8)].iloc[0]
         assert (row.x_m, row.y_m) == tuple(result.positions_m[1, 3, 7])
@@ -193,17 +194,17 @@ class TestTables:
         )
 
     def test_verdicts_and_runs_are_tables_too(self, result):
-        verdicts = result.to_pandas("verdicts")
+        verdicts = to_pandas(result, "verdicts")
         assert len(verdicts) == len(result.verdicts)
         assert set(verdicts.refusal) <= set(Refusal.__members__)
-        runs = result.to_pandas("runs")
+        runs = to_pandas(result, "runs")
         assert runs.digest.tolist() == [told["digest"] for told in result.summaries]
         assert runs.seed.tolist() == [3, 4]
         with pytest.raises(UsageError, match="no table 'wheels'"):
-            result.to_pandas("wheels")
+            to_pandas(result, "wheels")
 
     def test_a_table_is_a_copy(self, result):
-        frame = result.to_pandas()
+        frame = to_pandas(result)
         before = result.positions_m.copy()
         frame["x_m"] += 1
         np.testing.assert_array_equal(result.positions_m, before)
@@ -212,22 +213,22 @@ class TestTables:
     def test_parquet_holds_the_same(self, result, tmp_path, table):
         import pandas as pd
 
-        path = result.to_parquet(tmp_path / "x.parquet", table)
-        pd.testing.assert_frame_equal(pd.read_parquet(path), result.to_pandas(table))
+        path = to_parquet(result, tmp_path / "x.parquet", table)
+        pd.testing.assert_frame_equal(pd.read_parquet(path), to_pandas(result, table))
         with pytest.raises(Unavailable, match="cannot write"):
-            result.to_parquet(tmp_path / "none" / "x.parquet", table)
+            to_parquet(result, tmp_path / "none" / "x.parquet", table)
 
     @pytest.mark.parametrize("missing", ["pandas", "pyarrow"])
     def test_what_is_missing_is_one_line(self, result, tmp_path, missing, monkeypatch):
         for name in [missing, *(name for name in sys.modules if name.startswith(f"{missing}."))]:
             monkeypatch.setitem(sys.modules, name, None)
         with pytest.raises(Unavailable, match=f"{missing} is not installed") as caught:
-            result.to_parquet(tmp_path / "x.parquet")
+            to_parquet(result, tmp_path / "x.parquet")
         assert caught.value.hint == "pip install '.[research]' in a clone"
 
     def test_a_folder_that_is_not_there_is_said(self, result, tmp_path):
         with pytest.raises(Unavailable, match="non-existent directory") as refused:
-            result.to_parquet(tmp_path / "none" / "a")
+            to_parquet(result, tmp_path / "none" / "a")
         assert refused.value.hint
 
 

@@ -10,7 +10,7 @@ from trials import AT_S, F_MAX, scenario
 
 from phalanx.attacks import IN_FLOCKS
 from phalanx.errors import UsageError
-from phalanx.papers.bti.attack_trial import Airtime, FlockTrial, Stop, airtime_since, said_of, sent, try_attack
+from phalanx.lab.scorecard.flock_trial import Airtime, FlockTrial, Stop, airtime_since, said_of, sent, try_attack
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.world.scenarios.run import Run
 

@@ -8,9 +8,9 @@ import pytest
 from phalanx.attacks import ATTACKS
 from phalanx.attacks.missions.between import Between
 from phalanx.errors import PeerError
+from phalanx.lab.scorecard.errand import errand
+from phalanx.lab.scorecard.mission_trial import ROBOT, ROBOT_CONFIG, Operator, plan_of, try_mission_attack, walk
 from phalanx.mission import State, Walker, parse_mission, parse_start_key
-from phalanx.papers.missions.errand import errand
-from phalanx.papers.missions.trial import ROBOT, ROBOT_CONFIG, Operator, plan_of, try_mission_attack, walk
 
 
 class Remembers(Walker):
@@ -38,7 +38,7 @@ def decoded(walker, lived):
 @pytest.mark.parametrize("defence", ["paper", "hardened"])
 def test_whatever_bit_is_changed_nothing_else_is_decoded_and_nothing_else_done(defence, monkeypatch):
     sent = Operator(defence, 0).send(errand(), ROBOT, 1)
-    monkeypatch.setattr("phalanx.papers.missions.trial.Walker", Remembers)
+    monkeypatch.setattr("phalanx.lab.scorecard.mission_trial.Walker", Remembers)
     monkeypatch.setattr(Remembers, "lived", [])
     assert walk(Between(plan_of(defence, 0, 0.0, {})), sent, defence, 0).done
 

@@ -6,14 +6,13 @@ from functools import cache
 
 import pytest
 
-from phalanx.attacks import ATTACKS, ON_MISSIONS
 from phalanx.config.defence import DEFENCES
 from phalanx.config.mission import CodingConfig
+from phalanx.lab.cracking.attacks import ATTACKS
+from phalanx.lab.scorecard.errand import TOKEN, errand
+from phalanx.lab.scorecard.mission_trial import ROBOT, Operator, plan_of, try_guess, try_mission_attack
 from phalanx.mission import parse_start_key
-from phalanx.papers.missions.errand import TOKEN, errand
-from phalanx.papers.missions.trial import ROBOT, Operator, plan_of, try_guess, try_mission_attack
 
-GUESSES = [name for name, attack in ON_MISSIONS.items() if attack.scene == "file"]
 CHEAP = CodingConfig(delta_mm=800, kdf_log2_n=1, kdf_r=1)
 PLACES = 3  # nodes that are a place and nothing else; the others take a token or a message
 
@@ -42,7 +41,7 @@ class Loaded:
 
 
 @pytest.mark.parametrize("defence", DEFENCES)
-@pytest.mark.parametrize("name", GUESSES)
+@pytest.mark.parametrize("name", ATTACKS)
 def test_the_guess_comes_to_what_it_declares(name, defence):
     told, verdict = trial(name, defence).attacked, ATTACKS[name].verdicts[defence]
     assert trial(name, defence).kept

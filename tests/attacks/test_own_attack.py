@@ -9,12 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from phalanx.attacks import ATTACKS, Attack, own_attack
+from phalanx.attacks import Attack, own_attack
 from phalanx.attacks.missions.between import Between
-from phalanx.attacks.missions.guesses import Guess
 from phalanx.errors import UsageError
+from phalanx.lab.cracking.guesses import Guess
 from phalanx.robot.adversary.liar import Liar
 from phalanx.robot.adversary.mission_cheat import MissionCheat
+from phalanx.robot.adversary.registry import attacks
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
 
@@ -29,9 +30,9 @@ class ShoveAside(Liar):
     """
 
 
-@pytest.mark.parametrize("name", ATTACKS)
+@pytest.mark.parametrize("name", attacks())
 def test_every_record_names_a_class_that_can_carry_it_out_where_it_is_tried(name):
-    attack = ATTACKS[name]
+    attack = attacks()[name]
     assert issubclass(attack.kind, KINDS[attack.scene])
     assert attack.kind.scene == attack.scene
     assert attack.does

@@ -11,7 +11,7 @@ from trials import AT_S, F_MAX, MOST_TAKEN, attacked, check, honest, run, scenar
 from phalanx.attacks import IN_FLOCKS
 from phalanx.bti.refusal import Refusal
 from phalanx.config.defence import DEFENCES
-from phalanx.papers.bti.attack_trial import stop_bound_s
+from phalanx.lab.scorecard.flock_trial import stop_bound_s
 from phalanx.robot.adversary.liar import Plan, lying
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.world.audited.world import PYTHON, clock_ms

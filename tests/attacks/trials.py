@@ -9,7 +9,7 @@ from functools import cache
 from phalanx.attacks import IN_FLOCKS
 from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
-from phalanx.papers.bti.attack_trial import Airtime, airtime_since, sent, stop_bound_s
+from phalanx.lab.scorecard.flock_trial import Airtime, airtime_since, sent, stop_bound_s
 from phalanx.robot.adversary.harm import STARVED
 from phalanx.robot.adversary.liar import Liar
 from phalanx.scenarios.attack_spec import AttackSpec

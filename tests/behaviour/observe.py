@@ -33,17 +33,17 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from phalanx.attacks.library import ATTACKS
 from phalanx.attacks.missions.between import Between
 from phalanx.bti import trusted
 from phalanx.bti.fleet import PAPER, PLAIN
 from phalanx.cli.mission.files import read_plain
 from phalanx.config import BtiConfig
+from phalanx.lab.scorecard.errand import errand
+from phalanx.lab.scorecard.mission_trial import ROBOT, Operator, plan_of, try_mission_attack, walk
+from phalanx.lab.scorecard.team_trial import try_in_team
 from phalanx.mission import BuildOptions, Profile, build
-from phalanx.papers.missions.errand import errand
-from phalanx.papers.missions.team import try_in_team
-from phalanx.papers.missions.trial import ROBOT, Operator, plan_of, try_mission_attack, walk
 from phalanx.robot import Led, Point
+from phalanx.robot.adversary.registry import attacks
 from phalanx.scenarios.attack_spec import AttackSpec, parse_attack
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_controller, find_planner
@@ -393,7 +393,7 @@ def _benchmark(sink: Sink, *, robots: int, grid_step_m: float, d_m: float, f_max
 
 def _errand(sink: Sink, *, attack: str | None, defence: str, unchecked: bool = False) -> None:
     # Not `try_mission_attack`: it runs the same errand without an attack too, but only once in a process.
-    kind, defence = ATTACKS[attack].kind if attack else Between, DEFENCE[defence]
+    kind, defence = attacks()[attack].kind if attack else Between, DEFENCE[defence]
     options = {"unchecked": 1.0} if unchecked else {}
     made = kind(plan_of(defence, 0, kind.starts_s, options))
     walked = walk(made, Operator(defence, 0).send(errand(), ROBOT, 1), defence, 0, checked=not unchecked)
@@ -401,12 +401,12 @@ def _errand(sink: Sink, *, attack: str | None, defence: str, unchecked: bool = F
 
 
 def _guess(sink: Sink, *, attack: str, defence: str) -> None:
-    guessed = try_mission_attack(ATTACKS[attack], DEFENCE[defence]).attacked
+    guessed = try_mission_attack(attacks()[attack], DEFENCE[defence]).attacked
     _outcome(sink, (guessed.nodes, guessed.read, guessed.tries, guessed.candidates))
 
 
 def _team(sink: Sink, *, attack: str, defence: str) -> None:
-    trial = try_in_team(ATTACKS[attack], DEFENCE[defence])
+    trial = try_in_team(attacks()[attack], DEFENCE[defence])
     figures = (trial.deviated_s, trial.stopped_s, trial.bound_s, tuple(trial.refusals.items()))
     _outcome(sink, (*figures, trial.completed, trial.others, trial.in_safe_mode))
 

@@ -258,7 +258,7 @@ def test_a_mission_is_drawn(folder, form):
 
 
 def test_without_matplotlib_drawing_says_what_is_missing(folder, monkeypatch):
-    monkeypatch.setattr("phalanx.cli.mission.draw.importlib.util.find_spec", lambda _: None)
+    monkeypatch.setattr("phalanx.lab.figures.missions.importlib.util.find_spec", lambda _: None)
     with pytest.raises(Unavailable, match="matplotlib"):
         run("draw", "office", "--out", "office.svg")
 

@@ -15,9 +15,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from phalanx.cli.commands.mission import mission as group
-from phalanx.cli.mission.draw import draw_mission, lived
+from phalanx.cli.mission.draw import lived
 from phalanx.cli.mission.files import read_encoded, read_plain, read_start_key
 from phalanx.errors import UsageError
+from phalanx.lab.figures.missions import draw_mission
 from phalanx.mission import Landmark, Profile
 from phalanx.mission.authoring.free import STAND_M, Free
 from phalanx.mission.authoring.survey import START, _reached, _without, begun_at, roomiest, survey

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from phalanx.attacks import ON_MISSIONS
 from phalanx.cli.commands.attack import attack as group
 from phalanx.errors import UsageError
-from phalanx.papers.missions.team import TeamTrial, try_in_team
+from phalanx.lab.scorecard.team_trial import TeamTrial, try_in_team
 
 TEAM = [name for name, attack in ON_MISSIONS.items() if attack.scene == "team"]
 

@@ -12,12 +12,12 @@ from worlds import BOTH, CHEAP, built, cheap, corridor, decoded_of, walk, walker
 
 from phalanx.cli.mission.files import read_plain
 from phalanx.config.mission import CodingConfig, MissionConfig
+from phalanx.lab.cracking.force import crack_paper, crack_sealed
 from phalanx.mission import Draft, Landmark, Mission, Position, Profile, Sensor
 from phalanx.mission.authoring.compiling import alias_offset
 from phalanx.mission.file.canonical import shape_of
 from phalanx.mission.observable import Offset, cell_of, middle_of
 from phalanx.mission.worth.audit import Rates, audit
-from phalanx.mission.worth.cracking import crack_paper, crack_sealed
 from phalanx.mission.worth.guessing import OUT_OF_REACH
 from phalanx.mission.worth.shown import Before, cell_in, shown_by
 from phalanx.world.building.floorplan import load_floorplan

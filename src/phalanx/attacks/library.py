@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from phalanx.robot.adversary.attack import HOLE_OF_THE_PAPER, STOPPED, Attack, Option, by_defence
-from phalanx.robot.adversary.harm import AIRTIME, ASTRAY, FALSE, FIX, READ, STARVED, WRONG
+from phalanx.robot.adversary.harm import AIRTIME, ASTRAY, FALSE, FIX, STARVED, WRONG
 
 HARMLESS = by_defence("harmless", "harmless", "harmless")
 NOT_COVERED = by_defence("not covered", "not covered", "not covered")
@@ -22,7 +22,6 @@ def flock(name: str, made_of: str, *rest: Any, **more: Any) -> Attack:
 
 
 errand = partial(flock, scene="errand", options={"at": Option(), **CHECKED})
-guess = partial(flock, scene="file", against="secrecy")
 team = partial(flock, scene="team", against="peers")
 protocol = partial(flock, scene="protocol")  # its harm is what its protocol counts
 
@@ -328,6 +327,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                does="lets both wheels slip: each moves the robot by half of what it turns",
                stopped_by="as for `dead-wheel`; what slips by less than a tenth is drift, and corrected"),
     ),
+<<<<<<< HEAD
     "What can be read of a captured file": (
         guess("guess-graph", "missions.guesses.GuessGraph", LIMITED, READ, 1,
                does="tries every place in an area of 40 m x 40 m against a captured mission and its start key",
@@ -346,6 +346,8 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                     "that leads there",
                stopped_by="128 random bits in a code on the wall are on no floor plan, in either profile"),
     ),
+=======
+>>>>>>> layers
     "What a robot on a mission does that its peers replay": (
         team("skip-node", "missions.cheat.SkipNode", STOPPED, WRONG, 1,
                does="goes on as if a node had been decoded that it has never seen",

@@ -1,9 +1,10 @@
 """Seeking: how a robot that lacks tokens finds auditors that it can reach now, and how others answer.
 
 A robot seeks if an auditor stays silent in this round, if it lacks tokens and has nobody left to ask, or if its last
-round ended without enough tokens. It broadcasts SEEK at a random time, and again until it has its tokens. Each robot that receives SEEK answers once, at a random time:
-with the token that it has issued in this round, which may be lost, or with HERE, which repeats the nonce of SEEK. A
-robot that seeks asks only robots that have just answered: each request uses up one of its a-node's few token requests.
+round ended without enough tokens. It broadcasts SEEK at a random time, and again until it has its tokens. Each robot
+that receives SEEK answers once, at a random time: with the token that it has issued in this round, which may be lost,
+or with HERE, which repeats the nonce of SEEK. A robot that seeks asks only robots that have just answered: each request
+uses up one of its a-node's few token requests.
 
 All random times of a round are hashes of an authenticator's MAC that is never sent, so nobody can foresee them, however
 many of them it has observed: it cannot talk over the packets. A HELLO or HERE that somebody relays from elsewhere does

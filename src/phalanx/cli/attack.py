@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 from typing import Any
 
-from phalanx.attacks.library import ATTACKS
 from phalanx.errors import UsageError, did_you_mean
-from phalanx.papers.bti.attack_trial import Airtime, FlockTrial, Stop, Trial, try_attack
-from phalanx.papers.missions.team import TeamTrial, try_in_team
-from phalanx.papers.missions.trial import MissionTrial, try_mission_attack
+from phalanx.lab.scorecard.flock_trial import Airtime, FlockTrial, Stop, Trial, try_attack
+from phalanx.lab.scorecard.mission_trial import MissionTrial, try_mission_attack
+from phalanx.lab.scorecard.team_trial import TeamTrial, try_in_team
 from phalanx.robot.adversary.attack import Attack
 from phalanx.robot.adversary.harm import Guessed, Walked
+from phalanx.robot.adversary.registry import attacks as known_attacks
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attack, find_controller, is_file, mistakes_in
@@ -29,8 +29,10 @@ def run(name: str, defence: Any, controller: str | None, as_json: bool, **said: 
     """Runs an attack beside the same run without it; 1 if something did not come as declared."""
     with said_aside():
         first = find_attack(name)
-    if not (first.own or first.name in ATTACKS):
-        raise UsageError(f"no attack {first.name!r}", f"{did_you_mean(first.name, ATTACKS)}phalanx attack list has all")
+    if not (first.own or first.name in known_attacks()):
+        raise UsageError(
+            f"no attack {first.name!r}", f"{did_you_mean(first.name, known_attacks())}phalanx attack list has all"
+        )
     trial: FlockTrial | MissionTrial | TeamTrial
     goal_m: tuple[float, float] | None = None
     if first.attack.in_swarm:

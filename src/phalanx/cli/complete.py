@@ -9,8 +9,8 @@ from pathlib import Path
 import click
 from click.shell_completion import CompletionItem
 
-from phalanx.attacks import ATTACKS, IN_SWARMS
 from phalanx.config.builtin import built_in
+from phalanx.robot.adversary.registry import attacks, swarm_attacks
 from phalanx.scenarios.scenario import CONTROLLERS, in_scenarios
 
 Offer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
@@ -51,7 +51,7 @@ a_map = offer(lambda: built_in("maps"), ".yaml", ".yml")
 a_mission = offer(lambda: built_in("missions"), ".yaml", ".yml")
 a_mission_or_encoded = offer(lambda: built_in("missions"), ".yaml", ".yml", ".phxm")
 an_encoded_mission = offer(tuple, ".phxm")
-an_attack_by_robots = offer(lambda: ("none", *IN_SWARMS), ".py")
-an_attack = offer(lambda: ATTACKS, ".py")
+an_attack_by_robots = offer(lambda: ("none", *swarm_attacks()), ".py")
+an_attack = offer(attacks, ".py")
 a_controller = offer(lambda: CONTROLLERS, ".py")
 a_scenario_s_controller = offer(in_scenarios, ".py")

@@ -7,9 +7,10 @@ from typing import Any
 
 import click
 
-from phalanx.attacks import ATTACKS, IN_FLOCKS, IN_PROTOCOLS, ON_MISSIONS, Attack
 from phalanx.config.builtin import built_in
 from phalanx.config.defence import DEFENCES
+from phalanx.robot.adversary.attack import Attack
+from phalanx.robot.adversary.registry import attacks
 from phalanx.scenarios.file import find_scenario, scenario_schema
 
 from .terminal import beside, print_json
@@ -44,13 +45,14 @@ def print_schema() -> None:
 
 def list_attacks(as_json: bool) -> None:
     """Prints all attacks, by robots and on missions, and what each defence makes of them."""
-    rows = [{**_row(each), "robots": "f_max" if each.crowd else 1} for _, each in sorted(IN_FLOCKS.items())]
-    protocols = [{**_row(each), "against": each.against} for _, each in sorted(IN_PROTOCOLS.items())]
-    missions = [{**_row(each), "against": each.against} for _, each in sorted(ON_MISSIONS.items())]
+    known = [each for _, each in sorted(attacks().items())]
+    rows = [{**_row(each), "robots": "f_max" if each.crowd else 1} for each in known if each.scene == "flock"]
+    protocols = [{**_row(each), "against": each.against} for each in known if each.scene == "protocol"]
+    missions = [{**_row(each), "against": each.against} for each in known if not each.in_swarm]
     if as_json:
         print_json({"attacks": rows, "protocols": protocols, "missions": missions})
         return
-    width = max(map(len, ATTACKS))
+    width = max(map(len, attacks()))
     _table("by robots", rows, width)
     click.echo()
     _table("in other protocols", protocols, width)

@@ -11,10 +11,10 @@ from typing import Any
 import click
 
 from phalanx.errors import PhalanxError, Unavailable
+from phalanx.lab.figures.plot import draw
 from phalanx.lab.sweep.dealing import deal_cases
 from phalanx.net.private_file import write_whole
 from phalanx.papers.figure import FIGURES, Figure
-from phalanx.papers.plot import draw
 from phalanx.papers.statement import Shown, compare, page, report
 from phalanx.papers.table import EachCase, measure, one_by_one, read_table, version
 from phalanx.world.signals import handled_by

@@ -1,1 +1,1 @@
-"""Arenas: worlds that researchers put around real robot processes."""
+"""What researchers do around robots: sweeps, scorecards, arenas, buildings by chance, captured missions."""

@@ -1,7 +1,7 @@
 """The figures and tables of the papers that are reproduced here, one record each.
 
-The module that measures, compares and draws a figure is loaded when it is needed: only its name stands here. Rows go
-to a CSV (table.py), and the figure is drawn from the CSV alone (plot.py).
+The module that measures and compares a figure is loaded when it is needed: only its name stands here. Rows go to a CSV
+(table.py), and `phalanx.lab.figures` draws the figure from the CSV alone.
 """
 
 from __future__ import annotations
@@ -37,8 +37,7 @@ QUICK = {"seeds": 2}
 class Figure:
     """One figure or table of a paper.
 
-    Its `body` has `draw(table, picture)`, which draws into an empty picture and returns the footer or None.
-    Most figures are measured case by case. Those have
+    Most figures are measured case by case. The `body` of those has
 
     - `COLUMNS`;
     - `cases(seeds)`: the cases' names, in the order to measure them;
@@ -64,7 +63,7 @@ class Figure:
 
     @property
     def body(self) -> Any:
-        """The module or object that measures, compares and draws it."""
+        """The module or object that measures and compares it."""
         return resolve_name(f"{__package__}.{self.made_by}") if isinstance(self.made_by, str) else self.made_by
 
     def csv(self, folder: Path) -> Path:

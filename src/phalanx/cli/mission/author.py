@@ -19,6 +19,7 @@ from phalanx.cli.terminal import Progress, counted, end_status_line, print_json,
 from phalanx.config.builtin import built_in
 from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.errors import PeerError, Unavailable, UsageError
+from phalanx.lab.figures.missions import check_drawable, draw_mission
 from phalanx.mission import BuildOptions, Built, EncodedMission, Mission, Profile, admit, build, check_signature, sign
 from phalanx.mission.authoring.survey import begun_at, roomiest, survey
 from phalanx.mission.file.records import FINAL, FOREVER_S, JOIN, OPEN_START, REPEATABLE, ROAM, START
@@ -31,7 +32,7 @@ from phalanx.mission.worth.outlook import Outlook
 from phalanx.net.private_file import write_private
 from phalanx.world.building.floorplan import load_floorplan
 
-from .draw import check_drawable, draw_mission, lived
+from .draw import lived
 from .files import building, check_folder, doors_of, parse_robots, parse_window, read_encoded, read_plain
 from .run import parse_start
 

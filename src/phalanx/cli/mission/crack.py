@@ -13,9 +13,9 @@ import click
 
 from phalanx.cli.terminal import end_status_line, print_json, status_line
 from phalanx.errors import UsageError
+from phalanx.lab.cracking.force import Cracked, Tried, can_guess, crack_paper, crack_sealed
 from phalanx.mission import EncodedMission, Profile, parse_start_key
 from phalanx.mission.file.records import OPEN_START
-from phalanx.mission.worth.cracking import Cracked, Tried, can_guess, crack_paper, crack_sealed
 from phalanx.mission.worth.shown import Shown, shown_by
 from phalanx.world.building.floorplan import load_floorplan
 

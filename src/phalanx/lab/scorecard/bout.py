@@ -13,9 +13,9 @@ import numpy as np
 
 from phalanx.config.defence import Defence
 from phalanx.errors import UsageError
-from phalanx.papers.bti.attack_trial import PROMISED, FlockTrial, Stop, try_attack
-from phalanx.papers.missions.team import TeamTrial, try_in_team
-from phalanx.papers.missions.trial import MissionTrial, try_mission_attack
+from phalanx.lab.scorecard.flock_trial import PROMISED, FlockTrial, Stop, try_attack
+from phalanx.lab.scorecard.mission_trial import MissionTrial, try_mission_attack
+from phalanx.lab.scorecard.team_trial import TeamTrial, try_in_team
 from phalanx.robot import Point
 from phalanx.robot.adversary.attack import Attack
 from phalanx.robot.adversary.liar import Liar

@@ -13,11 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from phalanx.attacks.library import ATTACKS
 from phalanx.config.defence import DEFENCES
+<<<<<<< HEAD
 from phalanx.errors import UsageError, did_you_mean
+=======
+from phalanx.lab.figures.plot import BLUE, ORANGE, VERMILION, Axes, blank, finish, legend_above
+>>>>>>> layers
 from phalanx.net.private_file import write_whole
-from phalanx.papers.plot import BLUE, ORANGE, VERMILION, Axes, blank, finish, legend_above
+from phalanx.robot.adversary.registry import attacks as known_attacks
 
 COLOURS: dict[str, str] = dict(zip(DEFENCES, (VERMILION, ORANGE, BLUE), strict=True))
 WORDS: dict[str, str] = dict(zip(DEFENCES, ("no defence", "as the paper prints it", "ours (hardened)"), strict=True))
@@ -64,7 +67,7 @@ def lines(rows: Iterable[Mapping[str, Any]]) -> list[Line]:
         if defence not in DEFENCES:
             raise UsageError(f"a saved run has defence {defence!r}", f"{did_you_mean(defence, DEFENCES)}sweep again")
         of.setdefault((protocol, attack, defence), []).append(row)
-    order = {name: place for place, name in enumerate(ATTACKS)}
+    order = {name: place for place, name in enumerate(known_attacks())}
     protocols = list(dict.fromkeys(protocol for protocol, _, _ in of))
     points = sorted(
         of, key=lambda at: (protocols.index(at[0]), order.get(at[1], len(order)), at[1], DEFENCES.index(at[2]))

@@ -10,13 +10,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from phalanx.attacks.library import ATTACKS
 from phalanx.config import BtiConfig
 from phalanx.config.builtin import built_in
 from phalanx.config.defence import DEFENCES, Defence
 from phalanx.errors import UsageError, did_you_mean
 from phalanx.lab.sweep.plan import Job, Plan, content_of, key_of
 from phalanx.robot.adversary.attack import Attack, Scene
+from phalanx.robot.adversary.registry import attacks as known_attacks
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attack, is_file
 from phalanx.scenarios.scenario import PROTOCOLS, Scenario, in_scenarios
@@ -67,7 +67,7 @@ def scorecard_plan(attacks: Sequence[str], protocols: Sequence[str], seeds: int)
                 f"no protocol {name!r}", f"{did_you_mean(name, known)}{', '.join(known)}, or FILE.py:CLASS"
             )
     grounds = {_short(name): _ground(name) for name in protocols or known}
-    chosen = {words: _attack(words) for words in attacks or ATTACKS}
+    chosen = {words: _attack(words) for words in attacks or known_attacks()}
     tried = [(name, words) for name in grounds for words, attack in chosen.items() if _is_tried(attack, name)]
     if not tried:
         raise UsageError("nothing to try", "these attacks are none on these protocols")
@@ -93,8 +93,8 @@ def scorecard_plan(attacks: Sequence[str], protocols: Sequence[str], seeds: int)
 
 def _attack(words: str) -> Attack:
     spec = find_attack(words)
-    if not spec.own and spec.name not in ATTACKS:
-        raise UsageError(f"no attack {spec.name!r}", f"{did_you_mean(spec.name, ATTACKS)}phalanx attack list")
+    if not spec.own and spec.name not in known_attacks():
+        raise UsageError(f"no attack {spec.name!r}", f"{did_you_mean(spec.name, known_attacks())}phalanx attack list")
     return spec.attack
 
 

@@ -12,8 +12,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.papers.plot import Axes
-from phalanx.papers.statement import Statement, band
+from phalanx.papers.statement import Statement
 from phalanx.papers.table import Rows, Table, read_data
 from phalanx.scenarios.scenario import Scenario
 from phalanx.world.scenarios.play import play
@@ -134,6 +133,7 @@ def nobody_was_hurt(table: Table) -> Statement:
         agrees=wronged == alone == contacts == 0,
         why=f"none, in {len(table.cases)} runs",
     )
+<<<<<<< HEAD
 
 
 def line(
@@ -150,3 +150,5 @@ def footer(table: Table) -> str:
     seeds = {case.rpartition(";")[2] for case in table.cases}
     runs = f"median and 5 to 95 % of {len(seeds)} seeds; hollow: what the paper's text gives, and sums it makes"
     return f"{runs}\nphalanx {table.version}"
+=======
+>>>>>>> layers

@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 
 from phalanx.config import BtiConfig
-from phalanx.papers.plot import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, Picture, legend_above
 from phalanx.papers.statement import Statement, quantiles
 from phalanx.papers.table import Rows, Table, seed_of
 from phalanx.scenarios.scenario import Scenario
@@ -19,18 +18,18 @@ ROBOTS, SPACING_M = 25, 4.0
 F_MAX, T_AUDIT_S = (1, 2, 3, 4, 5), (2, 4, 6, 8, 10)
 PAPERS_F_MAX, PAPERS_T_S = 3, 4
 UNPROTECTED = "f_max 0;T_audit 4 s"
-COLOURS = (BLUE, GREEN, VERMILION, ORANGE, PURPLE)
 # By how much medians may differ and count as the same; and by how much the log's growth from the paper's.
 SAME, NEAR = 0.35, 0.1
 
 
-def _point(f_max: int, t_audit_s: int) -> str:
+def point(f_max: int, t_audit_s: int) -> str:
+    """Return the name of a point, less its seed."""
     return f"f_max {f_max};T_audit {t_audit_s} s"
 
 
 def cases(seeds: int) -> list[str]:
     """Nobody audits; and each of the others."""
-    return costs.cases_of([UNPROTECTED, *(_point(f_max, t_s) for f_max in F_MAX for t_s in T_AUDIT_S)], seeds)
+    return costs.cases_of([UNPROTECTED, *(point(f_max, t_s) for f_max in F_MAX for t_s in T_AUDIT_S)], seeds)
 
 
 def scenario_of(case: str) -> Scenario:
@@ -51,8 +50,13 @@ def scenario_of(case: str) -> Scenario:
 
 
 def origin() -> dict[str, str]:
+<<<<<<< HEAD
     """Return the settings that two measurements in one file must share."""
     return {"scenario": repr(scenario_of(f"{_point(PAPERS_F_MAX, PAPERS_T_S)};seed 0"))}
+=======
+    """What two measurements that share a file must agree in."""
+    return {"scenario": repr(scenario_of(f"{point(PAPERS_F_MAX, PAPERS_T_S)};seed 0"))}
+>>>>>>> layers
 
 
 def measure_case(case: str, tell: Callable[[float], None]) -> Rows:
@@ -61,10 +65,17 @@ def measure_case(case: str, tell: Callable[[float], None]) -> Rows:
 
 
 def compare(table: Table) -> list[Statement]:
+<<<<<<< HEAD
     """Compare ours with what §5.2 says of Fig. 6."""
     papers = _point(PAPERS_F_MAX, PAPERS_T_S)
     over_f = [_point(f_max, PAPERS_T_S) for f_max in F_MAX]
     over_t = [_point(PAPERS_F_MAX, t_s) for t_s in T_AUDIT_S]
+=======
+    """What §5.2 says of Fig. 6, and ours."""
+    papers = point(PAPERS_F_MAX, PAPERS_T_S)
+    over_f = [point(f_max, PAPERS_T_S) for f_max in F_MAX]
+    over_t = [point(PAPERS_F_MAX, t_s) for t_s in T_AUDIT_S]
+>>>>>>> layers
     app = costs.medians(table, [UNPROTECTED, *over_f, *over_t], "app_bytes_per_s")
     audit_f, audit_t = (costs.medians(table, points, "audit_bytes_per_s") for points in (over_f, over_t))
     logs_f, logs_t = (costs.medians(table, points, "log_bytes") for points in (over_f, over_t))
@@ -119,31 +130,3 @@ def compare(table: Table) -> list[Statement]:
         ),
         costs.nobody_was_hurt(table),
     ]
-
-
-def draw(table: Table, picture: Picture) -> str:
-    """Bandwidth and storage over T_audit, a line for each f_max."""
-    over_air, stored = picture.subplots(1, 2)
-    along = np.array(T_AUDIT_S, float)
-    for f_max, colour in zip(F_MAX, COLOURS, strict=True):
-        points = [_point(f_max, t_s) for t_s in T_AUDIT_S]
-        costs.line(over_air, along, table, points, "audit_bytes_per_s", colour, f"audits, f_max {f_max}")
-        costs.line(stored, along, table, points, "stored_bytes", colour, f"f_max {f_max}")
-        log_sent = np.full(len(along), (f_max + 1) * costs.paper()["the log"] / 1000)
-        over_air.plot(along, log_sent, "s", mfc="none", color=colour, ms=4)
-    over_air.axhline(costs.medians(table, [UNPROTECTED], "app_bytes_per_s")[0] / 1000, color=GREY, label="states")
-    over_air.plot([], [], "s", mfc="none", color="black", ms=4, label="paper's log to f_max + 1 auditors")
-    stored.plot(
-        along,
-        costs.paper_stored_bytes(along) / 1000,
-        "s",
-        mfc="none",
-        color="black",
-        ms=4,
-        label="paper's log and two checkpoints",
-    )
-    over_air.set(xlabel="T_audit (s)", ylabel="sent by a robot, each try counted (kB/s)", ylim=(0, None))
-    stored.set(xlabel="T_audit (s)", ylabel="kept by a robot, at most (kB)", ylim=(0, None))
-    for axes in (over_air, stored):
-        legend_above(axes, columns=3)
-    return costs.footer(table)

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.config import BtiConfig
-from phalanx.papers.plot import BLUE, GREEN, ORANGE, VERMILION, Picture, legend_above
 from phalanx.papers.statement import Statement
 from phalanx.papers.table import Rows, Table, seed_of
 from phalanx.scenarios.scenario import Scenario
@@ -22,20 +21,20 @@ COLUMNS = costs.COLUMNS
 F_MAX = 2
 SPACINGS_M, SIZES = (4, 8, 16, 32, 64), (16, 36, 64, 100)
 LARGER = (144, 196, 256, 324)
-COLOURS = (BLUE, GREEN, VERMILION, ORANGE)
 T_AUDIT_S = 4.0  # the paper's
 BANDWIDTH, STORAGE = "audit_bytes_per_s", "stored_bytes"
 NEAR = 0.1  # by how much the log may differ from the paper's sum
 
 
-def _point(robots: int, spacing_m: int) -> str:
+def point(robots: int, spacing_m: int) -> str:
+    """Return the name of a point, less its seed."""
     return f"{robots} robots;{spacing_m} m"
 
 
 def cases(seeds: int) -> list[str]:
     """(a) and (b), and what (c) and (d) have beside."""
-    dense = [_point(robots, spacing_m) for robots in SIZES for spacing_m in SPACINGS_M]
-    return costs.cases_of([*dense, *(_point(robots, SPACINGS_M[-1]) for robots in LARGER)], seeds)
+    dense = [point(robots, spacing_m) for robots in SIZES for spacing_m in SPACINGS_M]
+    return costs.cases_of([*dense, *(point(robots, SPACINGS_M[-1]) for robots in LARGER)], seeds)
 
 
 def scenario_of(case: str) -> Scenario:
@@ -46,8 +45,13 @@ def scenario_of(case: str) -> Scenario:
 
 
 def origin() -> dict[str, str]:
+<<<<<<< HEAD
     """Return the settings that two measurements in one file must share."""
     return {"scenario": repr(scenario_of(f"{_point(SIZES[0], SPACINGS_M[0])};seed 0"))}
+=======
+    """What two measurements that share a file must agree in."""
+    return {"scenario": repr(scenario_of(f"{point(SIZES[0], SPACINGS_M[0])};seed 0"))}
+>>>>>>> layers
 
 
 def measure_case(case: str, tell: Callable[[float], None]) -> Rows:
@@ -56,9 +60,15 @@ def measure_case(case: str, tell: Callable[[float], None]) -> Rows:
 
 
 def compare(table: Table) -> list[Statement]:
+<<<<<<< HEAD
     """Compare ours with what §5.2 says of Fig. 7."""
     near, far = ([_point(robots, spacing_m) for robots in SIZES] for spacing_m in (SPACINGS_M[0], SPACINGS_M[-1]))
     sizes = [_point(robots, SPACINGS_M[-1]) for robots in (*SIZES, *LARGER)]
+=======
+    """What §5.2 says of Fig. 7, and ours."""
+    near, far = ([point(robots, spacing_m) for robots in SIZES] for spacing_m in (SPACINGS_M[0], SPACINGS_M[-1]))
+    sizes = [point(robots, SPACINGS_M[-1]) for robots in (*SIZES, *LARGER)]
+>>>>>>> layers
     told = []
     for column, words, parts in ((BANDWIDTH, "audits sent, kB/s", "a c"), (STORAGE, "kept, kB", "b d")):
         of_near, of_far, of_sizes = (costs.medians(table, points, column) for points in (near, far, sizes))
@@ -88,7 +98,7 @@ def compare(table: Table) -> list[Statement]:
             ),
         ]
     points = list(dict.fromkeys([*near, *far, *sizes]))
-    ratio = costs.medians(table, points, "log_bytes_per_s") / _papers_log(table, points)
+    ratio = costs.medians(table, points, "log_bytes_per_s") / papers_log(table, points)
     told.append(
         Statement(
             what="growth of the log, of the paper's sum for so many neighbours",
@@ -105,36 +115,6 @@ def _kilo(values: NDArray[np.float64]) -> str:
     return " ".join(f"{each / 1000:.2f}" for each in values)
 
 
-def _papers_log(table: Table, points: list[str]) -> NDArray[np.float64]:
+def papers_log(table: Table, points: list[str]) -> NDArray[np.float64]:
+    """Return (P,) bytes a second by which logs grow, by the paper's sum for so many neighbours."""
     return np.array([costs.paper_log_bytes_per_s(each) for each in costs.medians(table, points, "neighbours")])
-
-
-def draw(table: Table, picture: Picture) -> str:
-    """(a) to (d), as in the paper."""
-    (a, b), (c, d) = picture.subplots(2, 2)
-    for column, dense, constant in ((BANDWIDTH, a, c), (STORAGE, b, d)):
-        for robots, colour in zip(SIZES, COLOURS, strict=True):
-            points = [_point(robots, spacing_m) for spacing_m in SPACINGS_M]
-            along = np.array(SPACINGS_M, float)
-            costs.line(dense, along, table, points, column, colour, f"{robots} robots")
-            dense.plot(along, _papers(table, points, column), "s", mfc="none", color=colour, ms=4)
-        points = [_point(robots, SPACINGS_M[-1]) for robots in (*SIZES, *LARGER)]
-        along = np.array((*SIZES, *LARGER), float)
-        costs.line(constant, along, table, points, column, BLUE, f"{SPACINGS_M[-1]} m")
-        constant.plot(along, _papers(table, points, column), "s", mfc="none", color="black", ms=4, label="paper's sum")
-        what = "sent by a robot (kB/s)" if column == BANDWIDTH else "kept by a robot, at most (kB)"
-        dense.set(xlabel="spacing (m)", ylabel=what, xscale="log", ylim=(0, None))
-        dense.set_xticks(SPACINGS_M, map(str, SPACINGS_M))
-        dense.minorticks_off()
-        constant.set(xlabel="robots", ylabel=what, ylim=(0, None))
-    for axes, letter in ((a, "a"), (b, "b"), (c, "c"), (d, "d")):
-        axes.set_ylabel(f"{letter}: {axes.get_ylabel()}")
-        legend_above(axes, columns=4)
-    return costs.footer(table)
-
-
-def _papers(table: Table, points: list[str], column: str) -> NDArray[np.float64]:
-    """The log to f_max + 1 auditors; or a round's log and two checkpoints: kB, by the paper's sums."""
-    if column == BANDWIDTH:
-        return (F_MAX + 1) * _papers_log(table, points) / 1000
-    return np.array([costs.paper_stored_bytes(T_AUDIT_S, n) for n in costs.medians(table, points, "neighbours")]) / 1000

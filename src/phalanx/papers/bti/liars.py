@@ -17,7 +17,6 @@ from phalanx.config.flock import Disc
 from phalanx.papers.statement import Statement, quantiles
 from phalanx.papers.table import Rows
 
-from .attack_trial import stop_bound_s
 from .flock import Flock, FlockRun, FlockRuns, mean_distances_m, read_reference
 
 # Where the grid of obstacles ends; 125 robots 20 m apart fill 118 m about the goal, and obstacles take some of that.
@@ -160,7 +159,7 @@ def compare_stopped(table: FlockRuns) -> list[Statement]:
     lived_s = np.array(
         [np.inf if each["safe_mode_s"] is None else each["safe_mode_s"] - each["first_deviation_s"] for each in liars]
     )
-    bound_s = stop_bound_s(scenario, output_missing=False) or np.inf
+    bound_s = scenario.bti.stop_bound_ms(output_missing=False) / 1000
     both = [run.summary for case in ("honest", "attacked") for run in table.of(case)]
     wronged = sum(len(summary["correct_in_safe_mode"]) for summary in both)
     alone = sum(len(summary["without_quorum"]) for summary in both)

@@ -18,8 +18,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+<<<<<<< HEAD
 from phalanx._firmware_hardened import ffi, lib
 from phalanx.papers.plot import BLUE, VERMILION, Picture
+=======
+from phalanx._firmware_bound import ffi, lib
+>>>>>>> layers
 from phalanx.papers.statement import Statement, quantiles
 from phalanx.papers.table import Rows, Table, by_seed
 from phalanx.wire.table import HASH_BYTES, KEY_BYTES
@@ -111,15 +115,16 @@ class Loads:
 
     def cases(self, _seeds: int) -> list[str]:
         """Names, without commas."""
-        return [call.name.replace(",", "") for call in self._rows]
+        return [call.name.replace(",", "") for call in self.rows]
 
     @property
-    def _rows(self) -> tuple[Call, ...]:
+    def rows(self) -> tuple[Call, ...]:
+        """Return all calls of its rows, the sealed ones last."""
         return self.calls + self.sealed
 
     def measure_case(self, case: str, tell: Callable[[float], None]) -> Rows:
         """One call."""
-        call = self._rows[self.cases(1).index(case)]
+        call = self.rows[self.cases(1).index(case)]
         tell(1.0)
         counted = (instructions(target, "calls", call.name) for target in TARGETS)
         return np.array([(call.per_s, call.bus_ms, *counted, call.paper_ms, call.paper_pct)])
@@ -134,7 +139,7 @@ class Loads:
     def compare(self, table: Table) -> list[Statement]:
         """Each call, and all of them; with a sealed radio, if there is one, beside the same of the paper."""
         pct = {words: self.loads_pct(table, target) for target, words in TARGETS.items()}
-        rows = [(call.name, call.paper_pct, [each[k] for each in pct.values()]) for k, call in enumerate(self._rows)]
+        rows = [(call.name, call.paper_pct, [each[k] for each in pct.values()]) for k, call in enumerate(self.rows)]
         n, paper_all = len(self.calls), round(sum(call.paper_pct for call in self.calls), 2)
         plain = [k for k, call in enumerate(self.calls) if "Wireless" not in call.name]
         if self.sealed:
@@ -152,19 +157,6 @@ class Loads:
             )
             for name, paper, ours in rows
         ]
-
-    def draw(self, table: Table, picture: Picture) -> None:
-        """Bars, and the paper's hollow."""
-        axes = picture.subplots()
-        at = np.arange(len(self._rows))
-        for shift, colour, (target, words) in zip((-0.2, 0.2), (BLUE, VERMILION), TARGETS.items(), strict=True):
-            axes.barh(at + shift, self.loads_pct(table, target), 0.35, color=colour, label=words)
-        paper = [call.paper_pct for call in self._rows]
-        axes.plot(paper, at, "o", mfc="none", mec="black", label="paper's PIC32MX")
-        axes.set(xlabel="load (% of the time)", yticks=at)
-        axes.set_yticklabels([call.name for call in self._rows])
-        axes.invert_yaxis()
-        axes.legend(fontsize=8)
 
 
 TABLE1 = Loads(A_NODE, SEALED)
@@ -199,7 +191,8 @@ def _host_ns(name: str, length: int) -> float:
     return float(best)
 
 
-def _costs(table: Table, kind: int) -> Rows:
+def costs_of(table: Table, kind: int) -> Rows:
+    """Return (seeds, rows, columns) of one of KINDS."""
     every = np.array(list(table.cases.values()))  # (seeds, rows, columns)
     return every[:, every[0, :, 0] == kind]
 
@@ -221,7 +214,7 @@ def compare_costs(table: Table) -> list[Statement]:
             )
         )
     for kind, name in enumerate(KINDS):
-        rows = _costs(table, kind)
+        rows = costs_of(table, kind)
         told.append(
             Statement(
                 what=f"{name} of {rows[0, -1, 1]:.0f} bytes on this machine, ns a byte",
@@ -233,19 +226,4 @@ def compare_costs(table: Table) -> list[Statement]:
     return told
 
 
-def draw_costs(table: Table, picture: Picture) -> None:
-    """Ours solid, the paper's hollow."""
-    axes = picture.subplots()
-    for kind, (name, line) in enumerate(zip(KINDS, ("-", "--"), strict=True)):
-        rows = _costs(table, kind)[0]
-        for column, (colour, words) in enumerate(zip((BLUE, VERMILION), TARGETS.values(), strict=True), start=2):
-            axes.plot(rows[:, 1], milliseconds(rows[:, column]), line, color=colour, label=f"{name}, {words}")
-    for (name, length), ms in PAPER_MS.items():
-        axes.plot(length, ms, "o" if name == "mac" else "s", mfc="none", mec="black", label=f"{name}, paper's PIC32MX")
-    axes.set(xlabel="bytes", ylabel="ms at 50 MHz, one instruction a cycle", xscale="log", yscale="log")
-    axes.legend(fontsize=8)
-
-
-FIG5 = SimpleNamespace(
-    COLUMNS=COST_COLUMNS, cases=by_seed, measure_case=measure_costs, compare=compare_costs, draw=draw_costs
-)
+FIG5 = SimpleNamespace(COLUMNS=COST_COLUMNS, cases=by_seed, measure_case=measure_costs, compare=compare_costs)

@@ -34,9 +34,9 @@ from phalanx.net.broker import RunningBroker, open_broker
 from phalanx.net.connection import Connection
 from phalanx.papers.table import TableFile, version
 
-from .fig4_table import KINDS, Kind, Row, cells, compare, draw, head, packets, report
+from .fig4_table import KINDS, Kind, Row, cells, compare, head, packets, report
 
-__all__ = ["compare", "draw", "make_packet", "measure", "report"]
+__all__ = ["compare", "make_packet", "measure", "report"]
 
 log = logging.getLogger(__name__)
 

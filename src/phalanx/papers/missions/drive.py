@@ -26,15 +26,11 @@ from phalanx.mission.landmarks import FloorPlan, LaserScan, extract
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.walk.fix import begun_at, fixed, wheels_of
 from phalanx.mission.walk.walker import State, Walker
-from phalanx.papers.plot import Axes, banded, draw_walls
-from phalanx.papers.table import Rows, Table, seed_of
+from phalanx.papers.table import Rows, Table
 from phalanx.world.building.floorplan import DEFAULT, load_floorplan
 from phalanx.world.building.odometry import DiffDrive, Odometry, OdometryNoise, Pose
 
 Motion = tuple[float, float]
-# Paths that are drawn: the columns' name, colour, words.
-Ways = tuple[tuple[str, str, str], ...]
-
 TICK_S = 0.1
 DURATION_S = 150.0
 SPEED_MPS = 0.65
@@ -176,17 +172,3 @@ def path_errors_m(table: Table, way: str) -> list[Rows]:
         return table.column(case, f"{way}_{axis}_m") - table.column(case, f"true_{axis}_m")
 
     return [np.hypot(apart(case, "x"), apart(case, "y")) for case in table.cases]
-
-
-def draw_paths(table: Table, ways: Ways, walls_m: NDArray[np.float64], ground: Axes, over_time: Axes) -> None:
-    """The first case's true path and others on the floor plan, and the errors of all cases as long as it over time."""
-    first = min(table.cases, key=seed_of)
-    times_s = table.column(first, "t_s")
-    draw_walls(ground, walls_m)
-    ground.plot(table.column(first, "true_x_m"), table.column(first, "true_y_m"), color="black", lw=3, label="truth")
-    for way, colour, words in ways:
-        x, y = (table.column(first, f"{way}_{axis}_m") for axis in "xy")
-        ground.plot(x, y, color=colour, linewidth=1.2, label=words)
-        errors_m = [errors_m for errors_m in path_errors_m(table, way) if len(errors_m) == len(times_s)]
-        banded(over_time, times_s, np.array(errors_m), colour, words)
-    over_time.set(xlabel="time (s)", ylabel="error (m); median and 5 to 95 % of seeds", yscale="log")

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from phalanx.mission import BuildOptions, Profile, Walker, build
 from phalanx.mission.landmarks import FloorPlan
-from phalanx.papers.plot import BLUE, GREEN, ORANGE, VERMILION, Picture, boxes, draw_walls
 from phalanx.papers.statement import Statement, quantiles
 from phalanx.papers.table import Rows, Table, by_seed, seed_of
 from phalanx.world.building.floorplan import DEFAULT, load_floorplan
@@ -38,7 +37,6 @@ CELL_M = 0.5
 KNOWS_M = 5.0
 COLUMNS = ("t_s", "robot", "x_m", "y_m", "found", "told", "area", "error_m", "team")
 LANDMARKS = 32
-COLOURS = (BLUE, ORANGE, GREEN, VERMILION)
 TEAM, ERROR, TOLD = COLUMNS.index("team"), COLUMNS.index("error_m"), COLUMNS.index("told")
 # Purple, orange, red, cyan.
 PAPER_FOUND = (12, 16, 15, 11)
@@ -198,35 +196,22 @@ def compare_fig9(table: Table) -> list[Statement]:
     ]
 
 
-def draw_fig9(table: Table, picture: Picture) -> None:
-    """The paths of the first seed on the floor plan, and landmarks found over time."""
-    ground, over_time = picture.subplots(1, 2, width_ratios=(6, 5))
-    rows = table.cases[min(table.cases, key=seed_of)]
-    draw_walls(ground, load_floorplan(DEFAULT).walls)
-    places = [node.place for node in office().nodes if node.place]
-    ground.plot(*zip(*places, strict=True), "o", mfc="none", mec="0.4", ms=5, label="encoded landmarks")
-    for number, colour in enumerate(COLOURS):
-        own = rows[rows[:, 1] == number]
-        ground.plot(own[:, 2], own[:, 3], color=colour, linewidth=1.5, label=f"robot {number + 1}")
-        over_time.plot(own[:, 0], own[:, 4], color=colour, label=f"robot {number + 1}")
-        over_time.plot(own[:, 0], own[:, 4] + own[:, TOLD], color=colour, linestyle=":")
-    over_time.plot([], [], color="0.4", linestyle=":", label="with those told by others")
-    over_time.axhline(LANDMARKS, color="0.6", linewidth=0.8)
-    over_time.set(xlabel="time (s)", ylabel="landmarks found", ylim=(0, LANDMARKS + 4))
-    ground.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0, 1.08), ncols=3, frameon=False)
-    over_time.legend(fontsize=8, loc="upper left")
-
-
-def _ends(table: Table, column: int) -> Rows:
+def values_at_end(table: Table, column: int) -> Rows:
     """(seeds, ROBOTS), each seed's in ascending order: which robot is which is chance."""
     return np.sort([ends(rows)[:, column] for rows in table.cases.values()], axis=1)
 
 
 def compare_table1(table: Table) -> list[Statement]:
     """Table I, and ours: robots by rank."""
-    out, area_pct = [], 100 * _ends(table, AREA)
+    out, area_pct = [], 100 * values_at_end(table, AREA)
     for words, papers, ours, near, why in (
-        (f"hashes found of {LANDMARKS}", PAPER_FOUND, _ends(table, FOUND), 2, "the paper's routes are not known"),
+        (
+            f"hashes found of {LANDMARKS}",
+            PAPER_FOUND,
+            values_at_end(table, FOUND),
+            2,
+            "the paper's routes are not known",
+        ),
         (
             "area known, %",
             PAPER_AREA_PCT,
@@ -258,24 +243,7 @@ def compare_table1(table: Table) -> list[Statement]:
     return out
 
 
-def draw_table1(table: Table, picture: Picture) -> None:
-    """Ours as boxes over the seeds, the paper's hollow."""
-    for axes, values, paper, words in zip(
-        picture.subplots(1, 2),
-        (_ends(table, FOUND), 100 * _ends(table, AREA)),
-        (PAPER_FOUND, PAPER_AREA_PCT),
-        (f"hashes found of {LANDMARKS}", "area known (%)"),
-        strict=True,
-    ):
-        ranks = np.arange(1, ROBOTS + 1)
-        boxes(axes, list(values.T), BLUE, positions=ranks, widths=0.4)
-        axes.plot([], [], color=BLUE, label="phalanx, box and 5 to 95 % of seeds")
-        axes.plot(ranks, sorted(paper), "o", mfc="none", mec="black", ms=7, label="paper")
-        axes.set(xlabel="robot, by rank", ylabel=words, ylim=(0, None))
-        axes.legend(fontsize=8, loc="lower right")
-
-
 FIG9, TABLE1 = (
-    SimpleNamespace(COLUMNS=COLUMNS, cases=by_seed, measure_case=measure_case, compare=compare, draw=draw)
-    for compare, draw in ((compare_fig9, draw_fig9), (compare_table1, draw_table1))
+    SimpleNamespace(COLUMNS=COLUMNS, cases=by_seed, measure_case=measure_case, compare=compare)
+    for compare in (compare_fig9, compare_table1)
 )

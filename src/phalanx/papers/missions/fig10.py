@@ -22,7 +22,6 @@ from phalanx.mission.walk.fix import begun_at, fixed, wheels_of
 from phalanx.mission.walk.search import Budget
 from phalanx.mission.walk.search_paper import PaperSearch
 from phalanx.mission.walk.walker import State, Walker
-from phalanx.papers.plot import BLUE, ORANGE, Picture, boxes
 from phalanx.papers.statement import Statement, quantiles
 from phalanx.papers.table import Rows, Table, by_seed, seed_of
 from phalanx.robot.controllers.mission.evidence import codes_at
@@ -30,7 +29,7 @@ from phalanx.world.building.camera import Camera
 from phalanx.world.building.floorplan import load_floorplan
 from phalanx.world.building.odometry import NoiseModel, Odometry, OdometryNoise, Pose
 
-from .drive import PATIENT, TICK_S, draw_paths, driven, path_errors_m
+from .drive import PATIENT, TICK_S, driven, path_errors_m
 
 MAP = "office_30x25"
 GRID_MM = 20  # Encoded graphs §VI-D
@@ -50,7 +49,6 @@ PATH_M = (
     (24.7, 2.5), (27.8, 2.5), (24.0, 2.5), (11.7, 2.5), (11.7, -7.5), (11.7, -3.5), (14.0, -3.5), (11.7, -2.0),
     (11.7, 2.5), (4.2, 2.5), (4.2, -2.5), (4.2, 2.5), (2.0, 2.5),
 )  # fmt: skip
-WAYS = (("odometry", ORANGE, "odometry alone"), ("hash", BLUE, "with codes"))
 STAGES = {
     "qrv_s": "codes read, one in view",
     "qrg_s": "codes looked for, none in view",
@@ -79,7 +77,8 @@ def mission_of(plan: FloorPlan) -> EncodedMission:
 
 
 @lru_cache(maxsize=1)
-def _place() -> tuple[FloorPlan, EncodedMission]:
+def place() -> tuple[FloorPlan, EncodedMission]:
+    """Return the floor plan, and its codes as a mission."""
     plan = load_floorplan(MAP)
     return plan, mission_of(plan)
 
@@ -87,7 +86,7 @@ def _place() -> tuple[FloorPlan, EncodedMission]:
 def measure_case(case: str, _tell: object = None) -> Rows:
     """The drive of one seed: a row for each picture."""
     seed = seed_of(case)
-    plan, mission = _place()
+    plan, mission = place()
     assert plan.start is not None, "our floor plan says where robots begin"
     camera, chance = Camera(plan), np.random.default_rng([seed, 10])
     alone, belief = Odometry(plan.start, NOISE, np.random.default_rng([seed, 1])), begun_at(PATIENT, plan.start)
@@ -129,7 +128,8 @@ def _as_trusted(mark: Landmark, eye: Pose) -> Landmark:
     return mark if slanted else replace(mark, orientation_rad=None)
 
 
-def _times_s(table: Table, stage: str) -> Rows:
+def times_s(table: Table, stage: str) -> Rows:
+    """Return all times of a stage, of all cases."""
     times = np.concatenate([table.column(case, stage) for case in table.cases])
     known: Rows = times[~np.isnan(times)]
     return known
@@ -143,12 +143,12 @@ def compare(table: Table) -> list[Statement]:
     used = np.array([table.column(case, "decoded")[-1] for case in table.cases])
     in_sight = [~np.isnan(table.column(case, "qrv_s")) for case in table.cases]
     sight = np.concatenate([errors[seen] for errors, seen in zip(with_codes_m, in_sight, strict=True)])
-    read_s, hash_s = (float(np.median(_times_s(table, stage))) for stage in ("qrv_s", "hqr_s"))
+    read_s, hash_s = (float(np.median(times_s(table, stage))) for stage in ("qrv_s", "hqr_s"))
     return [
         Statement(
             what="codes on the walls; used on the way",
             paper=f"{PAPER_CODES}; {PAPER_USED}",
-            ours=f"{len(_place()[0].codes)}; {quantiles(used, '.0f')}",
+            ours=f"{len(place()[0].codes)}; {quantiles(used, '.0f')}",
             agrees=bool(np.all(used == PAPER_USED)),
             why="as many as the paper's, in every seed",
         ),
@@ -181,21 +181,3 @@ def compare(table: Table) -> list[Statement]:
             why="10 or more; our decoder is C++ and takes milliseconds, the search is Python around a kernel",
         ),
     ]
-
-
-def draw(table: Table, picture: Picture) -> None:
-    """The path, the error over time, the time of each stage."""
-    plan, _ = _place()
-    ground, over_time, stages = picture.subplots(1, 3, width_ratios=(5, 4, 4))
-    ground.plot(
-        [c.x_m for c in plan.codes], [c.y_m for c in plan.codes], "s", mfc="none", mec="0.3", ms=5, label="codes"
-    )
-    draw_paths(table, WAYS, plan.walls, ground, over_time)
-    over_time.axhline(PAPER_MAX_M, color="0.4", linewidth=0.8, linestyle=":", label="paper's largest, 0.413 m")
-    over_time.set_ylim(1e-4, 10)
-    boxes(stages, [_times_s(table, stage) for stage in STAGES], BLUE)
-    labels = [f"{name.removesuffix('_s').upper()}\n{words.replace(', ', chr(10))}" for name, words in STAGES.items()]
-    stages.set_xticks(range(1, 1 + len(STAGES)), labels, fontsize=7)
-    stages.set(ylabel="time for one picture (s)", yscale="log")
-    ground.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0, 1.09), ncols=4, frameon=False)
-    over_time.legend(fontsize=8, loc="upper left")

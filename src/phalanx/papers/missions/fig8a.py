@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from phalanx.papers.plot import BLUE, GREEN, GREY, ORANGE, Picture
 from phalanx.papers.statement import Statement, quantiles
 from phalanx.papers.table import Rows, Table, by_seed, seed_of
-from phalanx.world.building.floorplan import DEFAULT, load_floorplan
 from phalanx.world.building.odometry import NoiseModel, OdometryNoise
 
-from .drive import TICK_S, draw_paths, encoded, path_errors_m, record, replay
+from .drive import TICK_S, encoded, path_errors_m, record, replay
 
 COLUMNS = (
     "t_s", "true_x_m", "true_y_m", "odometry_x_m", "odometry_y_m", "doorways_x_m", "doorways_y_m", "all_x_m", "all_y_m",
@@ -19,7 +17,7 @@ cases = by_seed
 NOISE = OdometryNoise(0.03, 0.05, NoiseModel.FIXED)
 # "any values below 0.15 m represent virtually zero error", Encoded graphs §VI-B.
 ZERO_M = 0.15
-WAYS = (("odometry", ORANGE, "odometry alone"), ("doorways", GREEN, "doorways"), ("all", BLUE, "all landmarks"))
+WAYS = ("odometry", "doorways", "all")
 
 
 def measure_case(case: str, _tell: object = None) -> Rows:
@@ -34,8 +32,13 @@ def measure_case(case: str, _tell: object = None) -> Rows:
 
 
 def compare(table: Table) -> list[Statement]:
+<<<<<<< HEAD
     """Compare ours with Fig. 8a."""
     alone, *encoded_m = (path_errors_m(table, way) for way, _, _ in WAYS)
+=======
+    """What Fig. 8a shows, and ours."""
+    alone, *encoded_m = (path_errors_m(table, way) for way in WAYS)
+>>>>>>> layers
     share = np.array([np.mean(errors <= ZERO_M) for errors in encoded_m[-1]])
     last = np.array([errors[-1] for errors in alone])
     out = [
@@ -69,13 +72,3 @@ def compare(table: Table) -> list[Statement]:
         )
     )
     return out
-
-
-def draw(table: Table, picture: Picture) -> None:
-    """The path on the floor plan, and the errors over time."""
-    ground, over_time = picture.subplots(1, 2, width_ratios=(5, 6))
-    draw_paths(table, WAYS, load_floorplan(DEFAULT).walls, ground, over_time)
-    over_time.axhline(ZERO_M, color=GREY, linewidth=0.8, linestyle=":", label="paper's virtually zero, 0.15 m")
-    over_time.set_ylim(1e-3, 10)
-    for axes in (ground, over_time):
-        axes.legend(fontsize=8, loc="upper left")

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from phalanx.papers.plot import BLUE, ORANGE, Axes, Picture, lines_in
 from phalanx.papers.statement import Statement, quantiles
 from phalanx.papers.table import Rows, Table, seed_of
 from phalanx.world.building.odometry import NoiseModel, OdometryNoise
@@ -57,7 +56,8 @@ def measure_case(case: str, _tell: object = None) -> Rows:
     return np.concatenate([np.quantile(errors, SHARES) for errors in ways])[None, :]
 
 
-def _over_seeds(table: Table, model: NoiseModel, reach_m: float, level: tuple[float, float], name: str) -> Rows:
+def over_seeds(table: Table, model: NoiseModel, reach_m: float, level: tuple[float, float], name: str) -> Rows:
+    """Return (S,) of a setting and noise."""
     wanted = _case(model, reach_m, level, 0).removesuffix("0")
     return np.array([table.column(case, name)[0] for case in table.cases if case.startswith(wanted)])
 
@@ -83,7 +83,7 @@ def _statement(
     table: Table, setting: tuple[NoiseModel, float], level: tuple[float, float], which: str, paper: str, why: str
 ) -> Statement:
     (model, reach_m), middle = setting, which == "median"
-    ours = _over_seeds(table, model, reach_m, level, "hash_p50_m" if middle else "hash_p100_m")
+    ours = over_seeds(table, model, reach_m, level, "hash_p50_m" if middle else "hash_p100_m")
     agrees = {"median": ours <= ZERO_M, "largest": ours <= LOST_M, "lost": ours > LOST_M}[which]
     return Statement(
         what=f"{'median' if middle else 'largest'} error at {level}, {model.value}, features to {reach_m:g} m, m",
@@ -92,30 +92,3 @@ def _statement(
         agrees=bool(np.all(agrees)),
         why=why,
     )
-
-
-def draw(table: Table, picture: Picture) -> None:
-    """Boxes: odometry and encoded landmarks, one panel a setting."""
-    for axes, (model, reach_m) in zip(picture.subplots(1, len(SETTINGS), sharey=True), SETTINGS, strict=True):
-        _draw(axes, table, model, reach_m)
-    picture.axes[0].set_ylabel("error (m); quantiles over a drive, medians of seeds")
-    picture.axes[0].set_ylim(-0.1, 3.8)
-    picture.axes[0].legend(fontsize=8, loc="upper left")
-
-
-def _draw(axes: Axes, table: Table, model: NoiseModel, reach_m: float) -> None:
-    for way, colour, offset in (("odometry", ORANGE, -0.2), ("hash", BLUE, 0.2)):
-        boxes = []
-        for level in LEVELS:
-            low, first, middle, third, high = (
-                float(np.median(_over_seeds(table, model, reach_m, level, f"{way}_p{100 * share:.0f}_m")))
-                for share in SHARES[:5]
-            )
-            boxes.append({"whislo": low, "q1": first, "med": middle, "q3": third, "whishi": high, "fliers": []})
-        places = np.arange(len(LEVELS)) + offset
-        axes.bxp(boxes, positions=places, widths=0.34, showfliers=False, **lines_in(colour))
-        axes.plot([], [], color=colour, label={"odometry": "odometry alone", "hash": "encoded landmarks"}[way])
-    axes.axvspan(2.5, 4.5, color="0.93", zorder=0)
-    axes.text(2.55, 3.3, "beyond the\npaper's limit", fontsize=7, color="0.35")
-    axes.set_xticks(range(len(LEVELS)), [f"{t:g}\n{r:g}" for t, r in LEVELS])
-    axes.set_xlabel(f"sigma_t, sigma_r\n{model.value}, features to {reach_m:g} m")

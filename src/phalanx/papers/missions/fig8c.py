@@ -28,7 +28,6 @@ from phalanx.mission.observable import MM_PER_M
 from phalanx.mission.walk.cells import search_cells, search_shapes
 from phalanx.mission.walk.search import Budget
 from phalanx.mission.walk.search_paper import PaperSearch
-from phalanx.papers.plot import BLUE, VERMILION, Picture, boxes
 from phalanx.papers.statement import Statement
 from phalanx.papers.table import Rows, Table, seed_of
 
@@ -135,7 +134,8 @@ def plain_find(template: U64x1, word: int, shift: np.uint64, patches: U64x1, tar
     return -1, -1
 
 
-def _all(table: Table, kind: str, column: str) -> Rows:
+def all_of(table: Table, kind: str, column: str) -> Rows:
+    """Return the times of a kind, of all cases."""
     return np.concatenate([table.column(case, column) for case in table.cases if case.startswith(f"{kind};")])
 
 
@@ -153,12 +153,12 @@ def compare(table: Table) -> list[Statement]:
         )
     ]
     for column, words in (("plain_s", "plain Python"), ("compiled_s", "compiled")):
-        extraction_s = _all(table, EXTRACTION, column)
+        extraction_s = all_of(table, EXTRACTION, column)
         for grid_mm in GRIDS_MM:
-            search_s = _all(table, f"grid {grid_mm}", column)
+            search_s = all_of(table, f"grid {grid_mm}", column)
             ratio = float(np.median(extraction_s) / np.median(search_s))
             gains = [
-                float(np.median(_all(table, kind, "plain_s")) / np.median(_all(table, kind, column)))
+                float(np.median(all_of(table, kind, "plain_s")) / np.median(all_of(table, kind, column)))
                 for kind in (EXTRACTION, f"grid {grid_mm}")
             ]
             why = "10 or more: another machine, another extraction"
@@ -175,23 +175,3 @@ def compare(table: Table) -> list[Statement]:
                 )
             )
     return out
-
-
-def draw(table: Table, picture: Picture) -> None:
-    """Times by grid, compiled and plain."""
-    axes = picture.subplots(1, 2, sharey=True)
-    for panel, column, words in zip(
-        axes, ("plain_s", "compiled_s"), ("plain Python, hashlib", "compiled"), strict=True
-    ):
-        for offset, colour, kinds in (
-            (-0.2, VERMILION, [EXTRACTION] * len(GRIDS_MM)),
-            (0.2, BLUE, [f"grid {grid_mm}" for grid_mm in GRIDS_MM]),
-        ):
-            values, places = [_all(table, kind, column) for kind in kinds], np.arange(len(GRIDS_MM)) + offset
-            boxes(panel, values, colour, positions=places, widths=0.34, manage_ticks=False)
-        panel.set_xticks(range(len(GRIDS_MM)), [f"{grid_mm / 1000:g}" for grid_mm in GRIDS_MM])
-        panel.set(xlabel=f"grid (m); {words}", yscale="log")
-    axes[0].set_ylabel("time for one scan (s); box and 5 to 95 %")
-    axes[0].plot([], [], color=VERMILION, label="landmarks of the scan")
-    axes[0].plot([], [], color=BLUE, label="hash search")
-    axes[0].legend(fontsize=8, loc="lower right")

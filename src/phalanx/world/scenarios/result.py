@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.bti.refusal import Refusal
-from phalanx.errors import Unavailable, UsageError
+from phalanx.errors import UsageError
 from phalanx.scenarios.scenario import Scenario
 
 Table = Literal["robots", "verdicts", "runs"]
 VERDICT = np.dtype([("seed", "i8"), ("time_s", "f8"), ("auditor", "i4"), ("auditee", "i4"), ("refusal", "i4")])
-RESEARCH_HINT = "pip install '.[research]' in a clone"
 # Of a summary, what is no number of the run as a whole.
 SERIES = (
     "distance_series",
@@ -59,39 +57,14 @@ class Result:
         runs, times, robots = self.in_safe_mode.shape
         return f"<Result of {self.scenario.name or 'a scenario'}: {runs} runs, {times} times, {robots} robots>"
 
-    def to_pandas(self, table: Table = "robots") -> Any:
-        """A `pandas.DataFrame`, one thing a row.
+    def columns(self, table: Table = "robots") -> dict[str, Any]:
+        """Return the columns of a table, one thing a row; `phalanx.lab.tables` makes it a `pandas.DataFrame`.
 
         Args:
             table: robots: seed, time_s, robot, x_m, y_m, vx_mps, vy_mps, in_safe_mode, compromised; verdicts: as
                 `verdicts`, the refusal by name; runs: of each summary, what is one number or text.
-        Raises: Unavailable: pandas is not installed. UsageError: no such table.
+        Raises: UsageError: no such table.
         """
-        columns = self._columns(table)
-        try:
-            import pandas as pd  # noqa: PLC0415 - optional
-        except ImportError as error:
-            raise Unavailable("pandas is not installed", RESEARCH_HINT) from error
-        return pd.DataFrame(columns)
-
-    def to_parquet(self, path: str | Path, table: Table = "robots") -> Path:
-        """The file that now holds the table of `to_pandas`.
-
-        Raises: Unavailable: pandas or pyarrow is not installed, or the file cannot be written. UsageError: no such
-            table.
-        """
-        frame = self.to_pandas(table)
-        try:
-            frame.to_parquet(path, index=False)
-        except ImportError as error:
-            raise Unavailable("pyarrow is not installed", RESEARCH_HINT) from error
-        except OSError as error:
-            raise Unavailable(
-                f"cannot write {path}: {error.strerror or error}", "a file in a folder there is"
-            ) from error
-        return Path(path)
-
-    def _columns(self, table: Table) -> dict[str, Any]:
         if table == "verdicts":
             names = {refusal.value: refusal.name for refusal in Refusal}
             columns: dict[str, Any] = {name: self.verdicts[name].copy() for name in VERDICT.names or ()}

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -12,10 +13,9 @@ from numpy.typing import NDArray
 
 from phalanx.config.flock import Box, Disc
 from phalanx.errors import Unavailable
-
-from .figure import MATPLOTLIB_HINT, Figure
-from .statement import band
-from .table import read_table
+from phalanx.papers.figure import MATPLOTLIB_HINT, Figure
+from phalanx.papers.statement import band
+from phalanx.papers.table import Table, read_table
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -24,6 +24,24 @@ if TYPE_CHECKING:
 Axes: TypeAlias = "matplotlib.axes.Axes"
 Picture: TypeAlias = "matplotlib.figure.Figure"
 
+# What draws a figure's table into an empty picture, and returns the footer or None: loaded when it is needed.
+DRAWN_BY: dict[str, str | Callable[[Table, Picture], str | None]] = {
+    "link-fig4": "latency:draw_fig4",
+    "bti-fig2": "flocks:draw_fig2",
+    "bti-fig5": "audits:draw_fig5",
+    "bti-table1": "audits:draw_table1",
+    "bti-table2": "audits:draw_table2",
+    "bti-fig6": "audits:draw_fig6",
+    "bti-fig7": "audits:draw_fig7",
+    "bti-fig8": "flocks:draw_fig8",
+    "bti-fig9": "flocks:draw_fig9",
+    "mission-fig8a": "drives:draw_fig8a",
+    "mission-fig8b": "drives:draw_fig8b",
+    "mission-fig8c": "drives:draw_fig8c",
+    "mission-fig9": "drives:draw_fig9",
+    "mission-table1": "drives:draw_table1",
+    "mission-fig10": "drives:draw_fig10",
+}
 # Okabe and Ito's: told apart by every kind of eye, and in grey.
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#828282"
 
@@ -35,11 +53,20 @@ def draw(csv: Path, figure: Figure) -> tuple[Path, Path]:
     """
     table = read_table(csv, figure.name)
     picture = blank(*figure.size_in)
-    footer = figure.body.draw(table, picture)
+    footer = drawing(figure.name)(table, picture)
     if footer is None:
         cases = list(table.cases)
         footer = f"{len(cases)} cases, {cases[0]} to {cases[-1]}; phalanx {table.version}"
     return finish(picture, figure.about, footer, csv)
+
+
+def drawing(name: str) -> Callable[[Table, Picture], str | None]:
+    """Return what draws the figure of that name."""
+    found = DRAWN_BY[name]
+    called: Callable[[Table, Picture], str | None] = (
+        resolve_name(f"{__package__}.{found}") if isinstance(found, str) else found
+    )
+    return called
 
 
 def finish(picture: Picture, title: str, footer: str, path: Path) -> tuple[Path, Path]:

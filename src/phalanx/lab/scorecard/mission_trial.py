@@ -18,11 +18,12 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from numpy.typing import NDArray
 
 from phalanx.attacks.missions.between import Between, MissionPlan, Sent
-from phalanx.attacks.missions.guesses import Guess
 from phalanx.attacks.missions.unprotected import PlainWalker
 from phalanx.config.defence import Defence
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.errors import PeerError, UsageError
+from phalanx.lab.cracking.guesses import Guess
+from phalanx.lab.scorecard.flock_trial import Trial, said_of
 from phalanx.mission import (
     BuildOptions,
     Mission,
@@ -40,7 +41,6 @@ from phalanx.mission import (
 from phalanx.mission.graph import Node
 from phalanx.mission.landmarks import FloorPlan, LaserScan
 from phalanx.mission.landmarks.lidar import Lidar
-from phalanx.papers.bti.attack_trial import Trial, said_of
 from phalanx.robot.adversary.attack import Attack, Verdict
 from phalanx.robot.adversary.harm import FALSE_FIX_M, FALSE_FIX_RAD, Guessed, Walked
 from phalanx.world.building.odometry import OdometryNoise, Pose

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import ClassVar
 
+from phalanx.attacks.missions.between import Between, Sent
 from phalanx.crypto.sha3 import sha3_256
 from phalanx.mission import BuildOptions, Landmark, Mission, Profile, parse_mission, parse_start_key
 from phalanx.mission.authoring.compiling import alias_offset, observed_bytes
@@ -15,12 +16,11 @@ from phalanx.mission.file.sealed import node_salt, try_observation
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.walk.gate import StartKey
 from phalanx.mission.worth.audit import audit
-from phalanx.mission.worth.cracking import Box, Cracked, Tried, crack_paper, crack_sealed
 from phalanx.mission.worth.guessing import OUT_OF_REACH
 from phalanx.mission.worth.shown import Shown, shown_by
 from phalanx.robot.adversary.attack import Scene
 
-from .between import Between, Sent
+from .force import Box, Cracked, Tried, crack_paper, crack_sealed
 
 GATES = 2.0 ** (8 * SECRET_BYTES)
 TOKEN_BYTES = 16

@@ -25,8 +25,7 @@ from phalanx.mission.observable import LANDMARK_TYPES, MM_PER_M, Cell, Experienc
 from phalanx.mission.walk.claims import Claim, Found, unlock
 from phalanx.mission.walk.gate import Gate, StartKey
 from phalanx.mission.walk.opening import open_found
-
-from .shown import Before, Shown
+from phalanx.mission.worth.shown import Before, Shown
 
 BATCH = 1 << 16  # cells of one batch of fast hashes
 KDF_BATCH = 64

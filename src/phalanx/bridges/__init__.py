@@ -1,0 +1,1 @@
+"""Other systems, and what their packages are needed for."""

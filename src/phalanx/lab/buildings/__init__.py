@@ -1,0 +1,1 @@
+"""Buildings that chance draws."""

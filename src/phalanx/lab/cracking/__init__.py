@@ -1,0 +1,1 @@
+"""Captured missions, read by brute force."""
