@@ -13,7 +13,7 @@ import pytest
 from phalanx.config.session import SessionConfig
 from phalanx.errors import PhalanxError
 from phalanx.link.session import Invitation, Kind, Secret, SessionClient, parse_invitation
-from phalanx.link.session.events import Hear, Noticed, Transmit
+from phalanx.link.session.events import Hear, Replied, Transmit
 from phalanx.link.session.messages import Epoch, decode_from_client, decode_from_server, encode
 from phalanx.link.session.noise import Cipher
 from phalanx.link.session.padding import pad, unpad
@@ -119,8 +119,9 @@ def test_a_client_sends_and_reads_these_bytes(case):
     if case["broker"]:
         assert (started[-1].topic, record.topic) == (case["hello_topic"], case["topic_to_server"])
         assert Hear((case["topic_to_client"],)) in events
-    assert client.receive(bytes.fromhex(case["notice_record"]), 2) == [Noticed(bytes.fromhex(case["notice"]))]
-    assert client.receive(bytes.fromhex(case["notice_record"]), 2) == []
+    reply = Replied(case["reply_number"], bytes.fromhex(case["reply"]))
+    assert client.receive(bytes.fromhex(case["reply_record"]), 2) == [reply]
+    assert client.receive(bytes.fromhex(case["reply_record"]), 2) == []
     assert client.rejected == {"replayed": 1}
 
 

@@ -188,7 +188,7 @@ def handshake(kind: str, root: str, broker: str, *, name: str) -> Case:
         hello += mac(derive(SECRETS[kind], "mac1", 32), hello)[:16]
     content = b"\x22" if kind == "resume" else b"\x21" + v8("Zoë".encode())
     head, back = (b"\x10\x07" + struct.pack("<Q", counter) for counter in (0, 5))
-    notice = b'\x46{"a":1}'
+    reply = b'\x45\x09\0\0\0{"a":1}'
     return {
         "name": name,
         "kind": kind,
@@ -208,8 +208,9 @@ def handshake(kind: str, root: str, broker: str, *, name: str) -> Case:
         "hello_topic": b64(derive(PUBLIC, "hello", 16)),
         "nickname": "Zoë",
         "first_record": (head + seal(keys[0], 0, padded(content), head)).hex(),
-        "notice_record": (back + seal(keys[1], 5, padded(notice), back)).hex(),
-        "notice": notice[1:].hex(),
+        "reply_record": (back + seal(keys[1], 5, padded(reply), back)).hex(),
+        "reply": reply[5:].hex(),
+        "reply_number": 9,
     }
 
 
@@ -241,7 +242,6 @@ def messages() -> list[Case]:
             {"role": "drive", "waiting": True, "place": 4, "left_ms": 120_000, "robot": "R1"},
         ),
         "reply": (b"\x45" + struct.pack("<I", 9) + b"[]", {"number": 9, "payload": b"[]".hex()}),
-        "notice": (b"\x46", {"payload": ""}),
         "refused": (b"\x47" + struct.pack("<I", 0) + b"\1", {"number": 0, "reason": "late"}),
         "end": (b"\x48\1", {"reason": "removed"}),
     }

@@ -33,7 +33,7 @@ interface Vectors {
   readonly invitations: readonly (Words & { mqtt: number })[];
   readonly padding: readonly Words[];
   readonly window: readonly Steps[];
-  readonly handshakes: readonly (Words & { mqtt: number })[];
+  readonly handshakes: readonly (Words & { mqtt: number; reply_number: number })[];
   readonly messages: readonly (Case & { from: string; kind: string; content: string; fields: Fields })[];
   readonly updates: readonly Steps[];
 }
@@ -194,9 +194,9 @@ describe("handshakes", () => {
       expect(record.topic).toBe(c["topic_to_server"]);
       expect(events[0]).toEqual({ kind: "hear", topics: [c["topic_to_client"]] });
     }
-    const notice = { kind: "noticed", payload: hex(c["notice"]) };
-    expect(session.receive(hex(c["notice_record"]), 2)).toEqual([notice]);
-    expect(session.receive(hex(c["notice_record"]), 2)).toEqual([]);
+    const reply = { kind: "replied", number: c.reply_number, payload: hex(c["reply"]) };
+    expect(session.receive(hex(c["reply_record"]), 2)).toEqual([reply]);
+    expect(session.receive(hex(c["reply_record"]), 2)).toEqual([]);
     expect([...session.rejected]).toEqual([["replayed", 1]]);
   });
 
@@ -213,7 +213,7 @@ describe("handshakes", () => {
         expect([...session.rejected.values()].reduce((sum, n) => sum + n, 0) - before).toBe(garbage.length);
         expect(session.isOver).toBe(false);
         if (!accepted) expect(session.receive(hex(c["accept"]), 3)).toHaveLength(1);
-        expect(session.receive(hex(c["notice_record"]), 4)).toHaveLength(1);
+        expect(session.receive(hex(c["reply_record"]), 4)).toHaveLength(1);
       }),
     );
   });

@@ -17,7 +17,6 @@ from phalanx.link.session import Reason, parse_invitation
 from phalanx.link.session.events import (
     Admitted,
     ClientEvent,
-    Noticed,
     Replied,
     Stands,
     Transmit,
@@ -68,7 +67,7 @@ class Client:
         standing: what it may do now.
         commands: how many were sent.
         refusals: refused commands and requests, by reason.
-        dropped: updates and notices that nobody read in time.
+        dropped: updates that nobody read in time.
 
     Raises: BadInvitation, UsageError: URL, name. On entering, Unavailable: no server; SessionOver: not admitted.
     Source: docs/spec/session.md.
@@ -109,7 +108,6 @@ class Client:
         self._pending: set[asyncio.Future[Any]] = set()  # replies, and records that wait for their slots
         self._refused: list[asyncio.Future[Reason]] = []  # the next refusal of a command
         self._updates: deque[bytes] = deque()
-        self._notices: deque[bytes] = deque()
         self._changed = asyncio.Event()  # is set, and replaced, whenever something has changed
         self._has_seen = False  # an update in this connection
 
@@ -185,13 +183,12 @@ class Client:
 
         Raises: SessionOver; Unavailable: the connection stays lost.
         """
-        async for each in self._read(self._updates):
-            yield each
-
-    async def notices(self) -> AsyncIterator[Any]:
-        """Yield what the swarm tells this visitor alone. Raises: as `updates`."""
-        async for each in self._read(self._notices):
-            yield each
+        while True:
+            await self._until(lambda: bool(self._updates), None)
+            try:
+                yield decode_json(self._updates.popleft())
+            except BadPayload as error:
+                self._connection.count(error)
 
     # --- commands ----------------------------------------------------------------------------------------------------
 
@@ -338,9 +335,7 @@ class Client:
                 self.standing = standing
             case Updated(state):
                 self._has_seen = True
-                self._queue(self._updates, state)
-            case Noticed(payload):
-                self._queue(self._notices, payload)
+                self._keep(state)
             case Replied(number, payload):
                 self._answer(number, payload)
             case WasRefused(number, why):
@@ -365,19 +360,12 @@ class Client:
         if answer and not answer.done():
             answer.set_result(said)
 
-    def _queue(self, queue: deque[bytes], raw: bytes) -> None:
-        queue.append(raw)
-        while len(queue) > UNREAD or (len(queue) > 1 and sum(map(len, queue)) > UNREAD_BYTES):
-            queue.popleft()
+    def _keep(self, state: bytes) -> None:
+        kept = self._updates
+        kept.append(state)
+        while len(kept) > UNREAD or (len(kept) > 1 and sum(map(len, kept)) > UNREAD_BYTES):
+            kept.popleft()
             self.dropped += 1
-
-    async def _read(self, queue: deque[bytes]) -> AsyncIterator[Any]:
-        while True:
-            await self._until(lambda: bool(queue), None)
-            try:
-                yield decode_json(queue.popleft())
-            except BadPayload as error:
-                self._connection.count(error)
 
     def _notify(self) -> None:
         self._changed.set()

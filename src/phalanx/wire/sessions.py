@@ -131,7 +131,6 @@ STANDING = record(
     tag=0x44,
 )
 REPLY = record("reply: to a request", "number u32: of the request", "payload rest: JSON", tag=0x45)
-NOTICE = record("notice: to this visitor only", "payload rest: JSON", tag=0x46)
 REFUSED = record(
     "refused: a command or request was not carried out",
     "number u32: of the request; 0: a command",
@@ -174,7 +173,7 @@ DOOR_ROW = record(
 HANDSHAKE = (HELLO, SIGNED_HELLO, ACCEPT, PROLOGUE)
 SEALED = (RECORD_HEAD, RECORD, UPDATE_HEAD, UPDATE, SIGNED_UPDATE, PADDED)
 FROM_CLIENT = (JOIN, READY, STORED, COMMAND, LINK_REQUEST, LEAVE, ALIVE)
-FROM_SERVER = (WELCOME, SECRET, EPOCH, STANDING, REPLY, NOTICE, REFUSED, END)
+FROM_SERVER = (WELCOME, SECRET, EPOCH, STANDING, REPLY, REFUSED, END)
 STORE = (VISITOR_KEY, TICKET_KEY, DOOR_KEY, VISITOR_ROW, TICKET_ROW, DOOR_ROW)
 ON_THE_WIRE = (INVITATION, *HANDSHAKE, *SEALED, *FROM_CLIENT, *FROM_SERVER)
 RECORDS = (*ON_THE_WIRE, *STORE)

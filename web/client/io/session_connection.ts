@@ -296,7 +296,6 @@ export class SessionConnection implements Transport {
       case "ended":
         this.#ended(event.reason);
         return;
-      case "noticed":
     }
   }
 

@@ -2,7 +2,7 @@
 
 import { type EndReason, ENDS, type Reason, REASONS, Unexpected } from "./errors";
 import { MalformedRecord } from "./layout";
-import { END, EPOCH, type EpochFields, NOTICE, REFUSED, REPLY, SECRET, STANDING, WELCOME } from "./records";
+import { END, EPOCH, type EpochFields, REFUSED, REPLY, SECRET, STANDING, WELCOME } from "./records";
 import { Secret } from "./secret";
 
 /** What a visitor may do; each includes those before. */
@@ -28,7 +28,6 @@ export type ServerMessage =
   | { readonly kind: "epoch"; readonly epoch: EpochFields }
   | { readonly kind: "standing"; readonly standing: Standing }
   | { readonly kind: "reply"; readonly number: number; readonly payload: Uint8Array }
-  | { readonly kind: "notice"; readonly payload: Uint8Array }
   | { readonly kind: "refused"; readonly number: number; readonly reason: Reason }
   | { readonly kind: "end"; readonly reason: EndReason };
 
@@ -55,8 +54,6 @@ export function decodeMessage(content: Uint8Array): ServerMessage {
     }
     case REPLY.tag:
       return { kind: "reply", ...REPLY.decode(content) };
-    case NOTICE.tag:
-      return { kind: "notice", ...NOTICE.decode(content) };
     case REFUSED.tag: {
       const { number, reason } = REFUSED.decode(content);
       return { kind: "refused", number, reason: nameOf(REASONS, reason) };

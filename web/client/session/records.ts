@@ -180,12 +180,6 @@ export interface ReplyFields {
 }
 export const REPLY = layout<ReplyFields>("reply", 0x45, { number: "u32", payload: "rest" });
 
-/** to this visitor only */
-export interface NoticeFields {
-  readonly payload: Uint8Array;
-}
-export const NOTICE = layout<NoticeFields>("notice", 0x46, { payload: "rest" });
-
 /** a command or request was not carried out */
 export interface RefusedFields {
   readonly number: number;

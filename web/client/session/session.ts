@@ -37,7 +37,6 @@ export type SessionEvent =
   | { readonly kind: "stands"; readonly standing: Standing }
   | { readonly kind: "updated"; readonly state: Uint8Array }
   | { readonly kind: "replied"; readonly number: number; readonly payload: Uint8Array }
-  | { readonly kind: "noticed"; readonly payload: Uint8Array }
   | { readonly kind: "refused"; readonly number: number; readonly reason: Reason }
   /** Without a reason: no answer, or this side left. */
   | { readonly kind: "ended"; readonly reason: EndReason | undefined };
@@ -223,8 +222,6 @@ export class Session {
         return [{ ...message, kind: "stands" }];
       case "reply":
         return [{ ...message, kind: "replied" }];
-      case "notice":
-        return [{ ...message, kind: "noticed" }];
       case "refused":
         return [message];
       case "end":

@@ -24,7 +24,6 @@ from .events import (
     Ended,
     Hear,
     KeepSecret,
-    Noticed,
     Replied,
     Stands,
     Transmit,
@@ -42,7 +41,6 @@ from .messages import (
     Join,
     Leave,
     NewSecret,
-    Notice,
     Ready,
     Refused,
     Reply,
@@ -233,8 +231,6 @@ class SessionClient:
                 return [Stands(message)]
             case Reply(number, payload):
                 return [Replied(number, payload)]
-            case Notice(payload):
-                return [Noticed(payload)]
             case Refused(number, reason):
                 return [WasRefused(number, reason)]
             case End(reason):

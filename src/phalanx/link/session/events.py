@@ -165,13 +165,6 @@ class Replied:
 
 
 @dataclass(frozen=True, slots=True)
-class Noticed:
-    """A message to this visitor."""
-
-    payload: bytes
-
-
-@dataclass(frozen=True, slots=True)
 class WasRefused:
     """A command (number 0) or a request was refused."""
 
@@ -186,4 +179,4 @@ class Ended:
     reason: EndReason | None
 
 
-ClientEvent = Transmit | Hear | Admitted | KeepSecret | Stands | Updated | Replied | Noticed | WasRefused | Ended
+ClientEvent = Transmit | Hear | Admitted | KeepSecret | Stands | Updated | Replied | WasRefused | Ended

@@ -117,13 +117,6 @@ class Reply:
 
 
 @dataclass(frozen=True, slots=True)
-class Notice:
-    """Send something to one visitor."""
-
-    payload: bytes
-
-
-@dataclass(frozen=True, slots=True)
 class Refused:
     """Refuse a command or a request."""
 
@@ -139,7 +132,7 @@ class End:
 
 
 FromClient: TypeAlias = Join | Ready | Stored | Command | Request | Leave | Alive
-FromServer: TypeAlias = Welcome | NewSecret | Epoch | Standing | Reply | Notice | Refused | End
+FromServer: TypeAlias = Welcome | NewSecret | Epoch | Standing | Reply | Refused | End
 _CLASSES: dict[type[Any], Record] = {
     Join: sessions.JOIN,
     Ready: sessions.READY,
@@ -153,7 +146,6 @@ _CLASSES: dict[type[Any], Record] = {
     Epoch: sessions.EPOCH,
     Standing: sessions.STANDING,
     Reply: sessions.REPLY,
-    Notice: sessions.NOTICE,
     Refused: sessions.REFUSED,
     End: sessions.END,
 }

@@ -28,7 +28,6 @@ from .messages import (
     Join,
     Leave,
     NewSecret,
-    Notice,
     Ready,
     Refused,
     Reply,
@@ -164,10 +163,6 @@ class SessionServer:
     def refuse(self, visitor: int, number: int, reason: Reason) -> list[ServerEvent]:
         """Refuse a request, or with number 0 a command."""
         return self.tell(visitor, Refused(number, reason))
-
-    def notify(self, visitor: int, payload: bytes) -> list[ServerEvent]:
-        """Send a message to one visitor. Raises: UsageError: it is too long."""
-        return self.tell(visitor, Notice(payload))
 
     def tell(self, visitor: int, *messages: FromServer) -> list[ServerEvent]:
         """Send messages to a visitor, if it is connected."""
