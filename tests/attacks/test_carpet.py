@@ -119,10 +119,12 @@ def places(seed: int) -> np.ndarray:
         (F_MAX + 4, 170.0, 30.0),
         (2 * F_MAX + 3, -180.0, 30.0),
     ]
-    return np.concatenate([
-        np.column_stack([x_m + chance.uniform(-8, 8, n), chance.uniform(-w_m, w_m, n)]) if w_m else np.zeros((n, 2))
-        for n, x_m, w_m in groups
-    ])
+    return np.concatenate(
+        [
+            np.column_stack([x_m + chance.uniform(-8, 8, n), chance.uniform(-w_m, w_m, n)]) if w_m else np.zeros((n, 2))
+            for n, x_m, w_m in groups
+        ]
+    )
 
 
 def scenario(seed: int, n_max: int = 24) -> Scenario:

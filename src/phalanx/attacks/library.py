@@ -327,27 +327,6 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                does="lets both wheels slip: each moves the robot by half of what it turns",
                stopped_by="as for `dead-wheel`; what slips by less than a tenth is drift, and corrected"),
     ),
-<<<<<<< HEAD
-    "What can be read of a captured file": (
-        guess("guess-graph", "missions.guesses.GuessGraph", LIMITED, READ, 1,
-               does="tries every place in an area of 40 m x 40 m against a captured mission and its start key",
-               stopped_by="in `hardened` each try is an scrypt, which limits how fast; `paper` is a commitment and "
-                          "hides no place"),
-        guess("guess-plan", "missions.guesses.GuessPlan", BITES, READ, 1,
-               does="tries what the building's floor plan shows against a captured mission and its start key",
-               stopped_by="nothing: a floor plan shows all places; what it does not show is a token or a message. A "
-                          "start key that was not captured keeps payloads shut, and hides no place"),
-        guess("guess-gate", "missions.guesses.GuessGate", by_defence("bites", "bites", "harmless"), READ, 1,
-               does="tries to read a captured mission without its start key, with gates that it draws",
-               stopped_by="in `hardened` 2^256 gates stand before the first payload, but who matches the file's graph "
-                          "with a floor plan needs none for the places; `paper` has no start key"),
-        guess("guess-token", "missions.guesses.GuessToken", by_defence("bites", "harmless", "harmless"), READ, 1,
-               does="tries random tokens against the node of a captured mission whose place it knows, with all "
-                    "that leads there",
-               stopped_by="128 random bits in a code on the wall are on no floor plan, in either profile"),
-    ),
-=======
->>>>>>> layers
     "What a robot on a mission does that its peers replay": (
         team("skip-node", "missions.cheat.SkipNode", STOPPED, WRONG, 1,
                does="goes on as if a node had been decoded that it has never seen",

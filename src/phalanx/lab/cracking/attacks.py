@@ -19,7 +19,7 @@ _guess = partial(_of, scene="file", against="secrecy")
 _GUESSES = (
     _guess("guess-graph", "GuessGraph", LIMITED, READ, 1,
            does="tries every place in an area of 40 m x 40 m against a captured mission and its start key",
-           stopped_by="in `bound` each try is an scrypt, which limits how fast; `paper` is a commitment and "
+           stopped_by="in `hardened` each try is an scrypt, which limits how fast; `paper` is a commitment and "
                       "hides no place"),
     _guess("guess-plan", "GuessPlan", BITES, READ, 1,
            does="tries what the building's floor plan shows against a captured mission and its start key",
@@ -27,7 +27,7 @@ _GUESSES = (
                       "start key that was not captured keeps payloads shut, and hides no place"),
     _guess("guess-gate", "GuessGate", by_defence("bites", "bites", "harmless"), READ, 1,
            does="tries to read a captured mission without its start key, with gates that it draws",
-           stopped_by="in `bound` 2^256 gates stand before the first payload, but who matches the file's graph "
+           stopped_by="in `hardened` 2^256 gates stand before the first payload, but who matches the file's graph "
                       "with a floor plan needs none for the places; `paper` has no start key"),
     _guess("guess-token", "GuessToken", by_defence("bites", "harmless", "harmless"), READ, 1,
            does="tries random tokens against the node of a captured mission whose place it knows, with all "

@@ -14,11 +14,8 @@ from typing import Any
 import numpy as np
 
 from phalanx.config.defence import DEFENCES
-<<<<<<< HEAD
 from phalanx.errors import UsageError, did_you_mean
-=======
 from phalanx.lab.figures.plot import BLUE, ORANGE, VERMILION, Axes, blank, finish, legend_above
->>>>>>> layers
 from phalanx.net.private_file import write_whole
 from phalanx.robot.adversary.registry import attacks as known_attacks
 

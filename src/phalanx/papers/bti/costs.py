@@ -133,22 +133,3 @@ def nobody_was_hurt(table: Table) -> Statement:
         agrees=wronged == alone == contacts == 0,
         why=f"none, in {len(table.cases)} runs",
     )
-<<<<<<< HEAD
-
-
-def line(
-    axes: Axes, along: NDArray[np.float64], table: Table, points: list[str], column: str, colour: str, label: str
-) -> None:
-    """Median and band from 5 to 95 % over the seeds, in kB, of points along an axis."""
-    bands = np.array([band(over_seeds(table, point, column)[:, None]) for point in points])[:, :, 0] / 1000
-    axes.fill_between(along, bands[:, 1], bands[:, 2], color=colour, alpha=0.25, linewidth=0)
-    axes.plot(along, bands[:, 0], "o-", color=colour, ms=3.5, linewidth=1.3, label=label)
-
-
-def footer(table: Table) -> str:
-    """Return the text below the figure."""
-    seeds = {case.rpartition(";")[2] for case in table.cases}
-    runs = f"median and 5 to 95 % of {len(seeds)} seeds; hollow: what the paper's text gives, and sums it makes"
-    return f"{runs}\nphalanx {table.version}"
-=======
->>>>>>> layers

@@ -50,13 +50,8 @@ def scenario_of(case: str) -> Scenario:
 
 
 def origin() -> dict[str, str]:
-<<<<<<< HEAD
     """Return the settings that two measurements in one file must share."""
-    return {"scenario": repr(scenario_of(f"{_point(PAPERS_F_MAX, PAPERS_T_S)};seed 0"))}
-=======
-    """What two measurements that share a file must agree in."""
     return {"scenario": repr(scenario_of(f"{point(PAPERS_F_MAX, PAPERS_T_S)};seed 0"))}
->>>>>>> layers
 
 
 def measure_case(case: str, tell: Callable[[float], None]) -> Rows:
@@ -65,17 +60,10 @@ def measure_case(case: str, tell: Callable[[float], None]) -> Rows:
 
 
 def compare(table: Table) -> list[Statement]:
-<<<<<<< HEAD
     """Compare ours with what §5.2 says of Fig. 6."""
-    papers = _point(PAPERS_F_MAX, PAPERS_T_S)
-    over_f = [_point(f_max, PAPERS_T_S) for f_max in F_MAX]
-    over_t = [_point(PAPERS_F_MAX, t_s) for t_s in T_AUDIT_S]
-=======
-    """What §5.2 says of Fig. 6, and ours."""
     papers = point(PAPERS_F_MAX, PAPERS_T_S)
     over_f = [point(f_max, PAPERS_T_S) for f_max in F_MAX]
     over_t = [point(PAPERS_F_MAX, t_s) for t_s in T_AUDIT_S]
->>>>>>> layers
     app = costs.medians(table, [UNPROTECTED, *over_f, *over_t], "app_bytes_per_s")
     audit_f, audit_t = (costs.medians(table, points, "audit_bytes_per_s") for points in (over_f, over_t))
     logs_f, logs_t = (costs.medians(table, points, "log_bytes") for points in (over_f, over_t))

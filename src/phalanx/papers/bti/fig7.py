@@ -45,13 +45,8 @@ def scenario_of(case: str) -> Scenario:
 
 
 def origin() -> dict[str, str]:
-<<<<<<< HEAD
     """Return the settings that two measurements in one file must share."""
-    return {"scenario": repr(scenario_of(f"{_point(SIZES[0], SPACINGS_M[0])};seed 0"))}
-=======
-    """What two measurements that share a file must agree in."""
     return {"scenario": repr(scenario_of(f"{point(SIZES[0], SPACINGS_M[0])};seed 0"))}
->>>>>>> layers
 
 
 def measure_case(case: str, tell: Callable[[float], None]) -> Rows:
@@ -60,15 +55,9 @@ def measure_case(case: str, tell: Callable[[float], None]) -> Rows:
 
 
 def compare(table: Table) -> list[Statement]:
-<<<<<<< HEAD
     """Compare ours with what §5.2 says of Fig. 7."""
-    near, far = ([_point(robots, spacing_m) for robots in SIZES] for spacing_m in (SPACINGS_M[0], SPACINGS_M[-1]))
-    sizes = [_point(robots, SPACINGS_M[-1]) for robots in (*SIZES, *LARGER)]
-=======
-    """What §5.2 says of Fig. 7, and ours."""
     near, far = ([point(robots, spacing_m) for robots in SIZES] for spacing_m in (SPACINGS_M[0], SPACINGS_M[-1]))
     sizes = [point(robots, SPACINGS_M[-1]) for robots in (*SIZES, *LARGER)]
->>>>>>> layers
     told = []
     for column, words, parts in ((BANDWIDTH, "audits sent, kB/s", "a c"), (STORAGE, "kept, kB", "b d")):
         of_near, of_far, of_sizes = (costs.medians(table, points, column) for points in (near, far, sizes))

@@ -18,12 +18,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-<<<<<<< HEAD
 from phalanx._firmware_hardened import ffi, lib
-from phalanx.papers.plot import BLUE, VERMILION, Picture
-=======
-from phalanx._firmware_bound import ffi, lib
->>>>>>> layers
 from phalanx.papers.statement import Statement, quantiles
 from phalanx.papers.table import Rows, Table, by_seed
 from phalanx.wire.table import HASH_BYTES, KEY_BYTES

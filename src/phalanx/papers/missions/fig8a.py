@@ -32,13 +32,8 @@ def measure_case(case: str, _tell: object = None) -> Rows:
 
 
 def compare(table: Table) -> list[Statement]:
-<<<<<<< HEAD
     """Compare ours with Fig. 8a."""
-    alone, *encoded_m = (path_errors_m(table, way) for way, _, _ in WAYS)
-=======
-    """What Fig. 8a shows, and ours."""
     alone, *encoded_m = (path_errors_m(table, way) for way in WAYS)
->>>>>>> layers
     share = np.array([np.mean(errors <= ZERO_M) for errors in encoded_m[-1]])
     last = np.array([errors[-1] for errors in alone])
     out = [

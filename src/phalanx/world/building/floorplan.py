@@ -64,11 +64,7 @@ def _drawn_in(path: Path, words: bytes, read: Mapping[Any, Any], swept: bool) ->
 
 
 def drawn_like(name: str) -> str:
-<<<<<<< HEAD
     """Suggest a drawn building's name for a misspelt one, as `drawn:7` for `drwn:7`; or ""."""
-=======
-    """Return what a name was perhaps meant to be, as `drawn:7` for `drwn:7`; or nothing."""
->>>>>>> layers
     kind, colon, rest = name.partition(":")
     known = entry_points(group=GROUP).names if colon else ()
     return next((f"{each}:{rest}" for each in known if did_you_mean(kind, (each,))), "")
