@@ -24,7 +24,7 @@ from phalanx.papers.missions.trial import (
 )
 from phalanx.robot.adversary.harm import Walked
 
-PAGE = Path(__file__).parents[2] / "docs" / "attacks.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "attacks.md"
 WALKED = [name for name, attack in ON_MISSIONS.items() if attack.scene == "errand"]
 # Why a robot of ours does not begin, where it does not.
 REFUSED_FOR = {

@@ -309,7 +309,7 @@ def try_guess(
 
 
 def is_kept(declared: Verdict, attack: Attack, attacked: Walked | Guessed, harm: float) -> bool:
-    """Whether a declared verdict is what was seen, with this harm. Source: docs/attacks.md (what the verdicts mean)."""
+    """Whether a declared verdict is what was seen, with this harm. Source: docs/reference/attacks.md (verdicts)."""
     if declared in ("bites", "not covered"):
         return harm >= attack.bites_from
     if isinstance(attacked, Guessed):

@@ -1,7 +1,7 @@
 """The common part of protocols: a robot that says where it is and what it takes on, and knows what others said.
 
 The mission names its robots, so a liar's invented ones are nobody: each robot remembers the others, no more and no
-less. None is forgotten, for one that is silent still stands there. Source: RoboRebound §2.1; docs/protocols.md.
+less. None is forgotten, for one that is silent still stands there. Source: RoboRebound §2.1; docs/guides/protocols.md.
 """
 
 from __future__ import annotations

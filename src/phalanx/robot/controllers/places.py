@@ -4,7 +4,7 @@ A robot claims the place it goes to; of two that claim the same, the one with th
 it was at a place is believed from its next message on, if that comes a turn later: one that comes sooner is another's
 in its name. If it falls silent within `doubt_ms` it is doubted for good, for by P1 liars are stopped by then.
 
-Source: RoboRebound §2.1 (they split up the region), §3.2 (bounded-time interaction); docs/protocols.md.
+Source: RoboRebound §2.1 (they split up the region), §3.2 (bounded-time interaction); docs/guides/protocols.md.
 """
 
 from __future__ import annotations
