@@ -1,7 +1,7 @@
 """How much later a robot of ROS 2 does what its planner says, for the guard between them; beside a node that relays.
 
 A robot that stands among two that vouch for it, and a planner that now and then wishes it to drive: ms from that wish
-to the first cmd_vel that is not zero. Needs the extra ros2. Its results are in docs/ros2.md.
+to the first cmd_vel that is not zero. Needs the extra ros2. Its results are in docs/guides/ros2.md.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from phalanx.net.mission_key import issued
 from phalanx.wire.table import BOARD
 
 ROBOTS, APART_M = 3, 20.0
-# As docs/robot.md has it: other programs are not what is measured.
+# As docs/guides/robot.md has it: other programs are not what is measured.
 FIRST = ("chrt", "--rr", "1")
 MISSION = """robots: 3
 formation: line

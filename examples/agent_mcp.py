@@ -1,4 +1,6 @@
-"""A language-model agent as a visitor of a swarm, over MCP: python examples/agent_mcp.py TICKET_FILE (docs/agents.md)
+"""A language-model agent as a visitor of a swarm, over MCP: python examples/agent_mcp.py TICKET_FILE
+
+docs/guides/agents.md has more.
 
 The agent is not trusted: its ticket says what it may do, and the gateway checks that. So nothing here guards the swarm;
 the bounds below spare the agent refusals, and keep what robots are called from being read as instructions.

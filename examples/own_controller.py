@@ -1,6 +1,6 @@
 """Your own controller in plain Python, protected: its robots audit each other, and stop the one that lies.
 
-docs/own-controller.md explains it. python examples/own_controller.py
+docs/guides/own-controller.md explains it. python examples/own_controller.py
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """A flock's law of your own, compiled: robots keep their spacing, match speeds, and go to the goal.
 
-It is written in the subset of Python that bundled controllers are written in (docs/own-controller.md, "Compile it").
-python examples/own_kernels.py
+It is written in the subset of Python that bundled controllers are written in (docs/guides/own-controller.md,
+"Compile it"). python examples/own_kernels.py
 """
 
 import math

@@ -1,4 +1,4 @@
-"""A robot with a lidar in a building, for ROS 2; `docs/ros2.md` has the commands.
+"""A robot with a lidar in a building, for ROS 2; `docs/guides/ros2.md` has the commands.
 
 It tells scan and odom ten times a second of its own time, and drives as cmd_vel said in the last half second; its
 odometry errs, and nobody tells it where it is. With --rate its time is quicker than the clock on the wall: stamps say

@@ -1,4 +1,4 @@
-"""Small robots on two wheels for ROS 2, and planners for them; `docs/ros2.md` has the commands.
+"""Small robots on two wheels for ROS 2, and planners for them; `docs/guides/ros2.md` has the commands.
 
 `bases` simulates robots: each hears cmd_vel and tells odom, in a namespace of its own: r1, r2, …. They begin together,
 when all have heard somebody, and at the end the way that each went is summed up as JSON.

@@ -238,7 +238,7 @@ INSTEAD: list[tuple[tuple[Any, ...], str]] = [
     ((range,), "use range() only in `for ... in range(...)`"),
     ((print,), "remove it; with PHALANX_PURE=1 a debugger stops in kernels"),
 ]
-MARK_IT = "mark it with @kernel if it is your own; docs/kernels.md lists the functions that kernels may call"
+MARK_IT = "mark it with @kernel if it is your own; docs/reference/kernels.md lists the functions that kernels may call"
 MAKERS = (np.empty, np.zeros, np.full, np.empty_like, np.zeros_like)
 
 
@@ -325,4 +325,6 @@ def method_type(typed: Any, node: ast.Call) -> ValueType:
                 return F32
             if (of, into) == (F32, np.uint32):
                 return U32
-    raise typed.source.refuse(node, "a call of something unknown", "call a kernel, or a function of docs/kernels.md")
+    raise typed.source.refuse(
+        node, "a call of something unknown", "call a kernel, or a function of docs/reference/kernels.md"
+    )

@@ -66,7 +66,9 @@ class TypedExpressions(Constants):
         self.constants: dict[ast.AST, Any] = {}
 
     def _refused(self, node: ast.AST) -> Any:
-        raise self.source.refuse(node, f"{type(node).__name__} is not in the subset", "use what docs/kernels.md lists")
+        raise self.source.refuse(
+            node, f"{type(node).__name__} is not in the subset", "use what docs/reference/kernels.md lists"
+        )
 
     def type_of(self, node: ast.expr) -> ValueType:
         """Return the type of an expression."""

@@ -32,7 +32,8 @@ SOURCES = [
 FLAGS = ["-std=c99", "-Wall", "-Wextra", "-O2", "-g0", "-s", "-ffile-prefix-map=firmware=."]
 
 
-# Kernels, translated to C when the package is built (docs/kernels.md). Strict floating point: replay compares bytes.
+# Kernels, translated to C when the package is built (docs/reference/kernels.md).
+# Strict floating point: replay compares bytes.
 KERNELS = Extension(
     "phalanx._kernels",
     sources=["build/kernels/_kernels.c"],

@@ -1,4 +1,4 @@
-"""The tables of docs/attacks.md, measured again: python scripts/attack_tables.py [NAME …]
+"""The tables of docs/reference/attacks.md, measured again: python scripts/attack_tables.py [NAME …]
 
 Each attack by robots runs in the small swarm of tests/attacks/trials.py under each defence; its row in the page gets
 what was seen in brackets. A row that is not there yet is told.
@@ -19,7 +19,7 @@ from phalanx.attacks import IN_FLOCKS  # noqa: E402
 from phalanx.config.defence import DEFENCES  # noqa: E402
 
 NOTHING = 1e-6  # of metres: rounding
-PAGE = ROOT / "docs" / "attacks.md"
+PAGE = ROOT / "docs" / "reference" / "attacks.md"
 
 
 def cell(trial: Trial, verdict: str) -> str:

@@ -1,4 +1,4 @@
-"""The picture and the table of docs/protocols.md, made again: python scripts/protocols.py [NAME …]
+"""The picture and the table of docs/guides/protocols.md, made again: python scripts/protocols.py [NAME …]
 
 Of each protocol its own lie and a few that others are told too, from 15 s on, under each defence, beside the same run
 without; the picture is where robots drove with the lie, unprotected and protected.

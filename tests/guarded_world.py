@@ -106,7 +106,7 @@ class World:
         self.at_wall = min(self.at_wall, self.wall())
 
     def look_at_promises(self):
-        """By how much anybody is outside of what it said of its velocity (docs/guard.md), m/s."""
+        """By how much anybody is outside of what it said of its velocity (docs/guides/guard.md), m/s."""
         self.said = [each for each in self.said if each[0] >= self.now]
         if self.said:
             _, robots, said = zip(*self.said, strict=True)

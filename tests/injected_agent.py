@@ -1,6 +1,6 @@
 """An agent that does what a prompt injection tells it: all that its tools allow, and all that a stolen ticket allows.
 
-`docs/agents.md` lists the refusals that are expected.
+`docs/guides/agents.md` lists the refusals that are expected.
 """
 
 from __future__ import annotations

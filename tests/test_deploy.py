@@ -55,7 +55,7 @@ def test_what_a_unit_prints_goes_where_something_is_when_it_is_opened():
     (where,) = re.findall(r"^StandardOutput=truncate:(.*)$", unit, re.MULTILINE)
     assert Path(where).parent == Path("/run")
     assert not re.search(r"^[^#]*--events", unit, re.MULTILINE), "a line for each command would fill memory"
-    assert f"cat {where} " in (ROOT / "docs" / "service.md").read_text()
+    assert f"cat {where} " in (ROOT / "docs" / "guides" / "service.md").read_text()
 
 
 def steps() -> list[tuple[str, str]]:

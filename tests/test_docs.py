@@ -108,11 +108,11 @@ def test_every_command_line_would_be_understood(page):
         elif program == "make":
             assert set(words) <= make_targets(), line
         else:
-            assert program in (".", "cd", "git", "/usr/sbin/mosquitto", "python"), f"who checks {line!r}?"
+            assert program in (".", "cd", "git", "/usr/sbin/mosquitto", "curl", "python"), f"who checks {line!r}?"
 
 
 def test_the_launch_example_starts_commands_that_there_are(monkeypatch):
-    """With a stand-in for `launch`, of which there is no wheel; docs/ros2.md says when the true one ran it."""
+    """With a stand-in for `launch`, of which there is no wheel; docs/guides/ros2.md says when the true one ran it."""
 
     def keeps(*said, **more):
         return (said, more)
@@ -158,7 +158,7 @@ def test_commands_named_in_the_text_exist(page):
 
 
 def test_the_building_that_is_shown_is_built_from_and_run_in(tmp_path, monkeypatch):
-    page = DOCS / "maps.md"
+    page = DOCS / "guides" / "maps.md"
     flat, depot = fences(page.read_text(), "yaml")
     assert floorplan_of_yaml(flat.encode()).codes
     assert map_words(depot.encode(), "depot").start == (3.0, 7.5, 0.0)
@@ -174,13 +174,17 @@ def test_the_building_that_is_shown_is_built_from_and_run_in(tmp_path, monkeypat
     assert shown == set(re.findall(r'(?:words(?:\.get\(|\[)|\((?="[a-z]+", [A-Z]))"([a-z_]+)"', reader))
 
 
-def test_the_index_names_every_command():
+def test_the_list_of_commands_names_every_command():
     def commands(command: click.Command, path: str) -> set[str]:
         if not isinstance(command, click.Group):
             return {path}
         return set().union(*(commands(inner, f"{path} {name}") for name, inner in command.commands.items()))
 
-    named = {words for words in CODE.findall(prose((DOCS / "index.md").read_text())) if words.startswith("phalanx ")}
+    named = {
+        words
+        for words in CODE.findall(prose((DOCS / "reference" / "commands.md").read_text()))
+        if words.startswith("phalanx ")
+    }
     assert named == commands(phalanx, "phalanx")
 
 
@@ -198,7 +202,7 @@ def test_options_named_in_the_text_exist():
 
 def test_the_first_screen_begins_with_a_clone_and_names_the_shields():
     first = "\n".join((ROOT / "README.md").read_text().splitlines()[:40])
-    assert commands_of(ROOT / "README.md")[:4] == ["git clone URL phalanx", "cd phalanx", "make demo", "make test"]
+    assert commands_of(ROOT / "README.md") == ["git clone URL phalanx", "cd phalanx", "make demo"]
     assert all(f"**{shield}**" in first for shield in ("link", "encoded mission", "Bounded-time interaction"))
 
 
@@ -221,13 +225,19 @@ def test_every_paper_is_cited_where_it_is_named():
 # --- the example ------------------------------------------------------------------------------------------------------
 
 
-def test_the_readme_shows_the_example_that_is_in_the_tree():
-    assert fences((ROOT / "README.md").read_text(), "python") == [(ROOT / "examples" / "ten_lines.py").read_text()]
+def test_the_page_of_own_robots_shows_the_example_that_is_in_the_tree():
+    assert fences((DOCS / "guides" / "own-robots.md").read_text(), "python") == [
+        (ROOT / "examples" / "ten_lines.py").read_text()
+    ]
 
 
 def test_robots_stand_where_the_page_of_scenarios_places_them(capsys):
     """Robot 6, in the middle, hears both clusters, and the clusters do not hear each other."""
-    (example,) = (each for each in fences((ROOT / "docs" / "scenarios.md").read_text(), "python") if "places_m" in each)
+    (example,) = (
+        each
+        for each in fences((ROOT / "docs" / "reference" / "scenarios.md").read_text(), "python")
+        if "places_m" in each
+    )
     made: dict[str, Any] = {}
     exec(example, made)
     assert "'robot': 6" in (out := capsys.readouterr().out)

@@ -1,4 +1,4 @@
-"""The recipes of docs/https.md with the real Caddy, nginx and sshd: a visitor joins and drives through each."""
+"""The recipes of docs/guides/https.md with the real Caddy, nginx and sshd: a visitor joins and drives through each."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from session_front import visiting
 
 pytestmark = pytest.mark.waits
 
-RECIPES, PAGE = ROOT / "deploy" / "https", ROOT / "docs" / "https.md"
+RECIPES, PAGE = ROOT / "deploy" / "https", ROOT / "docs" / "guides" / "https.md"
 NAME = "swarm.example.org"
 VISITOR = "127.0.0.9"
 

@@ -97,7 +97,7 @@ class TestMessages:
         assert isinstance(deliver(server, publish, 0.0), Command)
 
     def test_a_withheld_command_of_a_published_client_can_be_delivered_to_another_robot(self):
-        # Documented in docs/threat-model.md: published clients do not bind the topic into the envelope.
+        # Documented in docs/explanation/threat-model.md: published clients do not bind the topic into the envelope.
         server, client = pair()
         publish = client.command(MOVE, 1, NOW)
         payload = seal(encode_envelope(1, NOW), server.epoch, os.urandom(12))

@@ -1,4 +1,4 @@
-"""docs/own-controller.md: its layout is the byte table's, and its code runs."""
+"""docs/guides/own-controller.md: its layout is the byte table's, and its code runs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from phalanx.cli.main import run_command
 from phalanx.robot import Command, Reading, State
 from phalanx.wire.table import ACCELERATION, SENSOR, STATE
 
-PAGE = (ROOT / "docs" / "own-controller.md").read_text()
+PAGE = (ROOT / "docs" / "guides" / "own-controller.md").read_text()
 LETTERS = {"u8": "B", "u16": "H", "u64": "Q", "f32": "f"}
 
 

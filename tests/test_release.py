@@ -42,7 +42,7 @@ def test_an_index_shows_the_readme_without_links_to_files_beside_it():
     shown = for_index(readme)
     assert Addresses(shown).found
     assert all(address.startswith("https://") for address in Addresses(shown).found)
-    assert "The threat model lists what" in " ".join(shown.split()), "the words of a link stay"
+    assert "the tour explains the code" in " ".join(shown.split()), "the words of a link stay"
     assert re.findall("^```.*?^```$", shown, re.MULTILINE | re.DOTALL) == re.findall(
         "^```.*?^```$", readme, re.MULTILINE | re.DOTALL
     )

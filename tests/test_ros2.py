@@ -121,7 +121,7 @@ def test_a_planner_that_is_taken_over_touches_nobody_past_its_guard(tmp_path, en
 
 def the_page(folder):
     """The files of its first example, as they are written there; nobody is there to type a passphrase."""
-    page = (ROOT / "docs" / "ros2.md").read_text()
+    page = (ROOT / "docs" / "guides" / "ros2.md").read_text()
     blocks = re.findall(
         r"^`(mission.yaml|lay_out.sh|bases.py|start.sh)`.*?^```[a-z]+\n(.*?)^```$", page, re.MULTILINE | re.DOTALL
     )

@@ -245,7 +245,7 @@ class TestSchema:
 
 
 class TestPage:
-    PAGE = (Path(__file__).parent.parent / "docs" / "scenarios.md").read_text()
+    PAGE = (Path(__file__).parent.parent / "docs" / "reference" / "scenarios.md").read_text()
 
     def test_its_example_is_a_scenario(self):
         (example,) = re.findall(r"^```yaml\n(.*?)^```$", self.PAGE, re.MULTILINE | re.DOTALL)

@@ -22,7 +22,7 @@ from phalanx.robot.adversary.registry import attacks
 from phalanx.scenarios.own import find_attack
 from phalanx.scenarios.scenario import in_scenarios
 
-PAGE = Path(__file__).parents[1] / "docs" / "attacks.md"
+PAGE = Path(__file__).parents[1] / "docs" / "reference" / "attacks.md"
 SHORT_S = 24.0
 
 

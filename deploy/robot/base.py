@@ -1,4 +1,4 @@
-"""A driver of two wheels for a robot's own process, to be made yours: docs/deploy/index.md.
+"""A driver of two wheels for a robot's own process, to be made yours: docs/guides/deploy/index.md.
 
 `Bench` has no hardware, so that all of it is tried before there is a robot: its wheels turn in a computed world, and
 `motors.py` beside this file stands for the board that has the motors. `motors-1.txt` shows what robot 1's wheels do.

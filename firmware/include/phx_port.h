@@ -1,5 +1,5 @@
 /* What a port supplies: one small file a board. line/serve.c does the rest. None of these may block for longer than a few
-   ms. Source: docs/porting.md. */
+   ms. Source: docs/guides/porting.md. */
 #ifndef PHX_PORT_H
 #define PHX_PORT_H
 

@@ -2,7 +2,7 @@
 
 An auditor catches a compromised robot by running its controller again and comparing bytes. The bytes must be the same
 on every machine, or an honest robot would be refused. A simulated fleet replays so much that plain Python would take
-hours for minutes. So everything that robots run is written once, in a typed subset of Python (docs/kernels.md) that is
+hours for minutes. So everything that robots run is written once, in a typed subset of Python (docs/reference/kernels.md) that is
 translated to C when the package is built. With PHALANX_PURE=1 all kernels run uncompiled, for a debugger and as the
 oracle of tests; `kernel.py_func` is the same function uncompiled.
 

@@ -1,6 +1,6 @@
 """True tokens that are not what was asked for, true requests that are asked again, and logs that liars fill.
 
-For each hole of "a second look" in docs/attacks.md, at least one of these tests fails where it is opened again.
+For each hole of "a second look" in docs/reference/attacks.md, at least one of these tests fails where it is opened again.
 """
 
 from __future__ import annotations

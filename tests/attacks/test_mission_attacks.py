@@ -25,7 +25,7 @@ from phalanx.lab.scorecard.mission_trial import (
 from phalanx.robot.adversary.harm import Walked
 from phalanx.robot.adversary.registry import attacks
 
-PAGE = Path(__file__).parents[2] / "docs" / "attacks.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "attacks.md"
 ON_MISSIONS = {name: attack for name, attack in sorted(attacks().items()) if not attack.in_swarm}
 WALKED = [name for name, attack in ON_MISSIONS.items() if attack.scene == "errand"]
 # Why a robot of ours does not begin, where it does not.

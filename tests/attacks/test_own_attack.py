@@ -19,7 +19,7 @@ from phalanx.robot.adversary.registry import attacks
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
 
-PAGE = Path(__file__).parents[2] / "docs" / "attacks.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "attacks.md"
 KINDS = {"flock": Liar, "errand": Between, "file": Guess, "team": MissionCheat, "protocol": Liar}
 
 

@@ -141,7 +141,7 @@ class Suspicious(controller([], b"state")):
     ],
 )
 def test_what_only_shows_under_audit_has_its_reason(made, reason):
-    """As docs/own-controller.md says; the first segment, from boot on, may pass."""
+    """As docs/guides/own-controller.md says; the first segment, from boot on, may pass."""
     ended = Run(scenario("hardened", robots=6, end_s=20), made)
     ended.advance(20.0)
     assert {why for *_, why in ended.new_verdicts()} - {Refusal.NONE} == {reason}

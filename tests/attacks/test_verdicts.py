@@ -17,7 +17,7 @@ from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.world.audited.world import PYTHON, clock_ms
 from phalanx.world.scenarios.run import Run
 
-PAGE = Path(__file__).parents[2] / "docs" / "attacks.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "attacks.md"
 # Why auditors refuse, where the attack is about what they are shown.
 REFUSED_FOR = {
     "spoof": Refusal.OUTPUT_UNCALLED,

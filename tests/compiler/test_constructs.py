@@ -45,7 +45,7 @@ def test_all_nan_are_one_when_outcomes_are_compared():
 
 
 def test_ints_beyond_53_bits_are_rounded_where_they_meet_floats(made):
-    """docs/kernels.md: here compiled code differs from Python."""
+    """docs/reference/kernels.md: here compiled code differs from Python."""
     large = 2**53 + 1
     assert not KERNELS["int_at_most_float"](large, 2.0**53)
     assert made["int_at_most_float"](large, 2.0**53)

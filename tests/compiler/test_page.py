@@ -1,4 +1,4 @@
-"""The examples of docs/kernels.md are compiled, and say the same compiled and as Python."""
+"""The examples of docs/reference/kernels.md are compiled, and say the same compiled and as Python."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from harness import compiled, kernels_of, load
 
-PAGE = Path(__file__).parents[2] / "docs" / "kernels.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "kernels.md"
 
 
 @pytest.fixture(scope="module")

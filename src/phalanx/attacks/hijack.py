@@ -70,7 +70,8 @@ class Dawdle(Liar):
     """In-protocol harm: it acts correctly, but takes each reading and sends each output as late as the rules allow."""
 
     # Little, and no noise: the run beside it is the same to the bit until the first delay, and among the twelve of
-    # docs/attacks.md one that delays by the period alone stays within 2 mm of it (tests/attacks/test_small_harm.py).
+    # docs/reference/attacks.md one that delays by the period alone stays within 2 mm of it
+    # (tests/attacks/test_small_harm.py).
     period_ms = 5
 
     POLLS_MS: ClassVar[int] = 90  # after its time, and the period on top of it

@@ -18,7 +18,7 @@ MOST_CORNERS = 500
 class GuardConfig:
     """Parameters of the guard: its envelope, and what it counts on.
 
-    Raises: UsageError: a value is out of range, or two contradict each other. Source: docs/guard.md.
+    Raises: UsageError: a value is out of range, or two contradict each other. Source: docs/guides/guard.md.
     """
 
     speed_mps: float = within(2.0, 0.01, 50.0, "no robot is faster; each counts on that of the others")

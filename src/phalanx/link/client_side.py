@@ -108,7 +108,8 @@ class ClientSide:
         return self._parse_reply(opened.payload, len(token))
 
     def _move(self, pin: Pin) -> Moved:
-        # Whoever has the pin can forge this (docs/threat-model.md): the mode has no key that only the server knows.
+        # Whoever has the pin can forge this (docs/explanation/threat-model.md): the mode has no key that only
+        # the server knows.
         if pin == self.epoch.pin:
             raise BadPayload("a move to the current pin")
         self._left = self.epoch

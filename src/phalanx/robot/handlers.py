@@ -63,7 +63,7 @@ def on_boot(f: Fleet, i: int, now: int) -> None:
 @kernel
 @reads_peer(rejected=-1)
 def on_advice(f: Fleet, i: int, advice: Row, length: int) -> int:
-    """Give a planner's advice to the bundled controller. Returns: 0; -1: rejected. Source: docs/guard.md."""
+    """Give a planner's advice to the bundled controller. Returns: 0; -1: rejected. Source: docs/guides/guard.md."""
     r, s = f.robot[i], f.settings[0]
     dispatch.on_advice(s.controller, f.params, int(r.id), advice, length, f.state[i])
     r.state_len = dispatch.size(s.controller, f.state[i])

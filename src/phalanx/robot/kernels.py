@@ -1,4 +1,4 @@
-"""Collect the names that a compiled controller of your own is written with (docs/own-controller.md)."""
+"""Collect the names that a compiled controller of your own is written with (docs/guides/own-controller.md)."""
 
 from phalanx.arrays import Params
 from phalanx.kernel import kernel

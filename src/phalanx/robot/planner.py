@@ -1,4 +1,4 @@
-"""Planners advise guarded robots, and the guard decides (docs/guard.md).
+"""Planners advise guarded robots, and the guard decides (docs/guides/guard.md).
 
 A planner is any program: it may use chance, a clock, a network, a learned policy. Nobody replays it; only its advice
 is in the log. It may run elsewhere (`Adviser`).

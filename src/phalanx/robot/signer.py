@@ -111,7 +111,7 @@ class AdviceSigner:
         return self._key.public_key().public_bytes_raw()
 
     def sign(self, robot: int, t_ms: int, wish: bytes) -> bytes:
-        """A `signed_wish` of a `wish`, in answer to the robot's reading of `t_ms`. Source: docs/guard.md."""
+        """A `signed_wish` of a `wish`, in answer to the robot's reading of `t_ms`. Source: docs/guides/guard.md."""
         _, vx_mps, vy_mps = guarded.WISH.form.unpack(wish)
         form = guarded.SIGNED_WISH.form
         signed = form.pack(guarded.KIND_SIGNED_WISH, self._mission, robot, t_ms, vx_mps, vy_mps)

@@ -47,7 +47,7 @@ class Scenario:
     """A swarm: where it starts, its task, which robots lie, and its defence; `flock` and `bti` are adapted to these.
 
     Raises: UsageError: a value is out of range, or two contradict each other.
-    Source: RoboRebound §4, §5.2, §5.3; docs/scenarios.md.
+    Source: RoboRebound §4, §5.2, §5.3; docs/reference/scenarios.md.
     """
 
     name: str = described("", "what it is called")

@@ -5,7 +5,7 @@ lies `ahead_m` in front of it anywhere: along x as fast as the robot drives, alo
 So velocities of that point and twists are one to one, and the robot's body is in a disc around it. Frames are those of
 REP 105: metres, y up. A page has millimetres, x to the right and y down from its top left corner.
 
-Source: docs/ros2.md; Yun and Yamamoto, "Internal dynamics of a wheeled mobile robot", 1993 (the point).
+Source: docs/guides/ros2.md; Yun and Yamamoto, "Internal dynamics of a wheeled mobile robot", 1993 (the point).
 """
 
 from __future__ import annotations

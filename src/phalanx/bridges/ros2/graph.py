@@ -1,8 +1,8 @@
 """A node of ROS 2 without an executor: whoever has it takes what its topics say when he wants it.
 
 rclpy's executor makes all that it waits for anew at each message, and turns each message into Python: it took a daemon
-more of a core than its audits do (docs/ros2.md). Here a message that nobody takes costs nothing, and the newest is the
-only one that is kept. Source: rclpy.wait_for_message, which waits and takes as this does.
+more of a core than its audits do (docs/guides/ros2.md). Here a message that nobody takes costs nothing,
+and the newest is the only one that is kept. Source: rclpy.wait_for_message, which waits and takes as this does.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def _refused() -> Iterator[None]:
         yield
     except Exception as error:  # rclpy has a dozen kinds, with no common one
         words = str(error).strip().splitlines()
-        raise UsageError(f"ROS 2: {words[0] if words else type(error).__name__}", "docs/ros2.md") from error
+        raise UsageError(f"ROS 2: {words[0] if words else type(error).__name__}", "docs/guides/ros2.md") from error
 
 
 def _nobody(_message: Any) -> None:

@@ -47,7 +47,7 @@ def run() -> None:
 
 
 @attack.command(
-    epilog="Example: phalanx attack scorecard spoof hijack --controller flock --seeds 5; docs/scorecard.md has more"
+    epilog="Example: phalanx attack scorecard spoof hijack --controller flock --seeds 5; docs/guides/scorecard.md"
 )
 @click.argument("attacks", nargs=-1, shell_complete=an_attack, metavar="[NAME|FILE.py:CLASS[:at=T,…]]...")
 @option(

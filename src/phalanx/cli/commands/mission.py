@@ -11,7 +11,7 @@ from phalanx.cli import options
 from phalanx.cli.complete import a_map, a_mission, a_mission_or_encoded, an_encoded_mission
 from phalanx.cli.options import FILE, option, out_option, runs
 
-OWN_MAP = "One of your own: docs/maps.md."
+OWN_MAP = "One of your own: docs/guides/maps.md."
 PROFILES = click.Choice(["paper", "sealed"])
 profile_option = option("--profile", help="paper hides nothing from who tries all.", type=PROFILES, default="sealed")
 start_option = option(
@@ -114,8 +114,9 @@ def audit() -> None:
     """Tell what a mission is worth: what who captures it must try, what looks wrong, and what no robot can live.
 
     Candidates and times to open nodes are upper bounds, without a floor plan and with it. Who has the plan finds places
-    without opening anything: docs/threat-model.md, "A captured mission". A robot's belief is run ahead along each way:
-    too long for its time-out, nothing in sight, or too unsure to tell a landmark from the next that looks the same.
+    without opening anything: docs/explanation/threat-model.md, "A captured mission". A robot's belief is
+    run ahead along each way: too long for its time-out, nothing in sight, or too unsure to tell a landmark from the next
+    that looks the same.
     """
 
 

@@ -17,7 +17,7 @@ def robot() -> None:
     """One robot outside of the simulator, as a process of its own, and a world for such robots."""
 
 
-@robot.command(epilog="Example: phalanx robot run robot-3.yaml; docs/robot.md says what the file may hold")
+@robot.command(epilog="Example: phalanx robot run robot-3.yaml; docs/guides/robot.md says what the file may hold")
 @robot_argument
 @runs("robot", "run")
 def run() -> None:

@@ -33,7 +33,7 @@ def sim() -> None:
 
 @sim.command(
     epilog="Examples: phalanx sim run bti-fig9 --attack spoof:robot=7,at=20 --duration 60; "
-    "phalanx sim run bti-fig9 --trace robot=5; docs/scenarios.md says what a file may hold"
+    "phalanx sim run bti-fig9 --trace robot=5; docs/reference/scenarios.md says what a file may hold"
 )
 @click.argument("scenario", shell_complete=a_scenario)
 @chosen_options

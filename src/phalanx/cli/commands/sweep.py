@@ -8,7 +8,9 @@ from phalanx.cli.complete import offer
 from phalanx.cli.options import FILE, OUT_FOLDER, cluster_options, json_option, option, runs
 
 
-@click.command(epilog="Example: phalanx sweep my_sweep.yaml --out out/sweep; docs/sweeps.md says what the file holds")
+@click.command(
+    epilog="Example: phalanx sweep my_sweep.yaml --out out/sweep; docs/guides/sweeps.md says what the file holds"
+)
 @click.argument("file", metavar="SWEEP.yaml", type=FILE, shell_complete=offer(tuple, ".yaml", ".yml"))
 @cluster_options
 @option("--out", type=OUT_FOLDER, help="Folder for the rows; without, out/ and the file's name.")

@@ -19,16 +19,16 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 @option(
     "--swarm",
     "swarm_url",
-    help="Real robots instead: those of a file, which obey signed orders (docs/robot.md), those of a ROS 2 domain"
-    " (docs/ros2.md), or DotBots, behind PyDotBot's controller there (docs/dotbots.md). The last two are waited for as"
-    " long as a broker.",
+    help="Real robots instead: those of a file, which obey signed orders (docs/guides/robot.md), those of a ROS 2"
+    " domain (docs/guides/ros2.md), or DotBots, behind PyDotBot's controller there (docs/guides/dotbots.md)."
+    " The last two are waited for as long as a broker.",
     metavar="FILE.yaml|ros2|dotbot://HOST:PORT",
 )
 @option(
     "--scenario",
     "protocol",
     help="What simulated robots do while nobody drives them: exploration, patrol, perimeter or tracking"
-    " (docs/protocols.md).",
+    " (docs/guides/protocols.md).",
     metavar="NAME",
 )
 @option("--seed", help="Of the robots' places and batteries.", default=0)
@@ -45,7 +45,7 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 @option(
     "--world",
     help="The building in which robots live missions; without, the one the mission names. Alone: they wait for one."
-    " One of your own: docs/maps.md.",
+    " One of your own: docs/guides/maps.md.",
     metavar="NAME|FILE",
     shell_complete=a_map,
 )
@@ -73,7 +73,7 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 @option("--tls", help="Speak https: files of a certificate and its key, PEM.", type=(FILE, FILE), metavar="CERT KEY")
 @option(
     "--behind-proxy",
-    help="A proxy of yours is before us, and adds visitors' addresses as X-Forwarded-For (docs/https.md).",
+    help="A proxy of yours is before us, and adds visitors' addresses as X-Forwarded-For (docs/guides/https.md).",
     is_flag=True,
 )
 @option(

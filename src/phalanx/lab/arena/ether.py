@@ -1,7 +1,7 @@
 """A radio in real time between processes: each speaks UDP to one port, which passes on what those in range would hear.
 
 It loses, delays and repeats: packets overtake each other. What is for one robot is tried again as Wi-Fi does it; what
-is for all is said once. Source: docs/robot.md.
+is for all is said once. Source: docs/guides/robot.md.
 """
 
 from __future__ import annotations

@@ -309,7 +309,7 @@ def try_guess(
 
 
 def is_kept(declared: Verdict, attack: Attack, attacked: Walked | Guessed, harm: float) -> bool:
-    """Return whether a declared verdict was observed, with this harm. Source: docs/attacks.md (meaning of verdicts)."""
+    """Return whether a declared verdict was observed, with this harm. Source: docs/reference/attacks.md (meaning of verdicts)."""
     if declared in ("bites", "not covered"):
         return harm >= attack.bites_from
     if isinstance(attacked, Guessed):

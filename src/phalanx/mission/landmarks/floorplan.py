@@ -1,6 +1,6 @@
 """A floor plan: the walls of a building as line segments, and the outlines that a robot in it can walk along.
 
-From a YAML file of ours (docs/maps.md), metres and radians in the map frame; maps of ROS's map_server come from
+From a YAML file of ours (docs/guides/maps.md), metres and radians in the map frame; maps of ROS's map_server come from
 `gridmap`. Files of both kinds may name what robots' other sensors read. Words for other readers are not looked at.
 """
 
@@ -170,7 +170,7 @@ def read_yaml(data: bytes, name: str) -> dict[Any, Any]:
     """A YAML file's mapping. Raises: UsageError: it is none."""
     if len(data) > FILE_MAX_BYTES:
         raise UsageError(f"{name} has {len(data)} bytes", f"up to {FILE_MAX_BYTES}")
-    hint = "docs/maps.md shows a map"
+    hint = "docs/guides/maps.md shows a map"
     words = words_of(compose(data, name, hint), data, name, hint)
     if not isinstance(words, dict):
         raise UsageError(f"{name} is not a map", "a YAML mapping with walls, or with an image")
@@ -290,7 +290,9 @@ def sources_of(words: Mapping[Any, Any], name: str) -> tuple[Source, ...]:
     for key, kind, fields in kinds:
         listed = words.get(key) or []
         if not isinstance(listed, list) or len(listed) > SOURCES_MAX:
-            raise UsageError(f"{name}: {key} is no list of them", f"at most {SOURCES_MAX}; docs/maps.md shows them")
+            raise UsageError(
+                f"{name}: {key} is no list of them", f"at most {SOURCES_MAX}; docs/guides/maps.md shows them"
+            )
         sources += (_source(kind, fields, each, f"{name}: {key}, number {i}") for i, each in enumerate(listed, 1))
     return tuple(sources)
 

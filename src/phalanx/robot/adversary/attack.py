@@ -1,4 +1,4 @@
-"""The record of an attack, which the list, scenarios, trials, tests and docs/attacks.md share.
+"""The record of an attack, which the list, scenarios, trials, tests and docs/reference/attacks.md share.
 
 Another class carries the attack out. The record has only its name until it is needed, so the list imports none.
 """
@@ -119,7 +119,9 @@ def own_attack(made: Attack | type[Any]) -> Attack:
         return made
     scene = getattr(made, "scene", None)
     if not isinstance(made, type) or scene is None:
-        raise UsageError(f"{made!r} is no attack", "a class that derives from Liar (docs/attacks.md), or an Attack")
+        raise UsageError(
+            f"{made!r} is no attack", "a class that derives from Liar (docs/reference/attacks.md), or an Attack"
+        )
     if _never_wakes(made):
         raise UsageError(f"{made.__name__} has on_wake, and no period_ms", "period_ms = 250: how often it is called")
     name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", made.__name__).lower()

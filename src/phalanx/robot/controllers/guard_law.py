@@ -2,7 +2,7 @@
 
 A command is good if the way until the next one is in force, and the brakes behind it, keep clear of every wall, and of
 wherever a neighbour can be by then (promises.py). A robot that always chooses a good command, or else goes on to brake,
-keeps clear for ever. docs/guard.md has the argument; tests/test_guarded_search.py looks for what it overlooks.
+keeps clear for ever. docs/guides/guard.md has the argument; tests/test_guarded_search.py looks for what it overlooks.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def straightened(params: Params, vx: float, vy: float, ax: float, ay: float) -> 
     """Return the command, with no more of it across the velocity than the envelope's turn rate allows, m/s².
 
     That part over the least speed before the next command turns the velocity. Brakes stay, nothing gets faster:
-    docs/guard.md.
+    docs/guides/guard.md.
     """
     turn, speed = params[TURN], math.sqrt(vx * vx + vy * vy)
     if turn == 0.0 or speed <= ON_THE_SPOT * params[SPEED]:
@@ -118,7 +118,7 @@ def shortened(x: float, y: float, longest: float) -> tuple[float, float]:
 
 @kernel
 def brake_m(params: Params, speed: float) -> float:
-    """The way that brakes take at most, from the reading at which they begin. Source: docs/guard.md."""
+    """The way that brakes take at most, from the reading at which they begin. Source: docs/guides/guard.md."""
     accel, held = params[ACCEL], params[HELD_S]
     if speed < accel * held:
         return float(speed * (params[LATE_S] + held))
@@ -127,7 +127,7 @@ def brake_m(params: Params, speed: float) -> float:
 
 @kernel
 def rest_s(params: Params, speed: float) -> float:
-    """When a robot that brakes from then on stands still, but for CREEP. Source: docs/guard.md."""
+    """When a robot that brakes from then on stands still, but for CREEP. Source: docs/guides/guard.md."""
     return float(params[LATE_S] + speed / params[ACCEL] + 2.0 * params[HELD_S])
 
 
@@ -145,8 +145,9 @@ def off_mps(params: Params, now: Motion, ax: float, ay: float) -> float:
 
 @kernel
 def way(params: Params, now: Motion, ax: float, ay: float) -> tuple[float, float, float, float, float, float, float]:
-    """Return where a robot goes with the command (ax, ay) that brakes from its next reading on. Source: docs/guard.md.
+    """Return where a robot goes with the command (ax, ay) that brakes from its next reading on.
 
+    Source: docs/guides/guard.md.
     Returns: where its next reading finds it; where it stands at last; how far from the line between these it may be;
         how far from the line to the first; and after how long it stands, s.
     """
@@ -210,7 +211,7 @@ def retreats(params: Params, now: Motion, out_x: float, out_y: float, ax: float,
 
 @kernel
 def clear_of_walls(params: Params, now: Motion, ax: float, ay: float) -> bool:
-    """Return whether the way keeps `clear_m` from each wall and disc or leads away. Source: docs/guard.md."""
+    """Return whether the way keeps `clear_m` from each wall and disc or leads away. Source: docs/guides/guard.md."""
     next_x, next_y, last_x, last_y, spread, bulge, _ = way(params, now, ax, ay)
     x, y = now[0], now[1]
     first, then = params[CLEAR] + bulge, params[CLEAR] + spread

@@ -2,7 +2,7 @@
 
 The mission names its robots, so a compromised robot's invented ones are nobody: each robot remembers the others, no
 more and no less. None is forgotten, for one that is silent still stands there. Source: RoboRebound §2.1;
-docs/protocols.md.
+docs/guides/protocols.md.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ it was at a place is believed from its next message on, if that comes a turn lat
 in its name. If it falls silent within `doubt_ms` it is doubted for good, for by P1 compromised robots are stopped by
 then.
 
-Source: RoboRebound §2.1 (they split up the region), §3.2 (bounded-time interaction); docs/protocols.md.
+Source: RoboRebound §2.1 (they split up the region), §3.2 (bounded-time interaction); docs/guides/protocols.md.
 """
 
 from __future__ import annotations

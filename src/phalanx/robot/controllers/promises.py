@@ -2,7 +2,7 @@
 
 A broadcast's velocity g stands for a disc of velocities: around g/2, WIDE · |g| wide, so that standing still is in it.
 For `promise_ms` from its reading on the sender's velocity stays in there. A g faster than MEANT of the envelope's speed
-promises that speed alone. Robots that promise little may be approached. Source: docs/guard.md ("Promises").
+promises that speed alone. Robots that promise little may be approached. Source: docs/guides/guard.md ("Promises").
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 An auditor gives a copy of the controller the same readings and packets, and compares every byte. So a controller that
 can answer the same inputs differently makes auditors refuse honest robots. Packets come from compromised robots:
 whatever their bytes, nothing may raise, and NaN must not spread.
-Source: RoboRebound §3.7; docs/own-controller.md (all rules); docs/adr/0012.
+Source: RoboRebound §3.7; docs/guides/own-controller.md (all rules); docs/adr/0012.
 """
 
 from __future__ import annotations

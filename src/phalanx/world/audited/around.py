@@ -1,6 +1,6 @@
 """Simulate lidars and bumpers of point masses: distances to obstacles and other robots, and contacts.
 
-Robots are discs that touch at `contact_m`. Source: docs/own-controller.md (lidar and bumpers).
+Robots are discs that touch at `contact_m`. Source: docs/guides/own-controller.md (lidar and bumpers).
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ names; for the first `forget_ms`, to hear who is there; and for `forget_ms` afte
 remember, or one where that robot cannot have got to: somebody speaks in its name. A reading that makes no sense changes
 nothing: it coasts and says nothing.
 
-Source: docs/guard.md (the law, and why it keeps clear); RoboRebound Alg. 1 (the packet of it).
+Source: docs/guides/guard.md (the law, and why it keeps clear); RoboRebound Alg. 1 (the packet of it).
 """
 
 from __future__ import annotations
@@ -184,7 +184,7 @@ def _can_be(params: Params, t_ms: int, packet: Row, at: int, state: Row) -> bool
 
 @kernel
 def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, length: int, state: Row, out: Row) -> int:
-    """Put a command, and a broadcast when it is due, into `out`; return their length. Source: docs/guard.md."""
+    """Put a command, and a broadcast when it is due, into `out`; return their length. Source: docs/guides/guard.md."""
     end = put_head(out, 0, table.ENTRY_ACMD, COMMAND_BYTES, table.KIND_ACCELERATION, rob_id, t_ms)
     forget_ms = whole(params[guard_law.FORGET_MS])
     if step == 0:

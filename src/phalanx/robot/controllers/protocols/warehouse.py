@@ -7,7 +7,7 @@ last cell when it has come to the next. A silent robot stands for good where it 
 it claimed.
 
 Source: RoboRebound §2.1 (MAPF); Hart, Nilsson and Raphael 1968 (A*); Wurman, D'Andrea and Mountz 2008;
-docs/protocols.md.
+docs/guides/protocols.md.
 """
 
 from __future__ import annotations

@@ -1,0 +1,87 @@
+"""The first pages, followed literally in an empty folder: each command of a page, in its order."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from ports import free_port
+
+FOLDER = Path(__file__).parent.parent / "docs" / "get-started"
+INSTALL = ["git clone URL phalanx", "cd phalanx", "make setup", ". .venv/bin/activate"]  # .ci/run begins with a clone
+BLOCK = re.compile(r"^```(console|python)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+SAVED = re.compile(r"Save this as `(\w+\.py)`")
+
+
+def steps(page: Path) -> list[tuple[str, str]]:
+    """Commands and files of a page, in order: ("$", command) or (file name, text)."""
+    text = page.read_text()
+    found: list[tuple[str, str]] = []
+    for block in BLOCK.finditer(text):
+        if block[1] == "python":
+            found.append((SAVED.findall(text[: block.start()])[-1], block[2]))
+        else:
+            found += [("$", line.removeprefix("$ ")) for line in block[2].splitlines()]
+    return found
+
+
+def words(command: str) -> list[str]:
+    program, *rest = shlex.split(command)
+    return [sys.executable, *({"phalanx": ["-m", "phalanx"], "python": []}[program]), *rest]
+
+
+def follow(page: Path, folder: Path) -> None:
+    """Do what a page says; what is to run until Ctrl-C runs beside the rest.
+
+    Raises: AssertionError: a command failed, or the one that runs beside did not end at Ctrl-C.
+    """
+    todo, port, running = steps(page), str(free_port()), []
+    assert [step for _, step in todo[: len(INSTALL)]] == INSTALL
+    try:
+        for name, step in todo[len(INSTALL) :]:
+            command = step.replace("8081", port)
+            if name != "$":
+                (folder / name).write_text(step)
+            elif command.startswith("phalanx up"):
+                running.append(subprocess.Popen(words(command), cwd=folder, stdout=subprocess.PIPE, text=True))
+                assert "://" in running[0].stdout.readline()
+            elif command.startswith("curl --fail "):
+                assert urllib.request.urlopen(command.split()[-1], timeout=30).status == 200
+            else:
+                done = subprocess.run(words(command), cwd=folder, capture_output=True, text=True, timeout=300)
+                assert done.returncode == 0, f"{command}: {done.stdout}{done.stderr}"
+        for each in running:
+            each.send_signal(signal.SIGINT)
+            assert each.wait(60) == 0
+    finally:
+        for each in running:
+            each.kill()
+            each.communicate()
+
+
+@pytest.mark.waits
+@pytest.mark.parametrize("page", ["exhibition", "operator"])
+def test_a_page_for_people_with_visitors_works_in_an_empty_folder(page, tmp_path):
+    follow(FOLDER / f"{page}.md", tmp_path)
+    assert (tmp_path / "cards.html").stat().st_size > 1000
+
+
+def test_the_page_for_researchers_works_in_an_empty_folder(tmp_path):
+    follow(FOLDER / "researcher.md", tmp_path)
+    assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_page_for_security_engineers_works_in_an_empty_folder(tmp_path):
+    follow(FOLDER / "security.md", tmp_path)
+
+
+def test_every_first_page_says_for_whom_it_is():
+    for page in FOLDER.glob("*.md"):
+        assert re.match(r"# .*\n\nFor (people|everybody) who ", page.read_text()), page.name
