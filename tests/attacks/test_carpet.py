@@ -1,4 +1,4 @@
-"""Liars that fill, with all their airtime for audits, the moments at which a victim asks and is answered."""
+"""Liars that use all their airtime for audits against a victim's moments, or against the ears of its auditors."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from conftest import ROOT
 from phalanx.attacks.channel import audit_packet
 from phalanx.attacks.hijack import RefuseToAudit
 from phalanx.bti import request, seeking
+from phalanx.bti.nodes import Limits, limits_of
 from phalanx.config import BtiConfig
 from phalanx.robot.actions import EVERYBODY, Action
 from phalanx.robot.adversary.attack import own_attack
@@ -30,6 +31,11 @@ HERE_US = 76  # what a HERE is on the air
 NOISE_BYTES = 2048 - request.AUDIT_HEAD_BYTES
 # n_max and seeds with which the victim's first round comes late: it has one less before its first T_val is over.
 LATE = [(24, 21), (90, 23), (90, 27)]
+
+
+# Seeds of victims that liars near all auditors stopped.
+DEAF = [21, 24]
+UNICAST_US, BROADCAST_US = 673, 2850  # what a bucket counts for the longest packets, once
 
 
 class Carpet(RefuseToAudit):
@@ -109,6 +115,69 @@ class Carpet(RefuseToAudit):
         return []
 
 
+class Deafen(RefuseToAudit):
+    """Sends the longest packets to nobody, of which each is transmitted seven times, from the victim's first round on.
+
+    Broadcasts follow with what its bucket holds beyond an even share until the victim's T_val ends.
+    """
+
+    period_ms = 1
+    limits: ClassVar[Limits]
+    GONE_MS = 60
+    _out_ms = 0
+    _level: tuple[float, int] | None = None  # what its bucket holds, µs, and when
+
+    def round_due(self, now_ms: int) -> list[Action]:
+        return []
+
+    def on_sent(self, now_ms: int, *, arrived: bool) -> list[Action]:
+        self._out_ms = 0
+        return self._fill(now_ms)
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        if now_ms - self._out_ms > self.GONE_MS:
+            self._out_ms = 0
+        return self._fill(now_ms)
+
+    def _fill(self, now_ms: int) -> list[Action]:
+        s, key_ms = self.f.settings[0], int(self.f.robot[self.i].t_key)
+        begin_ms = key_ms + first_round_ms(int(s.mission_seed), min(self.victims()), T_AUDIT_MS)
+        if self._out_ms or now_ms < begin_ms - 4:
+            return []
+        limits = self.limits
+        level_us, at_ms = self._level or (limits.audit_capacity_us, now_ms)
+        level_us = min(limits.audit_capacity_us, level_us + (now_ms - at_ms) * limits.audit_us_per_s / 1000)
+        end_ms = key_ms + T_VAL_MS
+        share_us = limits.audit_capacity_us * max(end_ms - now_ms, 1) / max(end_ms - begin_ms, 1)
+        aloud = level_us > max(share_us + BROADCAST_US / 2, BROADCAST_US)
+        to, dst = (EVERYBODY, 0) if aloud else [max(self.plan.ids) + 1] * 2
+        self._level = level_us, now_ms
+        if sent := self.send(now_ms, audit_packet(self.id, dst, request.FRAGMENT, bytes(NOISE_BYTES)), to):
+            self._level = level_us - (BROADCAST_US if aloud else UNICAST_US), now_ms
+            self._out_ms = now_ms
+            return self.count(sent)
+        return []
+
+
+def near_auditors(seed: int) -> np.ndarray:
+    """Return where f_max liars hear all f_max + 2 auditors of a victim, which hears no liar."""
+    chance = np.random.default_rng([seed, 78])
+    groups = [
+        (F_MAX, 150.0, 4.0, 8.0),
+        (1, 0.0, 0.0, 0.0),
+        (F_MAX + 2, 105.0, 3.0, 20.0),
+        (F_MAX + 4, 185.0, 6.0, 20.0),
+    ]
+    return np.concatenate(
+        [
+            np.column_stack([x_m + chance.uniform(-d_m, d_m, n), chance.uniform(-w_m, w_m, n)])
+            if d_m
+            else np.zeros((n, 2))
+            for n, x_m, d_m, w_m in groups
+        ]
+    )
+
+
 def places(seed: int) -> np.ndarray:
     """Return where f_max liars hear the victim, but not its f_max + 2 auditors, and all have auditors of their own."""
     chance = np.random.default_rng([seed, 77])
@@ -127,13 +196,13 @@ def places(seed: int) -> np.ndarray:
     )
 
 
-def scenario(seed: int, n_max: int = 24) -> Scenario:
+def scenario(seed: int, where: np.ndarray, attack: type[RefuseToAudit], n_max: int = 24) -> Scenario:
     """Return a mission of which the liars lie from the start, with the default n_max."""
-    own = own_attack(Carpet)
+    own = own_attack(attack)
     liars = tuple(AttackSpec(name=own.name, own=own, robot=k + 1, at_s=0.1) for k in range(F_MAX))
     return replace(
         find_scenario("bti-fig9"),
-        robots=len(places(seed)),
+        robots=len(where),
         grid_step_m=1.0,
         seed=seed,
         defence="hardened",
@@ -144,17 +213,30 @@ def scenario(seed: int, n_max: int = 24) -> Scenario:
     )
 
 
-@pytest.mark.parametrize("n_max, seed", LATE)
-def test_liars_that_fill_all_moments_of_a_victim_s_audits_do_not_stop_it(monkeypatch, n_max, seed):
-    """Before, the victim was stopped in each."""
+def lives_on(monkeypatch, made: Scenario, where: np.ndarray) -> bool:
+    """Return whether all correct robots live, though all liars talk, and no log shows it."""
     monkeypatch.syspath_prepend(str(ROOT / "scripts"))
     import layouts
 
-    made, where = scenario(seed, n_max), places(seed)
     run = Run(made)
     monkeypatch.setattr(Carpet, "air", run.world.air, raising=False)
+    monkeypatch.setattr(Deafen, "limits", limits_of(made.bti, made.radio), raising=False)
     layouts.drive(run, layouts.Layout(lambda _: where), made.duration_s)
     told = run.summary()
     assert all(liar.gained > 50 for liar in run.robots.values()), "they talked"
     assert all(liar["first_deviation_s"] is None for liar in told["compromised"]), "no log shows it"
-    assert told["correct_in_safe_mode"] == told["without_quorum"] == []
+    return not told["correct_in_safe_mode"] and not told["without_quorum"]
+
+
+@pytest.mark.parametrize("n_max, seed", LATE)
+def test_liars_that_fill_all_moments_of_a_victim_s_audits_do_not_stop_it(monkeypatch, n_max, seed):
+    """Before, the victim was stopped in each."""
+    where = places(seed)
+    assert lives_on(monkeypatch, scenario(seed, where, Carpet, n_max), where)
+
+
+@pytest.mark.parametrize("seed", DEAF)
+def test_liars_that_deafen_all_auditors_of_a_victim_do_not_stop_it(monkeypatch, seed):
+    """Before, a retry cost no airtime, and the victim was stopped in each."""
+    where = near_auditors(seed)
+    assert lives_on(monkeypatch, scenario(seed, where, Deafen), where)

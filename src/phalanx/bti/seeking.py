@@ -38,6 +38,8 @@ PATIENT = 5
 LISTENS_MS = 5
 # Robots answer a SEEK within T_audit >> ANSWERS_IN: in a sixteenth, liars' buckets filled the channel (docs/adr/0039).
 ANSWERS_IN = 3
+# Until a robot answers, SEEK is repeated after T_audit >> UNANSWERED and more: all may have missed it at once.
+UNANSWERED = 5
 # By then all robots answer, however many they are.
 MOST_DOUBLED = 9
 # What is drawn: the nonce, how long to listen, when to seek, answer, repeat a fragment, and ask the same robot again.
@@ -179,14 +181,16 @@ def write_seek(f: Fleet, i: int, now: int, packet: Row) -> int:
     4 (f_max + 1), and each further one for twice as many.
     """
     r, s = f.robot[i], f.settings[0]
-    near = 1
+    near, answered = 1, False
     for k in range(r.peers):
-        near += (now - f.peer[i, k].heard) * 4 <= s.t_audit * 5
+        p = f.peer[i, k]
+        near += (now - p.heard) * 4 <= s.t_audit * 5
+        answered = answered or p.here >= r.round_at
     share = ((s.f_max + 1) * 1024 // near) << (int(r.seeks) - 1)
     r.seeks = min(int(r.seeks) + 1, MOST_DOUBLED)
     r.quota = 0
     r.asked_at = now
-    pause = max(1, s.t_audit >> 3)
+    pause = max(1, s.t_audit >> (3 if answered else UNANSWERED))
     r.seek_at = now + pause + draw(f, i, SEEK_AT, int(r.id), now, packet) % pause
     audit_head(packet, int(r.id), 0, SEEK)
     put_u32(packet, SEEK_NONCE, whole(r.nonce))

@@ -67,7 +67,10 @@ def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeli
         clock.now_us = now_us
         prefetch_event(world, peek(world.queue))
         if kind == ATTEMPT:
-            radio.attempt(world.air, world.reach, world.queue, i, now_us)
+            if is_refused(world, i):
+                ended(world, radio.give_up(world.air, world.queue, i, now_us))
+            else:
+                radio.attempt(world.air, world.reach, world.queue, i, now_us)
         elif kind == TX_END:
             transmitted(world, i, arg)
         elif kind == CONTROL:
@@ -124,10 +127,31 @@ def control(world: World, i: int) -> int:
 
 
 @kernel
+def is_refused(world: World, i: int) -> bool:
+    """Return whether robot i's radio retries a packet for which its a-node has no airtime left.
+
+    An a-node counts each transmission. Otherwise unicasts to nobody fill seven times the airtime of a bucket, and
+    stopped correct robots (docs/adr/0039).
+    """
+    if not radio.is_retry(world.air, i, world.clock[0].now_us) or i >= len(world.fleet.robot):
+        return False
+    profile, packet = world.fleet.settings[0].profile, radio.next_packet(world.air, i)
+    if profile != trusted.HARDENED or not request.is_audit(packet, len(packet)):
+        return False
+    return trusted.anode_send(profile, world.fleet.anode[i], clock_ms(world, i), packet, len(packet), world.work.entry) < 0
+
+
+@kernel
 def transmitted(world: World, i: int, arg: int) -> None:
-    """End a transmission: note its receivers, and the sender, whose radio has room again."""
+    """End a transmission."""
+    end = radio.finish(world.air, world.reach, world.queue, i, arg, world.clock[0].now_us, world.receivers)
+    ended(world, end)
+
+
+@kernel
+def ended(world: World, end: radio.End) -> None:
+    """Note the receivers of a transmission, and its sender if its radio has room again."""
     clock = world.clock[0]
-    end = radio.finish(world.air, world.reach, world.queue, i, arg, clock.now_us, world.receivers)
     clock.next = 0
     clock.receivers = end.receivers
     clock.sender = end.left

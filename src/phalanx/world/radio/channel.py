@@ -189,6 +189,30 @@ def attempt(air: Air, reach: Reach, queue: Queue, robot: int, now_us: int) -> No
 
 
 @kernel
+def is_retry(air: Air, robot: int, now_us: int) -> bool:
+    """Return whether an ATTEMPT now transmits a packet once more."""
+    nic = air.nic[robot]
+    return bool(nic.tries > 0 and nic.attempt_at != card.NEVER and nic.attempt_at <= now_us)
+
+
+@kernel
+def next_packet(air: Air, robot: int) -> Row:
+    """Return the packet that the robot transmits next, or now."""
+    nic = air.nic[robot]
+    return _bytes(air, robot, int(nic.head))
+
+
+@kernel
+def give_up(air: Air, queue: Queue, robot: int, now_us: int) -> End:
+    """Drop the packet that waits for a retry."""
+    nic = air.nic[robot]
+    nic.queued, nic.attempt_at = 0, card.NEVER
+    arrived = 1 if nic.delivered else 0
+    packet = _bytes(air, robot, int(nic.head))
+    return End(0, _done(air, queue, robot, now_us), arrived, packet)
+
+
+@kernel
 def finish(air: Air, reach: Reach, queue: Queue, robot: int, arg: int, now_us: int, receivers: I32x1) -> End:
     """Handle a TX_END: decide which robots received, and whether the NIC is done with the packet.
 
