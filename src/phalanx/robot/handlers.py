@@ -79,11 +79,11 @@ def on_reading(f: Fleet, i: int, w: Work, now: int, reading: Row, length: int) -
     actions.clear(w)
     n = take(f, i, w, INPUT, now, reading, length)
     if n > 0:
-        put_out(f, i, w, now, think(f, i, w, n))
+        send_output(f, i, w, now, think(f, i, w, n))
 
 
 @kernel
-def put_out(f: Fleet, i: int, w: Work, now: int, length: int) -> None:
+def send_output(f: Fleet, i: int, w: Work, now: int, length: int) -> None:
     """Pass the packets and commands in `w.out[:length]` through the a-node, and on as actions."""
     at = 0
     while at < length:

@@ -137,7 +137,7 @@ class Robot:
 
     def carry_out(self, now_ms: int, entry_len: int) -> list[Action]:
         """Decide on the INPUT in `work.entry`, and pass the outputs through the a-node."""
-        asked = (self.checked("put_out", self.put_out(now_ms, output)) for output in self.decide(entry_len))
+        asked = (self.checked("send_output", self.send_output(now_ms, output)) for output in self.decide(entry_len))
         return [action for each in asked for action in each]
 
     def checked(self, method: str, asked: object) -> list[Action]:
@@ -183,7 +183,7 @@ class Robot:
         if evidence:
             self.record(table.EVIDENCE.encode(bytes=evidence))
 
-    def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
+    def send_output(self, now_ms: int, output: Send | Act) -> list[Action]:
         """Pass one output through the a-node."""
         if isinstance(output, Send):
             return self.send(now_ms, output.payload, EVERYBODY)
