@@ -224,7 +224,7 @@ class Robot:
 
     def make_request(self, now_ms: int) -> bool:
         """Make a request for an audit in `fleet.request`; return whether there is one."""
-        self.bring_up()  # its checkpoint is made now
+        self.flush_state()  # its checkpoint is made now
         return bool(request.make_request(self.f, self.i, now_ms, *self.w.small[:3]) > 0)
 
     # --- plain-Python controllers ---
@@ -240,7 +240,7 @@ class Robot:
             self.f.robot[self.i].state_len = len(state)
         self._is_kept = True
 
-    def bring_up(self) -> None:
+    def flush_state(self) -> None:
         """Write the controller's state to the fleet's memory, unless it is there."""
         if not self._is_kept:
             self.keep_state()
