@@ -241,7 +241,7 @@ def hear_fragment(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int,
     if place < 0:
         return NOTHING
     w.place[0] = place
-    refused = knock(f, i, w, place, src)
+    refused = precheck_request(f, i, w, place, src)
     if refused == 0:
         if not request.admit(f, i, src, w.case[0].t, now):
             return NOTHING
@@ -253,7 +253,7 @@ def hear_fragment(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int,
 
 
 @kernel
-def knock(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
+def precheck_request(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
     """Check the request's form, and have the a-node issue the token to `w.small[2]`: `answer` sends it after the audit.
 
     Compromised robots can make any number of false token requests, which must not count as audits. Only IssueToken
