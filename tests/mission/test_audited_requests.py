@@ -180,7 +180,7 @@ def test_bundled_controllers_take_no_evidence():
         fleet.rx.rows[auditor, : len(q)] = q
         fleet.rx_info[auditor, 0].row, fleet.rx_info[auditor, 0].len = auditor, len(q)
         assert handlers.precheck_request(fleet, auditor, made.world.work, 0, auditee + 1) == 0
-        return Refusal(int(handlers.judge(fleet, auditor, made.world.work, 0, auditee + 1)))
+        return Refusal(int(handlers.audit_request(fleet, auditor, made.world.work, 0, auditee + 1)))
 
     assert verdict(items) is Refusal.NONE
     assert verdict([*items[:k], marked(b"x"), *items[k:]]) is Refusal.ENTRY_MALFORMED

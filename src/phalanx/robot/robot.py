@@ -246,7 +246,7 @@ class Robot:
             self.keep_state()
 
     def _judge(self, place: int, src: int) -> int:
-        """Audit as `handlers.judge` does, with the mission's plain-Python controller."""
+        """Audit as `handlers.audit_request` does, with the mission's plain-Python controller."""
         info = self.f.rx_info[self.i, place]
         q, length = self.f.rx.rows[info.row], int(info.len)
         try:
