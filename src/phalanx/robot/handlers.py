@@ -247,7 +247,7 @@ def hear_fragment(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int,
             return NOTHING
         if f.settings[0].controller == 0:
             return WHOLE
-        refused = judge(f, i, w, place, src)
+        refused = audit_request(f, i, w, place, src)
     answer(f, i, w, now, place, src, refused)
     return NOTHING
 
@@ -269,7 +269,7 @@ def precheck_request(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
 
 @kernel
 @reads_peer(rejected=Refusal.DEFECT)
-def judge(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
+def audit_request(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
     """Audit the request at `place` with the bundled controller; return 0 or a `Refusal`. Source: RoboRebound §3.7."""
     info = f.rx_info[i, place]
     q, length = f.rx.rows[info.row], info.len
