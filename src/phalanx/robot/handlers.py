@@ -79,7 +79,7 @@ def on_reading(f: Fleet, i: int, w: Work, now: int, reading: Row, length: int) -
     actions.clear(w)
     n = take(f, i, w, INPUT, now, reading, length)
     if n > 0:
-        send_output(f, i, w, now, think(f, i, w, n))
+        send_output(f, i, w, now, run_controller(f, i, w, n))
 
 
 @kernel
@@ -115,7 +115,7 @@ def send(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int, to: int)
 
 
 @kernel
-def think(f: Fleet, i: int, w: Work, length: int) -> int:
+def run_controller(f: Fleet, i: int, w: Work, length: int) -> int:
     """Run the controller on the INPUT in `w.entry`; write its outputs to `w.out`, and return their length."""
     r, s = f.robot[i], f.settings[0]
     reading = w.entry[ENTRY_HEAD_BYTES:length]

@@ -153,7 +153,7 @@ class Robot:
     def decide(self, entry_len: int) -> list[Send | Act]:
         """Return the controller's outputs for the INPUT in `work.entry`."""
         if self.controller is None:
-            n = handlers.think(self.f, self.i, self.w, entry_len)
+            n = handlers.run_controller(self.f, self.i, self.w, entry_len)
             return unpack_outputs(self.w.out[:n].tobytes())
         reading = self.w.entry[ENTRY_HEAD_BYTES:entry_len].tobytes()
         step, t_ms = int(self._step_of[self.i]), int(get_u32(self.w.entry, ENTRY_T))
