@@ -98,7 +98,7 @@ class GatewayNode:
             return b""
         return raw[: -SEAL.size]
 
-    def hear_fragment(self, packet: bytes) -> None:
+    def store_fragment(self, packet: bytes) -> None:
         """A piece of a request: its first one says which checkpoint tokens will be for."""
         with contextlib.suppress(PeerError):
             said = AUDIT_FRAGMENT.decode(packet)

@@ -199,7 +199,7 @@ class RobotSwarm(Ordered):
                 self._hear_state(WHEELS_STATE.decode(packet))
             elif self._node and packet[0] == KIND_AUDIT and len(packet) > SUB:
                 if packet[SUB] == FRAGMENT and self._is(AUDIT_FRAGMENT.decode(packet)["src"]):
-                    self._node.hear_fragment(packet)
+                    self._node.store_fragment(packet)
                 elif packet[SUB] == TOKEN_REPLY:
                     self._hear_token(self._node, AUDIT_TOKEN.decode(packet))
         except PeerError:

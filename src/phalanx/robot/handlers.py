@@ -221,7 +221,7 @@ def hear_audit(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) ->
         return NOTHING
     rounds.heard(f, i, src, now)
     if sub == request.FRAGMENT:
-        return hear_fragment(f, i, w, now, packet, length, src)
+        return store_fragment(f, i, w, now, packet, length, src)
     if sub == request.TOKEN and length == request.TOKEN_FRAME_BYTES:
         t, mac = get_u32(packet, request.REPLY_T), packet[request.REPLY_MAC : request.TOKEN_FRAME_BYTES]
         rounds.on_token(f, i, src, t, mac, now)
@@ -235,7 +235,7 @@ def hear_audit(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) ->
 
 
 @kernel
-def hear_fragment(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int, src: int) -> int:
+def store_fragment(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int, src: int) -> int:
     """Store a fragment of a request by `src`, and audit the request if it is complete. Source: RoboRebound §3.7."""
     place = request.take_fragment(f, i, packet, length, now)
     if place < 0:
