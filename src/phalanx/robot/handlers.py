@@ -200,7 +200,7 @@ def hear(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) -> int:
     if n < 0:
         return int(n)
     if int(packet[0]) & request.AUDIT:
-        return hear_audit(f, i, w, now, packet, length)
+        return handle_audit(f, i, w, now, packet, length)
     if s.profile == PAPER and length >= ID_AT + ID_BYTES and packet[0] in dispatch.STATE_KINDS:
         # As printed: auditors are chosen among the neighbours that states claim.
         rounds.heard(f, i, get_u16(packet, ID_AT), now)
@@ -211,7 +211,7 @@ def hear(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) -> int:
 
 
 @kernel
-def hear_audit(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) -> int:
+def handle_audit(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) -> int:
     """Handle an AUDIT packet: HELLO, SEEK, a fragment of a request, or a token. Source: docs/spec/rebound.md."""
     r = f.robot[i]
     if length < request.AUDIT_HEAD_BYTES:
