@@ -306,7 +306,7 @@ def test_a_stop_waits_neither_for_colours_nor_for_a_long_route_when_a_station_is
         station.tell(rob, COLOUR, partial(gateway.led, red=1, green=2, blue=3))
         station.tell(rob, MOTION, partial(gateway.wheels, left_pct=0, right_pct=0))
     assert said_from(station, 0.05, 0.1) == [], "the robots' logs have no room yet"
-    station.hush()
+    station.drop_pending()
     assert said_from(station, 0.1, 0.15) == [(1, TELL_WHEELS), (2, TELL_WHEELS)]
     assert not station.has_to_speak
 

@@ -156,7 +156,7 @@ class RobotSwarm(Ordered):
             if until_s > now_s + LAST_WORDS_S:
                 until_s = now_s + LAST_WORDS_S
                 under_way = [each.address for each in self._members if each.route]
-                self._station.hush()
+                self._station.drop_pending()
             elif not times or self._station.has_to_speak:
                 continue
             times -= 1

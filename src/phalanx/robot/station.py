@@ -76,7 +76,7 @@ class Station:
         self.held = False
         self._let_go = True
 
-    def hush(self) -> None:
+    def drop_pending(self) -> None:
         """Drop waiting colours, and wait for no robot's log: for the last orders."""
         self._drop(COLOUR)
 
