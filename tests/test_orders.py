@@ -308,7 +308,7 @@ def test_a_stop_waits_neither_for_colours_nor_for_a_long_route_when_a_station_is
     assert said_from(station, 0.05, 0.1) == [], "the robots' logs have no room yet"
     station.drop_pending()
     assert said_from(station, 0.1, 0.15) == [(1, TELL_WHEELS), (2, TELL_WHEELS)]
-    assert not station.has_to_speak
+    assert not station.has_pending_order
 
 
 def test_robots_are_told_that_they_may_go_by_a_station_that_never_stopped_them():

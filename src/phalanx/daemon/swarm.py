@@ -139,7 +139,7 @@ class RobotSwarm(Ordered):
 
     def _live(self) -> None:
         until_s, times, under_way, trouble = float("inf"), LAST_TIMES, list[str](), ""
-        while (now_s := time.monotonic()) < until_s and (times or self._station.has_to_speak):
+        while (now_s := time.monotonic()) < until_s and (times or self._station.has_pending_order):
             try:
                 next_s = self._station.speak(self, now_s, self._said_ms)
                 self._listen(min(max(0.0, next_s - now_s), TURN_S))
@@ -157,7 +157,7 @@ class RobotSwarm(Ordered):
                 until_s = now_s + LAST_WORDS_S
                 under_way = [each.address for each in self._members if each.route]
                 self._station.drop_pending()
-            elif not times or self._station.has_to_speak:
+            elif not times or self._station.has_pending_order:
                 continue
             times -= 1
             for address in under_way:

@@ -81,7 +81,7 @@ class Station:
         self._drop(COLOUR)
 
     @property
-    def has_to_speak(self) -> bool:
+    def has_pending_order(self) -> bool:
         """Return whether an order waits, or a broadcast goes on."""
         return bool(self._waiting or self._at_once)
 
@@ -97,7 +97,7 @@ class Station:
         self._hear_operator(now_s)
         if now_s >= self._may_speak_at_s and not air.is_busy() and not self._say_to_all(air, now_s, said_ms):
             self._say_to_one(air, now_s, said_ms)
-        pace_s = 1 / ORDERS_PER_S if self.has_to_speak else math.inf
+        pace_s = 1 / ORDERS_PER_S if self.has_pending_order else math.inf
         return now_s + pace_s
 
     def _hear_operator(self, now_s: float) -> None:
