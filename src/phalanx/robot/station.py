@@ -95,7 +95,7 @@ class Station:
         Returns: when to ask again, s; never if nothing waits.
         """
         self._hear_operator(now_s)
-        if now_s >= self._may_speak_at_s and not air.is_busy() and not self._say_to_all(air, now_s, said_ms):
+        if now_s >= self._may_speak_at_s and not air.is_busy() and not self._broadcast_order(air, now_s, said_ms):
             self._say_to_one(air, now_s, said_ms)
         pace_s = 1 / ORDERS_PER_S if self.has_pending_order else math.inf
         return now_s + pace_s
@@ -116,7 +116,7 @@ class Station:
         # What a long route has used up of a robot's log is made good when it stands.
         self._may_order_at_s.clear()
 
-    def _say_to_all(self, air: Air, now_s: float, said_ms: int) -> bool:
+    def _broadcast_order(self, air: Air, now_s: float, said_ms: int) -> bool:
         if now_s >= self._operator_at_s:
             self._operator_at_s = now_s + (AGAIN_S if self._at_once else BEACON_S)
             self._at_once = max(0, self._at_once - 1)
