@@ -96,7 +96,7 @@ class Station:
         """
         self._hear_operator(now_s)
         if now_s >= self._may_speak_at_s and not air.is_busy() and not self._broadcast_order(air, now_s, said_ms):
-            self._say_to_one(air, now_s, said_ms)
+            self._send_order(air, now_s, said_ms)
         pace_s = 1 / ORDERS_PER_S if self.has_pending_order else math.inf
         return now_s + pace_s
 
@@ -129,7 +129,7 @@ class Station:
         self._say(air, packet, EVERYBODY, now_s)
         return True
 
-    def _say_to_one(self, air: Air, now_s: float, said_ms: int) -> None:
+    def _send_order(self, air: Air, now_s: float, said_ms: int) -> None:
         for robot, kind in list(self._waiting):
             if air.is_deaf(robot):
                 del self._waiting[robot, kind]
