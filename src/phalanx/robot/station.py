@@ -94,13 +94,13 @@ class Station:
 
         Returns: when to ask again, s; never if nothing waits.
         """
-        self._hear_operator(now_s)
+        self._receive_stop(now_s)
         if now_s >= self._may_speak_at_s and not air.is_busy() and not self._broadcast_order(air, now_s, said_ms):
             self._send_order(air, now_s, said_ms)
         pace_s = 1 / ORDERS_PER_S if self.has_pending_order else math.inf
         return now_s + pace_s
 
-    def _hear_operator(self, now_s: float) -> None:
+    def _receive_stop(self, now_s: float) -> None:
         held, let_go = self.held, self._let_go
         if held != self._was_held or let_go:
             if let_go:
