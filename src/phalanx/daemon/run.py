@@ -28,7 +28,7 @@ from .far_planner import FarPlanner, is_far
 from .kept_log import KeptLog
 from .life import Life
 from .on_air import HostileRadio, OnAir
-from .sealed_air import SealedAir, may_say, with_room_for_seals
+from .sealed_air import SealedAir, may_send, with_room_for_seals
 from .settings import RobotSettings
 from .signed_mission import signed_for
 from .state import EVERY_S, state_of, tell
@@ -113,7 +113,7 @@ async def run_robot(
             log.warning("robot %d: its trusted nodes are a process, which protects from nobody here", said.robot)
         sealed = give_keys(node, settings, limits)
         kept = stack.enter_context(KeptLog(settings.log_file))
-        may = may_say(scenario, len(said.radio.peers), sealed=said.radio.sealed)
+        may = may_send(scenario, len(said.radio.peers), sealed=said.radio.sealed)
         radio: Radio = stack.enter_context(
             contextlib.closing(UdpRadio(said.radio.here, said.radio.peers, said.radio.group, may))
         )

@@ -36,7 +36,7 @@ from phalanx.wire.table import (
 )
 
 from .gateway_node import GatewayNode
-from .sealed_air import may_say
+from .sealed_air import may_send
 from .swarm_file import SwarmSettings
 
 log = logging.getLogger(__name__)
@@ -91,7 +91,7 @@ class RobotSwarm(Ordered):
             signer.number = first_ms
         # This clock goes on while the machine sleeps: what robots learnt of it stays true.
         self._ahead_s = first_ms / 1000 - time.clock_gettime(time.CLOCK_BOOTTIME)
-        may = may_say(self._settings.scenario, len(self._peers))
+        may = may_send(self._settings.scenario, len(self._peers))
         self._radio = UdpRadio(self._settings.said.here, self._peers, may=may)
         if own := self._settings.own:
             try:

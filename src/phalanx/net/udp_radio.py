@@ -105,7 +105,7 @@ class _Peer:
         raw, came_from = self.socket.recvfrom(PACKET_MAX + 1)
         return raw, came_from[:2]
 
-    def may_say(self, frame: bytes) -> bool:
+    def may_send(self, frame: bytes) -> bool:
         """Whether its a-node may have let this through. Source: docs/spec/rebound-nodes.md."""
         took_us = self._may.fixed_us + self._may.ns_per_byte * len(frame) / 1000
         if frame[0] & KIND_AUDIT:
@@ -259,7 +259,7 @@ class UdpRadio:
             return "too_large"
         if not raw:
             return "empty"
-        return "" if peer.may_say(raw) else "too_many"
+        return "" if peer.may_send(raw) else "too_many"
 
     def close(self) -> None:
         """Nothing comes and goes any more."""
