@@ -80,7 +80,7 @@ def advice_of(planner: Planner, t_ms: int, reading: bytes) -> bytes:
     return WISH.form.pack(KIND_WISH, *_as_f32(*wished))
 
 
-def overheard(planner: Planner, t_ms: int, packet: bytes) -> None:
+def forward_state(planner: Planner, t_ms: int, packet: bytes) -> None:
     """Pass a broadcast to a planner, if it is a robot's state."""
     if len(packet) == STATE.size and packet[0] == KIND_STATE:
         _, rob_id, _, x, y, vx, vy = STATE.form.unpack(packet)
@@ -136,7 +136,7 @@ class Adviser:
         if len(said) == STATE.size and said[0] == KIND_STATE:
             robot = self._speaks.get(who)
             if robot and _makes_sense(said):
-                overheard(self._planners[robot], self._latest_ms[robot], said)
+                forward_state(self._planners[robot], self._latest_ms[robot], said)
             return b""
         if len(said) != SENSOR.size or said[0] != KIND_SENSOR or not _makes_sense(said):
             return b""
