@@ -160,7 +160,7 @@ class Arena:
 
     def _hear(self, said: dict[int, dict[str, Any]]) -> None:
         for i, state in said.items():
-            self.field.hear_of(i, state, (state["began_monotonic_s"] - self._began_s) * self._weather.speed)
+            self.field.record_state(i, state, (state["began_monotonic_s"] - self._began_s) * self._weather.speed)
 
     def _is_silent(self, i: int) -> bool:
         """Return whether radio i is off; one that is taken over obeys no a-node, and a gateway's has none."""
