@@ -132,7 +132,7 @@ def on_recv(params: Params, rob_id: int, t_ms: int, packet: Row, length: int, st
         return size(state)
     who = whole(packet[orders.WHO])
     at = SIGNERS + orders.EACH_BYTES * who
-    if not orders.is_news(t_ms, packet, state, at) or state[CHECKS] >= params[LOOKS]:
+    if not orders.is_new_order(t_ms, packet, state, at) or state[CHECKS] >= params[LOOKS]:
         return size(state)
     state[CHECKS] += 1
     if orders.is_signed(packet, length, state, at):
