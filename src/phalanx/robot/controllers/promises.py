@@ -65,7 +65,9 @@ def _said(state: Row, at: int) -> tuple[float, float]:
 
 
 @kernel
-def are_kept(params: Params, t_ms: int, state: Row, v: tuple[float, float], off_mps: float, rests_mps: float) -> bool:
+def keeps_promises(
+    params: Params, t_ms: int, state: Row, v: tuple[float, float], off_mps: float, rests_mps: float
+) -> bool:
     """Return whether the velocity keeps all promises that still hold."""
     for at in range(MADE_AT, END, EACH_BYTES):
         if get_u64(state, at + UNTIL) > t_ms and not holds(params, _said(state, at), v, off_mps, rests_mps):
