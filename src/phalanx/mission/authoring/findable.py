@@ -46,10 +46,10 @@ SEEN_SHARE, SEEN_LEAST, STEADY_SHARE, STEADY_M = 0.3, 3, 0.85, 0.1
 
 def apart_in(plan: FloorPlan, mission: Mission) -> Mission:
     """The mission in a building that is known."""
-    return told_apart(mission, look_alikes_of(plan))
+    return mark_lookalikes(mission, look_alikes_of(plan))
 
 
-def told_apart(mission: Mission, look_alikes: Iterable[Landmark] | None = None) -> Mission:
+def mark_lookalikes(mission: Mission, look_alikes: Iterable[Landmark] | None = None) -> Mission:
     """Return the mission whose landmarks say how far it is to the next thing that looks the same.
 
     `look_alikes` is what else robots see in the building. Where nobody knows (None), what landmarks say already holds,

@@ -20,7 +20,7 @@ from phalanx.mission.landmarks.sites import Site, landmarks_of, look_alikes_of
 from phalanx.mission.observable import Landmark, Position
 from phalanx.mission.worth.feasible import ways_in_vain
 
-from .findable import alone, once, sighted, told_apart
+from .findable import alone, mark_lookalikes, once, sighted
 from .free import END_M, STAND_M, Free
 
 # Landmarks further apart are not in each other's sight for certain; ways that long are not straight. Longer ones lead
@@ -81,11 +81,11 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
     near, behind = _ways(plan, free, places, named)
     ways = _with_far(plan, free, places, named, _joined(near, behind), behind)
     made = partial(_made, Draft(f"explore {plan.name}", coding, plan.bounds, floor_plan=plan.name), start, named)
-    mission = told_apart(made(ways), (*all_aliases, *others))
+    mission = mark_lookalikes(made(ways), (*all_aliases, *others))
     outlook, late, vain = ways_in_vain(mission, plan, lidar)
     # What is left is found over what is left: no second look finds more that is dark.
     ways = _without(outlook.infeasible.keys(), ways - late - vain, behind - vain | late, vain)
-    mission = told_apart(made(ways, outlook.order), (*all_aliases, *others))
+    mission = mark_lookalikes(made(ways, outlook.order), (*all_aliases, *others))
     reached = _reached(START, ways)
     if len(reached) == 1:
         dark = sorted(outlook.infeasible.items(), key=lambda each: (not each[1][0].startswith("from "), each))

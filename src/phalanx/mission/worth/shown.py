@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.config.mission import CodingConfig
-from phalanx.mission.authoring.findable import sighted, told_apart
+from phalanx.mission.authoring.findable import mark_lookalikes, sighted
 from phalanx.mission.authoring.survey import roomiest
 from phalanx.mission.file.canonical import AT_POSITION, Shape, shape_of
 from phalanx.mission.graph import Draft
@@ -124,7 +124,7 @@ def _apart(sites: Sequence[Site], alike: Iterable[Landmark]) -> Iterator[Landmar
     draft = Draft("plan")
     for i, alias in enumerate(dict.fromkeys(alias for site in sites for alias in site.aliases)):
         draft.node(str(i), alias, start=True)
-    nodes = told_apart(draft.mission(), alike).nodes if draft.nodes else ()
+    nodes = mark_lookalikes(draft.mission(), alike).nodes if draft.nodes else ()
     return (thing for node in nodes for thing in node.see[0] if isinstance(thing, Landmark))
 
 
