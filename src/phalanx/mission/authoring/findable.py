@@ -78,7 +78,7 @@ def alone(landmarks: Iterable[Landmark], others: Iterable[Landmark], least_m: fl
     return [each for each in landmarks if _apart_m(each, tables[each.type, each.text]) >= least_m]
 
 
-def once(landmarks: Iterable[Landmark]) -> list[Landmark]:
+def without_duplicates(landmarks: Iterable[Landmark]) -> list[Landmark]:
     """The landmarks without those that are the same thing as one before: robots know it by the first name it has."""
     kept: dict[tuple[str, str | None], list[Landmark]] = {}
     for each in landmarks:

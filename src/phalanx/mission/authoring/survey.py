@@ -20,7 +20,7 @@ from phalanx.mission.landmarks.sites import Site, landmarks_of, look_alikes_of
 from phalanx.mission.observable import Landmark, Position
 from phalanx.mission.worth.feasible import ways_in_vain
 
-from .findable import alone, mark_lookalikes, once, sighted
+from .findable import alone, mark_lookalikes, sighted, without_duplicates
 from .free import END_M, STAND_M, Free
 
 # Landmarks further apart are not in each other's sight for certain; ways that long are not straight. Longer ones lead
@@ -65,7 +65,7 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
     in_sight, beside = sighted(plan, [site for site in landmarks_of(plan) if site.type in SHORT], lidar)
     all_aliases = [alias for each in in_sight for alias in each.site.aliases]
     others = (*look_alikes_of(plan), *beside)
-    told = set(once(alone(all_aliases, others, APART_M)))
+    told = set(without_duplicates(alone(all_aliases, others, APART_M)))
     sites = [site for site in (each.left(told) for each in in_sight) if site is not None]
     if not sites:
         raise UsageError(f"{plan.name} has no landmarks", "walls with doorways, rooms or free corners; or codes")
