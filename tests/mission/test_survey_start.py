@@ -20,7 +20,7 @@ from phalanx.cli.mission.files import read_encoded, read_plain, read_start_key
 from phalanx.errors import UsageError
 from phalanx.mission import Landmark, Profile
 from phalanx.mission.authoring.free import STAND_M, Free
-from phalanx.mission.authoring.survey import START, _reached, _without, begun_at, roomiest, survey
+from phalanx.mission.authoring.survey import START, _reached, _without, begun_at, most_spacious_start, survey
 from phalanx.mission.landmarks import FloorPlan, floorplan_of_yaml
 from phalanx.mission.refused import MalformedMission
 from phalanx.mission.worth.audit import audit
@@ -167,8 +167,8 @@ def test_ways_lead_to_the_side_from_which_a_thing_is_seen() -> None:
 def test_every_map_of_ros_has_a_place_where_robots_begin_and_always_the_same(path: Path) -> None:
     plan = load_floorplan(path)
     assert plan.start is None
-    start = roomiest(plan)
-    assert start == roomiest(load_floorplan(path))
+    start = most_spacious_start(plan)
+    assert start == most_spacious_start(load_floorplan(path))
     assert plan.inside(*start[:2])
     assert begun_at(plan, start).start == start
     # Nowhere is more room, as far as a thousand random places tell; the grid's step is an eighth of a metre at most.
@@ -220,7 +220,7 @@ def test_a_start_goes_with_a_map_and_is_two_or_three_numbers(tmp_path: Path) -> 
 
 def test_in_a_map_of_several_spaces_nobody_guesses_which_is_meant() -> None:
     with pytest.raises(UsageError, match="no one space"):
-        roomiest(floorplan_of_yaml(ROOMS))
+        most_spacious_start(floorplan_of_yaml(ROOMS))
     told = floorplan_of_yaml(ROOMS + b"start_pose: [6, 2, 0]\n")
     assert begun_at(told, (5.0, 1.0, 0.0)).start == (5.0, 1.0, 0.0)
     for place in ((1.5, 2.0, 0.0), (9.0 - STAND_M / 2, 2.0, 0.0)):

@@ -17,7 +17,7 @@ from phalanx.config.lidar import LidarConfig
 from phalanx.config.mission import MissionConfig
 from phalanx.errors import Unavailable, UsageError
 from phalanx.mission import BuildOptions, EncodedMission, Mission, Profile, admit, build
-from phalanx.mission.authoring.survey import roomiest
+from phalanx.mission.authoring.survey import most_spacious_start
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.observable import LONGEST_S
 from phalanx.world.building.floorplan import DEFAULT
@@ -140,7 +140,7 @@ def _begun(plan: FloorPlan, *, told: bool) -> FloorPlan:
     """The floor plan; with a place where robots begin, if nobody has told it."""
     if told or plan.start is not None:
         return plan
-    start = x_m, y_m, yaw_rad = roomiest(plan)
+    start = x_m, y_m, yaw_rad = most_spacious_start(plan)
     degrees = math.degrees(yaw_rad)
     talk(f"{plan.name} does not say where robots begin: where there is most room, --start {x_m:g},{y_m:g},{degrees:g}")
     return replace(plan, start=start)

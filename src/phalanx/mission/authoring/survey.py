@@ -137,7 +137,7 @@ def begun_at(plan: FloorPlan, start: tuple[float, float, float]) -> FloorPlan:
     return replace(plan, start=start)
 
 
-def roomiest(plan: FloorPlan) -> tuple[float, float, float]:
+def most_spacious_start(plan: FloorPlan) -> tuple[float, float, float]:
     """Return where robots begin in a map that does not say it: the place farthest from all walls, facing north.
 
     Of a map_server map, in its largest space; in whole centimetres, which people can type.

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from phalanx.config.mission import CodingConfig
 from phalanx.mission.authoring.findable import mark_lookalikes, sighted
-from phalanx.mission.authoring.survey import roomiest
+from phalanx.mission.authoring.survey import most_spacious_start
 from phalanx.mission.file.canonical import AT_POSITION, Shape, shape_of
 from phalanx.mission.graph import Draft
 from phalanx.mission.landmarks import FloorPlan, Site, look_alikes_of
@@ -112,7 +112,7 @@ def shown_by(plan: FloorPlan, rounded_mm: int) -> Shown:
     sites, alike = landmarks_of(plan), look_alikes_of(plan)
     looked_at, beside = sighted(plan, sites)
     seen = [site for site in (each.left(each.site.aliases) for each in looked_at) if site is not None]
-    start = plan.start or roomiest(plan)
+    start = plan.start or most_spacious_start(plan)
     known: list[Landmark | Position] = [Position(start[0], start[1])]
     known += [*_apart(sites, alike), *_apart(seen, (*alike, *beside))]
     known += [Position(thing.x_m, thing.y_m) for thing in known if isinstance(thing, Landmark)]
