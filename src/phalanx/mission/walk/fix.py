@@ -71,7 +71,7 @@ def floor_of(config: MissionConfig) -> tuple[float, float]:
     return config.sure_m, math.radians(config.sure_deg)
 
 
-def begun_at(config: MissionConfig, pose: Pose) -> Belief:
+def initial_belief(config: MissionConfig, pose: Pose) -> Belief:
     """Return the belief of a robot that was put at a pose; of its odometry it knows nothing yet."""
     (place_m, turn_rad), wheels = floor_of(config), wheels_of(config)
     sure = (place_m, place_m, turn_rad, wheels.way, wheels.turn, wheels.curve)
