@@ -20,7 +20,7 @@ from phalanx.config.builtin import built_in
 from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.errors import PeerError, Unavailable, UsageError
 from phalanx.mission import BuildOptions, Built, EncodedMission, Mission, Profile, admit, build, check_signature, sign
-from phalanx.mission.authoring.survey import begun_at, most_spacious_start, survey
+from phalanx.mission.authoring.survey import most_spacious_start, survey, with_start
 from phalanx.mission.file.records import FINAL, FOREVER_S, JOIN, OPEN_START, REPEATABLE, ROAM, START
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.landmarks.sites import is_shown, landmarks_of
@@ -116,7 +116,7 @@ def explored(
         begin = most_spacious_start(building(name, doors))  # where no dust lies either: it may be something
         where = f"in its roomiest place, for run: --start {begin[0]},{begin[1]}"
         talk(f"{plan.name} does not say where robots begin: {where}")
-    plan = plan if begin is None else begun_at(plan, begin)
+    plan = plan if begin is None else with_start(plan, begin)
     if plan.dust:
         talk(f"{plan.name}: {counted(plan.dust, 'lone cell')} left out as dust, each of which robots get around")
     status_line(f"looking for landmarks and ways: {len(plan.walls)} walls")

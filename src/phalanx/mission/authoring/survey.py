@@ -61,7 +61,7 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
     """
     if plan.start is None:
         raise UsageError(f"{plan.name} does not say where robots begin", "start_pose: [x, y, heading] in the map")
-    begun_at(plan, plan.start)
+    with_start(plan, plan.start)
     in_sight, beside = sighted(plan, [site for site in landmarks_of(plan) if site.type in SHORT], lidar)
     all_aliases = [alias for each in in_sight for alias in each.site.aliases]
     others = (*look_alikes_of(plan), *beside)
@@ -121,7 +121,7 @@ def _made(
     return draft.mission()
 
 
-def begun_at(plan: FloorPlan, start: tuple[float, float, float]) -> FloorPlan:
+def with_start(plan: FloorPlan, start: tuple[float, float, float]) -> FloorPlan:
     """The floor plan with robots that begin at x, y, heading.
 
     Raises: UsageError: no robot can stand there: it is in a wall, outside, or in a space that the plan leaves out.
