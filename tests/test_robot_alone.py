@@ -42,7 +42,7 @@ from phalanx.daemon.life import Life
 from phalanx.daemon.proofs import NOBODY, signed_in
 from phalanx.daemon.run import mission_of, provision
 from phalanx.daemon.settings import RobotFile, read_robot, robot_schema
-from phalanx.daemon.state import told as told_by
+from phalanx.daemon.state import told as fuse_matches
 from phalanx.daemon.trusted import check_may_have_key, give_keys, open_nodes
 from phalanx.errors import Unavailable, UsageError
 from phalanx.lab.scorecard.card import write_csv
@@ -760,7 +760,7 @@ def test_who_has_no_processor_says_that_others_had_it():
 def test_a_pipe_in_place_of_what_a_robot_tells_keeps_nobody_waiting(tmp_path):
     os.mkfifo(tmp_path / "robot-1.json")
     with pytest.raises(UsageError, match="no robot has told of itself"):
-        told_by(tmp_path / "robot-1.json")
+        fuse_matches(tmp_path / "robot-1.json")
 
 
 @pytest.mark.parametrize("name", ["flock", "guard", "wheels"])

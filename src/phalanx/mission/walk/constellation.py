@@ -22,6 +22,7 @@ from .fix import (
     agreeing,
     as_known,
     fix_from,
+    fuse_matches,
     is_sure,
     known_in,
     length_m,
@@ -29,7 +30,6 @@ from .fix import (
     misfit_of,
     sight_of,
     told,
-    told_by,
 )
 
 # What strangers pass for more often is not believed, nor what is not so much less likely than another explanation.
@@ -51,7 +51,7 @@ def strangers(config: MissionConfig, seen: Experience, matches: Sequence[Match])
         if any(length_m(truth.x_m - other.x_m, truth.y_m - other.y_m) < PIECE_M for other in told_of):
             continue
         told_of.append(truth)
-        mean, spread, _ = told_by(config, seen, matches[:i])
+        mean, spread, _ = fuse_matches(config, seen, matches[:i])
         x, y = as_known(seen, pair[0], mean)
         along_x, along_y, most = doubt_of(spread, x - float(mean[0]), y - float(mean[1]), sight_of(config))
         least = math.sqrt(max(0.0, along_x * along_x + along_y * along_y - most * most))
@@ -82,7 +82,7 @@ def _grown(config: MissionConfig, seen: Experience, seed: Match, pairs: Sequence
     while len(kept) < AGAIN_MOST:
         observed, truth = kept[-1]
         left = [pair for pair in left if pair[0] is not observed and pair[1] is not truth]
-        mean, spread, _ = told_by(config, seen, kept)
+        mean, spread, _ = fuse_matches(config, seen, kept)
         fits = [misfit_of(config, seen, pair, mean, spread) for pair in left]
         if min(fits, default=math.inf) > 1.0:
             break

@@ -143,7 +143,7 @@ def is_alone(config: MissionConfig, seen: Experience, pair: Match, mean: F64x1, 
     If another one were seen, it would be within the doubt of that one, and that is `apart_m` from here.
 
     Args:
-        mean, spread: of the robot's pose, as `told_by` has it.
+        mean, spread: of the robot's pose, as `fuse_matches` has it.
     """
     observed, truth = pair
     x, y = as_known(seen, observed, mean)
@@ -155,10 +155,10 @@ def told(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> l
     """Those of matches that agree which can mean nothing else: each alone, or with a pose that those correct."""
     if not matches or config.sigmas * math.sqrt(seen.spread[-1]) > LOST_RAD:
         return []
-    mean, spread, _ = told_by(config, seen, ())
+    mean, spread, _ = fuse_matches(config, seen, ())
     certain = [pair for pair in matches if is_alone(config, seen, pair, mean, spread)]
     if certain:
-        mean, spread, _ = told_by(config, seen, certain)
+        mean, spread, _ = fuse_matches(config, seen, certain)
     return [pair for pair in matches if pair in certain or (certain and is_alone(config, seen, pair, mean, spread))]
 
 
@@ -182,7 +182,7 @@ def agreeing(config: MissionConfig, seen: Experience, matches: Sequence[Match]) 
     """
     kept = list(matches)
     while kept:
-        mean, spread, _ = told_by(config, seen, kept)
+        mean, spread, _ = fuse_matches(config, seen, kept)
         apart = [misfit_of(config, seen, pair, mean, spread) for pair in kept]
         if len(kept) == 1 or max(apart) <= 1.0:
             break
@@ -198,13 +198,15 @@ def misfit_of(config: MissionConfig, seen: Experience, pair: Match, mean: F64x1,
 
 def fix_from(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> Fix:
     """The pose that matches tell, taken one after the other."""
-    mean, _, sightings = told_by(config, seen, matches)
+    mean, _, sightings = fuse_matches(config, seen, matches)
     x, y, heading = mean.tolist()
     moved_m = length_m(x - seen.x_m, y - seen.y_m)
     return Fix(x, y, heading, moved_m, wrap_rad(heading - seen.heading_rad), tuple(sightings))
 
 
-def told_by(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> tuple[F64x1, F64x2, list[Sighting]]:
+def fuse_matches(
+    config: MissionConfig, seen: Experience, matches: Sequence[Match]
+) -> tuple[F64x1, F64x2, list[Sighting]]:
     """(mean, spread, sightings) of the pose after matches, each as the pose after those before puts it."""
     mean, spread = np.array([seen.x_m, seen.y_m, seen.heading_rad], np.float64), pose_spread(seen.spread)
     sightings = []
