@@ -151,7 +151,7 @@ def is_alone(config: MissionConfig, seen: Experience, pair: Match, mean: F64x1, 
     return length_m(x - truth.x_m, y - truth.y_m) + ALONE_SIGMAS * doubt < truth.apart_m
 
 
-def told(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> list[Match]:
+def unambiguous(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> list[Match]:
     """Those of matches that agree which can mean nothing else: each alone, or with a pose that those correct."""
     if not matches or config.sigmas * math.sqrt(seen.spread[-1]) > LOST_RAD:
         return []
