@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from phalanx.errors import UsageError
 
 from .flock import FARTHEST_M, Box, Disc
-from .parameter import check_key, check_limits, check_within, within
+from .parameter import check_key, check_limits, check_within, description, within
 
 Point = tuple[float, float]
 Polygon = tuple[Point, ...]

@@ -20,7 +20,7 @@ KEY_DIGITS = 64
 
 def description(words: str) -> Mapping[str, Any]:
     """Metadata of a dataclass's field: what the schema of scenario files says of it."""
-    return {"told": words}
+    return {"description": words}
 
 
 def described(default: Thing, words: str) -> Thing:

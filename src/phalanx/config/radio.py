@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from phalanx.errors import UsageError
 
-from .parameter import check_limits, within
+from .parameter import check_limits, description, within
 
 # Data bits of one OFDM symbol of 20 MHz: legacy rates by Mb/s (802.11-2020 table 17-4), HE by MCS (table 27-56).
 LEGACY_BITS = {6: 24, 9: 36, 12: 48, 18: 72, 24: 96, 36: 144, 48: 192, 54: 216}

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from phalanx.config.parameter import check_limits, within
+from phalanx.config.parameter import check_limits, description, within
 from phalanx.config.reader import Reader, schema_of
 from phalanx.config.written import read_at_most
 from phalanx.errors import UsageError, did_you_mean

@@ -8,7 +8,7 @@ from typing import Literal
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from phalanx.config.parameter import check_limits
+from phalanx.config.parameter import check_limits, description
 from phalanx.config.reader import Reader
 from phalanx.config.written import read_at_most
 from phalanx.errors import UsageError

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from phalanx.config.parameter import check_limits, described, within
+from phalanx.config.parameter import check_limits, described, description, within
 from phalanx.errors import UsageError
 from phalanx.robot.adversary.attack import Attack
 from phalanx.robot.adversary.registry import attacks

@@ -14,7 +14,7 @@ from phalanx.config.bti import NEIGHBOUR_BYTES, quorum_of
 from phalanx.config.defence import DEFENCES, Defence
 from phalanx.config.flock import FARTHEST_M, Box, Disc, FlockConfig
 from phalanx.config.guard import GuardConfig
-from phalanx.config.parameter import check_key, check_limits, check_within, described, limits_in, within
+from phalanx.config.parameter import check_key, check_limits, check_within, described, description, limits_in, within
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError, did_you_mean
 from phalanx.robot.adversary.registry import swarm_attacks
