@@ -130,7 +130,7 @@ class Adviser:
         """Return the answer to this packet: advice, or b"" for nothing. What a planner raises goes on.
 
         Args:
-            who: told from all others that send.
+            sender: a key that tells senders apart.
             host: where that is; for signed advice a robot stays where it was first.
         """
         if len(said) == STATE.size and said[0] == KIND_STATE:

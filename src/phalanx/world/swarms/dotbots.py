@@ -150,7 +150,7 @@ class Dotbots(Roster):
         self._record()
         self._drain(dt_s)
 
-    def _enter(self, who: Member, battery_mv: float) -> None:
+    def _enter(self, member: Member, battery_mv: float) -> None:
         edge = 4 * BODY_MM
         new = np.zeros((ROWS, 1))
         new[X] = self._random.uniform(edge, AREA_MM[0] - edge)
@@ -159,8 +159,8 @@ class Dotbots(Roster):
         new[BATTERY], new[THRESHOLD], new[TRAIL_X], new[TRAIL_Y] = battery_mv, DEFAULT_THRESHOLD_MM, math.nan, math.nan
         self._now = np.hstack((self._now, new))
         self._following = np.append(self._following, False)
-        self._rows[who.address] = len(self._members)
-        self._members.append(replace(who, route=(), history=deque(maxlen=self._longest_trail)))
+        self._rows[member.address] = len(self._members)
+        self._members.append(replace(member, route=(), history=deque(maxlen=self._longest_trail)))
         self._goals.append(0)
 
     def _stop_following(self, i: int) -> None:
