@@ -184,13 +184,13 @@ def _distance(ax: float, ay: float, bx: float, by: float) -> float:
 def _bend(v: View, limits: Limits, walls: F64x2, spans: I64x2, w: int) -> tuple[bool, float, float, float]:
     """(whether walls w and w + 1 meet, x, y, sine of the angle between them)."""
     last, first = spans[w, 1], spans[w + 1, 0]
-    crossing_x, meet_y, sine = meet(walls, w, w + 1)
+    crossing_x, crossing_y, sine = meet(walls, w, w + 1)
     meets = (
         not np.any(v.new_run[last + 1 : first + 1])
-        and _distance(crossing_x, meet_y, v.x[last], v.y[last]) <= limits.corner_gap_m
-        and _distance(crossing_x, meet_y, v.x[first], v.y[first]) <= limits.corner_gap_m
+        and _distance(crossing_x, crossing_y, v.x[last], v.y[last]) <= limits.corner_gap_m
+        and _distance(crossing_x, crossing_y, v.x[first], v.y[first]) <= limits.corner_gap_m
     )
-    return meets, crossing_x, meet_y, sine
+    return meets, crossing_x, crossing_y, sine
 
 
 @kernel
@@ -218,18 +218,18 @@ def corners_of(v: View, limits: Limits, walls: F64x2, spans: I64x2) -> F64x2:
                 found = _store(corners, found, edge, -1, w, 0.0)
         met_before = False
         if w + 1 < len(walls):
-            met_before, crossing_x, meet_y, sine = _bend(v, limits, walls, spans, w)
+            met_before, crossing_x, crossing_y, sine = _bend(v, limits, walls, spans, w)
             # Beside a wall that runs away the other ends where its own points do.
             met_before = met_before and is_flat[w] == is_flat[w + 1]
             seen_flat = (
                 is_flat[w]
-                or _grazes(crossing_x, meet_y, walls, w, limits.graze_sine)
-                or _grazes(crossing_x, meet_y, walls, w + 1, limits.graze_sine)
+                or _grazes(crossing_x, crossing_y, walls, w, limits.graze_sine)
+                or _grazes(crossing_x, crossing_y, walls, w + 1, limits.graze_sine)
             )
             rounded = sine < 0.0 and (is_round[w] or is_round[w + 1])
             if met_before and abs(sine) >= limits.corner_sine and not (seen_flat or rounded):
                 at = 0.5 * float(v.beam[spans[w, 1]] + v.beam[spans[w + 1, 0]])
-                found = _store(corners, found, (crossing_x, meet_y, at), w, w + 1, 1.0 if sine > 0.0 else 0.0)
+                found = _store(corners, found, (crossing_x, crossing_y, at), w, w + 1, 1.0 if sine > 0.0 else 0.0)
         if not (met_before or is_round[w] or is_flat[w]):
             is_one, edge = _edge(v, limits, walls, w, spans[w, 1], 1)
             if is_one:
