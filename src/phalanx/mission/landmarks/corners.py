@@ -205,32 +205,32 @@ def corners_of(v: View, limits: Limits, walls: F64x2, spans: I64x2) -> F64x2:
     """(c, 6) corners in the order of their bearings. Source: Encoded graphs Alg. 1 (getCv, getCx), §V-A."""
     corners = np.empty((2 * len(walls), 6))
     found = 0
-    met_before = False
+    crosses_before = False
     # What is round is seen as short walls, whose ends lie elsewhere from elsewhere.
     is_round, is_flat = np.zeros(len(walls) + 1, np.bool_), np.zeros(len(walls) + 1, np.bool_)
     for w in range(len(walls)):
         is_round[w] = bow(v.x, v.y, walls, spans, w) > ROUND * limits.line_m
         is_flat[w] = _runs_away(v, walls, spans, w, limits.graze_sine)
     for w in range(len(walls)):
-        if not (met_before or is_round[w] or is_flat[w]):
+        if not (crosses_before or is_round[w] or is_flat[w]):
             is_one, edge = _edge(v, limits, walls, w, spans[w, 0], -1)
             if is_one:
                 found = _store(corners, found, edge, -1, w, 0.0)
-        met_before = False
+        crosses_before = False
         if w + 1 < len(walls):
-            met_before, crossing_x, crossing_y, sine = _bend(v, limits, walls, spans, w)
+            crosses_before, crossing_x, crossing_y, sine = _bend(v, limits, walls, spans, w)
             # Beside a wall that runs away the other ends where its own points do.
-            met_before = met_before and is_flat[w] == is_flat[w + 1]
+            crosses_before = crosses_before and is_flat[w] == is_flat[w + 1]
             seen_flat = (
                 is_flat[w]
                 or _grazes(crossing_x, crossing_y, walls, w, limits.graze_sine)
                 or _grazes(crossing_x, crossing_y, walls, w + 1, limits.graze_sine)
             )
             rounded = sine < 0.0 and (is_round[w] or is_round[w + 1])
-            if met_before and abs(sine) >= limits.corner_sine and not (seen_flat or rounded):
+            if crosses_before and abs(sine) >= limits.corner_sine and not (seen_flat or rounded):
                 at = 0.5 * float(v.beam[spans[w, 1]] + v.beam[spans[w + 1, 0]])
                 found = _store(corners, found, (crossing_x, crossing_y, at), w, w + 1, 1.0 if sine > 0.0 else 0.0)
-        if not (met_before or is_round[w] or is_flat[w]):
+        if not (crosses_before or is_round[w] or is_flat[w]):
             is_one, edge = _edge(v, limits, walls, w, spans[w, 1], 1)
             if is_one:
                 found = _store(corners, found, edge, w, -1, 0.0)
