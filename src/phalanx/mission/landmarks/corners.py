@@ -30,7 +30,7 @@ CORNER_X, CORNER_Y, BEAM, BEFORE, AFTER, CONVEX = range(6)
 
 
 @kernel
-def meet(walls: F64x2, a: int, b: int) -> tuple[float, float, float]:
+def line_crossing(walls: F64x2, a: int, b: int) -> tuple[float, float, float]:
     """(x, y, sine of the angle from wall a to wall b) of the crossing of two walls' lines; the sine must not be 0."""
     ax, ay, bx, by = walls[a, ALONG_X], walls[a, ALONG_Y], walls[b, ALONG_X], walls[b, ALONG_Y]
     sine = ax * by - ay * bx
@@ -184,7 +184,7 @@ def _distance(ax: float, ay: float, bx: float, by: float) -> float:
 def _bend(v: View, limits: Limits, walls: F64x2, spans: I64x2, w: int) -> tuple[bool, float, float, float]:
     """(whether walls w and w + 1 meet, x, y, sine of the angle between them)."""
     last, first = spans[w, 1], spans[w + 1, 0]
-    crossing_x, crossing_y, sine = meet(walls, w, w + 1)
+    crossing_x, crossing_y, sine = line_crossing(walls, w, w + 1)
     meets = (
         not np.any(v.new_run[last + 1 : first + 1])
         and _distance(crossing_x, crossing_y, v.x[last], v.y[last]) <= limits.corner_gap_m
