@@ -14,7 +14,7 @@ from phalanx.arrays import F64x2, I64x2
 from phalanx.kernel import kernel
 
 from .scan import Limits, View
-from .walls import ALONG_X, ALONG_Y, ROUND, X, Y, bow
+from .walls import ALONG_X, ALONG_Y, ROUND, X, Y, bulge
 
 Edge = tuple[float, float, float]  # x, y and beam
 # As many silent beams may lie at an edge; behind more it is not trusted.
@@ -209,7 +209,7 @@ def corners_of(v: View, limits: Limits, walls: F64x2, spans: I64x2) -> F64x2:
     # What is round is seen as short walls, whose ends lie elsewhere from elsewhere.
     is_round, is_flat = np.zeros(len(walls) + 1, np.bool_), np.zeros(len(walls) + 1, np.bool_)
     for w in range(len(walls)):
-        is_round[w] = bow(v.x, v.y, walls, spans, w) > ROUND * limits.line_m
+        is_round[w] = bulge(v.x, v.y, walls, spans, w) > ROUND * limits.line_m
         is_flat[w] = _runs_away(v, walls, spans, w, limits.graze_sine)
     for w in range(len(walls)):
         if not (crosses_before or is_round[w] or is_flat[w]):

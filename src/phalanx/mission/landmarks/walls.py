@@ -194,7 +194,7 @@ def _is_flat(
 
 
 @kernel
-def bow(x: F64x1, y: F64x1, walls: F64x2, spans: I64x2, w: int) -> float:
+def bulge(x: F64x1, y: F64x1, walls: F64x2, spans: I64x2, w: int) -> float:
     """How far wall w stands out towards the robot in its middle."""
     first, last = spans[w, 0] + 1, spans[w, 1] - 1
     line = walls[w, X], walls[w, Y], walls[w, ALONG_X], walls[w, ALONG_Y]
