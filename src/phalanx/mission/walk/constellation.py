@@ -20,7 +20,6 @@ from .fix import (
     Fix,
     Match,
     agreeing,
-    as_known,
     fix_from,
     fuse_matches,
     is_sure,
@@ -28,6 +27,7 @@ from .fix import (
     length_m,
     may_be_known,
     misfit_of,
+    moved_to_pose,
     sight_of,
     told,
 )
@@ -52,7 +52,7 @@ def strangers(config: MissionConfig, seen: Experience, matches: Sequence[Match])
             continue
         told_of.append(truth)
         mean, spread, _ = fuse_matches(config, seen, matches[:i])
-        x, y = as_known(seen, pair[0], mean)
+        x, y = moved_to_pose(seen, pair[0], mean)
         along_x, along_y, most = doubt_of(spread, x - float(mean[0]), y - float(mean[1]), sight_of(config))
         least = math.sqrt(max(0.0, along_x * along_x + along_y * along_y - most * most))
         often *= config.strangers_per_m2 * math.pi * MISFIT_2 * most * least

@@ -146,7 +146,7 @@ def is_alone(config: MissionConfig, seen: Experience, pair: Match, mean: F64x1, 
         mean, spread: of the robot's pose, as `fuse_matches` has it.
     """
     observed, truth = pair
-    x, y = as_known(seen, observed, mean)
+    x, y = moved_to_pose(seen, observed, mean)
     doubt = doubt_of(spread, x - float(mean[0]), y - float(mean[1]), sight_of(config))[2]
     return length_m(x - truth.x_m, y - truth.y_m) + ALONE_SIGMAS * doubt < truth.apart_m
 
@@ -221,10 +221,10 @@ def fuse_matches(
 def _from_pose(seen: Experience, pair: Match, mean: F64x1) -> Sighting:
     """Return a match, moved to the robot's present pose."""
     observed, truth = pair
-    return sighting(observed, truth, *as_known(seen, observed, mean), wrap_rad(float(mean[2]) - seen.heading_rad))
+    return sighting(observed, truth, *moved_to_pose(seen, observed, mean), wrap_rad(float(mean[2]) - seen.heading_rad))
 
 
-def as_known(seen: Experience, landmark: Landmark, mean: F64x1) -> tuple[float, float]:
+def moved_to_pose(seen: Experience, landmark: Landmark, mean: F64x1) -> tuple[float, float]:
     """Return a landmark, moved to the robot's other pose."""
     sine, cosine = sin_cos(float(mean[2]) - seen.heading_rad)
     dx, dy = float(landmark.x_m - seen.x_m), float(landmark.y_m - seen.y_m)
