@@ -62,7 +62,7 @@ def turn_to(truth_rad: float, seen_rad: float, half: bool) -> float:
 
 
 @kernel
-def most_of(turn_rad: float) -> float:
+def max_misfit(turn_rad: float) -> float:
     """Return the largest misfit of a match, given the turn from the seen orientation to the true one."""
     return MISFIT_2 if np.isnan(turn_rad) else MISFIT_3
 
@@ -103,4 +103,4 @@ def may_mean(
     turn = turn_to(known[j, TURN], seen[i, TURN], _HALF_TURN[int(seen[i, KIND])])
     turn = np.nan if np.isnan(turn) else wrap_rad_kernel(turn)
     match = Sighting(seen[i, X], seen[i, Y], known[j, X], known[j, Y], turn)
-    return bool(misfit(spread, place[0], place[1], match, sight) <= most_of(turn))
+    return bool(misfit(spread, place[0], place[1], match, sight) <= max_misfit(turn))

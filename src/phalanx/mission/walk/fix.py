@@ -20,7 +20,7 @@ from phalanx.mission.observable import HALF_TURN_TYPES, Experience, Landmark, nu
 from phalanx.mission.pose.belief import Belief, Wheels
 from phalanx.mission.pose.spread import Sight, Sighting, corrected, doubt_of, misfit, not_surer, pose_spread
 
-from .chart import Chart, most_of, turn_to
+from .chart import Chart, max_misfit, turn_to
 
 Pose = tuple[float, float, float]
 Match = tuple[Landmark, Landmark]  # as it was seen, and as it truly is
@@ -134,7 +134,7 @@ def sighting(observed: Landmark, truth: Landmark, x_m: float, y_m: float, turned
 
 def fits(config: MissionConfig, spread: F64x2, x_m: float, y_m: float, match: Sighting) -> bool:
     """Return whether what was seen from a pose so unsure may be what it is matched with."""
-    return bool(misfit(spread, x_m, y_m, match, sight_of(config)) <= most_of(match.turn_rad))
+    return bool(misfit(spread, x_m, y_m, match, sight_of(config)) <= max_misfit(match.turn_rad))
 
 
 def is_alone(config: MissionConfig, seen: Experience, pair: Match, mean: F64x1, spread: F64x2) -> bool:
@@ -193,7 +193,7 @@ def agreeing(config: MissionConfig, seen: Experience, matches: Sequence[Match]) 
 def misfit_of(config: MissionConfig, seen: Experience, pair: Match, mean: F64x1, spread: F64x2) -> float:
     """How badly a match fits another pose than that of the experience; more than 1 is too badly."""
     match = _from_pose(seen, pair, mean)
-    return float(misfit(spread, float(mean[0]), float(mean[1]), match, sight_of(config))) / most_of(match.turn_rad)
+    return float(misfit(spread, float(mean[0]), float(mean[1]), match, sight_of(config))) / max_misfit(match.turn_rad)
 
 
 def fix_from(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> Fix:

@@ -30,7 +30,7 @@ from phalanx.mission.observable import (
 from phalanx.mission.pose.spread import Sighting, misfit
 
 from .cells import Doubt
-from .chart import most_of, turn_to
+from .chart import max_misfit, turn_to
 from .claims import Claim, Found
 from .fix import is_there
 from .gate import Hint
@@ -173,7 +173,7 @@ def _that_fit(
                 turn = np.nan if np.isnan(turn) else wrap_rad_kernel(turn)
             match = Sighting(thing[0], thing[1], x_m, y_m, turn)
             fit = misfit(doubt.spread, doubt.x_m, doubt.y_m, match, doubt.sight)
-            if fit <= most_of(turn):
+            if fit <= max_misfit(turn):
                 rows[found, 0], rows[found, 1], rows[found, 2], fits[found] = x, y, at, fit
                 found += 1
     return rows[:found], fits[:found]
