@@ -76,14 +76,14 @@ def _fitting(
     count = 0
     for i in range(len(seen)):
         for j in range(len(known)):
-            if known[j, TEXT] == seen[i, TEXT] and may_mean(seen, i, known, j, place, spread, sight, within_m):
+            if known[j, TEXT] == seen[i, TEXT] and may_match(seen, i, known, j, place, spread, sight, within_m):
                 pairs[count, 0], pairs[count, 1] = i, j
                 count += 1
     return pairs[:count]
 
 
 @kernel
-def may_mean(
+def may_match(
     seen: F64x2,
     i: int,
     known: F64x2,

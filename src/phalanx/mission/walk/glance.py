@@ -20,7 +20,7 @@ from phalanx.mission.file.canonical import Shape
 from phalanx.mission.pose.spread import Sight
 
 from .cells import Doubt, Shapes, Steps, search_shapes
-from .chart import KIND, NO_TEXT, TEXT, TURN, Chart, X, Y, may_mean
+from .chart import KIND, NO_TEXT, TEXT, TURN, Chart, X, Y, may_match
 from .fix import GROWN, floor_of, sight_of
 from .search import LANDMARK_PLACES
 
@@ -110,7 +110,7 @@ def glance(gaze: Gaze, seen: F64x2, x_m: float, y_m: float, spread: F64x2, tries
         for j in range(len(gaze.known)):
             if gaze.known[j, TEXT] != NO_TEXT:
                 continue
-            if may_mean(seen, i, gaze.known, j, (x_m, y_m), spread, sight, gaze.within_m):
+            if may_match(seen, i, gaze.known, j, (x_m, y_m), spread, sight, gaze.within_m):
                 if not is_sure:
                     return NOBODY
                 is_dark = is_dark and gaze.nodes[j] == gaze.target
