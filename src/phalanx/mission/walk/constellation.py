@@ -96,10 +96,14 @@ def seen_again(config: MissionConfig, seen: Experience, known: Chart) -> Fix | N
         return None
     matches = told(config, seen, agreeing(config, seen, known_in(config, seen, known)))
     if strangers(config, seen, matches) > MISTAKEN:
-        matches = constellation(config, seen, may_be(config, seen, known))
+        matches = constellation(config, seen, candidate_matches(config, seen, known))
     return fix_from(config, seen, matches) if matches else None
 
 
-def may_be(config: MissionConfig, seen: Experience, known: Chart) -> list[Match]:
+def candidate_matches(config: MissionConfig, seen: Experience, known: Chart) -> list[Match]:
     """Each landmark in sight with each known one that it may be; the nearest first."""
-    return [(landmark, other) for landmark, may_be in may_be_known(config, seen, known) for other in may_be]
+    return [
+        (landmark, other)
+        for landmark, candidate_matches in may_be_known(config, seen, known)
+        for other in candidate_matches
+    ]

@@ -20,7 +20,7 @@ from phalanx.mission.refused import Altered, MalformedMission
 
 from .chart import Chart
 from .claims import Claim, Found, Unshown, shows, unlock
-from .constellation import MISTAKEN, constellation, may_be, strangers
+from .constellation import MISTAKEN, candidate_matches, constellation, strangers
 from .fix import (
     Fix,
     Match,
@@ -309,7 +309,9 @@ class Finder:
 
     def _together(self, state: State, seen: Experience, unconfirmed: dict[Match, Opened]) -> Believed:
         """One of several nodes that are believed together, though none is by itself, with the fix that all give."""
-        matches = constellation(self.config, seen, [*unconfirmed, *may_be(self.config, seen, self.chart(state))])
+        matches = constellation(
+            self.config, seen, [*unconfirmed, *candidate_matches(self.config, seen, self.chart(state))]
+        )
         opened = next((unconfirmed[pair] for pair in matches if pair in unconfirmed), None)
         if opened is None:
             return None, None, Reason.UNCONFIRMED

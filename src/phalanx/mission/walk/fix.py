@@ -241,10 +241,10 @@ def is_sure(config: MissionConfig, seen: Experience) -> bool:
 def known_in(config: MissionConfig, seen: Experience, known: Chart) -> list[Match]:
     """The nearest landmarks in sight that may be known ones, each of them one only."""
     matches: list[Match] = []
-    for landmark, may_be in may_be_known(config, seen, known):
+    for landmark, candidate_matches in may_be_known(config, seen, known):
         # Two known things that may be this one say nothing.
-        if len(may_be) == 1 and not has_rival(config, seen, landmark, may_be[0]):
-            matches.append((landmark, may_be[0]))
+        if len(candidate_matches) == 1 and not has_rival(config, seen, landmark, candidate_matches[0]):
+            matches.append((landmark, candidate_matches[0]))
         if len(matches) == AGAIN_MOST:
             break
     return matches
