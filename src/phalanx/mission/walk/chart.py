@@ -51,7 +51,7 @@ class Chart:
 
 
 @kernel
-def turn_to(truth_rad: float, seen_rad: float, half: bool) -> float:
+def rotation_between(truth_rad: float, seen_rad: float, half: bool) -> float:
     """By how much an orientation that was seen must be turned to be the true one; NaN without one of them.
 
     Args:
@@ -100,7 +100,7 @@ def may_match(
         return False
     if dx * dx + dy * dy > within_m * within_m:
         return False
-    turn = turn_to(known[j, TURN], seen[i, TURN], _HALF_TURN[int(seen[i, KIND])])
+    turn = rotation_between(known[j, TURN], seen[i, TURN], _HALF_TURN[int(seen[i, KIND])])
     turn = np.nan if np.isnan(turn) else wrap_rad_kernel(turn)
     match = Sighting(seen[i, X], seen[i, Y], known[j, X], known[j, Y], turn)
     return bool(misfit(spread, place[0], place[1], match, sight) <= max_misfit(turn))

@@ -20,7 +20,7 @@ from phalanx.mission.observable import HALF_TURN_TYPES, Experience, Landmark, nu
 from phalanx.mission.pose.belief import Belief, Wheels
 from phalanx.mission.pose.spread import Sight, Sighting, corrected, doubt_of, misfit, not_surer, pose_spread
 
-from .chart import Chart, max_misfit, turn_to
+from .chart import Chart, max_misfit, rotation_between
 
 Pose = tuple[float, float, float]
 Match = tuple[Landmark, Landmark]  # as it was seen, and as it truly is
@@ -127,7 +127,7 @@ def sighting(observed: Landmark, truth: Landmark, x_m: float, y_m: float, turned
         turned_rad: from the heading with which it was observed to that of the pose now.
     """
     turns = number_or_nan(truth.orientation_rad), number_or_nan(observed.orientation_rad)
-    turn = turn_to(*turns, truth.type in HALF_TURN_TYPES)
+    turn = rotation_between(*turns, truth.type in HALF_TURN_TYPES)
     turn = turn if math.isnan(turn) else wrap_rad(turn - turned_rad)
     return Sighting(float(x_m), float(y_m), float(truth.x_m), float(truth.y_m), turn)
 
