@@ -12,7 +12,7 @@ from phalanx.config.mission import MissionConfig
 from phalanx.mission import Draft, Experience, Landmark, Position, Profile, Reason, State, Walker
 from phalanx.mission.pose.belief import Belief
 from phalanx.mission.walk.chart import Chart
-from phalanx.mission.walk.constellation import seen_again, strangers
+from phalanx.mission.walk.constellation import expected_chance_matches, seen_again
 from phalanx.mission.walk.fix import begun_at, fix_from, fixed
 
 STRANGERS = MissionConfig(strangers_per_m2=0.2)
@@ -98,12 +98,14 @@ def test_a_row_that_goes_on_alike_is_not_believed_by_who_may_be_a_post_further(p
 def test_strangers_are_counted_in_what_is_left_of_each_gate():
     seen = sees((NEAR, FAR), (0.3, -0.2, 5.0), 0.3, 5.0)
     one, both = [(seen.landmarks[0], NEAR)], [(seen.landmarks[0], NEAR), (seen.landmarks[1], FAR)]
-    assert strangers(MissionConfig(), seen, both) == 0.0
+    assert expected_chance_matches(MissionConfig(), seen, both) == 0.0
     of_one_piece = [one[0], (replace(seen.landmarks[0], y_m=seen.landmarks[0].y_m - 0.6), SAME_SHELF)]
-    assert strangers(STRANGERS, seen, of_one_piece) == strangers(STRANGERS, seen, one)
-    assert strangers(STRANGERS, seen, both) < strangers(STRANGERS, seen, one) ** 2
+    assert expected_chance_matches(STRANGERS, seen, of_one_piece) == expected_chance_matches(STRANGERS, seen, one)
+    assert expected_chance_matches(STRANGERS, seen, both) < expected_chance_matches(STRANGERS, seen, one) ** 2
     doubled = replace(STRANGERS, strangers_per_m2=0.4)
-    assert strangers(doubled, seen, both) == pytest.approx(4 * strangers(STRANGERS, seen, both))
+    assert expected_chance_matches(doubled, seen, both) == pytest.approx(
+        4 * expected_chance_matches(STRANGERS, seen, both)
+    )
 
 
 def test_a_pose_that_is_turned_far_is_no_surer_than_an_arc_differs_from_its_tangent():

@@ -40,7 +40,7 @@ PIECE_M = 1.0
 PAIRS_MOST = 64
 
 
-def strangers(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> float:
+def expected_chance_matches(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> float:
     """How many sets of things that nobody surveyed pass for all of these matches, on the average; 0 without any.
 
     They stand by chance (a Poisson process); each gate is what is left after the matches before.
@@ -67,7 +67,9 @@ def constellation(config: MissionConfig, seen: Experience, pairs: Sequence[Match
     """
     pairs = pairs[:PAIRS_MOST]
     sets = [_grown(config, seen, pair, pairs) for pair in pairs]
-    rated = sorted(zip((strangers(config, seen, each) for each in sets), sets, strict=True), key=lambda row: row[0])
+    rated = sorted(
+        zip((expected_chance_matches(config, seen, each) for each in sets), sets, strict=True), key=lambda row: row[0]
+    )
     if not rated:
         return []
     often, best = rated[0]
@@ -95,7 +97,7 @@ def seen_again(config: MissionConfig, seen: Experience, known: Chart) -> Fix | N
     if is_sure(config, seen):
         return None
     matches = told(config, seen, agreeing(config, seen, known_in(config, seen, known)))
-    if strangers(config, seen, matches) > MISTAKEN:
+    if expected_chance_matches(config, seen, matches) > MISTAKEN:
         matches = constellation(config, seen, candidate_matches(config, seen, known))
     return fix_from(config, seen, matches) if matches else None
 

@@ -20,7 +20,7 @@ from phalanx.mission.refused import Altered, MalformedMission
 
 from .chart import Chart
 from .claims import Claim, Found, Unshown, shows, unlock
-from .constellation import MISTAKEN, candidate_matches, constellation, strangers
+from .constellation import MISTAKEN, candidate_matches, constellation, expected_chance_matches
 from .fix import (
     Fix,
     Match,
@@ -343,7 +343,7 @@ class Finder:
         match = sighting(observed, truth, observed.x_m, observed.y_m)
         if not fits(self.config, pose_spread(seen.spread), seen.x_m, seen.y_m, match):
             return None, None, Reason.DRIFT
-        if unconfirmed is not None and strangers(self.config, seen, [(observed, truth)]) > MISTAKEN:
+        if unconfirmed is not None and expected_chance_matches(self.config, seen, [(observed, truth)]) > MISTAKEN:
             unconfirmed[observed, truth] = opened
         if has_rival(self.config, seen, observed, truth):
             return None, None, Reason.AMBIGUOUS
@@ -355,7 +355,7 @@ class Finder:
         matches = told(self.config, seen, matches)
         if not any(pair[0] is observed for pair in matches):
             return None, None, Reason.AMBIGUOUS
-        if strangers(self.config, seen, matches) > MISTAKEN:
+        if expected_chance_matches(self.config, seen, matches) > MISTAKEN:
             return None, None, Reason.UNCONFIRMED
         return self._fixed(state, seen, opened, matches)
 
