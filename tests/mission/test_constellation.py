@@ -12,7 +12,7 @@ from phalanx.config.mission import MissionConfig
 from phalanx.mission import Draft, Experience, Landmark, Position, Profile, Reason, State, Walker
 from phalanx.mission.pose.belief import Belief
 from phalanx.mission.walk.chart import Chart
-from phalanx.mission.walk.constellation import expected_chance_matches, seen_again
+from phalanx.mission.walk.constellation import expected_chance_matches, fix_from_known
 from phalanx.mission.walk.fix import begun_at, fix_from, fixed
 
 STRANGERS = MissionConfig(strangers_per_m2=0.2)
@@ -81,7 +81,7 @@ def test_a_stranger_beside_known_things_is_left_out_of_their_constellation():
     stranger = replace(DOOR, x_m=DOOR.x_m + 0.9, y_m=DOOR.y_m - 0.5)
     post = Landmark("concave_left", 6.0, -4.0, math.pi / 2)
     shown = sees((NEAR, FAR, stranger, post), (0.5, -0.4, 9.0), 0.4, 8.0)
-    fix = seen_again(STRANGERS, shown, Chart((NEAR, FAR, DOOR, post)))
+    fix = fix_from_known(STRANGERS, shown, Chart((NEAR, FAR, DOOR, post)))
     assert fix is not None
     assert math.hypot(fix.x_m, fix.y_m) < 0.15
     assert (DOOR.x_m, DOOR.y_m) not in [(each.x_m, each.y_m) for each in fix.sightings]
@@ -92,7 +92,7 @@ def test_a_row_that_goes_on_alike_is_not_believed_by_who_may_be_a_post_further(p
     """Of posts 1.2 m apart two fit the next ones as well; where they stand at odd distances nothing else fits."""
     row = tuple(Landmark("concave_left", 3.0, y_m, math.pi) for y_m in places_m)
     shown = sees(row, (0.1, 0.6, 0.0), 0.6, 2.0)
-    assert (seen_again(STRANGERS, shown, Chart(row)) is not None) is well
+    assert (fix_from_known(STRANGERS, shown, Chart(row)) is not None) is well
 
 
 def test_strangers_are_counted_in_what_is_left_of_each_gate():

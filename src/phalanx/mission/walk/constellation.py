@@ -92,7 +92,7 @@ def _grown(config: MissionConfig, seen: Experience, seed: Match, pairs: Sequence
     return kept
 
 
-def seen_again(config: MissionConfig, seen: Experience, known: Chart) -> Fix | None:
+def fix_from_known(config: MissionConfig, seen: Experience, known: Chart) -> Fix | None:
     """A fix from the nearest landmarks that the robot has decoded before and now sees again, or None."""
     if is_sure(config, seen):
         return None

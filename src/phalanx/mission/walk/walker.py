@@ -21,7 +21,7 @@ from phalanx.mission.observable import LONGEST_S, Experience, Landmark
 from phalanx.mission.refused import Altered
 
 from .claims import Claim, Unshown
-from .constellation import seen_again
+from .constellation import fix_from_known
 from .finding import Find, Finder
 from .fix import Fix, allowed_m, distance_m, length_m, pose_doubt_m
 from .gate import StartKey
@@ -179,7 +179,7 @@ class Walker:
         that slides away, gives one at every step. So all of them since the last decode may not come to more than can
         have drifted since then.
         """
-        fix, doubt_m = seen_again(self.config, seen, self._finder.chart(state)), pose_doubt_m(seen)
+        fix, doubt_m = fix_from_known(self.config, seen, self._finder.chart(state)), pose_doubt_m(seen)
         if fix is None or fix.moved_m > allowed_m(self.config, seen.travelled_m - state.fixed_at_m, doubt_m):
             return None
         all_m = length_m(*self._pulled(state, seen, fix))
