@@ -76,7 +76,7 @@ class Walker:
             state = replace(state, keys=find.keys)
         if find.opened is not None:
             return self._decoded(state, seen, find.opened, find.fix, find.trials)
-        return self._walked(state, seen, self.sees_again(state, seen), find)
+        return self._walked(state, seen, self.pose_from_known(state, seen), find)
 
     def look(self, state: State, seen: Experience) -> tuple[State, Claim | None, int]:
         """The state with what was tried in its keyring; the claim that `advance` takes, if any; and tries."""
@@ -110,7 +110,7 @@ class Walker:
         if claim:
             return self._decoded(state, seen, *self._finder.check(state, seen, claim), 0)
         nothing = Find(state.keys, None, None, Reason.NOTHING_SENSED, 0)
-        return self._walked(state, seen, self.sees_again(state, seen), nothing)
+        return self._walked(state, seen, self.pose_from_known(state, seen), nothing)
 
     def hear(self, state: State, message: bytes) -> State:
         """The state after an encoded message has come."""
@@ -172,7 +172,7 @@ class Walker:
             return seen
         return replace(seen, landmarks=near, travelled_m=travelled_m)
 
-    def sees_again(self, state: State, seen: Experience) -> Fix | None:
+    def pose_from_known(self, state: State, seen: Experience) -> Fix | None:
         """The pose that landmarks decoded before tell, if they are seen again.
 
         Each such fix is no larger than what can have drifted since the last; a lidar that is stuck, or shown a building

@@ -181,7 +181,7 @@ class MissionController(EvidenceController):
             is_shown = 1 <= claim.shape.place < AT_POSITION or claim.shape.sensors
             return pack_evidence(claim, raw[:end], raw[end:]) if is_shown else pack_evidence(claim, b"")
         moved = now.travelled_m - self._fixed[0] > AGAIN_M or abs(wrap(now.pose[2] - self._fixed[1])) > AGAIN_RAD
-        if moved and self.walker.sees_again(walk, seen):
+        if moved and self.walker.pose_from_known(walk, seen):
             self._fixed = now.travelled_m, now.pose[2]
             return pack_evidence(None, raw[:end], raw[end:])
         return b""
