@@ -137,7 +137,7 @@ def fits(config: MissionConfig, spread: F64x2, x_m: float, y_m: float, match: Si
     return bool(misfit(spread, x_m, y_m, match, sight_of(config)) <= max_misfit(match.turn_rad))
 
 
-def is_alone(config: MissionConfig, seen: Experience, pair: Match, mean: F64x1, spread: F64x2) -> bool:
+def has_no_lookalike(config: MissionConfig, seen: Experience, pair: Match, mean: F64x1, spread: F64x2) -> bool:
     """Return whether no other look-alike can be meant: it lies beyond the robot's uncertainty.
 
     If another one were seen, it would be within the doubt of that one, and that is `apart_m` from here.
@@ -156,10 +156,12 @@ def unambiguous(config: MissionConfig, seen: Experience, matches: Sequence[Match
     if not matches or config.sigmas * math.sqrt(seen.spread[-1]) > LOST_RAD:
         return []
     mean, spread, _ = fuse_matches(config, seen, ())
-    certain = [pair for pair in matches if is_alone(config, seen, pair, mean, spread)]
+    certain = [pair for pair in matches if has_no_lookalike(config, seen, pair, mean, spread)]
     if certain:
         mean, spread, _ = fuse_matches(config, seen, certain)
-    return [pair for pair in matches if pair in certain or (certain and is_alone(config, seen, pair, mean, spread))]
+    return [
+        pair for pair in matches if pair in certain or (certain and has_no_lookalike(config, seen, pair, mean, spread))
+    ]
 
 
 def has_rival(config: MissionConfig, seen: Experience, observed: Landmark, truth: Landmark) -> bool:
