@@ -29,7 +29,7 @@ from .fix import (
     distance_m,
     fits,
     fix_from,
-    has_rival,
+    is_ambiguous,
     is_there,
     known_in,
     length_m,
@@ -345,7 +345,7 @@ class Finder:
             return None, None, Reason.DRIFT
         if unconfirmed is not None and expected_chance_matches(self.config, seen, [(observed, truth)]) > MISTAKEN:
             unconfirmed[observed, truth] = opened
-        if has_rival(self.config, seen, observed, truth):
+        if is_ambiguous(self.config, seen, observed, truth):
             return None, None, Reason.AMBIGUOUS
         # What is known and in sight has its say.
         known = [pair for pair in known_in(self.config, seen, self.chart(state)) if pair[0] is not observed]

@@ -164,7 +164,7 @@ def unambiguous(config: MissionConfig, seen: Experience, matches: Sequence[Match
     ]
 
 
-def has_rival(config: MissionConfig, seen: Experience, observed: Landmark, truth: Landmark) -> bool:
+def is_ambiguous(config: MissionConfig, seen: Experience, observed: Landmark, truth: Landmark) -> bool:
     """Return whether another landmark of the same scan may as well be the one that was recognised."""
     spread = pose_spread(seen.spread)
     for other in seen.landmarks:
@@ -245,7 +245,7 @@ def known_in(config: MissionConfig, seen: Experience, known: Chart) -> list[Matc
     matches: list[Match] = []
     for landmark, candidate_matches in may_be_known(config, seen, known):
         # Two known things that may be this one say nothing.
-        if len(candidate_matches) == 1 and not has_rival(config, seen, landmark, candidate_matches[0]):
+        if len(candidate_matches) == 1 and not is_ambiguous(config, seen, landmark, candidate_matches[0]):
             matches.append((landmark, candidate_matches[0]))
         if len(matches) == AGAIN_MOST:
             break
