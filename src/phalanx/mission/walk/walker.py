@@ -120,7 +120,7 @@ class Walker:
         """(node, proof) of all that was decoded, for a robot that is met: hashes, never raw data (§VI-C)."""
         return tuple(sorted(state.keys.proofs.items()))
 
-    def hear_report(self, state: State, report: tuple[tuple[int, bytes], ...]) -> State:
+    def accept_report(self, state: State, report: tuple[tuple[int, bytes], ...]) -> State:
         """The state after another robot told where it was; what it cannot prove is ignored (sealed profile).
 
         In the paper profile nothing is stored to check a proof with, and a robot's word is taken: a compromised robot

@@ -214,7 +214,7 @@ class MissionWorld:
                     told.append((there, here.controller.walker.report(here.controller.memory.walk)))
         for robot, proofs in told:
             memory = robot.controller.memory
-            robot.controller.memory = replace(memory, walk=robot.controller.walker.hear_report(memory.walk, proofs))
+            robot.controller.memory = replace(memory, walk=robot.controller.walker.accept_report(memory.walk, proofs))
         return told
 
     def _move(self, i: int) -> None:
