@@ -142,7 +142,7 @@ class Logbook:
         assert opened is not None, "called when there is one"
         self._digest.update(struct.pack("<i", opened.node))
         cell_m = self.controller.given.mission.header.coding.delta_mm / MM_PER_M
-        if wrong := self._truth.denies(self.body.wheels.pose, opened, self.controller.seen, cell_m):
+        if wrong := self._truth.decoding_error(self.body.wheels.pose, opened, self.controller.seen, cell_m):
             report.false_decodes += 1
             report.denied.append((t_s, f"node {opened.node}", wrong))
         if all(opened.node != node for _, node in report.decoded):

@@ -64,7 +64,7 @@ class Truth:
     def __init__(self, plan: FloorPlan, lidar: LidarConfig) -> None:
         self._plan, self._lidar = plan, lidar
 
-    def denies(self, true: Pose, opened: Opened, seen: Experience | None, cell_m: float) -> str:
+    def decoding_error(self, true: Pose, opened: Opened, seen: Experience | None, cell_m: float) -> str:
         """Name the error of a decoded node: "elsewhere", "hidden", "another", or "" if it is right.
 
         Args:
