@@ -46,7 +46,7 @@ from phalanx.mission.landmarks import LaserScan, extract
 from phalanx.mission.observable import HALF_TURN_TYPES, number_or_nan
 from phalanx.mission.walk.chart import turn_to
 from phalanx.mission.walk.fix import begun_at, fixed, wheels_of
-from phalanx.world.missions.truth import wrong_by
+from phalanx.world.missions.truth import pose_error
 
 Pose = tuple[float, float, float]
 KINDS = ("doorway", "corner_convex", "concave_left", "concave_right")
@@ -288,7 +288,7 @@ def live(mission: EncodedMission, config: MissionConfig, samples: list[Sample]) 
         if outcome.fix is not None:
             lived.fixes += 1
             belief = fixed(config, belief, outcome.fix)
-            if wrong := wrong_by(sample.pose, belief.pose, belief.doubt):
+            if wrong := pose_error(sample.pose, belief.pose, belief.doubt):
                 lived.false[wrong] += 1
         elif outcome.reason is not None:
             lived.not_validated[outcome.reason.value] += 1

@@ -16,7 +16,7 @@ from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.observable import Cell, Offset
 from phalanx.mission.walk.claims import Claim
 from phalanx.mission.walk.opening import Opened
-from phalanx.world.missions.truth import Truth, wrong_by
+from phalanx.world.missions.truth import Truth, pose_error
 
 # Two rooms; in the wall between them, without thickness, a door from y = 2 to 3.5.
 PLAN = floorplan_of_yaml(
@@ -43,7 +43,7 @@ CELL_M = 0.1
     ],
 )
 def test_a_fix_that_leaves_a_robot_far_off_is_false(estimate: tuple[float, float, float], said: str) -> None:
-    assert wrong_by(HERE, estimate, None) == said
+    assert pose_error(HERE, estimate, None) == said
 
 
 @pytest.mark.parametrize(
@@ -61,14 +61,14 @@ def test_a_robot_that_is_surer_than_it_may_be_is_wrong_even_when_it_is_near(
     estimate: tuple[float, float, float], said: str
 ) -> None:
     # 10 cm along the x axis, 1 cm across it, 0.02 rad.
-    assert wrong_by(HERE, estimate, (0.01, 0.0, 0.0, 0.0001, 0.0, 0.0004)) == said
+    assert pose_error(HERE, estimate, (0.01, 0.0, 0.0, 0.0001, 0.0, 0.0004)) == said
 
 
 def test_how_sure_a_robot_is_counts_along_its_error_however_the_axes_lie() -> None:
     # 10 cm along the diagonal, 1 cm across it.
     spread = (0.00505, 0.00495, 0.0, 0.00505, 0.0, 1.0)
-    assert wrong_by(HERE, (2.2, 2.95, 0.0), spread) == ""
-    assert wrong_by(HERE, (2.2, 2.55, 0.0), spread) == "sigmas"
+    assert pose_error(HERE, (2.2, 2.95, 0.0), spread) == ""
+    assert pose_error(HERE, (2.2, 2.55, 0.0), spread) == "sigmas"
 
 
 def opened(thing: Landmark | None, place: tuple[float, float] | None = None) -> Opened:

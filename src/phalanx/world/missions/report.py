@@ -21,7 +21,7 @@ from phalanx.world.building.odometry import Pose
 
 from .body import MissionBody
 from .setup import MissionRun
-from .truth import Truth, wrong_by
+from .truth import Truth, pose_error
 
 _TOLD = {Reason.DRIFT, Reason.CONTRADICTED, Reason.ALTERED}
 
@@ -128,7 +128,7 @@ class Logbook:
         if outcome is None:
             return
         report.hashes_tried += outcome.trials
-        if outcome.fix is not None and (wrong := wrong_by(true, estimate, self.controller.memory.belief.doubt)):
+        if outcome.fix is not None and (wrong := pose_error(true, estimate, self.controller.memory.belief.doubt)):
             report.false_fixes += 1
             report.denied.append((t_s, "fix", wrong))
         why = self._why_not(outcome, phase)

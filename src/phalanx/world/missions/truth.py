@@ -37,7 +37,7 @@ DEEP_M, WIDE_M = 0.25, 0.5
 AROUND_M = {"room": math.inf, "doorway": 1.5}
 
 
-def wrong_by(true: Pose, estimate: Pose, spread: Covariance | None) -> str:
+def pose_error(true: Pose, estimate: Pose, spread: Covariance | None) -> str:
     """Name the error of an estimated pose: "metres", "degrees", "sigmas", or "" if it is right.
 
     Args:
