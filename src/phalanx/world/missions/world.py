@@ -223,7 +223,7 @@ class MissionWorld:
         if safe_us >= 0:
             body.advance(safe_us / US_PER_S)
             body.halt()
-        self.building.pass_time(self.now_s)
+        self.building.advance_people(self.now_s)
         body.advance(self.now_s)
         self.world.pos[i] = body.wheels.pose[:2]
 
