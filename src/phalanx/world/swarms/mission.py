@@ -28,7 +28,7 @@ from phalanx.robot.on_mission import Decoded, Lit, News, Progress, Walk
 from phalanx.robot.roster import Roster, member
 from phalanx.robot.swarm import AttackChoice, Audit, Shield
 from phalanx.world.missions.live import WAITING, Lie, Moment, Standing, live
-from phalanx.world.missions.orders import Orders, check_sensed, furnished, orders_of, start_of
+from phalanx.world.missions.orders import Orders, check_sensed, orders_of, start_of, with_fixtures
 from phalanx.world.missions.setup import MissionRun
 from phalanx.world.signals import handled_by
 
@@ -150,7 +150,7 @@ class MissionSwarm(Roster):
 
     def check(self, plain: Mission) -> None:
         """Nothing, if robots can live such a mission, see `OnMission`."""
-        check_sensed(furnished(self.plan, plain), plain)
+        check_sensed(with_fixtures(self.plan, plain), plain)
 
     def prepare(self, plain: Mission, built: Sequence[Built]) -> Callable[[], None]:
         """Prepare all robots for a mission, see `OnMission`."""
