@@ -24,7 +24,7 @@ from phalanx.world.building.floorplan import DEFAULT
 from phalanx.world.building.odometry import OdometryNoise, Pose
 from phalanx.world.missions.orders import File, orders_of_files
 from phalanx.world.missions.recording import write_recording
-from phalanx.world.missions.report import Report, drift_words, summary
+from phalanx.world.missions.report import Report, format_drift, summary
 from phalanx.world.missions.run import run_mission
 from phalanx.world.missions.setup import MissionRun, check_count
 
@@ -216,7 +216,7 @@ def _show(told: dict[str, Any]) -> None:
         ]
         click.echo(f"{words:22}{'   '.join(cells) or '-'}")
     for row in told["drift"]:
-        learnt = drift_words((row["way"], row["turn"], row["curve_radpm"]))
+        learnt = format_drift((row["way"], row["turn"], row["curve_radpm"]))
         click.echo(f"robot {row['robot']:<4} its wheels err by   {learnt}")
     for row in told["actions"]:
         click.echo(f"robot {row['robot']:<4} {row['t_s']:>7.1f} s   did {row['action']}")

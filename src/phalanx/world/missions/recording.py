@@ -26,7 +26,7 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.recording.recorder import NS, WORLD, Recorder, cylinder, frame, pose_at, time_of
 
-from .report import Report, drift_words
+from .report import Report
 
 GREY, GREEN = Color(r=0.4, g=0.4, b=0.4, a=1.0), Color(r=0.0, g=0.62, b=0.45, a=0.8)
 MARK_M, MARK_HEIGHT_M = 0.5, 0.3

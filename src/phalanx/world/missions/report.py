@@ -207,7 +207,7 @@ def digest_of(reports: list[Report]) -> str:
     return hashlib.sha256("\n".join(map(lived, reports)).encode()).hexdigest()
 
 
-def drift_words(drift: tuple[float, float, float]) -> str:
+def format_drift(drift: tuple[float, float, float]) -> str:
     """Format the estimated odometry drift for people, see `Report.drift`."""
     way, turn, curve = drift
     return f"way {100 * way:+.1f} %   turns {100 * turn:+.1f} %   {math.degrees(curve):+.2f}° a metre"
