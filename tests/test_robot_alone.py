@@ -43,7 +43,7 @@ from phalanx.daemon.proofs import NOBODY, signed_in
 from phalanx.daemon.run import mission_of, provision
 from phalanx.daemon.settings import RobotFile, read_robot, robot_schema
 from phalanx.daemon.state import told as fuse_matches
-from phalanx.daemon.trusted import check_may_have_key, give_keys, open_nodes
+from phalanx.daemon.trusted import check_may_have_key, open_nodes, provision_keys
 from phalanx.errors import Unavailable, UsageError
 from phalanx.lab.scorecard.card import write_csv
 from phalanx.net import serial_line, udp_radio
@@ -181,7 +181,7 @@ def test_a_master_key_goes_to_nobody_over_a_network(tmp_path, where):
     node = SimpleNamespace(about=SimpleNamespace(robot_id=0))
     (tmp_path / "key.json").write_bytes(issued(1, {3: seal_mission_key(bytes(20), bytes(20), bytes(20), 1)}, {}))
     with pytest.raises(UsageError, match="a master key for whoever answers"):
-        give_keys(node, settings, None)
+        provision_keys(node, settings, None)
 
 
 def test_each_start_with_nodes_on_a_network_warns(tmp_path, monkeypatch, caplog):

@@ -32,7 +32,7 @@ from .sealed_air import SealedAir, may_send, with_room_for_seals
 from .settings import RobotSettings
 from .signed_mission import signed_for
 from .state import EVERY_S, state_of, tell
-from .trusted import OwnClock, check_may_have_key, give_keys, open_nodes, start
+from .trusted import OwnClock, check_may_have_key, open_nodes, provision_keys, start
 
 log = logging.getLogger(__name__)
 
@@ -111,7 +111,7 @@ async def run_robot(
         stack.callback(node.close)
         if said.trusted.startswith("process") and not in_arena:
             log.warning("robot %d: its trusted nodes are a process, which protects from nobody here", said.robot)
-        sealed = give_keys(node, settings, limits)
+        sealed = provision_keys(node, settings, limits)
         kept = stack.enter_context(KeptLog(settings.log_file))
         may = may_send(scenario, len(said.radio.peers), sealed=said.radio.sealed)
         radio: Radio = stack.enter_context(
