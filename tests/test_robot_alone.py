@@ -43,7 +43,7 @@ from phalanx.daemon.proofs import NOBODY, signed_in
 from phalanx.daemon.run import mission_of, provision
 from phalanx.daemon.settings import RobotFile, read_robot, robot_schema
 from phalanx.daemon.state import told as fuse_matches
-from phalanx.daemon.trusted import check_may_have_key, open_nodes, provision_keys
+from phalanx.daemon.trusted import check_may_have_key, connect_nodes, provision_keys
 from phalanx.errors import Unavailable, UsageError
 from phalanx.lab.scorecard.card import write_csv
 from phalanx.net import serial_line, udp_radio
@@ -163,10 +163,10 @@ def test_a_flash_that_others_may_read_gets_no_keys(tmp_path):
     settings = robot(tmp_path)
     flash = tmp_path / "trusted.flash"
     flash.touch(0o600)
-    open_nodes(settings).close()
+    connect_nodes(settings).close()
     flash.chmod(0o640)
     with pytest.raises(UsageError, match=r"trusted\.flash is another user's, or open to others"):
-        open_nodes(settings)
+        connect_nodes(settings)
 
 
 def with_nodes(tmp_path, where):
@@ -187,7 +187,7 @@ def test_a_master_key_goes_to_nobody_over_a_network(tmp_path, where):
 def test_each_start_with_nodes_on_a_network_warns(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr("phalanx.daemon.trusted.open_line", lambda _: pytest.fail("opened"))
     with pytest.raises(pytest.fail.Exception):
-        open_nodes(with_nodes(tmp_path, "tcp:192.0.2.1:4400"))
+        connect_nodes(with_nodes(tmp_path, "tcp:192.0.2.1:4400"))
     assert "nothing tells who answers" in caplog.text
 
 

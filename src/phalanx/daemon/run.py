@@ -32,7 +32,7 @@ from .sealed_air import SealedAir, may_send, with_room_for_seals
 from .settings import RobotSettings
 from .signed_mission import signed_for
 from .state import EVERY_S, state_of, tell
-from .trusted import OwnClock, check_may_have_key, open_nodes, provision_keys, start
+from .trusted import OwnClock, check_may_have_key, connect_nodes, provision_keys, start
 
 log = logging.getLogger(__name__)
 
@@ -72,7 +72,7 @@ def provision(settings: RobotSettings, keys_file: Path, passphrase: str, today: 
     check_may_have_key(settings)
     scenario, _ = controlled(mission_of(settings), settings)
     robot = settings.said.robot
-    node = open_nodes(settings)
+    node = connect_nodes(settings)
     try:
         if node.about.robot_id:
             raise UsageError(f"its trusted nodes are robot {node.about.robot_id}'s already", "once only: another board")
@@ -107,7 +107,7 @@ async def run_robot(
     said = settings.said
     signed = signed_for(settings.path(said.key), scenario, said.mission)
     with contextlib.ExitStack() as stack:
-        node = open_nodes(settings)
+        node = connect_nodes(settings)
         stack.callback(node.close)
         if said.trusted.startswith("process") and not in_arena:
             log.warning("robot %d: its trusted nodes are a process, which protects from nobody here", said.robot)

@@ -75,7 +75,7 @@ def program() -> Path:
     return PROGRAM
 
 
-def open_nodes(settings: RobotSettings) -> SerialNode:
+def connect_nodes(settings: RobotSettings) -> SerialNode:
     """Return the nodes that the file names, after a handshake.
 
     Raises: UsageError: no program, a flash that is not ours alone, or a bench; Unavailable: nobody of ours answers.
