@@ -163,7 +163,7 @@ async def _live(
     living = asyncio.create_task(life.live(kept))
     try:
         with mistakes_in(*own_files):
-            await _tell_of(life, living, state_file, base)
+            await _publish_state(life, living, state_file, base)
     except asyncio.CancelledError:
         life.why_ended = "it was told to end"
         raise
@@ -177,7 +177,9 @@ async def _live(
             tell(state_file, state_of(life))
 
 
-async def _tell_of(life: Life, living: asyncio.Task[None], state_file: Path, base: AdvisedHardware | None) -> None:
+async def _publish_state(
+    life: Life, living: asyncio.Task[None], state_file: Path, base: AdvisedHardware | None
+) -> None:
     untold = ""
     while True:
         state = state_of(life)
