@@ -306,7 +306,7 @@ def test_a_state_that_somebody_wrote_commands_no_terminal_and_makes_no_traceback
         "given": [{"auditee": 2, "times": 5, "last_s_ago": 1.25}],
         "frames_refused": {},
     }
-    told, state["core_share"] = tmp_path / "robot-3.json", 0.1
+    told, state["cpu_share"] = tmp_path / "robot-3.json", 0.1
     state |= {"memory_kb": 109_500, "memory_began_kb": 108_500}
     told.write_text(json.dumps(state | {"log_bytes": 1, "log_bytes_max": 2}))
     assert status(tmp_path / "robot.yaml", as_json=False) == 0

@@ -76,7 +76,7 @@ def arena(
         print_json(summary)
     else:
         sim.show(chosen, summary, knows_goal=not own and chosen.controller not in PROTOCOLS)
-        shares = [each["core_share"] for each in summary["processes"] if "core_share" in each]
+        shares = [each["cpu_share"] for each in summary["processes"] if "cpu_share" in each]
         late = [each["longest_ms"]["late"] for each in summary["processes"] if "longest_ms" in each]
         for each in summary["on_air"]:
             at_s = each["safe_mode_s"]

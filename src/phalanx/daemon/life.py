@@ -280,7 +280,7 @@ class Life:
         self.longest_ms[what] = max(self.longest_ms[what], took_ms)
 
     @property
-    def core_share(self) -> float:
+    def cpu_share(self) -> float:
         """Return the share of a processor core used since the mission began, without the trusted nodes."""
         return (time.process_time() - self._cpu_s) / max(time.monotonic() - self.began_s, 1e-9)
 

@@ -143,7 +143,7 @@ class Field(Run):
             "lived_s",
             "tokens_got",
             "refused",
-            "core_share",
+            "cpu_share",
             "advice",
             "longest_ms",
             "why_late",
