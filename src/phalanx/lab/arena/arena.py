@@ -36,7 +36,7 @@ from phalanx.scenarios.own import find_planner, mistakes_in
 from phalanx.scenarios.scenario import WHEELS, Scenario, for_robots
 from phalanx.world.audited.setup import POWER_UP_MS
 
-from .ether import Ether, Weather
+from .ether import SimulatedAir, Weather
 from .field import Field
 from .places import STATION, Changes, free_ports, lay_out
 
@@ -73,7 +73,7 @@ class Arena:
         ]
         # One more for a gateway, if there is somebody to obey it.
         ports = free_ports(scenario.robots + (scenario.controller == WHEELS))
-        self._ether = Ether(
+        self._ether = SimulatedAir(
             self.field.world,
             scenario.radio,
             weather,

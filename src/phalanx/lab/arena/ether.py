@@ -55,7 +55,7 @@ class Weather:
         check_limits(self)
 
 
-class Ether:
+class SimulatedAir:
     """The air at a `port` of this machine, in a world whose counts of packets grow.
 
     The last of `ports` may be a gateway's, in range of all; `is_silent` tells whether a robot's radio is off, by index.
