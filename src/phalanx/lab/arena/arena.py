@@ -36,7 +36,7 @@ from phalanx.scenarios.own import find_planner, mistakes_in
 from phalanx.scenarios.scenario import WHEELS, Scenario, for_robots
 from phalanx.world.audited.setup import POWER_UP_MS
 
-from .ether import SimulatedAir, Weather
+from .ether import RadioConditions, SimulatedAir
 from .field import Field
 from .places import STATION, Changes, free_ports, lay_out
 
@@ -57,7 +57,7 @@ OnStep = Callable[[Field], None]
 class Arena:
     """Answers sensors, moves the bodies in `field`, carries packets, and reads what robots tell of themselves."""
 
-    def __init__(self, scenario: Scenario, folder: Path, weather: Weather, changes: Changes) -> None:
+    def __init__(self, scenario: Scenario, folder: Path, weather: RadioConditions, changes: Changes) -> None:
         keys = Keys.new("arena")
         if scenario.controller == WHEELS:
             gateway, operator = (keys.public(who) for who in STATION.values())
@@ -302,7 +302,7 @@ async def _until_told(settings: RobotSettings, arena: Arena) -> None:
         await job
 
 
-def _check(scenario: Scenario, weather: Weather) -> None:
+def _check(scenario: Scenario, weather: RadioConditions) -> None:
     """Refuse what no arena plays. Raises: UsageError."""
     for_robots(scenario)
     if scenario.robots > MOST_ROBOTS:
@@ -325,7 +325,12 @@ def _go_first() -> None:
 
 
 def play_in_arena(
-    scenario: Scenario, folder: Path, weather: Weather, on_step: OnStep, recording: Recording | None, changes: Changes
+    scenario: Scenario,
+    folder: Path,
+    weather: RadioConditions,
+    on_step: OnStep,
+    recording: Recording | None,
+    changes: Changes,
 ) -> Field:
     """Return the field at the scenario's end. Raises: UsageError: no nodes, or it cannot be played; Unavailable."""
     _check(scenario, weather)

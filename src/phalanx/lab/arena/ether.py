@@ -41,7 +41,7 @@ BUFFER_BYTES = 1 << 22
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Weather:
+class RadioConditions:
     """Loss and delay of packets, and drift of clocks, beside the scenario's loss. Raises: UsageError: out of range."""
 
     repeats: float = within(0.0, 0.0, 0.9, "share of packets that arrive twice")
@@ -65,7 +65,7 @@ class SimulatedAir:
         self,
         world: World,
         config: RadioConfig,
-        weather: Weather,
+        weather: RadioConditions,
         ports: Sequence[int],
         is_silent: Callable[[int], bool],
         dice: random.Random,
