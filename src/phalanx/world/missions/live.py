@@ -57,7 +57,7 @@ class Moment:
 
 
 @dataclass(frozen=True, slots=True)
-class Lie:
+class CompromiseRequest:
     """Request to compromise a robot: its number, and the attack's name."""
 
     robot: int
@@ -88,7 +88,7 @@ class Crew:
             ),
         )
 
-    def compromise(self, lie: Lie) -> None:
+    def compromise(self, lie: CompromiseRequest) -> None:
         """The robot lies from now on: it makes for the corner of the building that is farthest from it."""
         robot = self._world.robots[lie.robot]
         x0, y0, x1, y1 = self._run.plan.bounds

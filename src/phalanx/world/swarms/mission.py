@@ -27,7 +27,7 @@ from phalanx.robot.adversary.registry import attacks
 from phalanx.robot.on_mission import Decoded, Lit, News, Progress, Walk
 from phalanx.robot.roster import Roster, member
 from phalanx.robot.swarm import AttackChoice, Audit, Shield
-from phalanx.world.missions.live import WAITING, Lie, Moment, Standing, live
+from phalanx.world.missions.live import WAITING, CompromiseRequest, Moment, Standing, live
 from phalanx.world.missions.orders import Orders, check_sensed, orders_of, start_of, with_fixtures
 from phalanx.world.missions.setup import MissionRun
 from phalanx.world.signals import handled_by
@@ -225,7 +225,7 @@ class MissionSwarm(Roster):
 
     # --- inside -------------------------------------------------------------------------------------------------------
 
-    def _tell(self, number: int, what: MissionRun | Lie) -> None:
+    def _tell(self, number: int, what: MissionRun | CompromiseRequest) -> None:
         try:
             self._pipe.send((number, what))
         except OSError as error:
@@ -313,7 +313,7 @@ class ShieldedMissionSwarm(MissionSwarm):
         stands = self._standing[i]
         if self._orders is None or stands.attack or stands.safe_mode:
             raise Unknown(f"{self._members[i].name} is compromised or stopped already, or on no mission")
-        self._tell(self._number, Lie(i, attack))
+        self._tell(self._number, CompromiseRequest(i, attack))
 
     def _take(self, moment: Moment) -> None:
         super()._take(moment)
