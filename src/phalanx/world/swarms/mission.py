@@ -27,7 +27,7 @@ from phalanx.robot.adversary.registry import attacks
 from phalanx.robot.on_mission import Decoded, Lit, News, Progress, Walk
 from phalanx.robot.roster import Roster, member
 from phalanx.robot.swarm import AttackChoice, Audit, Shield
-from phalanx.world.missions.live import WAITING, CompromiseRequest, Moment, Standing, live
+from phalanx.world.missions.live import WAITING, CompromiseRequest, Moment, RobotTruth, live
 from phalanx.world.missions.orders import Orders, check_sensed, orders_of, start_of, with_fixtures
 from phalanx.world.missions.setup import MissionRun
 from phalanx.world.signals import handled_by
@@ -62,7 +62,7 @@ class MissionSwarm(Roster):
         self.plan = plan
         self._seed, self._clock = seed, clock
         super().__init__(replace(member(i), threshold_mm=0.0) for i in range(count))
-        self._standing = [Standing(*start_of(plan), WAITING, "")] * count
+        self._standing = [RobotTruth(*start_of(plan), WAITING, "")] * count
         self._heard_at_s = clock()
         self._orders: Orders | None = None
         self._started: set[bytes] = set()
@@ -186,7 +186,7 @@ class MissionSwarm(Roster):
         self._news.clear()
         for i, each in enumerate(self._members):
             each.history.clear()
-            self._standing[i] = Standing(*orders.parts[i % len(orders.parts)].start, WAITING, "")
+            self._standing[i] = RobotTruth(*orders.parts[i % len(orders.parts)].start, WAITING, "")
 
     def progress(self) -> Progress | None:
         """The mission that runs, or ran last."""
