@@ -12,7 +12,7 @@ from phalanx.papers.bti.attack_trial import Airtime, FlockTrial, Stop, Trial, tr
 from phalanx.papers.missions.team import TeamTrial, try_in_team
 from phalanx.papers.missions.trial import MissionTrial, try_mission_attack
 from phalanx.robot.adversary.attack import Attack
-from phalanx.robot.adversary.harm import Guessed, Walked
+from phalanx.robot.adversary.harm import ErrandOutcome, Guessed
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attack, find_controller, is_file, mistakes_in
@@ -200,7 +200,7 @@ def _mission(trial: Trial) -> dict[str, str]:
     return rows if trial.honest is None else {**rows, "without the attack": _walked(trial.honest)}
 
 
-def _robot(robot: Walked) -> dict[str, str]:
+def _robot(robot: ErrandOutcome) -> dict[str, str]:
     rows = {"robot": _walked(robot)}
     if robot.refused:
         return rows
@@ -212,7 +212,7 @@ def _robot(robot: Walked) -> dict[str, str]:
     }
 
 
-def _walked(robot: Walked) -> str:
+def _walked(robot: ErrandOutcome) -> str:
     if robot.refused:
         return f"refuses the mission: {robot.refused}"
     end = "done" if robot.done else "holds" if robot.held else "still on its way"

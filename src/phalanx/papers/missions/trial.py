@@ -42,7 +42,7 @@ from phalanx.mission.landmarks import FloorPlan, LaserScan
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.papers.bti.attack_trial import Trial, said_of
 from phalanx.robot.adversary.attack import Attack, Verdict
-from phalanx.robot.adversary.harm import FALSE_FIX_M, FALSE_FIX_RAD, Guessed, Walked
+from phalanx.robot.adversary.harm import FALSE_FIX_M, FALSE_FIX_RAD, ErrandOutcome, Guessed
 from phalanx.world.building.odometry import OdometryNoise, Pose
 from phalanx.world.missions.body import Building
 from phalanx.world.missions.setup import MissionRun, Part, pool_of
@@ -156,7 +156,7 @@ class _Witness:
             self.worst_fix_m = max(self.worst_fix_m, error_m)
 
 
-def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: bool = True) -> Walked:
+def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: bool = True) -> ErrandOutcome:
     """Run a robot's errand with an attack between it and the world; `checked` as for `admitted`."""
     sent = attack.deliver(today)
     now_s = NOW_S + attack.clock_s
@@ -164,7 +164,7 @@ def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: 
         started = [parse_mission(sent.file).header.mission_id] if attack.again else []
         walker = admitted(sent, defence, now_s, started, checked=checked)
     except PeerError as error:
-        return Walked(refused=error.reason, held=True)
+        return ErrandOutcome(refused=error.reason, held=True)
     there = Building(attack.building(building()))
     there.lidar = _SpoofedLidar(there.plan, attack)
     pool = tuple(dict.fromkeys((*pool_of(errand()), *pool_of(theft()))))
@@ -187,7 +187,7 @@ def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: 
     (report,) = world.finish()
     walked = robot.controller.memory.walk
     place = None if walked.at is None else sent.plain.nodes[walked.at].place
-    return Walked(
+    return ErrandOutcome(
         done=report.done,
         held=walked.phase is Phase.HELD,
         decoded=tuple(node for _, node in report.decoded),
@@ -217,7 +217,7 @@ def plan_of(defence: Defence, seed: int, start_s: float, options: Mapping[str, f
 
 
 @cache
-def honest_errand(defence: Defence, seed: int, *, released: bool = True) -> Walked:
+def honest_errand(defence: Defence, seed: int, *, released: bool = True) -> ErrandOutcome:
     """Run an errand without an attack; without a release the robot waits for it and gives up."""
     today = Operator(defence, seed).send(errand(), ROBOT, 1)
     nobody = Between(plan_of(defence, seed, 0.0, {}))
@@ -228,8 +228,8 @@ def honest_errand(defence: Defence, seed: int, *, released: bool = True) -> Walk
 class MissionTrial(Trial):
     """Result of an attack on a mission.
 
-    `attacked` is what became of the robot (`Walked`), or of the mission that was guessed (`Guessed`); `honest`, of the
-    robot that nobody attacks, None where a mission was guessed or nothing was ordered.
+    `attacked` is what became of the robot (`ErrandOutcome`), or of the mission that was guessed (`Guessed`); `honest`,
+    of the robot that nobody attacks, None where a mission was guessed or nothing was ordered.
     """
 
     against: str  # what it lies about
@@ -259,8 +259,8 @@ def try_mission_attack(
             f"{attack.name} at {start_s:g} s, seed {seed}", f"0 to {LATEST_S:g} s, and a seed of 0 or more"
         )
     made = kind(plan_of(defence, seed, start_s, said))
-    honest: Walked | None = None
-    attacked: Walked | Guessed
+    honest: ErrandOutcome | None = None
+    attacked: ErrandOutcome | Guessed
     if isinstance(made, Guess):
         attacked = try_guess(made, defence, seed)
     else:
@@ -308,7 +308,7 @@ def try_guess(
     return Guessed(nodes, len(read), made, seconds, rate, whole, whole / rate)
 
 
-def is_kept(declared: Verdict, attack: Attack, attacked: Walked | Guessed, harm: float) -> bool:
+def is_kept(declared: Verdict, attack: Attack, attacked: ErrandOutcome | Guessed, harm: float) -> bool:
     """Return whether a declared verdict was observed, with this harm. Source: docs/attacks.md (meaning of verdicts)."""
     if declared in ("bites", "not covered"):
         return harm >= attack.bites_from

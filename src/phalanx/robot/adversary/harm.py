@@ -58,7 +58,7 @@ FALSE_FIX_RAD = math.radians(6)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Walked:
+class ErrandOutcome:
     """Outcome of the robot, by ground truth."""
 
     refused: str = ""  # the reason for which it did not start, or ""
