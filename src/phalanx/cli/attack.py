@@ -12,7 +12,7 @@ from phalanx.papers.bti.attack_trial import Airtime, FlockTrial, Stop, Trial, tr
 from phalanx.papers.missions.team import TeamTrial, try_in_team
 from phalanx.papers.missions.trial import MissionTrial, try_mission_attack
 from phalanx.robot.adversary.attack import Attack
-from phalanx.robot.adversary.harm import ErrandOutcome, Guessed
+from phalanx.robot.adversary.harm import ErrandOutcome, GuessOutcome
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attack, find_controller, is_file, mistakes_in
@@ -196,7 +196,7 @@ def _team(trial: TeamTrial) -> dict[str, str]:
 
 
 def _mission(trial: Trial) -> dict[str, str]:
-    rows = _guessed(trial.attacked) if isinstance(trial.attacked, Guessed) else _robot(trial.attacked)
+    rows = _guessed(trial.attacked) if isinstance(trial.attacked, GuessOutcome) else _robot(trial.attacked)
     return rows if trial.honest is None else {**rows, "without the attack": _walked(trial.honest)}
 
 
@@ -221,7 +221,7 @@ def _walked(robot: ErrandOutcome) -> str:
     return f"{end} after {robot.t_s:.1f} s, {len(robot.decoded)} nodes; did {did or 'nothing'}{why}"
 
 
-def _guessed(guess: Guessed) -> dict[str, str]:
+def _guessed(guess: GuessOutcome) -> dict[str, str]:
     rows = {"read": f"{guess.read} of {guess.nodes} nodes"}
     if guess.tries:
         rows["tried"] = f"{guess.tries} in {span(guess.seconds)} on one core, {guess.tries_per_s:.3g}/s"

@@ -42,7 +42,7 @@ from phalanx.mission.landmarks import FloorPlan, LaserScan
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.papers.bti.attack_trial import Trial, said_of
 from phalanx.robot.adversary.attack import Attack, Verdict
-from phalanx.robot.adversary.harm import FALSE_FIX_M, FALSE_FIX_RAD, ErrandOutcome, Guessed
+from phalanx.robot.adversary.harm import FALSE_FIX_M, FALSE_FIX_RAD, ErrandOutcome, GuessOutcome
 from phalanx.world.building.odometry import OdometryNoise, Pose
 from phalanx.world.missions.body import Building
 from phalanx.world.missions.setup import MissionRun, Part, pool_of
@@ -228,8 +228,8 @@ def honest_errand(defence: Defence, seed: int, *, released: bool = True) -> Erra
 class MissionTrial(Trial):
     """Result of an attack on a mission.
 
-    `attacked` is what became of the robot (`ErrandOutcome`), or of the mission that was guessed (`Guessed`); `honest`,
-    of the robot that nobody attacks, None where a mission was guessed or nothing was ordered.
+    `attacked` is what became of the robot (`ErrandOutcome`), or of the mission that was guessed (`GuessOutcome`);
+    `honest`, of the robot that nobody attacks, None where a mission was guessed or nothing was ordered.
     """
 
     against: str  # what it lies about
@@ -260,7 +260,7 @@ def try_mission_attack(
         )
     made = kind(plan_of(defence, seed, start_s, said))
     honest: ErrandOutcome | None = None
-    attacked: ErrandOutcome | Guessed
+    attacked: ErrandOutcome | GuessOutcome
     if isinstance(made, Guess):
         attacked = try_guess(made, defence, seed)
     else:
@@ -281,7 +281,7 @@ def try_mission_attack(
 
 def try_guess(
     attack: Guess, defence: Defence, seed: int, *, coding: CodingConfig | None = None, tries: int | None = None
-) -> Guessed:
+) -> GuessOutcome:
     """Run a guessing attack on one core with about `tries` tries at most; by default the attack's own number.
 
     The mission was captured in the form that `defence` has, in a `coding` that costs what robots' does unless given.
@@ -291,7 +291,7 @@ def try_guess(
     sent = Operator(defence, seed).send(plain, ROBOT, 1)
     nodes = len(plain.nodes)
     if defence == "none":
-        return Guessed(nodes, nodes, 0, 0.0, 0.0, 0.0, 0.0)
+        return GuessOutcome(nodes, nodes, 0, 0.0, 0.0, 0.0, 0.0)
     profile = parse_mission(sent.file).header.profile
     most = attack.tries_max[profile] if tries is None else tries
     read: set[int] = set()
@@ -305,14 +305,14 @@ def try_guess(
     seconds = time.perf_counter() - began
     rate = made / seconds
     whole = attack.in_all(plain, of)
-    return Guessed(nodes, len(read), made, seconds, rate, whole, whole / rate)
+    return GuessOutcome(nodes, len(read), made, seconds, rate, whole, whole / rate)
 
 
-def is_kept(declared: Verdict, attack: Attack, attacked: ErrandOutcome | Guessed, harm: float) -> bool:
+def is_kept(declared: Verdict, attack: Attack, attacked: ErrandOutcome | GuessOutcome, harm: float) -> bool:
     """Return whether a declared verdict was observed, with this harm. Source: docs/attacks.md (meaning of verdicts)."""
     if declared in ("bites", "not covered"):
         return harm >= attack.bites_from
-    if isinstance(attacked, Guessed):
+    if isinstance(attacked, GuessOutcome):
         return harm == 0 and (attacked.candidates >= OUT_OF_REACH) == (declared == "harmless")
     if attacked.wrong_actions or attacked.false_nodes:
         return False

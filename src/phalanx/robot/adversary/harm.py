@@ -77,7 +77,7 @@ class ErrandOutcome:
 
 
 @dataclass(frozen=True, slots=True)
-class Guessed:
+class GuessOutcome:
     """Result of an attack on a captured mission: partly run, the rest extrapolated from its rate."""
 
     nodes: int
