@@ -39,7 +39,7 @@ from .fix import (
     told,
 )
 from .gate import Gate, Hint, StartKey, join_shares, parse_start_key
-from .glance import NOBODY, Gaze, gaze_of, glance
+from .glance import NOBODY, SearchTarget, gaze_of, glance
 from .opening import Known, Opened, open_found
 from .route import Map
 from .search import LANDMARK_PLACES, Budget
@@ -78,7 +78,7 @@ class _Decoded:
         self.chart = Chart([landmark for landmark, _ in placed], [i for _, i in placed])
         self.candidates: dict[tuple[int | None, int | None], tuple[int, ...]] = {}
         self.gates: Mapping[tuple[int, int], Gate] = {}
-        self.gazes: dict[tuple[int | None, int | None], Gaze | None] = {}
+        self.gazes: dict[tuple[int | None, int | None], SearchTarget | None] = {}
         self.again: dict[tuple[int | None, int | None], frozenset[int]] = {}
 
 
@@ -186,7 +186,7 @@ class Finder:
         landmarks, near_m = self.chart(state).landmarks, self.config.agree_m / 2
         return frozenset(i for i, each in enumerate(landmarks) if length_m(each.x_m - x, each.y_m - y) <= near_m)
 
-    def _gaze(self, state: State, chart: Chart) -> Gaze | None:
+    def _gaze(self, state: State, chart: Chart) -> SearchTarget | None:
         nodes, search = self.candidates(state), self._search
         if self._is_paper:
             (shapes, *more), others = search.parts(nodes, self._released(state))
