@@ -39,7 +39,7 @@ from .fix import (
     told,
 )
 from .gate import Gate, Hint, StartKey, join_shares, parse_start_key
-from .glance import NOBODY, SearchTarget, gaze_of, glance
+from .glance import NOBODY, SearchTarget, glance, search_target_of
 from .opening import Known, Opened, open_found
 from .route import Map
 from .search import LANDMARK_PLACES, Budget
@@ -196,7 +196,7 @@ class Finder:
             locks = [lock for node in nodes for lock in self._locks(state, node)]
             asked = [(lock.hint.shape, self.mission.nodes[lock.node].reach_dm) for lock in locks]
         # Who searches twice, and for something else in between, has to count tries in that order.
-        return None if more else gaze_of(self.config, chart, state.target, search.steps, shapes, asked)
+        return None if more else search_target_of(self.config, chart, state.target, search.steps, shapes, asked)
 
     def look(self, state: State, seen: Experience) -> Find:
         """Return the result of the search."""

@@ -49,7 +49,7 @@ class SearchTarget(NamedTuple):
 _pack = bundled(SearchTarget)
 
 
-def gaze_of(
+def search_target_of(
     config: MissionConfig,
     chart: Chart,
     target: int | None,
