@@ -145,7 +145,7 @@ class Finder:
         known, here = self._known(state), (state.at, state.target)
         if here not in known.gazes:
             # What is searched although it is known takes somebody who looks.
-            known.gazes[here] = None if self._again(state) else self._gaze(state, known.chart)
+            known.gazes[here] = None if self._again(state) else self._search_target(state, known.chart)
         gaze, most = known.gazes[here], self.config.hash_tries
         if gaze is None:
             return None
@@ -186,7 +186,7 @@ class Finder:
         landmarks, near_m = self.chart(state).landmarks, self.config.agree_m / 2
         return frozenset(i for i, each in enumerate(landmarks) if length_m(each.x_m - x, each.y_m - y) <= near_m)
 
-    def _gaze(self, state: State, chart: Chart) -> SearchTarget | None:
+    def _search_target(self, state: State, chart: Chart) -> SearchTarget | None:
         nodes, search = self.candidates(state), self._search
         if self._is_paper:
             (shapes, *more), others = search.parts(nodes, self._released(state))
