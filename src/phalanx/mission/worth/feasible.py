@@ -79,7 +79,7 @@ def look_ahead(
         plan: the building; without one everything is in sight that is near enough.
     Source: Encoded graphs §VI-B, §VI-F; docs/adr/0025-a-pose-that-knows-its-doubt.md.
     """
-    return _Scout(mission, config or MissionConfig(), plan, lidar or LidarConfig()).run()
+    return _Predictor(mission, config or MissionConfig(), plan, lidar or LidarConfig()).run()
 
 
 def ways_in_vain(
@@ -89,13 +89,13 @@ def ways_in_vain(
 
     A robot holds no map, tries any way, and may be lost on one that fails.
     """
-    scout = _Scout(mission, MissionConfig(), plan, lidar or LidarConfig())
+    scout = _Predictor(mission, MissionConfig(), plan, lidar or LidarConfig())
     outlook, vain = scout.run(), scout.in_vain() | scout.vain
     late = vain & {stand.by for stand in scout.at.values() if stand.by is not None}
     return outlook, late, vain - late
 
 
-class _Scout:
+class _Predictor:
     """Goes ahead from node to node, the nearest first."""
 
     def __init__(self, mission: Mission, config: MissionConfig, plan: FloorPlan | None, lidar: LidarConfig) -> None:
