@@ -15,7 +15,7 @@ from phalanx.cli.terminal import end_status_line, print_json, status_line
 from phalanx.errors import UsageError
 from phalanx.mission import EncodedMission, Profile, parse_start_key
 from phalanx.mission.file.records import OPEN_START
-from phalanx.mission.worth.cracking import Cracked, Tried, can_guess, crack_paper, crack_sealed
+from phalanx.mission.worth.cracking import Cracked, TriedBatch, can_guess, crack_paper, crack_sealed
 from phalanx.mission.worth.shown import Shown, shown_by
 from phalanx.world.building.floorplan import load_floorplan
 
@@ -63,7 +63,7 @@ def _attack(
     area: tuple[float, float, float, float],
     pool: ThreadPoolExecutor,
     shown: Shown | None,
-) -> Iterator[Tried]:
+) -> Iterator[TriedBatch]:
     if encoded.header.profile is Profile.PAPER:
         return crack_paper(encoded, area)
     if key is not None:
