@@ -15,7 +15,7 @@ from phalanx.mission.file.sealed import node_salt, try_observation
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.walk.gate import StartKey
 from phalanx.mission.worth.audit import audit
-from phalanx.mission.worth.cracking import Box, Cracked, TriedBatch, crack_paper, crack_sealed
+from phalanx.mission.worth.cracking import Box, GuessedNode, TriedBatch, crack_paper, crack_sealed
 from phalanx.mission.worth.guessing import OUT_OF_REACH
 from phalanx.mission.worth.shown import Shown, shown_by
 from phalanx.robot.adversary.attack import Scene
@@ -117,10 +117,10 @@ class GuessToken(Guess):
             gate = parse_start_key(sent.key).gates[0]
             salt, do, hint = node_salt(gate.share, (), header, 0, 0), None, gate.hints[0]
         while True:
-            found: list[Cracked] = []
+            found: list[GuessedNode] = []
             for _ in range(TOKEN_BATCH):
                 code = replace(place, text=self.plan.chance.bytes(TOKEN_BYTES).hex())
                 observed = observed_bytes(header.coding, (code,), offset, do=do)
                 if mark == (try_observation(header, observed, hint, salt)[0] if hint else sha3_256(observed)):
-                    found.append(Cracked(0, place.type, place.x_m, place.y_m, place.orientation_rad))
+                    found.append(GuessedNode(0, place.type, place.x_m, place.y_m, place.orientation_rad))
             yield TriedBatch(TOKEN_BATCH, int(TOKENS), tuple(found))

@@ -36,7 +36,7 @@ _Held = tuple[int, Gate, Before | None]  # a node, its gate, and what the node b
 
 
 @dataclass(frozen=True, slots=True)
-class Cracked:
+class GuessedNode:
     """A node that was guessed, and where it turned out to be."""
 
     node: int
@@ -52,7 +52,7 @@ class TriedBatch:
 
     tries: int
     of: int
-    found: tuple[Cracked, ...] = ()
+    found: tuple[GuessedNode, ...] = ()
 
 
 def _patches(coding: CodingConfig, offset: Offset, box: Box) -> NDArray[np.uint64]:
@@ -98,7 +98,7 @@ def crack_paper(mission: EncodedMission, box: Box) -> Iterator[TriedBatch]:
             for offset, wanted in groups.items():
                 patches, targets, nodes = _patches(coding, offset, box), Targets(list(wanted)), list(wanted.values())
                 for start in range(0, len(patches), BATCH):
-                    batch, at, found = patches[start : start + BATCH], 0, list[Cracked]()
+                    batch, at, found = patches[start : start + BATCH], 0, list[GuessedNode]()
                     while (hit := find_patched(message, cell_at(shape), batch[at:], targets)) is not None:
                         patch = int(batch[at + hit[0]])
                         x, y = (int(np.int32(np.uint32(part & 0xFFFFFFFF))) for part in (patch, patch >> 32))
@@ -107,10 +107,10 @@ def crack_paper(mission: EncodedMission, box: Box) -> Iterator[TriedBatch]:
                     yield TriedBatch(len(batch), total, tuple(found))
 
 
-def _cracked(coding: CodingConfig, node: int, shape: Shape, offset: Offset, cell: Cell) -> Cracked:
+def _cracked(coding: CodingConfig, node: int, shape: Shape, offset: Offset, cell: Cell) -> GuessedNode:
     x_m, y_m, orientation = middle_of(coding, offset, cell)
     kind = "position" if shape.place == AT_POSITION else LANDMARK_TYPES[shape.place - 1]
-    return Cracked(node, kind, x_m, y_m, orientation)
+    return GuessedNode(node, kind, x_m, y_m, orientation)
 
 
 def crack_sealed(
