@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from typing import Any
 
-from phalanx.robot.on_mission import Decoded, Lit, News, NotValidated, OnMission, Progress, Walk
+from phalanx.robot.on_mission import Decoded, DecodedPlace, News, NotValidated, OnMission, Progress, Walk
 from phalanx.robot.swarm import AtWork
 
 TELL_EVERY_S = LOOK_EVERY_S = 1.0
@@ -132,7 +132,7 @@ def tell_progress(progress: Progress) -> list[Any]:
     return [progress.id[:16], progress.nodes, progress.left]
 
 
-def tell_lit(lit: Lit) -> list[Any]:
+def tell_lit(lit: DecodedPlace) -> list[Any]:
     """`[x, y, type]`."""
     return [round(lit.at.x_mm), round(lit.at.y_mm), lit.type]
 

@@ -24,7 +24,7 @@ from phalanx.mission import Built, Mission, admit
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.robot import Point, Robot
 from phalanx.robot.adversary.registry import attacks
-from phalanx.robot.on_mission import Decoded, Lit, News, Progress, Walk
+from phalanx.robot.on_mission import Decoded, DecodedPlace, News, Progress, Walk
 from phalanx.robot.roster import Roster, member
 from phalanx.robot.swarm import AttackChoice, Audit, Shield
 from phalanx.world.missions.live import WAITING, CompromiseRequest, Moment, RobotTruth, live
@@ -68,7 +68,7 @@ class MissionSwarm(Roster):
         self._started: set[bytes] = set()
         self._number = 0
         self._decoded: list[int] = [0] * count
-        self._lit: dict[tuple[int, int], Lit | None] = {}
+        self._lit: dict[tuple[int, int], DecodedPlace | None] = {}
         self._news: list[tuple[str, News]] = []
         context = get_context("spawn")
         self._pipe, theirs = context.Pipe()
@@ -214,7 +214,7 @@ class MissionSwarm(Roster):
             for i, (each, stands) in enumerate(zip(self._members, self._standing, strict=True))
         ]
 
-    def lit(self) -> Sequence[Lit]:
+    def lit(self) -> Sequence[DecodedPlace]:
         """Return decoded nodes that have a place, in order of decoding."""
         return [lit for lit in self._lit.values() if lit is not None]
 
@@ -261,7 +261,7 @@ class MissionSwarm(Roster):
     def _light(self, news: Decoded) -> None:
         assert self._orders is not None, "robots decode what they were given"
         self._decoded[news.robot] += 1
-        place = None if news.place_m is None else Lit(self.to_area(*news.place_m), news.type)
+        place = None if news.place_m is None else DecodedPlace(self.to_area(*news.place_m), news.type)
         self._lit.setdefault((news.robot % len(self._orders.parts), news.node), place)
 
 
