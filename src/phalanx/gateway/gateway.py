@@ -14,7 +14,7 @@ from phalanx.link import Command, Request, SharedAnswer
 from phalanx.link.session.errors import Busy
 from phalanx.robot import Robot, Swarm
 from phalanx.robot.on_mission import OnMission
-from phalanx.robot.swarm import AtWork, Routed, Shielded
+from phalanx.robot.swarm import Routed, Shielded, WorkingSwarm
 
 from . import vocabulary
 from .brakes import EXPIRES_S, Brakes
@@ -92,7 +92,7 @@ class Gateway:
         self.swarm = swarm
         self.brakes = Brakes(swarm)
         self.shields = ShieldWatch(swarm, say) if isinstance(swarm, Shielded) else None
-        self.work = WorkWatch(swarm) if isinstance(swarm, AtWork) else None
+        self.work = WorkWatch(swarm) if isinstance(swarm, WorkingSwarm) else None
         self._longest_route = swarm.longest_route if isinstance(swarm, Routed) else vocabulary.MAX_WAYPOINTS
         self.missions = MissionWatch(swarm, say) if isinstance(swarm, OnMission) else None
         self._lately: dict[str, tuple[float, SharedAnswer]] = {}

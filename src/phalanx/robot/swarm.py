@@ -162,7 +162,7 @@ class Done:
 
 
 @runtime_checkable
-class AtWork(Swarm, Protocol):
+class WorkingSwarm(Swarm, Protocol):
     """A swarm that may have work of its own, which it does while nobody drives it."""
 
     def done(self) -> Done | None:
