@@ -14,7 +14,7 @@ from phalanx.link import Command, Request, SharedAnswer
 from phalanx.link.session.errors import Busy
 from phalanx.robot import Robot, Swarm
 from phalanx.robot.on_mission import OnMission
-from phalanx.robot.swarm import Routed, Shielded, WorkingSwarm
+from phalanx.robot.swarm import RouteLimited, Shielded, WorkingSwarm
 
 from . import vocabulary
 from .brakes import EXPIRES_S, Brakes
@@ -93,7 +93,7 @@ class Gateway:
         self.brakes = Brakes(swarm)
         self.shields = ShieldWatch(swarm, say) if isinstance(swarm, Shielded) else None
         self.work = WorkWatch(swarm) if isinstance(swarm, WorkingSwarm) else None
-        self._longest_route = swarm.longest_route if isinstance(swarm, Routed) else vocabulary.MAX_WAYPOINTS
+        self._longest_route = swarm.longest_route if isinstance(swarm, RouteLimited) else vocabulary.MAX_WAYPOINTS
         self.missions = MissionWatch(swarm, say) if isinstance(swarm, OnMission) else None
         self._lately: dict[str, tuple[float, SharedAnswer]] = {}
         self._next_update = 0
@@ -228,7 +228,7 @@ class Gateway:
             told |= self.shields.in_area()
         elif self.unprotected:
             told["unprotected"] = self.unprotected
-        if isinstance(self.swarm, Routed):
+        if isinstance(self.swarm, RouteLimited):
             told["most_waypoints"] = self._longest_route
         return told | (self.missions.in_area() if self.missions else {})
 

@@ -86,7 +86,7 @@ class Swarm(Protocol):
 
 
 @runtime_checkable
-class Routed(Swarm, Protocol):
+class RouteLimited(Swarm, Protocol):
     """A swarm whose robots keep shorter routes than most."""
 
     @property
@@ -132,7 +132,7 @@ class AttackChoice:
 
 
 @runtime_checkable
-class Shielded(Routed, Protocol):
+class Shielded(RouteLimited, Protocol):
     """A swarm whose robots audit each other; their orders are logged, and sent by radio."""
 
     def shields(self) -> Sequence[Shield]:
