@@ -95,7 +95,7 @@ class RouteLimited(Swarm, Protocol):
 
 
 @runtime_checkable
-class Stepped(Swarm, Protocol):
+class SteppedSwarm(Swarm, Protocol):
     """A swarm whose world stands still unless it is told that time passes."""
 
     def step(self, dt_s: float) -> None:
