@@ -132,7 +132,7 @@ class AttackChoice:
 
 
 @runtime_checkable
-class Shielded(RouteLimited, Protocol):
+class AuditedSwarm(RouteLimited, Protocol):
     """A swarm whose robots audit each other; their orders are logged, and sent by radio."""
 
     def shields(self) -> Sequence[Shield]:

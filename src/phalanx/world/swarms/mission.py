@@ -266,7 +266,7 @@ class MissionSwarm(Roster):
 
 
 class ShieldedMissionSwarm(MissionSwarm):
-    """A `phalanx.robot.swarm.Shielded` swarm of robots on a mission that audit each other while they live it.
+    """A `phalanx.robot.swarm.AuditedSwarm` swarm of robots on a mission that audit each other while they live it.
 
     Raises: UsageError: as MissionSwarm; or too few robots.
     """

@@ -118,7 +118,7 @@ class StationAir:
 
 
 class ProtectedSwarm(Ordered):
-    """A `phalanx.robot.swarm.Shielded` swarm of 2 f_max + 2 to 100 that goes on when told that time has passed.
+    """A `phalanx.robot.swarm.AuditedSwarm` swarm of 2 f_max + 2 to 100 that goes on when told that time has passed.
 
     When f_max are stopped, each of the others still gets f_max + 1 tokens. The clock says seconds since 1970.
     Without `keys` they have keys of their own. With a `protocol`, one of ON_WHEELS, they do its work while nobody
