@@ -44,11 +44,11 @@ def phase_of(mission_seed: int, rob_id: int, t_control: int) -> int:
 
     Source: docs/spec/rebound.md (phase(robId)); the mixing is splitmix's.
     """
-    return int(mixed(mission_seed, rob_id) % t_control)
+    return int(mix_hash(mission_seed, rob_id) % t_control)
 
 
 @kernel
-def mixed(one: int, other: int) -> int:
+def mix_hash(one: int, other: int) -> int:
     """Return a number below 2^31 that looks random in both, for what everybody may know: it hides neither of them."""
     # Uncompiled, an id out of an array is a uint16 that would overflow.
     x = (int(one) * 0x9E3779B1 + int(other) * 0x85EBCA77 + 0x165667B1) & 0xFFFFFFFF
@@ -130,7 +130,7 @@ def next_candidate(f: Fleet, i: int, now: int) -> int:
                 continue
         elif not fresh and p.heard * 2 < now * 2 - HEARD_ROUNDS_X2 * s.t_audit:
             continue
-        key = mixed(int(r.id), rob_id) + (whole(p.misses) << 32) + (0 if fresh else 1 << 36)
+        key = mix_hash(int(r.id), rob_id) + (whole(p.misses) << 32) + (0 if fresh else 1 << 36)
         if p.asked == r.round_no:
             key += 1 << 37  # silent so far in this round: only if nobody else is left
         if key < best_key:

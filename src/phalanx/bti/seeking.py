@@ -23,7 +23,7 @@ from . import trusted
 from .fleet import PAPER, PENDING, Fleet
 from .log import FLUSH_S, mark
 from .request import AUTH_MAC, audit_head, token_packet
-from .rounds import again_after, mixed, next_candidate, peer_at, withdraw
+from .rounds import again_after, mix_hash, next_candidate, peer_at, withdraw
 
 SEEK, HERE = table.SEEK, table.HERE
 SEEK_BYTES, HERE_BYTES = table.AUDIT_SEEK.size, table.AUDIT_HERE.size
@@ -205,7 +205,7 @@ def receive_seek(f: Fleet, i: int, src: int, now: int, packet: Row, auth_s: Row)
     o, nonce, since = f.owed[i, at], get_u32(packet, SEEK_NONCE), get_u32(packet, SEEK_SINCE)
     owes = o.t > 0 and o.t >= since
     if (o.sought and now - o.sought < s.t_audit >> 3) or not (
-        owes or mixed(nonce, int(r.id)) % 256 <= packet[SEEK_SHARE]
+        owes or mix_hash(nonce, int(r.id)) % 256 <= packet[SEEK_SHARE]
     ):
         return -1
     o.sought, o.nonce, o.since = now, nonce, since
