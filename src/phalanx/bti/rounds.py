@@ -121,7 +121,7 @@ def next_candidate(f: Fleet, i: int, now: int) -> int:
     best, best_key = 0, 1 << 40
     for k in range(r.peers):
         p, rob_id = f.peer[i, k], whole(f.peer_id[i, k])
-        if p.answered == r.round_no or now < p.asked_ms + again_after(f):
+        if p.answered == r.round_no or now < p.asked_ms + retry_interval_ms(f):
             continue
         fresh = p.token >= now - s.t_val
         if r.seeks:
@@ -139,7 +139,7 @@ def next_candidate(f: Fleet, i: int, now: int) -> int:
 
 
 @kernel
-def again_after(f: Fleet) -> int:
+def retry_interval_ms(f: Fleet) -> int:
     """Return after how many ms the same robot may be asked again: it takes one request each T_audit / 2.
 
     Not only in the next round: a robot with f_max + 1 in range would lose a whole round by one lost fragment. Not
@@ -167,7 +167,7 @@ def next_retry(f: Fleet, i: int, now: int) -> int:
         # An answer may come at any time; and if its a-node has no token request left, it soon has.
         r.retry_at = now + s.retry
     else:
-        r.retry_at = max(now + s.retry, r.asked_at + again_after(f))
+        r.retry_at = max(now + s.retry, r.asked_at + retry_interval_ms(f))
     if r.seeks and r.request_len == 0:
         r.retry_at = min(r.retry_at, r.seek_at)
     r.retry_at = max(r.retry_at, now + 1)

@@ -23,7 +23,7 @@ from . import trusted
 from .fleet import PAPER, PENDING, Fleet
 from .log import FLUSH_S, mark
 from .request import AUTH_MAC, audit_head, token_packet
-from .rounds import again_after, mix_hash, next_candidate, peer_at, withdraw
+from .rounds import mix_hash, next_candidate, peer_at, retry_interval_ms, withdraw
 
 SEEK, HERE = table.SEEK, table.HERE
 SEEK_BYTES, HERE_BYTES = table.AUDIT_SEEK.size, table.AUDIT_HERE.size
@@ -92,7 +92,7 @@ def not_arrived(f: Fleet, i: int, now: int, auth_s: Row) -> None:
     if nothing:  # nothing has begun there: it may be asked again in this round
         at = peer_at(f, i, int(r.request_to))
         pause = 0 if began else draw(f, i, AGAIN, int(r.id), now, auth_s) % (s.t_audit // 2)
-        f.peer[i, at].asked_ms = now - again_after(f) + pause
+        f.peer[i, at].asked_ms = now - retry_interval_ms(f) + pause
     withdraw(f, i)
     if not began:
         r.quota += 1

@@ -368,7 +368,7 @@ def on_no_room(f: Fleet, i: int) -> None:
     """Withdraw the request until the next retry: the radio, or the a-node, did not accept a fragment."""
     rounds.withdraw(f, i)
     f.robot[i].quota = 0
-    f.robot[i].retry_at = f.robot[i].asked_at + rounds.again_after(f)
+    f.robot[i].retry_at = f.robot[i].asked_at + rounds.retry_interval_ms(f)
 
 
 @kernel
