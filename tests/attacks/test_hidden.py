@@ -46,7 +46,7 @@ class Unheard(Asking):
 
     def loses(self, now_ms: int) -> None:
         """Lose the last fragment."""
-        seeking.not_arrived(self.fleet, VICTIM, now_ms, self.work.small[1])
+        seeking.give_up_request(self.fleet, VICTIM, now_ms, self.work.small[1])
 
     def seeks(self, now_ms: int) -> None:
         """Send SEEK, and receive answers of all others."""

@@ -71,7 +71,7 @@ def listens(f: Fleet, i: int, now: int, auth_s: Row) -> int:
 
 
 @kernel
-def not_arrived(f: Fleet, i: int, now: int, auth_s: Row) -> None:
+def give_up_request(f: Fleet, i: int, now: int, auth_s: Row) -> None:
     """Give up the request whose fragment did not arrive, and seek; a robot that seeks repeats the fragment later.
 
     A compromised robot out of the robot's range that knows when it asks could talk over each request. So a fragment is

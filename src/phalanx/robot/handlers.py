@@ -359,7 +359,7 @@ def on_sent(f: Fleet, i: int, w: Work, now: int, arrived: int, busy: int) -> Non
     """Send the next fragment: the radio has sent the last one, or given it up. Source: RoboRebound §5.2."""
     actions.clear(w)
     if arrived == 0:
-        seeking.not_arrived(f, i, now, w.small[1])
+        seeking.give_up_request(f, i, now, w.small[1])
     ask(f, i, w, now, busy)
 
 

@@ -115,7 +115,7 @@ class Robot:
     def on_sent(self, now_ms: int, *, arrived: bool) -> list[Action]:
         """Send the next fragment: the radio has sent the last one, or given it up."""
         if not arrived:
-            seeking.not_arrived(self.f, self.i, now_ms, self.w.small[1])
+            seeking.give_up_request(self.f, self.i, now_ms, self.w.small[1])
         return self.next_packet(now_ms)
 
     # --- steps of these -----------------------------------------------------------------------------------------------
