@@ -73,7 +73,7 @@ def shelf_alone(coding: CodingConfig | None = None) -> Mission:
     return draft.mission()
 
 
-def theft() -> Mission:
+def stolen_mission() -> Mission:
     """Return the adversary's mission: hand over the load at the first door."""
     draft = Draft("theft")
     draft.node("start", Position(*START[:2]), start=True, timeout_s=TIMEOUT_S)

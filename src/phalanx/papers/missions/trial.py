@@ -48,7 +48,7 @@ from phalanx.world.missions.body import Building
 from phalanx.world.missions.setup import MissionRun, Part, pool_of
 from phalanx.world.missions.world import STEP_S, MissionRobot, MissionWorld
 
-from .errand import AREA_M, START, building, errand, shelf_alone, theft
+from .errand import AREA_M, START, building, errand, shelf_alone, stolen_mission
 
 ROBOT, OTHER, ADVERSARY = 1, 2, 3
 DAY_S = 86_400
@@ -167,7 +167,7 @@ def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: 
         return ErrandOutcome(refused=error.reason, held=True)
     there = Building(attack.building(building()))
     there.lidar = _SpoofedLidar(there.plan, attack)
-    pool = tuple(dict.fromkeys((*pool_of(errand()), *pool_of(theft()))))
+    pool = tuple(dict.fromkeys((*pool_of(errand()), *pool_of(stolen_mission()))))
     part = Part(walker.mission, None, START)
     run = MissionRun(plan=there.plan, parts=(part,), noise=NOISE, seed=seed, pool=pool, begin_s=now_s)
     world = MissionWorld(run, (ROBOT,), building=there, walkers=[walker])
@@ -211,7 +211,7 @@ def plan_of(defence: Defence, seed: int, start_s: float, options: Mapping[str, f
         chance=np.random.default_rng([seed, ADVERSARY]),
         yesterday=operator.send(errand(), ROBOT, 0),
         others=operator.send(errand(), OTHER, 1),
-        wanted=theft(),
+        wanted=stolen_mission(),
         options=options,
     )
 
