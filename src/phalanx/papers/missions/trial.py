@@ -48,7 +48,7 @@ from phalanx.world.missions.body import Building
 from phalanx.world.missions.setup import MissionRun, Part, pool_of
 from phalanx.world.missions.world import STEP_S, MissionRobot, MissionWorld
 
-from .errand import AREA_M, START, building, errand, shelf_alone, stolen_mission
+from .errand import AREA_M, START, building, errand, shelf_mission, stolen_mission
 
 ROBOT, OTHER, ADVERSARY = 1, 2, 3
 DAY_S = 86_400
@@ -287,7 +287,7 @@ def try_guess(
     The mission was captured in the form that `defence` has, in a `coding` that costs what robots' does unless given.
     """
     coding = coding or (SEALED if defence == "hardened" else None)
-    plain = shelf_alone(coding) if attack.one_node else errand(coding)
+    plain = shelf_mission(coding) if attack.one_node else errand(coding)
     sent = Operator(defence, seed).send(plain, ROBOT, 1)
     nodes = len(plain.nodes)
     if defence == "none":
