@@ -40,7 +40,7 @@ from phalanx.mission import (
 from phalanx.mission.graph import Node
 from phalanx.mission.landmarks import FloorPlan, LaserScan
 from phalanx.mission.landmarks.lidar import Lidar
-from phalanx.papers.bti.attack_trial import Trial, said_of
+from phalanx.papers.bti.attack_trial import Trial, trial_fields
 from phalanx.robot.adversary.attack import Attack, Verdict
 from phalanx.robot.adversary.harm import FALSE_FIX_M, FALSE_FIX_RAD, ErrandOutcome, GuessOutcome
 from phalanx.world.building.odometry import OdometryNoise, Pose
@@ -270,7 +270,7 @@ def try_mission_attack(
             honest = honest_errand(defence, seed, released=kind.released)
     harm = attack.harm.of(attacked)
     return MissionTrial(
-        **said_of(attack, defence),
+        **trial_fields(attack, defence),
         against=attack.against,
         kept=is_kept(attack.verdicts[defence], attack, attacked, harm),
         harm=harm,
