@@ -315,7 +315,7 @@ def _check(scenario: Scenario, weather: RadioConditions) -> None:
         raise UsageError(f"a cut behind robot {weather.cut}, of {scenario.robots}", "fewer: somebody is to be left")
 
 
-def _go_first() -> None:
+def _set_realtime_priority() -> None:
     """Ask for real-time priority: on a busy processor honest robots would be late and look compromised."""
     try:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(os.sched_get_priority_min(os.SCHED_RR)))
@@ -342,7 +342,7 @@ def play_in_arena(
     arena = Arena(scenario, folder, weather, changes)
     log.warning("trusted nodes are processes, which protect from nobody here")
     try:
-        _go_first()
+        _set_realtime_priority()
         gc.collect()
         gc.freeze()  # nor is what all share looked through by each
         # Before there is an event loop: a child has its own.
