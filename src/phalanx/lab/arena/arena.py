@@ -283,7 +283,7 @@ def _forked(settings: RobotSettings, arena: Arena) -> int:
         if os.getppid() == parent:
             changes = arena.changes
             with mistakes_in(changes.controller, changes.planner, *changes.attacks):
-                asyncio.run(_until_told(settings, arena))
+                asyncio.run(_wait_for_end(settings, arena))
         code = 0
     except PhalanxError as error:
         sys.stderr.write(f"phalanx: error: robot {settings.said.robot}: {error}\n")
@@ -294,7 +294,7 @@ def _forked(settings: RobotSettings, arena: Arena) -> int:
         os._exit(code)
 
 
-async def _until_told(settings: RobotSettings, arena: Arena) -> None:
+async def _wait_for_end(settings: RobotSettings, arena: Arena) -> None:
     on_air, attacks = arena.on_air.get(settings.said.robot), arena.field.scenario.drawn_attacks()
     job = asyncio.ensure_future(run_robot(settings, in_arena=True, on_air=on_air, attacks=attacks))
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, job.cancel)
