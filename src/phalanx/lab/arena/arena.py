@@ -104,7 +104,7 @@ class Arena:
                 if robots.ended() or loop.time() > until_s:
                     raise Unavailable(f"{self._ready} of {n} robots became ready", "what one said is above")
                 await asyncio.sleep(TURN_S)
-            self._spawn(self._look_on())
+            self._spawn(self._poll_states())
             duration_s, next_step_s = self.field.scenario.duration_s, 0.0
             while (now_s := self._now_s) < duration_s:
                 if self._weather.cut and now_s >= self._weather.cut_at_s:
@@ -145,7 +145,7 @@ class Arena:
         """Read the state that each robot has published."""
         self._hear(self._said())
 
-    async def _look_on(self) -> None:
+    async def _poll_states(self) -> None:
         """The same, each second: a disk that is busy holds up a thread, and no robot's sensors."""
         while True:
             self._hear(await asyncio.to_thread(self._said))
