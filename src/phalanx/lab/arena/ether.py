@@ -105,7 +105,7 @@ class SimulatedAir:
 
     def _say(self, i: int, packet: bytes) -> None:
         if i == self._robots:
-            self._say_order(packet)
+            self._carry_order(packet)
             return
         if self._robots < len(self._ports) and self._dice.random() >= self._config.loss:
             self._put(self._robots, packet)
@@ -134,7 +134,7 @@ class SimulatedAir:
                 for _ in range(1 + (self._dice.random() < self._weather.repeats)):
                     self._put(j, packet)
 
-    def _say_order(self, packet: bytes) -> None:
+    def _carry_order(self, packet: bytes) -> None:
         """A station's, which no count of robots' packets has in it; nor is it tried again."""
         to = get_u16(row(packet), AT_ID) if len(packet) > AT_ID + 1 else 0
         for j in range(self._robots) if to == EVERYBODY else [to - 1]:
