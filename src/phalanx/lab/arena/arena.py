@@ -38,7 +38,7 @@ from phalanx.world.audited.setup import POWER_UP_MS
 
 from .ether import RadioConditions, SimulatedAir
 from .field import Field
-from .places import STATION, Changes, free_ports, lay_out
+from .places import STATION, Changes, free_ports, write_arena_files
 
 if TYPE_CHECKING:
     from phalanx.world.scenarios.recording import Recording
@@ -84,7 +84,9 @@ class Arena:
         # Of one's own attacks no file can tell: daemons are given them as they are forked.
         told = tuple(each for each in scenario.drawn_attacks() if not each.own)
         told_scenario = replace(scenario, attacks=told)
-        self.places = lay_out(told_scenario, folder, self._ether.port, ports, clocks, keys, changes, weather.speed)
+        self.places = write_arena_files(
+            told_scenario, folder, self._ether.port, ports, clocks, keys, changes, weather.speed
+        )
         self._ready = 0
         self._all_ready = asyncio.Event()
         self._began_s = 0.0
