@@ -196,7 +196,7 @@ class RobotSwarm(Ordered):
             return
         try:
             if packet[0] == KIND_WHEELS_STATE:
-                self._hear_state(WHEELS_STATE.decode(packet))
+                self._on_state(WHEELS_STATE.decode(packet))
             elif self._node and packet[0] == KIND_AUDIT and len(packet) > SUB:
                 if packet[SUB] == FRAGMENT and self._is(AUDIT_FRAGMENT.decode(packet)["src"]):
                     self._node.store_fragment(packet)
@@ -208,7 +208,7 @@ class RobotSwarm(Ordered):
     def _is(self, robot: int) -> bool:
         return self._at.get(robot) == self._radio.came_from
 
-    def _hear_state(self, state: dict[str, Any]) -> None:
+    def _on_state(self, state: dict[str, Any]) -> None:
         robot = state["id"]
         if not self._is(robot):
             return
