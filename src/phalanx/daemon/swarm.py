@@ -201,7 +201,7 @@ class RobotSwarm(Ordered):
                 if packet[SUB] == FRAGMENT and self._is(AUDIT_FRAGMENT.decode(packet)["src"]):
                     self._node.store_fragment(packet)
                 elif packet[SUB] == TOKEN_REPLY:
-                    self._hear_token(self._node, AUDIT_TOKEN.decode(packet))
+                    self._on_token(self._node, AUDIT_TOKEN.decode(packet))
         except PeerError:
             log.debug("a packet that is none")
 
@@ -227,7 +227,7 @@ class RobotSwarm(Ordered):
             if (last.x_mm - x_mm) ** 2 + (last.y_mm - y_mm) ** 2 <= each.threshold_mm**2:
                 each.route = ()
 
-    def _hear_token(self, node: GatewayNode, token: dict[str, Any]) -> None:
+    def _on_token(self, node: GatewayNode, token: dict[str, Any]) -> None:
         auditor, auditee, t = token["src"], token["dst"], token["t"]
         if (
             not self._is(auditor)
