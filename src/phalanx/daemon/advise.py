@@ -78,9 +78,9 @@ class _Server:
                 with contextlib.suppress(OSError):
                     listens.sendto(answer, whose)
 
-    def _answer(self, who: Hashable, host: str, packet: bytes) -> bytes:
+    def _answer(self, sender: Hashable, host: str, packet: bytes) -> bytes:
         try:
-            return self._adviser.answer(who, host, packet)
+            return self._adviser.answer(sender, host, packet)
         except Exception as error:  # noqa: BLE001 - a planner's mistake is told by whoever runs us
             if not self._failed.done():
                 self._failed.set_exception(error)
