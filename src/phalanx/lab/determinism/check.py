@@ -92,7 +92,7 @@ def check_controller(words: str, seed: int = 0) -> Report:
     straight = first["live"]
 
     def compare(name: str, lives: Iterator[tuple[str, list[Step]]]) -> Check:
-        found = ((who, _first_difference(words, calls, straight, steps, who)) for who, steps in lives)
+        found = ((label, _first_difference(words, calls, straight, steps, label)) for label, steps in lives)
         return Check(name, next((finding for _, finding in found if finding), None))
 
     return Report(
@@ -153,7 +153,7 @@ def _first_of(calls: list[Call], said: Iterable[str], what: str) -> Finding | No
     return None
 
 
-def _first_difference(words: str, calls: list[Call], one: list[Step], other: list[Step], who: str) -> Finding | None:
+def _first_difference(words: str, calls: list[Call], one: list[Step], other: list[Step], label: str) -> Finding | None:
     remembered = BUNDLED[words].remembers if words in BUNDLED else ()
     for k, (call, mine, theirs) in enumerate(zip(calls, one, other, strict=True)):
         outputs, state, raised, _ = mine
@@ -169,13 +169,13 @@ def _first_difference(words: str, calls: list[Call], one: list[Step], other: lis
                 what = f"output {nth}, {kind}" + ("" if kind == kind_2 else f" or {kind_2}")
                 raw = bytes.fromhex(payload)
                 known = [each for each in KNOWN if len(raw) == each.size and raw[0] == each.tag]
-                return Finding(k, str(call), what, *_located(payload, payload_2, known[:1], who))
+                return Finding(k, str(call), what, *_located(payload, payload_2, known[:1], label))
         if state != state_2:
-            return Finding(k, str(call), "encode", *_located(state, state_2, remembered, who))
+            return Finding(k, str(call), "encode", *_located(state, state_2, remembered, label))
     return None
 
 
-def _located(told: str, told_2: str, layout: Sequence[Record], who: str) -> tuple[int, str, str, str]:
+def _located(told: str, told_2: str, layout: Sequence[Record], label: str) -> tuple[int, str, str, str]:
     """The first byte that differs, the field that it is in, and all bytes of that in each of the two."""
     raw, raw_2 = bytes.fromhex(told), bytes.fromhex(told_2)
     shared = min(len(raw), len(raw_2))
