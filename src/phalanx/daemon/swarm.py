@@ -1,4 +1,4 @@
-"""Robots that are processes of their own, as a `phalanx.robot.swarm.AuditedSwarm` swarm: a gateway's radio among theirs.
+"""Robots that are processes of their own, as an `AuditedSwarm`: a gateway's radio among theirs.
 
 It tells them signed orders, and hears where they say they are and which tokens they give each other. With trusted nodes
 of its own it shows a token that those found to be true, and no other; where robots are is what they say.

@@ -160,9 +160,9 @@ def _first_difference(words: str, calls: list[Call], one: list[Step], other: lis
         outputs_2, state_2, raised_2, _ = theirs
         if raised != raised_2:
             said, said_2 = raised or "nothing", raised_2 or "nothing"
-            return Finding(k, str(call), "raised", None, "", f"{PLAIN}: {said}", f"{who}: {said_2}")
+            return Finding(k, str(call), "raised", None, "", f"{PLAIN}: {said}", f"{label}: {said_2}")
         if len(outputs) != len(outputs_2):
-            counts = f"{PLAIN}: {len(outputs)}", f"{who}: {len(outputs_2)}"
+            counts = f"{PLAIN}: {len(outputs)}", f"{label}: {len(outputs_2)}"
             return Finding(k, str(call), "number of outputs", None, "", *counts)
         for nth, ((kind, payload), (kind_2, payload_2)) in enumerate(zip(outputs, outputs_2, strict=True), 1):
             if (kind, payload) != (kind_2, payload_2):
@@ -183,7 +183,7 @@ def _located(told: str, told_2: str, layout: Sequence[Record], label: str) -> tu
     begin, end, name = _field_at(layout, byte)
     shown, shown_2 = (each[begin:end].hex() or "nothing" for each in (raw, raw_2))
     lengths = ("", "") if len(raw) == len(raw_2) else (f" of {len(raw)}", f" of {len(raw_2)}")
-    return byte, name, f"{shown}{lengths[0]} in {PLAIN}", f"{shown_2}{lengths[1]} in {who}"
+    return byte, name, f"{shown}{lengths[0]} in {PLAIN}", f"{shown_2}{lengths[1]} in {label}"
 
 
 def _field_at(layout: Sequence[Record], byte: int) -> tuple[int, int, str]:
