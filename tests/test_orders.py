@@ -66,7 +66,7 @@ def test_a_robot_obeys_what_the_vectors_say(case):
     keys = {f"{name}_key": bytes.fromhex(TOLD[name]) for name in ("gateway", "operator")}
     this = robot(TOLD["robot"], mission=TOLD["mission"], **keys)
     before = remembered(this)
-    assert (heard(bytes.fromhex(case["packet"]), this) != before) == (case["expect"] == "obeyed")
+    assert (heard(bytes.fromhex(case["frame"]), this) != before) == (case["expect"] == "obeyed")
 
 
 class TestSignature:

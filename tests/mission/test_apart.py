@@ -16,7 +16,7 @@ from phalanx.mission import Draft, Experience, Landmark, Position, Reason, State
 from phalanx.mission.authoring.findable import ALIKE_RAD, alone, apart_in, mark_lookalikes
 from phalanx.mission.landmarks import look_alikes_of
 from phalanx.mission.observable import APART_MAX, UNTOLD_M, Offset, offset_of
-from phalanx.mission.walk.fix import told
+from phalanx.mission.walk.fix import unambiguous
 from phalanx.world.building.floorplan import load_floorplan
 
 both = pytest.mark.parametrize("profile", BOTH)
@@ -75,12 +75,12 @@ def test_a_match_that_may_be_another_thing_counts_only_with_a_pose_that_certain_
     far = Landmark("concave_left", 8.0, 0.0, math.pi, apart_m=1.0)
     sure = Landmark("doorway", 6.0, 2.0, 0.2, apart_m=5.0)
     seen = Experience(0.0, 0.0, 0.0, 0.0, landmarks=(far, sure), spread=place)
-    assert told(config, seen, [(far, far)]) == []
-    assert told(config, seen, [(far, far), (sure, sure)]) == [(far, far), (sure, sure)]
+    assert unambiguous(config, seen, [(far, far)]) == []
+    assert unambiguous(config, seen, [(far, far), (sure, sure)]) == [(far, far), (sure, sure)]
     near = replace(far, apart_m=0.3)
-    assert told(config, seen, [(near, near), (sure, sure)]) == [(sure, sure)], "nor do they make it so certain"
+    assert unambiguous(config, seen, [(near, near), (sure, sure)]) == [(sure, sure)], "nor do they make it so certain"
     lost = replace(seen, spread=(*place[:-1], math.radians(60) ** 2))
-    assert told(config, lost, [(sure, sure)]) == []
+    assert unambiguous(config, lost, [(sure, sure)]) == []
 
 
 def test_what_the_author_knows_is_kept_where_it_is_nearer():

@@ -13,7 +13,7 @@ from phalanx.mission import Draft, Experience, Landmark, Position, Profile, Reas
 from phalanx.mission.pose.belief import Belief
 from phalanx.mission.walk.chart import Chart
 from phalanx.mission.walk.constellation import expected_chance_matches, fix_from_known
-from phalanx.mission.walk.fix import begun_at, fix_from, fixed
+from phalanx.mission.walk.fix import fix_from, fixed, initial_belief
 
 STRANGERS = MissionConfig(strangers_per_m2=0.2)
 NEAR = Landmark("concave_left", 3.0, 1.0, math.pi, apart_m=25.0)
@@ -112,7 +112,7 @@ def test_a_pose_that_is_turned_far_is_no_surer_than_an_arc_differs_from_its_tang
     config = STRANGERS
     for off_deg, least_m, most_m in ((2.0, 0.0, 0.06), (30.0, 0.4, 1.0)):
         seen = sees((FAR, DOOR), (0.0, 0.0, off_deg), 0.3, 15.0)
-        belief = begun_at(config, (seen.x_m, seen.y_m, seen.heading_rad))
+        belief = initial_belief(config, (seen.x_m, seen.y_m, seen.heading_rad))
         spread = belief.spread.copy()
         spread[0, 0] = spread[1, 1] = 0.09
         spread[2, 2] = math.radians(15.0) ** 2

@@ -29,7 +29,7 @@ from .fix import (
     misfit_of,
     moved_to_pose,
     sight_of,
-    told,
+    unambiguous,
 )
 
 # What strangers pass for more often is not believed, nor what is not so much less likely than another explanation.
@@ -96,7 +96,7 @@ def fix_from_known(config: MissionConfig, seen: Experience, known: Chart) -> Fix
     """A fix from the nearest landmarks that the robot has decoded before and now sees again, or None."""
     if is_sure(config, seen):
         return None
-    matches = told(config, seen, agreeing(config, seen, known_in(config, seen, known)))
+    matches = unambiguous(config, seen, agreeing(config, seen, known_in(config, seen, known)))
     if expected_chance_matches(config, seen, matches) > MISTAKEN:
         matches = constellation(config, seen, candidate_matches(config, seen, known))
     return fix_from(config, seen, matches) if matches else None

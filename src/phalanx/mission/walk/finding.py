@@ -36,7 +36,7 @@ from .fix import (
     pose_doubt_m,
     sight_of,
     sighting,
-    told,
+    unambiguous,
 )
 from .gate import Gate, Hint, StartKey, join_shares, parse_start_key
 from .glance import NOBODY, SearchTarget, glance, search_target_of
@@ -352,7 +352,7 @@ class Finder:
         matches = agreeing(self.config, seen, [(observed, truth), *known])
         if not any(pair[0] is observed for pair in matches):
             return None, None, Reason.CONTRADICTED
-        matches = told(self.config, seen, matches)
+        matches = unambiguous(self.config, seen, matches)
         if not any(pair[0] is observed for pair in matches):
             return None, None, Reason.AMBIGUOUS
         if expected_chance_matches(self.config, seen, matches) > MISTAKEN:

@@ -28,15 +28,15 @@ from phalanx.mission.walk.fix import (
     AGAIN_MOST,
     ALONE_SIGMAS,
     Match,
-    begun_at,
     distance_m,
     doubt_m,
     fix_from,
     fixed,
+    initial_belief,
     is_sure,
     is_there,
     pose_doubt_m,
-    told,
+    unambiguous,
     wheels_of,
 )
 
@@ -179,7 +179,7 @@ class _Predictor:
 
     def _begun(self, node: Node) -> _Reached:
         heading = 0.0 if self.plan is None else self.plan.start[2] if self.plan.start else NORTH_RAD
-        return _Reached(None if node.place is None else begun_at(self.config, (*node.place, heading)))
+        return _Reached(None if node.place is None else initial_belief(self.config, (*node.place, heading)))
 
     def _along(self, way: PlainWay, stand: _Reached) -> _Reached | str:
         """The robot at the end of a way, or why it does not get there."""
@@ -295,7 +295,7 @@ class _Predictor:
         off = (
             (truth, replace(truth, apart_m=truth.apart_m - doubt_m(self.config, seen, truth))) for truth, _ in matches
         )
-        return told(self.config, seen, list(off))
+        return unambiguous(self.config, seen, list(off))
 
     def _again(self, seen: Experience) -> list[Match]:
         """Return the known landmarks that the robot sees again."""
