@@ -45,8 +45,8 @@ from phalanx.mission.authoring.findable import ALIKE_RAD, alone, told_apart
 from phalanx.mission.landmarks import LaserScan, extract
 from phalanx.mission.observable import HALF_TURN_TYPES, number_or_nan
 from phalanx.mission.walk.chart import turn_to
-from phalanx.mission.walk.fix import begun_at, fixed, wheels_of
-from phalanx.world.missions.truth import wrong_by
+from phalanx.mission.walk.fix import fixed, initial_belief, wheels_of
+from phalanx.world.missions.truth import pose_error
 
 Pose = tuple[float, float, float]
 KINDS = ("doorway", "corner_convex", "concave_left", "concave_right")
@@ -279,7 +279,7 @@ def live(mission: EncodedMission, config: MissionConfig, samples: list[Sample]) 
     """The rest of a log, as a robot believes it that knows where it began, its wheels and the encoded mission."""
     lived = Lived(scans=len(samples), landmarks=len(mission.nodes) - 1)
     start = samples[0].pose
-    walker, state, belief = Walker(mission, config=config), State(), begun_at(config, start)
+    walker, state, belief = Walker(mission, config=config), State(), initial_belief(config, start)
     for i, (sample, before, now, travelled_m) in enumerate(steps_of(samples)):
         belief = belief.driven(before, now, wheels_of(config))
         landmarks = extract(sample.scan, SCANNER).landmarks(*belief.pose)
@@ -288,7 +288,7 @@ def live(mission: EncodedMission, config: MissionConfig, samples: list[Sample]) 
         if outcome.fix is not None:
             lived.fixes += 1
             belief = fixed(config, belief, outcome.fix)
-            if wrong := wrong_by(sample.pose, belief.pose, belief.doubt):
+            if wrong := pose_error(sample.pose, belief.pose, belief.doubt):
                 lived.false[wrong] += 1
         elif outcome.reason is not None:
             lived.not_validated[outcome.reason.value] += 1

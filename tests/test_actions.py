@@ -80,7 +80,7 @@ def test_whatever_a_controller_puts_out_in_one_step_fits_into_the_buffer(swarm, 
     assert len(one) == OUTPUT.size + size
     w.out[: count * len(one)] = row(one * count)
     actions.clear(w)
-    handlers.put_out(swarm.fleet, ME, w, 5000, count * len(one))
+    handlers.send_output(swarm.fleet, ME, w, 5000, count * len(one))
     decoded = actions.decode(w)
     assert len(decoded) == count > 0
     assert set(map(type, decoded)) == {of}

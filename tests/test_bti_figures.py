@@ -21,7 +21,7 @@ from phalanx.attacks import ATTACKS
 from phalanx.errors import UsageError
 from phalanx.lab.figures.flocks import draw_flock
 from phalanx.lab.figures.plot import DRAWN_BY, draw
-from phalanx.lab.scorecard.flock_trial import FlockTrial, Stop, said_of, stop_bound_s, try_attack
+from phalanx.lab.scorecard.flock_trial import FlockTrial, Stop, stop_bound_s, trial_fields, try_attack
 from phalanx.papers.bti import flock as bti_flock
 from phalanx.papers.bti import liars
 from phalanx.papers.bti.flock import (
@@ -423,7 +423,7 @@ class TestTrial:
     def test_late_is_late(self, stop, in_time):
         told = {"duration_s": 60.0}
         came_to = {"harm": 0.0, "attacked": told, "honest": told, "honest_distance_m": 0.0}
-        trial = FlockTrial(**said_of(ATTACKS["spoof"], "hardened"), **came_to, bound_s=10.251, stops=(stop,))
+        trial = FlockTrial(**trial_fields(ATTACKS["spoof"], "hardened"), **came_to, bound_s=10.251, stops=(stop,))
         assert trial.stopped_in_time is in_time
 
 

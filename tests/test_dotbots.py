@@ -27,7 +27,7 @@ from phalanx.daemon.driver import NoReading, make_driver
 from phalanx.daemon.settings import read_robot
 from phalanx.errors import BadPayload, Held, Unavailable, Unknown, UsageError
 from phalanx.robot import Led, Point
-from phalanx.robot.swarm import Routed
+from phalanx.robot.swarm import RouteLimited
 from phalanx.scenarios.behaviour import driving
 from phalanx.scenarios.file import parse_scenario
 from ports import free_port
@@ -229,7 +229,7 @@ def one(swarm, address):
 class TestSwarm:
     def test_orders_are_those_that_were_recorded_and_what_follows_is_shown(self):
         with a_swarm() as (controller, swarm):
-            assert isinstance(swarm, Routed)
+            assert isinstance(swarm, RouteLimited)
             assert swarm.area_mm == (2000, 2000)
             soon(lambda: controller.acknowledged[-1:] == [RECORDED["begins"][-1]["seq"]])
             swarm.set_led(A, Led(1, 2, 3))

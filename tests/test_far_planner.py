@@ -166,8 +166,8 @@ def test_advice_is_taken_when_it_has_come_and_the_newest_counts(tmp_path):
         peer, _ = listens.accept()
         with peer:
             assert peer.recv(100) == reading()
-            far.overheard(b"\x81 an audit")
-            far.overheard(STATE.encode(id=9, t=5, x_m=3.0, y_m=4.0, vx_mps=0.0, vy_mps=0.0))
+            far.forward_state(b"\x81 an audit")
+            far.forward_state(STATE.encode(id=9, t=5, x_m=3.0, y_m=4.0, vx_mps=0.0, vy_mps=0.0))
             assert len(peer.recv(100)) == STATE.size
             newest = guarded.WISH.encode(vx_mps=1.0, vy_mps=0.0)
             for packet in (

@@ -372,7 +372,7 @@ class TestTokens:
         assert trusted.anode_check(profile, nodes.anode[1], end) == 1
 
 
-def told_apart(one, other):
+def mark_lookalikes(one, other):
     """Where two nodes' memories differ."""
     found = (one != other).nonzero()[0]
     assert len(found) > 0
@@ -384,7 +384,7 @@ def test_nothing_of_a_key_is_left_in_safe_mode(name):
     nodes, others = keyed(), Nodes(3, trusted.HARDENED, LIMITS)
     others.load_master(0, MASTER, 1)
     others.load_mission(0, 0, seal_mission_key(MASTER, bytes(20), R, 1))
-    at = told_apart(getattr(nodes, name)[0], getattr(others, name)[0])
+    at = mark_lookalikes(getattr(nodes, name)[0], getattr(others, name)[0])
     assert len(at) > 300, "what the key was expanded to"
     with pytest.raises(Refused):
         (nodes.poll if name == "snode" else nodes.recv)(0, 2**32 - 1, STATE)

@@ -26,7 +26,7 @@ from phalanx.mission.landmarks import floorplan_of_yaml
 from phalanx.mission.refused import AlreadyStarted, NotForUs, OutsideWindow
 from phalanx.net import QrkeyClient
 from phalanx.robot.on_mission import Completed, Decoded, NotValidated, OnMission, drift_of
-from phalanx.robot.swarm import Shielded
+from phalanx.robot.swarm import AuditedSwarm
 from phalanx.world.building.floorplan import load_floorplan
 from phalanx.world.missions.live import Moment, Standing
 from phalanx.world.missions.orders import orders_of
@@ -246,7 +246,7 @@ class TestSwarm:
 class TestShields:
     def test_robots_audit_each_other_on_their_mission_and_one_that_lies_is_stopped(self):
         with ShieldedMissionSwarm(PLAN, 4, 0, time.time, "hardened", 1) as swarm:
-            assert isinstance(swarm, Shielded)
+            assert isinstance(swarm, AuditedSwarm)
             assert isinstance(swarm, OnMission)
             liar, *honest = addresses(swarm)
             (attack,) = swarm.attacks()
@@ -271,7 +271,7 @@ class TestShields:
             assert [shield.address for shield in swarm.shields()] == [liar, *honest]
 
     def test_without_audits_there_are_no_shields_to_show(self):
-        assert not isinstance(Silent(), Shielded)
+        assert not isinstance(Silent(), AuditedSwarm)
 
 
 class TestWatch:

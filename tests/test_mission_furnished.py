@@ -86,13 +86,13 @@ def test_robots_before_visitors_get_the_files_of_both_parts_and_begin_where_thes
     assert [part.start for part in orders.parts] == [(3.0, 1.5, NORTH), (4.0, 1.5, NORTH)]
     (alone,) = built(tmp_path / "d", "delivery")
     wanted = (Wanted((alone,), told, None, (), "--start-key") for told in ("delivery", None))
-    furnished, bare = (_orders(each, None)[1] for each in wanted)
-    assert furnished is not None
+    with_fixtures, bare = (_orders(each, None)[1] for each in wanted)
+    assert with_fixtures is not None
     assert bare is not None
-    assert [code.text for code in furnished.plan.codes] == ["7d1f0c52a9e84b3666c0e2f1b8d49a07"]
-    assert {action.name for action in furnished.pool} == {"pick", "hand_over"}
+    assert [code.text for code in with_fixtures.plan.codes] == ["7d1f0c52a9e84b3666c0e2f1b8d49a07"]
+    assert {action.name for action in with_fixtures.pool} == {"pick", "hand_over"}
     assert (bare.plan.codes, bare.pool) == ((), ())
-    assert furnished.controller == bare.controller != ()
+    assert with_fixtures.controller == bare.controller != ()
 
 
 def test_a_start_that_is_said_goes_before_those_of_the_parts() -> None:

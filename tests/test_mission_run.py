@@ -24,7 +24,7 @@ from phalanx.mission.landmarks import floorplan_of_yaml
 from phalanx.mission.refused import NotForUs
 from phalanx.world.building.floorplan import load_floorplan
 from phalanx.world.building.odometry import NoiseModel, OdometryNoise
-from phalanx.world.missions.orders import furnished
+from phalanx.world.missions.orders import with_fixtures
 from phalanx.world.missions.report import Report, summary
 from phalanx.world.missions.run import run_mission
 from phalanx.world.missions.setup import MissionRun, Part, pool_of
@@ -165,8 +165,8 @@ def test_a_code_on_the_wall_and_the_controllers_message_lead_through_the_deliver
         return report.done, [action for _, action in report.actions]
 
     said = tuple(built.key.messages.values())
-    assert done(said, furnished(OFFICE, plain)) == (True, ["pick", "hand_over"])
-    assert done((), furnished(OFFICE, plain)) == (False, ["pick"])
+    assert done(said, with_fixtures(OFFICE, plain)) == (True, ["pick", "hand_over"])
+    assert done((), with_fixtures(OFFICE, plain)) == (False, ["pick"])
     assert done(said, OFFICE) == (False, [])
 
 

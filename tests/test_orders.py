@@ -66,7 +66,7 @@ def test_a_robot_obeys_what_the_vectors_say(case):
     keys = {f"{name}_key": bytes.fromhex(TOLD[name]) for name in ("gateway", "operator")}
     this = robot(TOLD["robot"], mission=TOLD["mission"], **keys)
     before = remembered(this)
-    assert (heard(bytes.fromhex(case["packet"]), this) != before) == (case["expect"] == "obeyed")
+    assert (heard(bytes.fromhex(case["frame"]), this) != before) == (case["expect"] == "obeyed")
 
 
 class TestSignature:
@@ -306,9 +306,9 @@ def test_a_stop_waits_neither_for_colours_nor_for_a_long_route_when_a_station_is
         station.tell(rob, COLOUR, partial(gateway.led, red=1, green=2, blue=3))
         station.tell(rob, MOTION, partial(gateway.wheels, left_pct=0, right_pct=0))
     assert said_from(station, 0.05, 0.1) == [], "the robots' logs have no room yet"
-    station.hush()
+    station.drop_pending()
     assert said_from(station, 0.1, 0.15) == [(1, TELL_WHEELS), (2, TELL_WHEELS)]
-    assert not station.has_to_speak
+    assert not station.has_pending_order
 
 
 def test_robots_are_told_that_they_may_go_by_a_station_that_never_stopped_them():

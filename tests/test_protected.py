@@ -23,7 +23,7 @@ from phalanx.errors import Unknown, UsageError
 from phalanx.gateway.demo import choose_protection
 from phalanx.net import QrkeyClient
 from phalanx.robot import Led, Point
-from phalanx.robot.swarm import Shielded
+from phalanx.robot.swarm import AuditedSwarm
 from phalanx.world.swarms.protected import MOST_ROBOTS, ProtectedSwarm, draw_places
 
 DT = 0.02
@@ -187,7 +187,7 @@ class TestOrders:
 class TestShields:
     def test_after_a_few_rounds_each_robot_has_f_max_plus_one_vouchers_who_are_others(self):
         swarm = a_swarm()
-        assert isinstance(swarm, Shielded)
+        assert isinstance(swarm, AuditedSwarm)
         run(swarm, 12)
         for shield in swarm.shields():
             vouchers = dict(shield.vouchers)

@@ -57,7 +57,7 @@ def test_a_frame_that_leads_outside_an_array_is_rejected_and_logged(world, caplo
 
 def test_an_audit_that_leads_outside_an_array_gives_no_token(world, caplog, kernel_defects):
     world.fleet.rx_info[VICTIM, 0].row = -7 if not PURE else 1 << 40
-    assert handlers.judge(world.fleet, VICTIM, world.work, 0, PEER) == Refusal.DEFECT
+    assert handlers.audit_request(world.fleet, VICTIM, world.work, 0, PEER) == Refusal.DEFECT
     assert "rejected" in caplog.text
     kernel_defects.clear()
 

@@ -42,8 +42,8 @@ from phalanx.daemon.life import Life
 from phalanx.daemon.proofs import NOBODY, signed_in
 from phalanx.daemon.run import mission_of, provision
 from phalanx.daemon.settings import RobotFile, read_robot, robot_schema
-from phalanx.daemon.state import told as told_by
-from phalanx.daemon.trusted import check_may_have_key, give_keys, open_nodes
+from phalanx.daemon.state import told as fuse_matches
+from phalanx.daemon.trusted import check_may_have_key, connect_nodes, provision_keys
 from phalanx.errors import Unavailable, UsageError
 from phalanx.lab.scorecard.card import write_csv
 from phalanx.net import serial_line, udp_radio
@@ -163,10 +163,10 @@ def test_a_flash_that_others_may_read_gets_no_keys(tmp_path):
     settings = robot(tmp_path)
     flash = tmp_path / "trusted.flash"
     flash.touch(0o600)
-    open_nodes(settings).close()
+    connect_nodes(settings).close()
     flash.chmod(0o640)
     with pytest.raises(UsageError, match=r"trusted\.flash is another user's, or open to others"):
-        open_nodes(settings)
+        connect_nodes(settings)
 
 
 def with_nodes(tmp_path, where):
@@ -181,13 +181,13 @@ def test_a_master_key_goes_to_nobody_over_a_network(tmp_path, where):
     node = SimpleNamespace(about=SimpleNamespace(robot_id=0))
     (tmp_path / "key.json").write_bytes(issued(1, {3: seal_mission_key(bytes(20), bytes(20), bytes(20), 1)}, {}))
     with pytest.raises(UsageError, match="a master key for whoever answers"):
-        give_keys(node, settings, None)
+        provision_keys(node, settings, None)
 
 
 def test_each_start_with_nodes_on_a_network_warns(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr("phalanx.daemon.trusted.open_line", lambda _: pytest.fail("opened"))
     with pytest.raises(pytest.fail.Exception):
-        open_nodes(with_nodes(tmp_path, "tcp:192.0.2.1:4400"))
+        connect_nodes(with_nodes(tmp_path, "tcp:192.0.2.1:4400"))
     assert "nothing tells who answers" in caplog.text
 
 
@@ -306,7 +306,7 @@ def test_a_state_that_somebody_wrote_commands_no_terminal_and_makes_no_traceback
         "given": [{"auditee": 2, "times": 5, "last_s_ago": 1.25}],
         "frames_refused": {},
     }
-    told, state["core_share"] = tmp_path / "robot-3.json", 0.1
+    told, state["cpu_share"] = tmp_path / "robot-3.json", 0.1
     state |= {"memory_kb": 109_500, "memory_began_kb": 108_500}
     told.write_text(json.dumps(state | {"log_bytes": 1, "log_bytes_max": 2}))
     assert status(tmp_path / "robot.yaml", as_json=False) == 0
@@ -760,7 +760,7 @@ def test_who_has_no_processor_says_that_others_had_it():
 def test_a_pipe_in_place_of_what_a_robot_tells_keeps_nobody_waiting(tmp_path):
     os.mkfifo(tmp_path / "robot-1.json")
     with pytest.raises(UsageError, match="no robot has told of itself"):
-        told_by(tmp_path / "robot-1.json")
+        fuse_matches(tmp_path / "robot-1.json")
 
 
 @pytest.mark.parametrize("name", ["flock", "guard", "wheels"])

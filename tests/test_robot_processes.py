@@ -24,7 +24,7 @@ from phalanx.daemon.evidence import read_kept
 from phalanx.daemon.proofs import proven, unsealed
 from phalanx.daemon.settings import read_robot
 from phalanx.daemon.state import told
-from phalanx.daemon.trusted import give_keys, open_nodes, start
+from phalanx.daemon.trusted import connect_nodes, provision_keys, start
 from phalanx.net.keyring import Keys, create, opened
 from phalanx.net.mission_key import issued, read_board, read_mission_key
 from phalanx.wire import guarded
@@ -294,9 +294,9 @@ def test_a_robots_nodes_are_given_their_master_key_over_their_line_and_once(tmp_
         number, sealed = keys.issue()
     (tmp_path / "key.json").write_bytes(issued(number, sealed, {}))
     settings = read_robot(path)
-    node = open_nodes(settings)
+    node = connect_nodes(settings)
     try:
-        start(node, give_keys(node, settings, limits_of(BtiConfig(), RadioConfig())))
+        start(node, provision_keys(node, settings, limits_of(BtiConfig(), RadioConfig())))
     finally:
         node.close()
 

@@ -16,7 +16,7 @@ from phalanx.errors import UsageError
 from phalanx.lab.scorecard import bout as bouts
 from phalanx.lab.scorecard.bout import OUTCOME, drive, run_bout, try_on_wheels
 from phalanx.lab.scorecard.card import draw_card, lines
-from phalanx.lab.scorecard.flock_trial import FlockTrial, Stop, said_of
+from phalanx.lab.scorecard.flock_trial import FlockTrial, Stop, trial_fields
 from phalanx.lab.scorecard.plan import AT_S, COMMON, MISSIONS, known_protocols, scorecard_plan
 from phalanx.robot.adversary.registry import attacks
 from phalanx.scenarios.own import find_attack
@@ -80,7 +80,7 @@ def a_trial(attack="spoof", defence="hardened", stops=STOPPED_IN_TIME, harm=1.0,
     told = {"duration_s": 60.0, "correct_in_safe_mode": [], "without_quorum": []}
     came_to = {"harm": harm, "attacked": told | attacked, "honest": told, "honest_distance_m": 0.0}
     bound_s = 10.101 if attacks()[attack].verdicts[defence] == "stopped" else None
-    return FlockTrial(**said_of(attacks()[attack], defence), **came_to, bound_s=bound_s, stops=stops)
+    return FlockTrial(**trial_fields(attacks()[attack], defence), **came_to, bound_s=bound_s, stops=stops)
 
 
 @pytest.mark.parametrize(

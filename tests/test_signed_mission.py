@@ -92,7 +92,7 @@ def test_without_a_signature_and_without_trust_it_is_the_logs_own_word(tmp_path,
 
 
 def test_a_robot_begins_no_other_mission_than_was_signed(tmp_path, monkeypatch):
-    monkeypatch.setattr(daemon_run, "open_nodes", lambda _: pytest.fail("opened"))
+    monkeypatch.setattr(daemon_run, "connect_nodes", lambda _: pytest.fail("opened"))
     sealed = {2: seal_mission_key(bytes(20), bytes(20), bytes(20), 7)}
     (tmp_path / "key.json").write_bytes(issued(7, sealed, {}, sign_mission(MISSION, 7, OWNER).told))
     radio = {"here": "127.0.0.1:4410", "peers": ["127.0.0.1:4411"]}

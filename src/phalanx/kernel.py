@@ -2,9 +2,9 @@
 
 An auditor catches a compromised robot by running its controller again and comparing bytes. The bytes must be the same
 on every machine, or an honest robot would be refused. A simulated fleet replays so much that plain Python would take
-hours for minutes. So everything that robots run is written once, in a typed subset of Python (docs/reference/kernels.md) that is
-translated to C when the package is built. With PHALANX_PURE=1 all kernels run uncompiled, for a debugger and as the
-oracle of tests; `kernel.py_func` is the same function uncompiled.
+hours for minutes. So everything that robots run is written once, in a typed subset of Python
+(docs/reference/kernels.md) that is translated to C when the package is built. With PHALANX_PURE=1 all kernels run
+uncompiled, for a debugger and as the oracle of tests; `kernel.py_func` is the same function uncompiled.
 
 Rules for kernels that auditors replay: float64 with + - * / and `math.sqrt` in a written order. No other function of
 `math`, no sum over an array, and no division by a number that can be zero.

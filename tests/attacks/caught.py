@@ -57,9 +57,9 @@ class Judge:
         f.rx.rows[auditor] = 0xA5  # what an earlier request left
         f.rx.rows[auditor, : min(len(q), room)] = np.frombuffer(q[:room], np.uint8)
         f.rx_info[auditor, 0].row, f.rx_info[auditor, 0].len = auditor, min(len(q), room)
-        refused = int(handlers.knock(f, auditor, w, 0, auditee + 1))
+        refused = int(handlers.precheck_request(f, auditor, w, 0, auditee + 1))
         if not refused:
-            refused = int(handlers.judge(f, auditor, w, 0, auditee + 1))
+            refused = int(handlers.audit_request(f, auditor, w, 0, auditee + 1))
         replayed = refused == 0 or refused >= Refusal.STATE_MALFORMED
         return refused, w.state.tobytes() if replayed else b""
 

@@ -39,7 +39,7 @@ KERNELS = {
     "bti/log": ("piece_at",),
     "bti/request": ("admit",),
     "robot/replay": ("replay_bundled", "_begin"),
-    "robot/handlers": ("hear_audit", "hear_fragment", "knock", "judge", "answer"),
+    "robot/handlers": ("handle_audit", "store_fragment", "knock", "judge", "answer"),
 }
 FEW = 60  # mistakes: for so few it does not pay to see which tests run them
 CPU_S = 20  # a mistake may be a loop without an end

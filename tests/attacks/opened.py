@@ -18,7 +18,7 @@ from phalanx.world.scenarios.run import Run
 
 # From the events of a robot in Python down to the guards.
 CHAIN = [
-    *((handlers, name) for name in ("on_packet", "hear", "hear_audit", "hear_fragment")),
+    *((handlers, name) for name in ("on_packet", "hear", "handle_audit", "store_fragment")),
     (request, "take_fragment"),
 ]
 

@@ -10,14 +10,14 @@ from trials import AT_S, F_MAX, scenario
 
 from phalanx.attacks import IN_FLOCKS
 from phalanx.errors import UsageError
-from phalanx.lab.scorecard.flock_trial import Airtime, FlockTrial, Stop, airtime_since, said_of, sent, try_attack
+from phalanx.lab.scorecard.flock_trial import Airtime, FlockTrial, Stop, airtime_since, sent, trial_fields, try_attack
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.world.scenarios.run import Run
 
 TOLD = {"duration_s": 60.0}
 SAME = {"harm": 0.0, "attacked": TOLD, "honest": TOLD, "honest_distance_m": 0.0, "stops": ()}
-STOPPED = FlockTrial(**said_of(IN_FLOCKS["crash"], "hardened"), **SAME, bound_s=10.101, missing_s=0.15)
-LIMITED = FlockTrial(**said_of(IN_FLOCKS["packet-flood"], "hardened"), **SAME, bound_s=None)
+STOPPED = FlockTrial(**trial_fields(IN_FLOCKS["crash"], "hardened"), **SAME, bound_s=10.101, missing_s=0.15)
+LIMITED = FlockTrial(**trial_fields(IN_FLOCKS["packet-flood"], "hardened"), **SAME, bound_s=None)
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ OLD_TOKENS = (Hole(rounds, "on_token", " and t >= p.asked_ms and p.claimed == nu
 OTHER_CHECKPOINTS = (Hole(rounds, "on_token", " and p.claimed == number"),)
 # If newcomers push nobody out, 4 starve; if robots may also begin more than one request each T_audit / 2, all do.
 # Otherwise a robot that lacks tokens seeks other auditors, and lives.
-NO_ANSWERS = Hole(handlers, "hear_audit", "sub == seeking.SEEK", "False")
+NO_ANSWERS = Hole(handlers, "handle_audit", "sub == seeking.SEEK", "False")
 PLACES = (
     NO_ANSWERS,
     Hole(request, "_place", "return oldest", "return oldest if f.rx_info[i, oldest].src == 0 else -1"),

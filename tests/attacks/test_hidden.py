@@ -46,7 +46,7 @@ class Unheard(Asking):
 
     def loses(self, now_ms: int) -> None:
         """Lose the last fragment."""
-        seeking.not_arrived(self.fleet, VICTIM, now_ms, self.work.small[1])
+        seeking.give_up_request(self.fleet, VICTIM, now_ms, self.work.small[1])
 
     def seeks(self, now_ms: int) -> None:
         """Send SEEK, and receive answers of all others."""
@@ -124,7 +124,9 @@ def test_an_auditor_that_received_nothing_may_be_asked_again_soon_and_another_af
         robot.seeks(BOOT_MS + GRANT_MS + k)
         robot.pauses_ms(now_ms := BOOT_MS + 2 * GRANT_MS + k)
         to = rounds.peer_at(robot.fleet, VICTIM, int(robot.robot.request_to))
-        again_ms.append(int(robot.fleet.peer[VICTIM, to].asked_ms) + int(rounds.again_after(robot.fleet)) - now_ms)
+        again_ms.append(
+            int(robot.fleet.peer[VICTIM, to].asked_ms) + int(rounds.retry_interval_ms(robot.fleet)) - now_ms
+        )
     assert len(set(again_ms)) > 6
     assert 0 < min(again_ms) <= max(again_ms) < sum(PAUSES_MS) + T_AUDIT_MS // 2
     robot = Unheard()

@@ -42,7 +42,7 @@ def test_two_auditors_keep_22_alive_whom_12_f_max_audits_do_not(monkeypatch):
 def test_two_that_speak_at_the_same_moment_of_each_round_hear_each_other_all_the_same():
     """Robot 17 needs both in the middle, and one of them says HELLO whenever it does itself; it was stopped."""
     made = star(hub=2, attacks=(), n_max=None, seed=195)
-    moments = [rounds.mixed(made.seed + 1, rob_id) % made.bti.t_audit_ms for rob_id in range(1, 26)]
+    moments = [rounds.mix_hash(made.seed + 1, rob_id) % made.bti.t_audit_ms for rob_id in range(1, 26)]
     assert moments[16] in moments[:2]
     assert stopped(made) == 0
 

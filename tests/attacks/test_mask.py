@@ -24,7 +24,7 @@ from phalanx.wire.fields import row
 from phalanx.wire.table import AUDIT_HELLO, AUDIT_HERE, AUDIT_SEEK, AUDIT_TOKEN
 from phalanx.world.scenarios.run import Run
 
-DEAF = Hole(handlers, "hear_audit", "sub == seeking.SEEK", "False")
+DEAF = Hole(handlers, "handle_audit", "sub == seeking.SEEK", "False")
 ASKER = 5
 
 

@@ -22,7 +22,7 @@ from phalanx.lab.scorecard.mission_trial import (
     try_mission_attack,
     walk,
 )
-from phalanx.robot.adversary.harm import Walked
+from phalanx.robot.adversary.harm import ErrandOutcome
 from phalanx.robot.adversary.registry import attacks
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "attacks.md"
@@ -43,13 +43,13 @@ def trial(name: str, defence: str):
     return try_mission_attack(ATTACKS[name], defence)
 
 
-def attacked(attack: type[Between], defence: str, *, checked: bool = True, **options: float) -> Walked:
+def attacked(attack: type[Between], defence: str, *, checked: bool = True, **options: float) -> ErrandOutcome:
     """What becomes of the robot; for attacks that are not in the library."""
     plan = plan_of(defence, 0, options.pop("at", attack.starts_s), options)
     return walk(attack(plan), Operator(defence, 0).send(errand(), ROBOT, 1), defence, 0, checked=checked)
 
 
-def was_stopped(robot: Walked) -> None:
+def was_stopped(robot: ErrandOutcome) -> None:
     assert robot.held
     assert not robot.done
     assert robot.refused or robot.not_validated, "it says why"
@@ -57,7 +57,7 @@ def was_stopped(robot: Walked) -> None:
     assert robot.false_nodes == robot.false_fixes == 0
 
 
-def was_not_harmed(robot: Walked) -> None:
+def was_not_harmed(robot: ErrandOutcome) -> None:
     assert robot.done
     assert robot.actions == ("pick", "hand_over")
     assert robot.wrong_actions == ()

@@ -59,7 +59,7 @@ class Auditee(Asking):
     def thinks(self, entry: bytes) -> list[tuple[int, bytes]]:
         """What the controller puts out on an INPUT: kind and payload of each."""
         self.work.entry[: len(entry)] = row(entry)
-        n = handlers.think(self.fleet, VICTIM, self.work, len(entry))
+        n = handlers.run_controller(self.fleet, VICTIM, self.work, len(entry))
         self.step += 1
         told = unpack_outputs(self.work.out[:n].tobytes())
         return [(ACMD if isinstance(each, Act) else SEND, each.payload) for each in told]

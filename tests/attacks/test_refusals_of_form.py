@@ -202,9 +202,9 @@ class TestAuthenticators:
             auditee.senses()
         auditee.robot.quota = 1
         auditor, q = auditee.asks()
-        mixed = q[: request.AT_TOP_S] + old[request.AT_TOP_S : request.AT_TOP_S + 28] + q[request.AT_TOP_S + 28 :]
+        mix_hash = q[: request.AT_TOP_S] + old[request.AT_TOP_S : request.AT_TOP_S + 28] + q[request.AT_TOP_S + 28 :]
         assert auditee.verdict((auditor, q)) == 0
-        assert auditee.verdict((auditor, mixed)) == Refusal.AUTHENTICATOR_INVALID
+        assert auditee.verdict((auditor, mix_hash)) == Refusal.AUTHENTICATOR_INVALID
 
 
 class TestAsPrinted:

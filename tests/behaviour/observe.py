@@ -51,7 +51,7 @@ from phalanx.scenarios.scenario import Scenario
 from phalanx.world.audited import loop
 from phalanx.world.audited.events import next_us
 from phalanx.world.building.floorplan import load_floorplan
-from phalanx.world.missions.live import Crew, Lie
+from phalanx.world.missions.live import CompromiseRequest, Crew
 from phalanx.world.missions.orders import orders_of
 from phalanx.world.missions.report import Logbook
 from phalanx.world.missions.setup import MissionRun
@@ -439,7 +439,7 @@ def _crew(sink: Sink, *, mission: str, defence: str, robots: int, attack: str, a
     news: list[object] = []
     for tick in range(10 * duration_s):
         if tick == 10 * at_s:
-            crew.compromise(Lie(0, attack))
+            crew.compromise(CompromiseRequest(0, attack))
         news += crew.tick().news
     _outcome(sink, news)
 

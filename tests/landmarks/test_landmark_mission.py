@@ -14,7 +14,7 @@ from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.mission import BuildOptions, Experience, Kind, Phase, Profile, State, Walker, build
 from phalanx.mission.authoring.survey import begun_at as begun_in
-from phalanx.mission.authoring.survey import roomiest, survey
+from phalanx.mission.authoring.survey import most_spacious_start, survey
 from phalanx.mission.landmarks import extract, landmarks_of
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.landmarks.scan import beam_table
@@ -134,7 +134,7 @@ def test_a_robot_with_a_lidar_decodes_node_after_node_and_no_fix_is_false(profil
 def test_every_map_of_ros_compiles_to_a_mission(path):
     plan = load_floorplan(path)
     if plan.start is None:
-        plan = begun_in(plan, roomiest(plan))
+        plan = begun_in(plan, most_spacious_start(plan))
     if len(plan.walls) > 3000:
         # A whole floor of an institute: compiled here without its thousand corners.
         plan = replace(plan, outlines=plan.outlines[:3])

@@ -13,10 +13,10 @@ from worlds import BOTH, built, cheap, until_decoded, walker_for
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.errors import PeerError
 from phalanx.mission import Draft, Experience, Landmark, Position, Reason, State, parse_mission, parse_start_key
-from phalanx.mission.authoring.findable import ALIKE_RAD, alone, apart_in, told_apart
+from phalanx.mission.authoring.findable import ALIKE_RAD, alone, apart_in, mark_lookalikes
 from phalanx.mission.landmarks import look_alikes_of
 from phalanx.mission.observable import APART_MAX, UNTOLD_M, Offset, offset_of
-from phalanx.mission.walk.fix import told
+from phalanx.mission.walk.fix import unambiguous
 from phalanx.world.building.floorplan import load_floorplan
 
 both = pytest.mark.parametrize("profile", BOTH)
@@ -51,15 +51,15 @@ def aparts(mission) -> list[float]:
     ],
 )
 def test_it_is_as_far_as_the_next_thing_that_looks_the_same(other, apart):
-    assert aparts(told_apart(mission_of(DOOR, other), [])) == pytest.approx([apart, apart])
-    assert aparts(told_apart(mission_of(DOOR), [other])) == pytest.approx([apart]), "be it a node or not"
-    untold = aparts(told_apart(mission_of(DOOR, other)))
+    assert aparts(mark_lookalikes(mission_of(DOOR, other), [])) == pytest.approx([apart, apart])
+    assert aparts(mark_lookalikes(mission_of(DOOR), [other])) == pytest.approx([apart]), "be it a node or not"
+    untold = aparts(mark_lookalikes(mission_of(DOOR, other)))
     assert untold[0] == pytest.approx(min(apart, UNTOLD_M)), "who does not know the building expects more of them"
 
 
 def test_a_concave_corner_is_taken_for_none_of_the_other_hand():
     left, right = Landmark("concave_left", 5, 0, 0.2), Landmark("concave_right", 5.5, 0, 0.2)
-    assert aparts(told_apart(mission_of(left, right), [])) == [math.inf, math.inf]
+    assert aparts(mark_lookalikes(mission_of(left, right), [])) == [math.inf, math.inf]
 
 
 def test_of_two_that_stand_too_near_each_other_none_is_alone():
@@ -75,24 +75,24 @@ def test_a_match_that_may_be_another_thing_counts_only_with_a_pose_that_certain_
     far = Landmark("concave_left", 8.0, 0.0, math.pi, apart_m=1.0)
     sure = Landmark("doorway", 6.0, 2.0, 0.2, apart_m=5.0)
     seen = Experience(0.0, 0.0, 0.0, 0.0, landmarks=(far, sure), spread=place)
-    assert told(config, seen, [(far, far)]) == []
-    assert told(config, seen, [(far, far), (sure, sure)]) == [(far, far), (sure, sure)]
+    assert unambiguous(config, seen, [(far, far)]) == []
+    assert unambiguous(config, seen, [(far, far), (sure, sure)]) == [(far, far), (sure, sure)]
     near = replace(far, apart_m=0.3)
-    assert told(config, seen, [(near, near), (sure, sure)]) == [(sure, sure)], "nor do they make it so certain"
+    assert unambiguous(config, seen, [(near, near), (sure, sure)]) == [(sure, sure)], "nor do they make it so certain"
     lost = replace(seen, spread=(*place[:-1], math.radians(60) ** 2))
-    assert told(config, lost, [(sure, sure)]) == []
+    assert unambiguous(config, lost, [(sure, sure)]) == []
 
 
 def test_what_the_author_knows_is_kept_where_it_is_nearer():
     near = replace(DOOR, apart_m=1.5)
-    assert aparts(told_apart(mission_of(near), [replace(DOOR, x_m=8.0)])) == [1.5]
-    assert aparts(told_apart(mission_of(near), [replace(DOOR, x_m=6.0)])) == [1.0]
+    assert aparts(mark_lookalikes(mission_of(near), [replace(DOOR, x_m=8.0)])) == [1.5]
+    assert aparts(mark_lookalikes(mission_of(near), [replace(DOOR, x_m=6.0)])) == [1.0]
 
 
 def test_a_building_has_more_look_alikes_than_a_mission_has_nodes():
     plan = load_floorplan("office_40x40")
     one = next(thing for thing in look_alikes_of(plan) if thing.type == "doorway")
-    (alone,), (among,) = aparts(told_apart(mission_of(one))), aparts(apart_in(plan, mission_of(one)))
+    (alone,), (among,) = aparts(mark_lookalikes(mission_of(one))), aparts(apart_in(plan, mission_of(one)))
     assert alone == UNTOLD_M
     assert 1.0 < among < 10.0
     # Jambs are no landmarks, and are seen as corners where the doorway's other jamb is not.

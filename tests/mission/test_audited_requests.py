@@ -34,7 +34,7 @@ class Shown:
         fleet.rx.rows[auditor] = 0xA5
         fleet.rx.rows[auditor, : len(q)] = np.frombuffer(q, np.uint8)
         fleet.rx_info[auditor, 0].row, fleet.rx_info[auditor, 0].len = auditor, len(q)
-        refused = handlers.knock(fleet, auditor, work, 0, auditee + 1)
+        refused = handlers.precheck_request(fleet, auditor, work, 0, auditee + 1)
         if not refused:
             refused = self.run.robots[auditor].inner._judge(0, auditee + 1)
         return Refusal(int(refused))
@@ -179,8 +179,8 @@ def test_bundled_controllers_take_no_evidence():
         q = np.frombuffer(bytearray(put_together(head, shown_items)), np.uint8)
         fleet.rx.rows[auditor, : len(q)] = q
         fleet.rx_info[auditor, 0].row, fleet.rx_info[auditor, 0].len = auditor, len(q)
-        assert handlers.knock(fleet, auditor, made.world.work, 0, auditee + 1) == 0
-        return Refusal(int(handlers.judge(fleet, auditor, made.world.work, 0, auditee + 1)))
+        assert handlers.precheck_request(fleet, auditor, made.world.work, 0, auditee + 1) == 0
+        return Refusal(int(handlers.audit_request(fleet, auditor, made.world.work, 0, auditee + 1)))
 
     assert verdict(items) is Refusal.NONE
     assert verdict([*items[:k], marked(b"x"), *items[k:]]) is Refusal.ENTRY_MALFORMED

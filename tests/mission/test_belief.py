@@ -17,7 +17,7 @@ from phalanx.mission.pose import belief as belief_module
 from phalanx.mission.pose import spread as spread_module
 from phalanx.mission.pose.belief import COUNT, NUMBERS, UPPER, Belief, of_numbers
 from phalanx.mission.pose.spread import Sight, Sighting, corrected, doubt_of, inverse, misfit, not_surer, pose_spread
-from phalanx.mission.walk.fix import begun_at, floor_of, sight_of, sighting, wheels_of
+from phalanx.mission.walk.fix import floor_of, initial_belief, sight_of, sighting, wheels_of
 from phalanx.world.building.odometry import NoiseModel, Odometry, OdometryNoise, along_arc
 
 CONFIG = MissionConfig()
@@ -41,7 +41,7 @@ def told(belief: Belief, event) -> Belief:
 @settings(deadline=None, max_examples=60)
 @given(st.lists(moves | sights, max_size=40))
 def test_a_covariance_stays_one_whatever_happens(events):
-    belief = begun_at(CONFIG, (1.0, 2.0, 3.0))
+    belief = initial_belief(CONFIG, (1.0, 2.0, 3.0))
     for event in events:
         belief = told(belief, event)
         assert np.all(np.isfinite(belief.mean))
@@ -60,7 +60,7 @@ def test_a_covariance_stays_one_whatever_happens(events):
 @settings(deadline=None, max_examples=40)
 @given(st.lists(moves, max_size=20))
 def test_who_may_have_slipped_is_less_sure_and_who_sees_is_surer(events):
-    belief = begun_at(CONFIG, (0.0, 0.0, 0.0))
+    belief = initial_belief(CONFIG, (0.0, 0.0, 0.0))
     for _, way, turn, touches in events:
         free, slipped = (belief.moved(way, turn, WHEELS, touches=each) for each in (False, True))
         assert np.all(np.diag(slipped.spread) >= np.diag(free.spread) * (1 - 1e-12))
@@ -71,7 +71,7 @@ def test_who_may_have_slipped_is_less_sure_and_who_sees_is_surer(events):
 
 def test_turns_to_and_fro_beside_a_wall_slip_both_ways():
     """A robot in office_30x25 turned so for 12 s, and told nothing any more: its doubt was 0.78 rad, its error 0.02."""
-    belief = begun_at(CONFIG, (0.0, 0.0, 0.0))
+    belief = initial_belief(CONFIG, (0.0, 0.0, 0.0))
     for k in range(120):
         belief = belief.moved(0.0, 0.12 if k % 8 < 4 else -0.12, WHEELS, touches=True)
     assert 0.05 < math.sqrt(belief.doubt[5]) < 0.25
@@ -81,7 +81,7 @@ def test_turns_to_and_fro_beside_a_wall_slip_both_ways():
     ("i", "value"), [(0, math.nan), (7, math.inf), (COUNT, 0.0), (COUNT, -1.0), (COUNT + 1, 5.0), (NUMBERS - 1, -1e-9)]
 )
 def test_numbers_that_are_no_covariance_are_refused(i, value):
-    numbers = list(begun_at(CONFIG, (0.0, 0.0, 0.0)).numbers)
+    numbers = list(initial_belief(CONFIG, (0.0, 0.0, 0.0)).numbers)
     assert of_numbers(numbers) is not None
     numbers[i] = value
     assert of_numbers(numbers) is None
@@ -131,7 +131,7 @@ def kernels_of(module):
 @settings(deadline=None, max_examples=25)
 @given(st.lists(moves | sights, min_size=1, max_size=12))
 def test_compiled_and_plain_are_the_same_bits(events):
-    compiled = begun_at(CONFIG, (1.0, 2.0, 3.0))
+    compiled = initial_belief(CONFIG, (1.0, 2.0, 3.0))
     for event in events:
         compiled = told(compiled, event)
     with pytest.MonkeyPatch.context() as patch:
@@ -139,7 +139,7 @@ def test_compiled_and_plain_are_the_same_bits(events):
             for name, each in kernels_of(module).items():
                 patch.setattr(module, name, each.py_func)
         assert belief_module.moved is not spread_module.corrected
-        plain = begun_at(CONFIG, (1.0, 2.0, 3.0))
+        plain = initial_belief(CONFIG, (1.0, 2.0, 3.0))
         for event in events:
             plain = told(plain, event)
     assert plain.numbers == compiled.numbers
@@ -193,7 +193,7 @@ def driven(seed: int, model: NoiseModel, noise: Noise = REAL, *, sigma=(0.03, 0.
     chance = np.random.default_rng([seed, 7])
     truth = (1.0, 1.0, 0.0)
     wheels = Odometry((0.0, 0.0, 0.0), OdometryNoise(*sigma, model), np.random.default_rng([seed, 1]))
-    belief, landmarks = begun_at(CONFIG, truth), hall()
+    belief, landmarks = initial_belief(CONFIG, truth), hall()
     # A map is wrong the same way all day.
     drawn = [replace(each, **_moved_by(chance, each, noise.drawn_m, noise.drawn_rad)) for each in landmarks]
     for i, (way, turn) in enumerate(lap() * laps):
@@ -272,7 +272,7 @@ def test_odometry_that_always_errs_alike_is_learnt(seed):
     assert way == pytest.approx(1 / 1.03 - 1, abs=0.008)
     assert turn == pytest.approx(1 / 1.05 - 1, abs=0.008)
     assert curve == pytest.approx(0.0, abs=0.004)
-    before = begun_at(CONFIG, (0.0, 0.0, 0.0)).spread
+    before = initial_belief(CONFIG, (0.0, 0.0, 0.0)).spread
     share = np.diag(belief.spread)[3:] / np.diag(before)[3:]
     assert np.all(share < [0.25, 0.25, 0.5]), "and the robot knows that it has"
 
@@ -283,7 +283,7 @@ def test_wheels_that_are_true_are_learnt_to_be_so():
 
 
 def test_a_robot_that_drives_where_nothing_is_seen_doubts_more_and_more():
-    belief, doubts = begun_at(CONFIG, (0.0, 0.0, 0.0)), []
+    belief, doubts = initial_belief(CONFIG, (0.0, 0.0, 0.0)), []
     for _ in range(200):
         belief = belief.moved(0.1, 0.0, WHEELS)
         doubts.append(math.sqrt(belief.spread[0, 0] + belief.spread[1, 1]))
@@ -293,7 +293,7 @@ def test_a_robot_that_drives_where_nothing_is_seen_doubts_more_and_more():
 
 
 def test_the_numbers_of_a_belief_are_its_mean_and_its_upper_triangle():
-    belief = begun_at(CONFIG, (1.0, 2.0, 0.5)).moved(1.0, 0.2, WHEELS)
+    belief = initial_belief(CONFIG, (1.0, 2.0, 0.5)).moved(1.0, 0.2, WHEELS)
     assert len(belief.numbers) == NUMBERS == COUNT + len(UPPER)
     assert belief.numbers[:3] == belief.pose
     assert belief.numbers[3:6] == belief.drift

@@ -26,7 +26,7 @@ landmarks = st.builds(
 )
 
 
-def may_be(seen: Experience, landmark: Landmark, known: Landmark) -> bool:
+def candidate_matches(seen: Experience, landmark: Landmark, known: Landmark) -> bool:
     if (landmark.type, landmark.text) != (known.type, known.text):
         return False
     if math.hypot(known.x_m - landmark.x_m, known.y_m - landmark.y_m) > CONFIG.tolerance_m:
@@ -39,5 +39,5 @@ def may_be(seen: Experience, landmark: Landmark, known: Landmark) -> bool:
 def test_what_a_thing_may_be_is_told_of_all_as_of_each(sighted, known, metres, radians):
     spread = (metres**2, 0.0, 0.0, metres**2, 0.0, radians**2)
     seen = Experience(0.0, 0.3, -0.2, 0.0, landmarks=tuple(sighted), spread=spread)
-    expected = [[j for j, each in enumerate(known) if may_be(seen, landmark, each)] for landmark in sighted]
+    expected = [[j for j, each in enumerate(known) if candidate_matches(seen, landmark, each)] for landmark in sighted]
     assert Chart(known).fitting(seen, sight_of(CONFIG), CONFIG.tolerance_m) == expected

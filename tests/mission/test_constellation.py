@@ -12,8 +12,8 @@ from phalanx.config.mission import MissionConfig
 from phalanx.mission import Draft, Experience, Landmark, Position, Profile, Reason, State, Walker
 from phalanx.mission.pose.belief import Belief
 from phalanx.mission.walk.chart import Chart
-from phalanx.mission.walk.constellation import seen_again, strangers
-from phalanx.mission.walk.fix import begun_at, fix_from, fixed
+from phalanx.mission.walk.constellation import expected_chance_matches, fix_from_known
+from phalanx.mission.walk.fix import fix_from, fixed, initial_belief
 
 STRANGERS = MissionConfig(strangers_per_m2=0.2)
 NEAR = Landmark("concave_left", 3.0, 1.0, math.pi, apart_m=25.0)
@@ -81,7 +81,7 @@ def test_a_stranger_beside_known_things_is_left_out_of_their_constellation():
     stranger = replace(DOOR, x_m=DOOR.x_m + 0.9, y_m=DOOR.y_m - 0.5)
     post = Landmark("concave_left", 6.0, -4.0, math.pi / 2)
     shown = sees((NEAR, FAR, stranger, post), (0.5, -0.4, 9.0), 0.4, 8.0)
-    fix = seen_again(STRANGERS, shown, Chart((NEAR, FAR, DOOR, post)))
+    fix = fix_from_known(STRANGERS, shown, Chart((NEAR, FAR, DOOR, post)))
     assert fix is not None
     assert math.hypot(fix.x_m, fix.y_m) < 0.15
     assert (DOOR.x_m, DOOR.y_m) not in [(each.x_m, each.y_m) for each in fix.sightings]
@@ -92,25 +92,27 @@ def test_a_row_that_goes_on_alike_is_not_believed_by_who_may_be_a_post_further(p
     """Of posts 1.2 m apart two fit the next ones as well; where they stand at odd distances nothing else fits."""
     row = tuple(Landmark("concave_left", 3.0, y_m, math.pi) for y_m in places_m)
     shown = sees(row, (0.1, 0.6, 0.0), 0.6, 2.0)
-    assert (seen_again(STRANGERS, shown, Chart(row)) is not None) is well
+    assert (fix_from_known(STRANGERS, shown, Chart(row)) is not None) is well
 
 
 def test_strangers_are_counted_in_what_is_left_of_each_gate():
     seen = sees((NEAR, FAR), (0.3, -0.2, 5.0), 0.3, 5.0)
     one, both = [(seen.landmarks[0], NEAR)], [(seen.landmarks[0], NEAR), (seen.landmarks[1], FAR)]
-    assert strangers(MissionConfig(), seen, both) == 0.0
+    assert expected_chance_matches(MissionConfig(), seen, both) == 0.0
     of_one_piece = [one[0], (replace(seen.landmarks[0], y_m=seen.landmarks[0].y_m - 0.6), SAME_SHELF)]
-    assert strangers(STRANGERS, seen, of_one_piece) == strangers(STRANGERS, seen, one)
-    assert strangers(STRANGERS, seen, both) < strangers(STRANGERS, seen, one) ** 2
+    assert expected_chance_matches(STRANGERS, seen, of_one_piece) == expected_chance_matches(STRANGERS, seen, one)
+    assert expected_chance_matches(STRANGERS, seen, both) < expected_chance_matches(STRANGERS, seen, one) ** 2
     doubled = replace(STRANGERS, strangers_per_m2=0.4)
-    assert strangers(doubled, seen, both) == pytest.approx(4 * strangers(STRANGERS, seen, both))
+    assert expected_chance_matches(doubled, seen, both) == pytest.approx(
+        4 * expected_chance_matches(STRANGERS, seen, both)
+    )
 
 
 def test_a_pose_that_is_turned_far_is_no_surer_than_an_arc_differs_from_its_tangent():
     config = STRANGERS
     for off_deg, least_m, most_m in ((2.0, 0.0, 0.06), (30.0, 0.4, 1.0)):
         seen = sees((FAR, DOOR), (0.0, 0.0, off_deg), 0.3, 15.0)
-        belief = begun_at(config, (seen.x_m, seen.y_m, seen.heading_rad))
+        belief = initial_belief(config, (seen.x_m, seen.y_m, seen.heading_rad))
         spread = belief.spread.copy()
         spread[0, 0] = spread[1, 1] = 0.09
         spread[2, 2] = math.radians(15.0) ** 2

@@ -205,12 +205,12 @@ class TestExploring:
         there, outcome = until_decoded(walker, there, Experience(1, 3, 3, 0, 3.0, (left,)))
         report = walker.report(there)
         assert [node for node, _ in report] == [0, 1]
-        here = walker.hear_report(State(), (*report, (99, bytes(32)), (-1, b"")))
+        here = walker.accept_report(State(), (*report, (99, bytes(32)), (-1, b"")))
         assert here.others == {0, 1}
         _, outcome = walker.step(here, Experience(0, 0, 0, 0))
         assert outcome.order.target == 2
         if profile is Profile.SEALED:
-            lies = walker.hear_report(State(), ((1, bytes(32)), (2, report[1][1])))
+            lies = walker.accept_report(State(), ((1, bytes(32)), (2, report[1][1])))
             assert lies.others == frozenset()
 
     @both
@@ -253,7 +253,7 @@ class TestExploring:
         ]
         assert {state.phase for state in ends} == {Phase.HELD}
         for report, proven in ((walker.report(ends[1]), profile is Profile.SEALED), (((2, bytes(32)),), False)):
-            told = walker.hear_report(begun, report)
+            told = walker.accept_report(begun, report)
             seen = Experience(1, 3, 3, 0, 3.0, (Landmark("doorway", 4, 3, 0.0),))
             state, _ = until_decoded(walker, told, seen)
             assert state.phase is (Phase.DONE if proven else Phase.HELD)

@@ -13,7 +13,7 @@ from phalanx.cli.mission.files import read_plain
 from phalanx.config.mission import MissionConfig
 from phalanx.mission import Experience, Kind, Landmark, Phase, State, Walker
 from phalanx.mission.landmarks.sites import landmarks_of
-from phalanx.mission.walk.fix import begun_at, fixed, wheels_of
+from phalanx.mission.walk.fix import fixed, initial_belief, wheels_of
 from phalanx.world.building.floorplan import load_floorplan
 
 CONFIG = MissionConfig()
@@ -30,7 +30,7 @@ class Robot:
         self.plan, self.rng = plan, random.Random(seed)
         self.landmarks = [alias for site in landmarks_of(plan) for alias in site.aliases]
         self.x, self.y, self.heading = plan.start
-        self.belief, self.wheels = begun_at(CONFIG, plan.start), plan.start
+        self.belief, self.wheels = initial_belief(CONFIG, plan.start), plan.start
         self.scale, self.turn_scale = (self.rng.uniform(-sigma / 2, sigma / 2) for sigma in (0.03, 0.05))
         self.travelled = 0.0
         self.leg, self.arrived = None, False

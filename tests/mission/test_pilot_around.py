@@ -74,7 +74,7 @@ def driven(
     leg, told, before = Leg(), Told(), 0.0
     for k in range(round(hz * seconds)):
         told.t_s = k / hz
-        building.pass_time(told.t_s)
+        building.advance_people(told.t_s)
         body.advance(told.t_s)
         told.pose = body.wheels.pose
         reading, _ = body.sense(1000 + round(1000 * told.t_s))

@@ -21,7 +21,7 @@ from phalanx.errors import UsageError
 from phalanx.lab.figures.missions import draw_mission
 from phalanx.mission import Landmark, Profile
 from phalanx.mission.authoring.free import STAND_M, Free
-from phalanx.mission.authoring.survey import START, _reached, _without, begun_at, roomiest, survey
+from phalanx.mission.authoring.survey import START, _reached, _without, most_spacious_start, survey, with_start
 from phalanx.mission.landmarks import FloorPlan, floorplan_of_yaml
 from phalanx.mission.refused import MalformedMission
 from phalanx.mission.worth.audit import audit
@@ -168,10 +168,10 @@ def test_ways_lead_to_the_side_from_which_a_thing_is_seen() -> None:
 def test_every_map_of_ros_has_a_place_where_robots_begin_and_always_the_same(path: Path) -> None:
     plan = load_floorplan(path)
     assert plan.start is None
-    start = roomiest(plan)
-    assert start == roomiest(load_floorplan(path))
+    start = most_spacious_start(plan)
+    assert start == most_spacious_start(load_floorplan(path))
     assert plan.inside(*start[:2])
-    assert begun_at(plan, start).start == start
+    assert with_start(plan, start).start == start
     # Nowhere is more room, as far as a thousand random places tell; the grid's step is an eighth of a metre at most.
     x0, y0, x1, y1 = plan.bounds
     rolled = np.random.default_rng(5).uniform((x0, y0), (x1, y1), (1000, 2)).tolist()
@@ -196,7 +196,7 @@ def test_a_start_that_is_given_is_the_missions(tmp_path: Path) -> None:
     built = command("build", "--map", TB3, "--out", file, "--start=-2,0,180", "--profile", "paper")
     assert built.exception is None
     assert "does not say" not in built.stderr
-    mission = survey(begun_at(plan, (-2.0, 0.0, 0.0)))
+    mission = survey(with_start(plan, (-2.0, 0.0, 0.0)))
     assert [node.place for node in mission.nodes if node.start] == [(-2.0, 0.0)]
     assert read_encoded(file).header.nodes == len(mission.nodes)
 
@@ -221,12 +221,12 @@ def test_a_start_goes_with_a_map_and_is_two_or_three_numbers(tmp_path: Path) -> 
 
 def test_in_a_map_of_several_spaces_nobody_guesses_which_is_meant() -> None:
     with pytest.raises(UsageError, match="no one space"):
-        roomiest(floorplan_of_yaml(ROOMS))
+        most_spacious_start(floorplan_of_yaml(ROOMS))
     told = floorplan_of_yaml(ROOMS + b"start_pose: [6, 2, 0]\n")
-    assert begun_at(told, (5.0, 1.0, 0.0)).start == (5.0, 1.0, 0.0)
+    assert with_start(told, (5.0, 1.0, 0.0)).start == (5.0, 1.0, 0.0)
     for place in ((1.5, 2.0, 0.0), (9.0 - STAND_M / 2, 2.0, 0.0)):
         with pytest.raises(UsageError, match="no robot can stand"):
-            begun_at(told, place)
+            with_start(told, place)
 
 
 def test_a_drawing_of_a_run_shows_where_the_robot_was_and_where_it_believed_to_be(tmp_path: Path) -> None:

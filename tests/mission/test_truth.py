@@ -16,7 +16,7 @@ from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.observable import Cell, Offset
 from phalanx.mission.walk.claims import Claim
 from phalanx.mission.walk.opening import Opened
-from phalanx.world.missions.truth import Truth, wrong_by
+from phalanx.world.missions.truth import Truth, pose_error
 
 # Two rooms; in the wall between them, without thickness, a door from y = 2 to 3.5.
 PLAN = floorplan_of_yaml(
@@ -43,7 +43,7 @@ CELL_M = 0.1
     ],
 )
 def test_a_fix_that_leaves_a_robot_far_off_is_false(estimate: tuple[float, float, float], said: str) -> None:
-    assert wrong_by(HERE, estimate, None) == said
+    assert pose_error(HERE, estimate, None) == said
 
 
 @pytest.mark.parametrize(
@@ -61,14 +61,14 @@ def test_a_robot_that_is_surer_than_it_may_be_is_wrong_even_when_it_is_near(
     estimate: tuple[float, float, float], said: str
 ) -> None:
     # 10 cm along the x axis, 1 cm across it, 0.02 rad.
-    assert wrong_by(HERE, estimate, (0.01, 0.0, 0.0, 0.0001, 0.0, 0.0004)) == said
+    assert pose_error(HERE, estimate, (0.01, 0.0, 0.0, 0.0001, 0.0, 0.0004)) == said
 
 
 def test_how_sure_a_robot_is_counts_along_its_error_however_the_axes_lie() -> None:
     # 10 cm along the diagonal, 1 cm across it.
     spread = (0.00505, 0.00495, 0.0, 0.00505, 0.0, 1.0)
-    assert wrong_by(HERE, (2.2, 2.95, 0.0), spread) == ""
-    assert wrong_by(HERE, (2.2, 2.55, 0.0), spread) == "sigmas"
+    assert pose_error(HERE, (2.2, 2.95, 0.0), spread) == ""
+    assert pose_error(HERE, (2.2, 2.55, 0.0), spread) == "sigmas"
 
 
 def opened(thing: Landmark | None, place: tuple[float, float] | None = None) -> Opened:
@@ -81,7 +81,7 @@ def seen_from(pose: tuple[float, float, float], *things: Landmark) -> Experience
 
 
 def judged(thing: Landmark, true: tuple[float, float, float] = HERE, plan: FloorPlan = PLAN) -> str:
-    return Truth(plan, LidarConfig()).denies(true, opened(thing), seen_from(true, thing), CELL_M)
+    return Truth(plan, LidarConfig()).decoding_error(true, opened(thing), seen_from(true, thing), CELL_M)
 
 
 @pytest.mark.parametrize(
@@ -109,8 +109,8 @@ def test_a_landmark_behind_a_wall_or_behind_the_robot_is_not_in_sight(
 
 def test_nothing_beyond_the_range_of_the_lidar_is_in_sight() -> None:
     truth = Truth(PLAN, LidarConfig(range_max_m=2.5))
-    assert truth.denies(HERE, opened(DOOR), None, CELL_M) == "hidden"
-    assert truth.denies((3.0, 2.75, 0.0), opened(DOOR), None, CELL_M) == ""
+    assert truth.decoding_error(HERE, opened(DOOR), None, CELL_M) == "hidden"
+    assert truth.decoding_error((3.0, 2.75, 0.0), opened(DOOR), None, CELL_M) == ""
 
 
 @pytest.mark.parametrize(
@@ -126,19 +126,19 @@ def test_nothing_beyond_the_range_of_the_lidar_is_in_sight() -> None:
 )
 def test_what_was_seen_must_lie_where_the_landmark_truly_is(other: Landmark, said: str) -> None:
     truth = Truth(PLAN, LidarConfig())
-    assert truth.denies(HERE, opened(DOOR), seen_from(HERE, other), CELL_M) == said
+    assert truth.decoding_error(HERE, opened(DOOR), seen_from(HERE, other), CELL_M) == said
 
 
 def test_where_a_thing_was_seen_counts_from_where_the_robot_is_and_not_from_where_it_believes_to_be() -> None:
     # It believes to be 0.6 m further left: what it sees of the door it puts there, and the match corrects it.
     truth, believed = Truth(PLAN, LidarConfig()), (2.0, 3.35, 0.0)
-    assert truth.denies(HERE, opened(DOOR), seen_from(believed, replace(DOOR, y_m=3.35)), CELL_M) == ""
-    assert truth.denies(HERE, opened(DOOR), seen_from(believed, DOOR), CELL_M) == "another"
+    assert truth.decoding_error(HERE, opened(DOOR), seen_from(believed, replace(DOOR, y_m=3.35)), CELL_M) == ""
+    assert truth.decoding_error(HERE, opened(DOOR), seen_from(believed, DOOR), CELL_M) == "another"
 
 
 @pytest.mark.parametrize(("place", "said"), [((2.5, 2.25), ""), ((2.0, 3.31), "elsewhere"), (None, "")])
 def test_a_node_that_is_a_place_is_true_where_the_robot_is(place: tuple[float, float] | None, said: str) -> None:
-    assert Truth(PLAN, LidarConfig()).denies(HERE, opened(None, place), None, CELL_M) == said
+    assert Truth(PLAN, LidarConfig()).decoding_error(HERE, opened(None, place), None, CELL_M) == said
 
 
 def test_people_hide_nothing_from_the_truth() -> None:

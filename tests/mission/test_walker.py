@@ -499,4 +499,4 @@ def test_a_thing_that_two_nodes_are_still_tells_where_a_robot_is():
         state, outcome = until_decoded(walker, state, at(mission, *node.place, t_s))
         assert outcome.decoded is not None, node.name
     unsure = at(mission, 4.2, 2.8, 9, landmarks=(there,), spread=(0.02, 0.0, 0.0, 0.02, 0.0, 2e-3))
-    assert walker.sees_again(state, unsure) is not None
+    assert walker.pose_from_known(state, unsure) is not None

@@ -48,10 +48,10 @@ class Flood(Liar, ABC):
         quiet = (now_ms - self._round_ms + before_ms) % self._t_audit_ms < before_ms + after_ms
         if self.profile != PLAIN and (quiet or (shares and self._got[self.i] <= self._f_max)):
             return []
-        return self.pour(now_ms)
+        return self.send_more(now_ms)
 
     @abstractmethod
-    def pour(self, now_ms: int) -> list[Action]:
+    def send_more(self, now_ms: int) -> list[Action]:
         """Send more of it."""
 
 
@@ -67,7 +67,7 @@ class RequestFlood(Flood):
         super().__init__(*args, **more)
         self._asked_ms: dict[int, int] = {}
 
-    def pour(self, now_ms: int) -> list[Action]:
+    def send_more(self, now_ms: int) -> list[Action]:
         """Tell the next auditor of the next victim; under its own name only, no more than are looked at."""
         others = self.others()
         if len(others) < 2:
@@ -90,7 +90,7 @@ class FrameFlood(Flood):
 
     TRIED_MS: ClassVar[int] = 30  # so long the radio tries; what comes meanwhile it throws away, and the bucket counts
 
-    def pour(self, now_ms: int) -> list[Action]:
+    def send_more(self, now_ms: int) -> list[Action]:
         """Send to all, or where airtime is counted, to nobody, so that the radio tries again and again."""
         hardened = self.profile == HARDENED
         if hardened:
@@ -107,7 +107,7 @@ class CovertTalk(Flood):
 
     period_ms = 2
 
-    def pour(self, now_ms: int) -> list[Action]:
+    def send_more(self, now_ms: int) -> list[Action]:
         others = self.plan.colluding or tuple(sorted(self.seen))
         if not others:
             return []
@@ -161,7 +161,7 @@ class Jam(Flood):
 
     SHARES = False
 
-    def pour(self, now_ms: int) -> list[Action]:
+    def send_more(self, now_ms: int) -> list[Action]:
         noise = bytes(int(self.f.settings[0].packet_max) - request.AUDIT_HEAD_BYTES)
         return [Transmit(audit_packet(0, 0, 0x7F, noise), EVERYBODY)]
 

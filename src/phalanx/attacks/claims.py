@@ -251,9 +251,9 @@ class ClaimArea(Pretender):
     period_ms = 0
     _turn = 0
 
-    def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
+    def send_output(self, now_ms: int, output: Send | Act) -> list[Action]:
         if not (self.lies(now_ms) and isinstance(output, Send) and fields_of(CLAIM, output.payload)):
-            return super().put_out(now_ms, output)
+            return super().send_output(now_ms, output)
         here, following = (self.places[(self._turn + more) % len(self.places)] for more in range(2))
         self._turn += 1
         return self.claim(now_ms, here, following)
@@ -283,9 +283,9 @@ class PointElsewhere(Pretender):
             self._seen = said[3:]
         return super().on_packet(now_ms, packet)
 
-    def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
+    def send_output(self, now_ms: int, output: Send | Act) -> list[Action]:
         hides = self.lies(now_ms) and isinstance(output, Send) and fields_of(SIGHTING, output.payload)
-        return [] if hides else super().put_out(now_ms, output)
+        return [] if hides else super().send_output(now_ms, output)
 
     def on_wake(self, now_ms: int) -> list[Action]:
         assert isinstance(self._honest, PeerController), "as all who see things"

@@ -27,14 +27,14 @@ class Hijack(Liar):
     Source: RoboRebound §2.2 (arbitrary commands); the ram is ours.
     """
 
-    def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
+    def send_output(self, now_ms: int, output: Send | Act) -> list[Action]:
         if self.lies(now_ms) and isinstance(output, Act):
             if len(output.payload) == ACCELERATION.size:
                 output = Act(COMMAND.pack(KIND_ACCELERATION, self.id, now_ms, *self.wanted_mps2()))
             elif len(output.payload) == WHEELS_COMMAND.size:
                 at = WHEELS_COMMAND.at("left")
                 output = Act(output.payload[:at] + RUNAWAY_PCT + output.payload[at + len(RUNAWAY_PCT) :])
-        return super().put_out(now_ms, output)
+        return super().send_output(now_ms, output)
 
     def wanted_mps2(self) -> tuple[float, float]:
         """Return the acceleration it wants: towards the nearest robot that it has heard of, and along with it."""
@@ -58,12 +58,12 @@ class Flee(Hijack):
 class Nondeterministic(Liar):
     """A fault: the last bit of its commands is not always the same, as of a controller that uses a random source."""
 
-    def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
+    def send_output(self, now_ms: int, output: Send | Act) -> list[Action]:
         if self.lies(now_ms) and isinstance(output, Act) and len(output.payload) == ACCELERATION.size:
             command = bytearray(output.payload)
             command[ACCELERATION.at("ax_mps2")] ^= int(self.plan.chance.integers(2))  # the lowest bit of ax
             output = Act(bytes(command))
-        return super().put_out(now_ms, output)
+        return super().send_output(now_ms, output)
 
 
 class Dawdle(Liar):
@@ -123,7 +123,7 @@ class Dawdle(Liar):
         due = [output for at_ms, output in self._waiting if at_ms <= now_ms]
         self._waiting = self._waiting[len(due) :]
         for output in due:
-            actions += self.put_out(now_ms, output)
+            actions += self.send_output(now_ms, output)
         self._put_out = None
         if self._round_waits and not self._waiting:
             self._round_waits = False
@@ -141,8 +141,8 @@ class Dawdle(Liar):
 class OmitSends(Liar):
     """Broadcasts its state no more, so that nobody keeps clear of it."""
 
-    def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
-        return [] if self.lies(now_ms) and isinstance(output, Send) else super().put_out(now_ms, output)
+    def send_output(self, now_ms: int, output: Send | Act) -> list[Action]:
+        return [] if self.lies(now_ms) and isinstance(output, Send) else super().send_output(now_ms, output)
 
 
 class Unasked(Liar):

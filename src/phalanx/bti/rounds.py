@@ -44,11 +44,11 @@ def phase_of(mission_seed: int, rob_id: int, t_control: int) -> int:
 
     Source: docs/spec/rebound.md (phase(robId)); the mixing is splitmix's.
     """
-    return int(mixed(mission_seed, rob_id) % t_control)
+    return int(mix_hash(mission_seed, rob_id) % t_control)
 
 
 @kernel
-def mixed(one: int, other: int) -> int:
+def mix_hash(one: int, other: int) -> int:
     """Return a number below 2^31 that looks random in both, for what everybody may know: it hides neither of them."""
     # Uncompiled, an id out of an array is a uint16 that would overflow.
     x = (int(one) * 0x9E3779B1 + int(other) * 0x85EBCA77 + 0x165667B1) & 0xFFFFFFFF
@@ -121,7 +121,7 @@ def next_candidate(f: Fleet, i: int, now: int) -> int:
     best, best_key = 0, 1 << 40
     for k in range(r.peers):
         p, rob_id = f.peer[i, k], whole(f.peer_id[i, k])
-        if p.answered == r.round_no or now < p.asked_ms + again_after(f):
+        if p.answered == r.round_no or now < p.asked_ms + retry_interval_ms(f):
             continue
         fresh = p.token >= now - s.t_val
         if r.seeks:
@@ -130,7 +130,7 @@ def next_candidate(f: Fleet, i: int, now: int) -> int:
                 continue
         elif not fresh and p.heard * 2 < now * 2 - HEARD_ROUNDS_X2 * s.t_audit:
             continue
-        key = mixed(int(r.id), rob_id) + (whole(p.misses) << 32) + (0 if fresh else 1 << 36)
+        key = mix_hash(int(r.id), rob_id) + (whole(p.misses) << 32) + (0 if fresh else 1 << 36)
         if p.asked == r.round_no:
             key += 1 << 37  # silent so far in this round: only if nobody else is left
         if key < best_key:
@@ -139,7 +139,7 @@ def next_candidate(f: Fleet, i: int, now: int) -> int:
 
 
 @kernel
-def again_after(f: Fleet) -> int:
+def retry_interval_ms(f: Fleet) -> int:
     """Return after how many ms the same robot may be asked again: it takes one request each T_audit / 2.
 
     Not only in the next round: a robot with f_max + 1 in range would lose a whole round by one lost fragment. Not
@@ -152,7 +152,7 @@ def again_after(f: Fleet) -> int:
 @kernel
 def is_waiting(f: Fleet, i: int, now: int) -> bool:
     """Return whether a robot that has not answered in this round was asked so lately that it cannot be asked now."""
-    r, pause_ms = f.robot[i], again_after(f)
+    r, pause_ms = f.robot[i], retry_interval_ms(f)
     for k in range(r.peers):
         p = f.peer[i, k]
         if p.answered != r.round_no and now < p.asked_ms + pause_ms:
@@ -179,7 +179,7 @@ def next_retry(f: Fleet, i: int, now: int) -> int:
         # not seek yet looks as often: liars that delay a fragment would otherwise keep it silent for half a round.
         r.retry_at = now + s.retry
     else:
-        r.retry_at = max(now + s.retry, r.asked_at + again_after(f))
+        r.retry_at = max(now + s.retry, r.asked_at + retry_interval_ms(f))
     if r.seeks and r.request_len == 0:
         r.retry_at = min(r.retry_at, r.seek_at)
     r.retry_at = max(r.retry_at, now + 1)

@@ -24,7 +24,7 @@ from . import trusted
 from .fleet import PAPER, PENDING, Fleet
 from .log import FLUSH_S, mark
 from .request import AUTH_MAC, audit_head, token_packet
-from .rounds import again_after, is_waiting, mixed, next_candidate, peer_at, withdraw
+from .rounds import is_waiting, mix_hash, next_candidate, peer_at, retry_interval_ms, withdraw
 
 SEEK, HERE = table.SEEK, table.HERE
 SEEK_BYTES, HERE_BYTES = table.AUDIT_SEEK.size, table.AUDIT_HERE.size
@@ -76,7 +76,7 @@ def listens(f: Fleet, i: int, now: int, auth_s: Row) -> int:
 
 
 @kernel
-def not_arrived(f: Fleet, i: int, now: int, auth_s: Row) -> None:
+def give_up_request(f: Fleet, i: int, now: int, auth_s: Row) -> None:
     """Give up the request whose fragment did not arrive, and seek; a robot that seeks repeats the fragment later.
 
     A compromised robot out of the robot's range that knows when it asks could talk over each request. So a fragment is
@@ -97,7 +97,7 @@ def not_arrived(f: Fleet, i: int, now: int, auth_s: Row) -> None:
     if nothing:  # nothing has begun there: it may be asked again in this round
         at = peer_at(f, i, int(r.request_to))
         pause = 0 if began else draw(f, i, AGAIN, int(r.id), now, auth_s) % (s.t_audit // 2)
-        f.peer[i, at].asked_ms = now - again_after(f) + pause
+        f.peer[i, at].asked_ms = now - retry_interval_ms(f) + pause
     withdraw(f, i)
     if not began:
         r.quota += 1
@@ -216,7 +216,7 @@ def receive_seek(f: Fleet, i: int, src: int, now: int, packet: Row, auth_s: Row)
     o, nonce, since = f.owed[i, at], get_u32(packet, SEEK_NONCE), get_u32(packet, SEEK_SINCE)
     owes = o.t > 0 and o.t >= since
     if (o.sought and now - o.sought < s.t_audit >> 3) or not (
-        owes or mixed(nonce, int(r.id)) % 256 <= packet[SEEK_SHARE]
+        owes or mix_hash(nonce, int(r.id)) % 256 <= packet[SEEK_SHARE]
     ):
         return -1
     o.sought, o.nonce, o.since = now, nonce, since

@@ -13,7 +13,7 @@ import click
 from phalanx.daemon.on_air import parse_on_air
 from phalanx.errors import UsageError
 from phalanx.lab.arena.arena import play_in_arena
-from phalanx.lab.arena.ether import Weather
+from phalanx.lab.arena.ether import RadioConditions
 from phalanx.lab.arena.places import Changes
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attacks, find_controller, mistakes_in
@@ -41,7 +41,7 @@ def arena(
     **said: Any,
 ) -> int:
     """Run robots as processes, and sum it up on stdout."""
-    weather = Weather(**{each.name: said.pop(each.name) for each in fields(Weather)})
+    weather = RadioConditions(**{each.name: said.pop(each.name) for each in fields(RadioConditions)})
     liars = find_attacks(attacks) if attacks else None
     chosen = sim.changed(find_scenario(scenario), said, attacks=liars)
     chosen, own = find_controller(controller, chosen, in_python=True)
@@ -76,7 +76,7 @@ def arena(
         print_json(summary)
     else:
         sim.show(chosen, summary, knows_goal=not own and chosen.controller not in PROTOCOLS)
-        shares = [each["core_share"] for each in summary["processes"] if "core_share" in each]
+        shares = [each["cpu_share"] for each in summary["processes"] if "cpu_share" in each]
         late = [each["longest_ms"]["late"] for each in summary["processes"] if "longest_ms" in each]
         for each in summary["on_air"]:
             at_s = each["safe_mode_s"]

@@ -11,7 +11,7 @@ from phalanx.lab.scorecard.flock_trial import Airtime, FlockTrial, Stop, Trial, 
 from phalanx.lab.scorecard.mission_trial import MissionTrial, try_mission_attack
 from phalanx.lab.scorecard.team_trial import TeamTrial, try_in_team
 from phalanx.robot.adversary.attack import Attack
-from phalanx.robot.adversary.harm import Guessed, Walked
+from phalanx.robot.adversary.harm import ErrandOutcome, GuessOutcome
 from phalanx.robot.adversary.registry import attacks as known_attacks
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.file import find_scenario
@@ -198,11 +198,11 @@ def _team(trial: TeamTrial) -> dict[str, str]:
 
 
 def _mission(trial: Trial) -> dict[str, str]:
-    rows = _guessed(trial.attacked) if isinstance(trial.attacked, Guessed) else _robot(trial.attacked)
+    rows = _guessed(trial.attacked) if isinstance(trial.attacked, GuessOutcome) else _robot(trial.attacked)
     return rows if trial.honest is None else {**rows, "without the attack": _walked(trial.honest)}
 
 
-def _robot(robot: Walked) -> dict[str, str]:
+def _robot(robot: ErrandOutcome) -> dict[str, str]:
     rows = {"robot": _walked(robot)}
     if robot.refused:
         return rows
@@ -214,7 +214,7 @@ def _robot(robot: Walked) -> dict[str, str]:
     }
 
 
-def _walked(robot: Walked) -> str:
+def _walked(robot: ErrandOutcome) -> str:
     if robot.refused:
         return f"refuses the mission: {robot.refused}"
     end = "done" if robot.done else "holds" if robot.held else "still on its way"
@@ -223,7 +223,7 @@ def _walked(robot: Walked) -> str:
     return f"{end} after {robot.t_s:.1f} s, {len(robot.decoded)} nodes; did {did or 'nothing'}{why}"
 
 
-def _guessed(guess: Guessed) -> dict[str, str]:
+def _guessed(guess: GuessOutcome) -> dict[str, str]:
     rows = {"read": f"{guess.read} of {guess.nodes} nodes"}
     if guess.tries:
         rows["tried"] = f"{guess.tries} in {span(guess.seconds)} on one core, {guess.tries_per_s:.3g}/s"

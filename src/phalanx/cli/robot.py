@@ -133,7 +133,7 @@ def _rows(state: dict[str, Any], running: bool) -> dict[str, str]:
         "log": f"{state['log_bytes']} B, at most {state['log_bytes_max']} B",
         "took at most": ", ".join(f"{what} {took:.1f} ms" for what, took in longest.items()),
         "latest": str(state["why_late"]) or "no reading by more than half of what is allowed",
-        "of a core": f"{100 * state['core_share']:.1f} %",
+        "of a core": f"{100 * state['cpu_share']:.1f} %",
         "in memory": memory_words(state),
     }
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from phalanx.errors import UsageError
 
 from .flock import FARTHEST_M, Box, Disc
-from .parameter import check_key, check_limits, check_within, told, within
+from .parameter import check_key, check_limits, check_within, description, within
 
 Point = tuple[float, float]
 Polygon = tuple[Point, ...]
@@ -27,10 +27,10 @@ class GuardConfig:
     apart_m: float = within(1.5, 0.0, 1e3, "centres of robots are never nearer to each other")
     clear_m: float = within(0.75, 0.0, 1e3, "centres of robots are never nearer to a fence or an obstacle")
     fences: tuple[Polygon, ...] = field(
-        default=(), metadata=told("polygons, corners in metres; robots start in one and never cross a side")
+        default=(), metadata=description("polygons, corners in metres; robots start in one and never cross a side")
     )
     keep_out: tuple[Polygon, ...] = field(
-        default=(), metadata=told("polygons, corners in metres; robots start outside and never cross a side")
+        default=(), metadata=description("polygons, corners in metres; robots start outside and never cross a side")
     )
     advice_ms: int = within(1000, 20, 60_000, "older advice counts no more, and the robot brakes")
     radio_ms: int = within(250, 0, 10_000, "a broadcast is at most so old when it is heard")
@@ -43,7 +43,7 @@ class GuardConfig:
     )
     adviser_key: str = field(
         default="",
-        metadata=told("whose advice counts alone: Ed25519, public, 64 hexadecimal digits; without, anybody's"),
+        metadata=description("whose advice counts alone: Ed25519, public, 64 hexadecimal digits; without, anybody's"),
     )
     mission: int = within(1, 1, 2**32 - 1, "its number, as the mission key has it: advice for another does not count")
     n_max: int = within(24, 1, 1024, "neighbours that a robot remembers")

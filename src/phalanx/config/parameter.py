@@ -18,20 +18,20 @@ MADE_MOST = 1024
 KEY_DIGITS = 64
 
 
-def told(words: str) -> Mapping[str, Any]:
+def description(words: str) -> Mapping[str, Any]:
     """Metadata of a dataclass's field: what the schema of scenario files says of it."""
-    return {"told": words}
+    return {"description": words}
 
 
 def described(default: Thing, words: str) -> Thing:
     """Return a field with a default, and with words for the schema."""
-    made: Thing = field(default=default, metadata=told(words))
+    made: Thing = field(default=default, metadata=description(words))
     return made
 
 
 def within(default: Number, low: float, high: float, words: str = "") -> Number:
     """A field that holds a number from `low` to `high`; see `check_limits`."""
-    limited: Number = field(default=default, metadata={"within": (low, high), **told(words)})
+    limited: Number = field(default=default, metadata={"within": (low, high), **description(words)})
     return limited
 
 

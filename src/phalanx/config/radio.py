@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from phalanx.errors import UsageError
 
-from .parameter import check_limits, told, within
+from .parameter import check_limits, description, within
 
 # Data bits of one OFDM symbol of 20 MHz: legacy rates by Mb/s (802.11-2020 table 17-4), HE by MCS (table 27-56).
 LEGACY_BITS = {6: 24, 9: 36, 12: 48, 18: 72, 24: 96, 36: 144, 48: 192, 54: 216}
@@ -30,14 +30,14 @@ class RadioConfig:
 
     tx_gain_dbm: float = within(16.02, -200, 200, "transmit power")
     loss_1m_db: float = within(36.05, -200, 200, "path loss at one metre")
-    exponent: float = field(default=3.0, metadata=told("of the path loss, log-distance; a multiple of one half"))
+    exponent: float = field(default=3.0, metadata=description("of the path loss, log-distance; a multiple of one half"))
     sensitivity_dbm: float = within(-82.0, -200, 200, "weakest preamble that is detected; carrier sense ends there too")
-    broadcast_mbps: int = field(default=6, metadata=told("legacy rate of broadcasts, whatever the data mode"))
-    control_mbps: int = field(default=24, metadata=told("legacy rate of acknowledgements"))
+    broadcast_mbps: int = field(default=6, metadata=description("legacy rate of broadcasts, whatever the data mode"))
+    control_mbps: int = field(default=24, metadata=description("legacy rate of acknowledgements"))
     mcs: int = within(3, 0, len(HE_BITS) - 1, "HE MCS of unicast data, 20 MHz, one stream")
     guard_us: float = field(
         default=3.2,
-        metadata=told("HE guard interval. The paper names 1.6 µs; ns-3's latencies fit its default, 3.2 µs"),
+        metadata=description("HE guard interval. The paper names 1.6 µs; ns-3's latencies fit its default, 3.2 µs"),
     )
     capture_db: float = within(
         4.0, 0, 300, "how much stronger than all that overlaps it a broadcast must be to survive"

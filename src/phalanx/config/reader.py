@@ -224,7 +224,7 @@ def schema_of(kind: Any, derived: Derived = NOTHING_DERIVED) -> dict[str, Any]:
     hints = typing.get_type_hints(kind)
     properties = {}
     for key, field in keys_of(kind, derived).items():
-        words = field.metadata.get("told")
+        words = field.metadata.get("description")
         properties[key] = schema_of(hints[key], derived) | ({"description": f"{words}."} if words else {})
         if isinstance(field.default, int | float | str):
             properties[key]["default"] = field.default

@@ -49,7 +49,7 @@ def scrypt(password: bytes, salt: bytes, *, log2_n: int, r: int, length: int) ->
     return hashlib.scrypt(password, salt=salt, n=n, r=r, p=1, maxmem=256 * r * n + (1 << 20), dklen=length)
 
 
-class Damaged(PeerError):
+class CorruptData(PeerError):
     """Not a sealed text, or not as it was written."""
 
 
@@ -92,15 +92,15 @@ def unlock(text: bytes, passphrase: str) -> tuple[Lock, bytes]:
 
 def _whole(text: bytes) -> bytes:
     if len(text) > LIMIT:
-        raise Damaged(f"longer than {LIMIT} bytes")
+        raise CorruptData(f"longer than {LIMIT} bytes")
     try:
         told = json.loads(text)
         whole = base64.b64decode(told["sealed"], validate=True)
         form, checksum = told["form"], told["sha256"]
     except (ValueError, KeyError, TypeError, RecursionError, binascii.Error) as error:
-        raise Damaged("no file of keys") from error
+        raise CorruptData("no file of keys") from error
     if form != FORM:
-        raise Damaged("no file of keys")
+        raise CorruptData("no file of keys")
     if len(whole) < SALT_BYTES + NONCE_BYTES or checksum != hashlib.sha256(whole).hexdigest():
-        raise Damaged("its checksum is another")
+        raise CorruptData("its checksum is another")
     return whole

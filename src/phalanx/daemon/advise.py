@@ -71,16 +71,16 @@ class _Server:
         """Something comes over UDP."""
         for _ in range(AT_ONCE):
             try:
-                packet, whose = listens.recvfrom(MOST_BYTES + 1)
+                packet, address = listens.recvfrom(MOST_BYTES + 1)
             except OSError:
                 return
-            if answer := self._answer(whose, whose[0], packet):
+            if answer := self._answer(address, address[0], packet):
                 with contextlib.suppress(OSError):
-                    listens.sendto(answer, whose)
+                    listens.sendto(answer, address)
 
-    def _answer(self, who: Hashable, host: str, packet: bytes) -> bytes:
+    def _answer(self, sender: Hashable, host: str, packet: bytes) -> bytes:
         try:
-            return self._adviser.answer(who, host, packet)
+            return self._adviser.answer(sender, host, packet)
         except Exception as error:  # noqa: BLE001 - a planner's mistake is told by whoever runs us
             if not self._failed.done():
                 self._failed.set_exception(error)

@@ -73,7 +73,7 @@ class FarPlanner:
         self._send(reading)
         return newest
 
-    def overheard(self, packet: bytes) -> None:
+    def forward_state(self, packet: bytes) -> None:
         """The planner is sent a broadcast, if it is one of where a robot is."""
         if len(packet) == STATE.size and packet[0] == KIND_STATE:
             self._send(packet)

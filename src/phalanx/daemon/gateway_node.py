@@ -22,7 +22,7 @@ from phalanx.wire.fields import get_u32, row
 from phalanx.wire.table import AUDIT_FRAGMENT, ENTRY_HEADER_BYTES, HASH_BYTES, REQUEST, SEAL
 
 from .settings import RobotSettings
-from .trusted import AT_T, WHAT_TIME, give_keys, open_nodes, start
+from .trusted import AT_T, WHAT_TIME, connect_nodes, provision_keys, start
 
 AT_HCKPT = REQUEST.at("hckpt")
 # Nobody vouches for a gateway: its nodes ask for no tokens for as long as their clock counts, 49 days.
@@ -55,14 +55,14 @@ class GatewayNode:
             flash = settings.path(said.trusted.partition(":")[2])
             if flash.exists():
                 # A key's file, or a robot's nodes, named by mistake, must not go.
-                before = open_nodes(settings)
+                before = connect_nodes(settings)
                 before.close()
                 if before.about.robot_id != said.robot:
                     raise UsageError(
                         f"{flash} holds no nodes of this gateway's", "the name of a file that is not there"
                     )
                 flash.unlink()
-        self._node = open_nodes(settings)
+        self._node = connect_nodes(settings)
         try:
             self._begin(settings, scenario)
         except BaseException:
@@ -75,7 +75,7 @@ class GatewayNode:
         sealed = read_mission_key(settings.path(settings.said.key), settings.said.robot)
         if self._node.about.seq == sealed.seq and self._node.ask(lines.SEND, packet=WHAT_TIME)[0] > 0:
             return  # a board that kept its power: the gateway alone was started again
-        start(self._node, give_keys(self._node, settings, gateway_limits(scenario)))
+        start(self._node, provision_keys(self._node, settings, gateway_limits(scenario)))
         self._reserve(self._reserved_ms)
 
     def seal(self, packet: bytes) -> bytes:
@@ -98,7 +98,7 @@ class GatewayNode:
             return b""
         return raw[: -SEAL.size]
 
-    def hear_fragment(self, packet: bytes) -> None:
+    def store_fragment(self, packet: bytes) -> None:
         """A piece of a request: its first one says which checkpoint tokens will be for."""
         with contextlib.suppress(PeerError):
             said = AUDIT_FRAGMENT.decode(packet)

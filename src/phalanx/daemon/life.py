@@ -27,7 +27,7 @@ from phalanx.errors import UsageError
 from phalanx.net.udp_radio import Radio
 from phalanx.robot.actions import Actuate, Transmit
 from phalanx.robot.adversary.liar import Liar, lying
-from phalanx.robot.planner import MakePlanner, Planner, ToGoal, advice_of, overheard
+from phalanx.robot.planner import MakePlanner, Planner, ToGoal, advice_of, forward_state
 from phalanx.robot.robot import Robot
 from phalanx.robot.runtime import Done, Runtime
 from phalanx.scenarios.attack_spec import AttackSpec
@@ -251,9 +251,9 @@ class Life:
 
     def _overhear(self, now_ms: int, packet: bytes) -> None:
         if self.far:
-            self.far.overheard(packet)
+            self.far.forward_state(packet)
         elif self._planner:
-            overheard(self._planner, now_ms, packet)
+            forward_state(self._planner, now_ms, packet)
 
     def _perform(self, todo: list[Done]) -> None:
         assert self.runtime
@@ -280,7 +280,7 @@ class Life:
         self.longest_ms[what] = max(self.longest_ms[what], took_ms)
 
     @property
-    def core_share(self) -> float:
+    def cpu_share(self) -> float:
         """Return the share of a processor core used since the mission began, without the trusted nodes."""
         return (time.process_time() - self._cpu_s) / max(time.monotonic() - self.began_s, 1e-9)
 

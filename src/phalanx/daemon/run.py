@@ -28,11 +28,11 @@ from .far_planner import FarPlanner, is_far
 from .kept_log import KeptLog
 from .life import Life
 from .on_air import HostileRadio, OnAir
-from .sealed_air import SealedAir, may_say, with_room_for_seals
+from .sealed_air import SealedAir, may_send, with_room_for_seals
 from .settings import RobotSettings
 from .signed_mission import signed_for
 from .state import EVERY_S, state_of, tell
-from .trusted import OwnClock, check_may_have_key, give_keys, open_nodes, start
+from .trusted import OwnClock, check_may_have_key, connect_nodes, provision_keys, start
 
 log = logging.getLogger(__name__)
 
@@ -72,7 +72,7 @@ def provision(settings: RobotSettings, keys_file: Path, passphrase: str, today: 
     check_may_have_key(settings)
     scenario, _ = controlled(mission_of(settings), settings)
     robot = settings.said.robot
-    node = open_nodes(settings)
+    node = connect_nodes(settings)
     try:
         if node.about.robot_id:
             raise UsageError(f"its trusted nodes are robot {node.about.robot_id}'s already", "once only: another board")
@@ -107,13 +107,13 @@ async def run_robot(
     said = settings.said
     signed = signed_for(settings.path(said.key), scenario, said.mission)
     with contextlib.ExitStack() as stack:
-        node = open_nodes(settings)
+        node = connect_nodes(settings)
         stack.callback(node.close)
         if said.trusted.startswith("process") and not in_arena:
             log.warning("robot %d: its trusted nodes are a process, which protects from nobody here", said.robot)
-        sealed = give_keys(node, settings, limits)
+        sealed = provision_keys(node, settings, limits)
         kept = stack.enter_context(KeptLog(settings.log_file))
-        may = may_say(scenario, len(said.radio.peers), sealed=said.radio.sealed)
+        may = may_send(scenario, len(said.radio.peers), sealed=said.radio.sealed)
         radio: Radio = stack.enter_context(
             contextlib.closing(UdpRadio(said.radio.here, said.radio.peers, said.radio.group, may))
         )
@@ -163,7 +163,7 @@ async def _live(
     living = asyncio.create_task(life.live(kept))
     try:
         with mistakes_in(*own_files):
-            await _tell_of(life, living, state_file, base)
+            await _publish_state(life, living, state_file, base)
     except asyncio.CancelledError:
         life.why_ended = "it was told to end"
         raise
@@ -177,7 +177,9 @@ async def _live(
             tell(state_file, state_of(life))
 
 
-async def _tell_of(life: Life, living: asyncio.Task[None], state_file: Path, base: AdvisedHardware | None) -> None:
+async def _publish_state(
+    life: Life, living: asyncio.Task[None], state_file: Path, base: AdvisedHardware | None
+) -> None:
     untold = ""
     while True:
         state = state_of(life)

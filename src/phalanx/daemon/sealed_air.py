@@ -89,7 +89,7 @@ def _seal(waiting: deque[tuple[bytes, bytes]], packet: bytes) -> bytes:
     return b""
 
 
-def may_say(scenario: Scenario, peers: int, *, sealed: bool = False) -> Allowance:
+def may_send(scenario: Scenario, peers: int, *, sealed: bool = False) -> Allowance:
     """Return what each of so many addresses may say, behind which all other robots are: in an arena they share one.
 
     Packets are counted alone if they are `sealed`, as an a-node refuses forgeries before they are logged; and where a

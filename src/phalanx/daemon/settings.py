@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from phalanx.config.parameter import check_limits, told, within
+from phalanx.config.parameter import check_limits, description, within
 from phalanx.config.reader import Reader, schema_of
 from phalanx.config.written import read_at_most
 from phalanx.errors import UsageError, did_you_mean
@@ -25,12 +25,14 @@ DRIVERS = "python:FILE.py:CLASS, arena:FOLDER, dotbot://HOST:PORT/ADDRESS, or ro
 class RadioFile:
     """Addresses where the radio sends and listens. Raises: UsageError: there is no peer."""
 
-    here: str = field(metadata=told("where this robot listens, ADDRESS:PORT"))
-    peers: tuple[str, ...] = field(metadata=told("the others' ADDRESS:PORT; from nobody else it hears anything"))
+    here: str = field(metadata=description("where this robot listens, ADDRESS:PORT"))
+    peers: tuple[str, ...] = field(metadata=description("the others' ADDRESS:PORT; from nobody else it hears anything"))
     packets: Literal["plain", "sealed"] = field(
-        default="plain", metadata=told("sealed: each carries its a-node's seal; the same for all robots")
+        default="plain", metadata=description("sealed: each carries its a-node's seal; the same for all robots")
     )
-    group: str = field(default="", metadata=told("a multicast group to speak to, ADDRESS:PORT, instead of each peer"))
+    group: str = field(
+        default="", metadata=description("a multicast group to speak to, ADDRESS:PORT, instead of each peer")
+    )
 
     def __post_init__(self) -> None:
         if not self.peers:
@@ -46,22 +48,30 @@ class RadioFile:
 class RobotFile:
     """One robot. Paths are relative to the file's folder. Raises: UsageError: a value is out of range."""
 
-    robot: int = field(metadata={"within": (1, 0xFFFF), **told("its number, as its board has it")})
-    mission: str = field(metadata=told("a scenario that comes with phalanx, or its file: the same for all robots"))
-    key: str = field(metadata=told("the mission's key, as phalanx keys issue wrote it"))
-    board: str = field(default="", metadata=told("what phalanx keys provision wrote, for nodes without a master key"))
-    trusted: str = field(default="process:trusted.flash", metadata=told(f"where its trusted nodes are: {TRUSTED}"))
-    wheels: str = field(default="", metadata=told("Unix socket of motors that obey the trusted process alone"))
+    robot: int = field(metadata={"within": (1, 0xFFFF), **description("its number, as its board has it")})
+    mission: str = field(
+        metadata=description("a scenario that comes with phalanx, or its file: the same for all robots")
+    )
+    key: str = field(metadata=description("the mission's key, as phalanx keys issue wrote it"))
+    board: str = field(
+        default="", metadata=description("what phalanx keys provision wrote, for nodes without a master key")
+    )
+    trusted: str = field(
+        default="process:trusted.flash", metadata=description(f"where its trusted nodes are: {TRUSTED}")
+    )
+    wheels: str = field(default="", metadata=description("Unix socket of motors that obey the trusted process alone"))
     clock_ppm: int = within(0, -1000, 1000, "the trusted process's clock runs fast by so much; to try things with")
     clock_speed: float = within(1.0, 0.05, 1.0, "and at so much of true time; in a slow arena")
     clock_ahead_ms: int = within(0, 0, 1 << 31, "what it shows at its start, ms")
     controller: str = field(
-        default="", metadata=told("FILE.py:CLASS of your own instead of the mission's: the same for all robots")
+        default="", metadata=description("FILE.py:CLASS of your own instead of the mission's: the same for all robots")
     )
-    planner: str = field(default="", metadata=told(f"who advises it if a guard drives it: {PLANNER}; else ToGoal"))
-    driver: str = field(metadata=told(f"what reads its sensors and drives its motors: {DRIVERS}"))
-    radio: RadioFile = field(metadata=told("over UDP"))
-    folder: str = field(default=".", metadata=told("where it keeps its log and tells of its state"))
+    planner: str = field(
+        default="", metadata=description(f"who advises it if a guard drives it: {PLANNER}; else ToGoal")
+    )
+    driver: str = field(metadata=description(f"what reads its sensors and drives its motors: {DRIVERS}"))
+    radio: RadioFile = field(metadata=description("over UDP"))
+    folder: str = field(default=".", metadata=description("where it keeps its log and tells of its state"))
 
     def __post_init__(self) -> None:
         check_limits(self)

@@ -61,7 +61,7 @@ def state_of(life: Life) -> dict[str, Any]:
         "why_late": life.why_late,
         "memory_kb": memory_kb(),
         "memory_began_kb": life.memory_began_kb,
-        "core_share": round(life.core_share, 4),
+        "cpu_share": round(life.cpu_share, 4),
         "attack": life.attack.name if life.attack else None,
         "first_deviation_s": None if lied_ms is None else (lied_ms - life.began_ms) / 1000,
     }

@@ -1,4 +1,4 @@
-"""Robots that are processes of their own, as a `phalanx.robot.swarm.Shielded` swarm: a gateway's radio among theirs.
+"""Robots that are processes of their own, as an `AuditedSwarm`: a gateway's radio among theirs.
 
 It tells them signed orders, and hears where they say they are and which tokens they give each other. With trusted nodes
 of its own it shows a token that those found to be true, and no other; where robots are is what they say.
@@ -36,7 +36,7 @@ from phalanx.wire.table import (
 )
 
 from .gateway_node import GatewayNode
-from .sealed_air import may_say
+from .sealed_air import may_send
 from .swarm_file import SwarmSettings
 
 log = logging.getLogger(__name__)
@@ -91,7 +91,7 @@ class RobotSwarm(Ordered):
             signer.number = first_ms
         # This clock goes on while the machine sleeps: what robots learnt of it stays true.
         self._ahead_s = first_ms / 1000 - time.clock_gettime(time.CLOCK_BOOTTIME)
-        may = may_say(self._settings.scenario, len(self._peers))
+        may = may_send(self._settings.scenario, len(self._peers))
         self._radio = UdpRadio(self._settings.said.here, self._peers, may=may)
         if own := self._settings.own:
             try:
@@ -139,7 +139,7 @@ class RobotSwarm(Ordered):
 
     def _live(self) -> None:
         until_s, times, under_way, trouble = float("inf"), LAST_TIMES, list[str](), ""
-        while (now_s := time.monotonic()) < until_s and (times or self._station.has_to_speak):
+        while (now_s := time.monotonic()) < until_s and (times or self._station.has_pending_order):
             try:
                 next_s = self._station.speak(self, now_s, self._said_ms)
                 self._listen(min(max(0.0, next_s - now_s), TURN_S))
@@ -156,8 +156,8 @@ class RobotSwarm(Ordered):
             if until_s > now_s + LAST_WORDS_S:
                 until_s = now_s + LAST_WORDS_S
                 under_way = [each.address for each in self._members if each.route]
-                self._station.hush()
-            elif not times or self._station.has_to_speak:
+                self._station.drop_pending()
+            elif not times or self._station.has_pending_order:
                 continue
             times -= 1
             for address in under_way:
@@ -196,19 +196,19 @@ class RobotSwarm(Ordered):
             return
         try:
             if packet[0] == KIND_WHEELS_STATE:
-                self._hear_state(WHEELS_STATE.decode(packet))
+                self._on_state(WHEELS_STATE.decode(packet))
             elif self._node and packet[0] == KIND_AUDIT and len(packet) > SUB:
                 if packet[SUB] == FRAGMENT and self._is(AUDIT_FRAGMENT.decode(packet)["src"]):
-                    self._node.hear_fragment(packet)
+                    self._node.store_fragment(packet)
                 elif packet[SUB] == TOKEN_REPLY:
-                    self._hear_token(self._node, AUDIT_TOKEN.decode(packet))
+                    self._on_token(self._node, AUDIT_TOKEN.decode(packet))
         except PeerError:
             log.debug("a packet that is none")
 
     def _is(self, robot: int) -> bool:
         return self._at.get(robot) == self._radio.came_from
 
-    def _hear_state(self, state: dict[str, Any]) -> None:
+    def _on_state(self, state: dict[str, Any]) -> None:
         robot = state["id"]
         if not self._is(robot):
             return
@@ -227,7 +227,7 @@ class RobotSwarm(Ordered):
             if (last.x_mm - x_mm) ** 2 + (last.y_mm - y_mm) ** 2 <= each.threshold_mm**2:
                 each.route = ()
 
-    def _hear_token(self, node: GatewayNode, token: dict[str, Any]) -> None:
+    def _on_token(self, node: GatewayNode, token: dict[str, Any]) -> None:
         auditor, auditee, t = token["src"], token["dst"], token["t"]
         if (
             not self._is(auditor)

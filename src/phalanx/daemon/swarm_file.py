@@ -8,7 +8,7 @@ from typing import Literal
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from phalanx.config.parameter import check_limits, told
+from phalanx.config.parameter import check_limits, description
 from phalanx.config.reader import Reader
 from phalanx.config.written import read_at_most
 from phalanx.errors import UsageError
@@ -26,8 +26,8 @@ from .signed_mission import signed_for
 class RobotAt:
     """Address at which a robot listens. Raises: UsageError: a value is out of range."""
 
-    robot: int = field(metadata={"within": (1, 0xFFFF), **told("its number")})
-    at: str = field(metadata=told("its radio's ADDRESS:PORT, as `here` in its own file"))
+    robot: int = field(metadata={"within": (1, 0xFFFF), **description("its number")})
+    at: str = field(metadata=description("its radio's ADDRESS:PORT, as `here` in its own file"))
 
     def __post_init__(self) -> None:
         check_limits(self)
@@ -37,18 +37,18 @@ class RobotAt:
 class SwarmFile:
     """A gateway's robots. Paths are relative to the file's folder. Raises: UsageError: a value is out of range."""
 
-    mission: str = field(metadata=told("the robots' scenario, the same file"))
-    key: str = field(metadata=told("the mission's key, the same file as the robots'"))
-    gateway: str = field(metadata=told("signs visitors' orders: PEM, of phalanx keys export"))
-    operator: str = field(metadata=told("signs the operator's stop: the same"))
-    here: str = field(metadata=told("where the gateway's radio listens, ADDRESS:PORT; a peer of each robot's"))
-    robots: tuple[RobotAt, ...] = field(metadata=told("all that visitors may drive"))
+    mission: str = field(metadata=description("the robots' scenario, the same file"))
+    key: str = field(metadata=description("the mission's key, the same file as the robots'"))
+    gateway: str = field(metadata=description("signs visitors' orders: PEM, of phalanx keys export"))
+    operator: str = field(metadata=description("signs the operator's stop: the same"))
+    here: str = field(metadata=description("where the gateway's radio listens, ADDRESS:PORT; a peer of each robot's"))
+    robots: tuple[RobotAt, ...] = field(metadata=description("all that visitors may drive"))
     trusted: str = field(
-        default="", metadata=told(f"where trusted nodes of the gateway's own are, which check tokens: {TRUSTED}")
+        default="", metadata=description(f"where trusted nodes of the gateway's own are, which check tokens: {TRUSTED}")
     )
-    number: int = field(default=0, metadata={"within": (0, 0xFFFF), **told("that these have, and no robot")})
-    board: str = field(default="", metadata=told("what phalanx keys provision wrote for that number"))
-    packets: Literal["plain", "sealed"] = field(default="plain", metadata=told("as the robots' radios have it"))
+    number: int = field(default=0, metadata={"within": (0, 0xFFFF), **description("that these have, and no robot")})
+    board: str = field(default="", metadata=description("what phalanx keys provision wrote for that number"))
+    packets: Literal["plain", "sealed"] = field(default="plain", metadata=description("as the robots' radios have it"))
 
     def __post_init__(self) -> None:
         check_limits(self)

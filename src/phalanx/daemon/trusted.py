@@ -75,7 +75,7 @@ def program() -> Path:
     return PROGRAM
 
 
-def open_nodes(settings: RobotSettings) -> SerialNode:
+def connect_nodes(settings: RobotSettings) -> SerialNode:
     """Return the nodes that the file names, after a handshake.
 
     Raises: UsageError: no program, a flash that is not ours alone, or a bench; Unavailable: nobody of ours answers.
@@ -133,7 +133,7 @@ def check_may_have_key(settings: RobotSettings) -> None:
         )
 
 
-def give_keys(node: SerialNode, settings: RobotSettings, limits: Limits) -> MissionKey:
+def provision_keys(node: SerialNode, settings: RobotSettings, limits: Limits) -> MissionKey:
     """Return the mission's key; give new nodes their master key. Raises: UsageError, Refused, Unavailable."""
     said = settings.said
     sealed = read_mission_key(settings.path(said.key), said.robot)

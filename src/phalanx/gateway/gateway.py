@@ -14,7 +14,7 @@ from phalanx.link import Command, Request, SharedAnswer
 from phalanx.link.session.errors import Busy
 from phalanx.robot import Robot, Swarm
 from phalanx.robot.on_mission import OnMission
-from phalanx.robot.swarm import AtWork, Routed, Shielded
+from phalanx.robot.swarm import AuditedSwarm, RouteLimited, WorkingSwarm
 
 from . import vocabulary
 from .brakes import EXPIRES_S, Brakes
@@ -91,9 +91,9 @@ class Gateway:
         self._frames = Frames(min((link.frame_bytes or 0 for link in self._small), default=None))
         self.swarm = swarm
         self.brakes = Brakes(swarm)
-        self.shields = ShieldWatch(swarm, say) if isinstance(swarm, Shielded) else None
-        self.work = WorkWatch(swarm) if isinstance(swarm, AtWork) else None
-        self._longest_route = swarm.longest_route if isinstance(swarm, Routed) else vocabulary.MAX_WAYPOINTS
+        self.shields = ShieldWatch(swarm, say) if isinstance(swarm, AuditedSwarm) else None
+        self.work = WorkWatch(swarm) if isinstance(swarm, WorkingSwarm) else None
+        self._longest_route = swarm.longest_route if isinstance(swarm, RouteLimited) else vocabulary.MAX_WAYPOINTS
         self.missions = MissionWatch(swarm, say) if isinstance(swarm, OnMission) else None
         self._lately: dict[str, tuple[float, SharedAnswer]] = {}
         self._next_update = 0
@@ -228,7 +228,7 @@ class Gateway:
             told |= self.shields.in_area()
         elif self.unprotected:
             told["unprotected"] = self.unprotected
-        if isinstance(self.swarm, Routed):
+        if isinstance(self.swarm, RouteLimited):
             told["most_waypoints"] = self._longest_route
         return told | (self.missions.in_area() if self.missions else {})
 

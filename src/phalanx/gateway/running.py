@@ -12,7 +12,7 @@ from phalanx.errors import Unknown
 from phalanx.link.messages import Rejected
 from phalanx.net.server import Happening
 from phalanx.robot import Swarm
-from phalanx.robot.swarm import Stepped
+from phalanx.robot.swarm import SteppedSwarm
 
 from . import vocabulary
 from .at_broker import AtBroker
@@ -210,7 +210,7 @@ class Running:
 
     async def _turn(self) -> None:
         before_s = time.monotonic()
-        while isinstance(swarm := self.gateway.swarm, Stepped):  # real robots move by themselves
+        while isinstance(swarm := self.gateway.swarm, SteppedSwarm):  # real robots move by themselves
             await asyncio.sleep(1 / WORLD_HZ)
             now_s = time.monotonic()
             # A machine that slept does not hurl its robots through the wall.

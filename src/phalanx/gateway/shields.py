@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from phalanx.robot.swarm import Audit, Shield, Shielded
+from phalanx.robot.swarm import Audit, AuditedSwarm, Shield
 
 LOOK_EVERY_S = 0.3
 # Pages let tokens drain by themselves: told again is what is off by more than anybody sees.
@@ -32,7 +32,7 @@ class _Lie:
 class ShieldWatch:
     """Compares shields with what visitors were told last. `say` is told what `--events` prints of them."""
 
-    def __init__(self, swarm: Shielded, say: Callable[[dict[str, Any]], None]) -> None:
+    def __init__(self, swarm: AuditedSwarm, say: Callable[[dict[str, Any]], None]) -> None:
         self._swarm = swarm
         self._say = say
         self._told: dict[str, tuple[bool, dict[str, float]]] = {}

@@ -22,7 +22,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption,
 
 from phalanx.bti.nodes import MissionKey, seal_mission_key
 from phalanx.config.written import file_meant
-from phalanx.crypto.keys import LIMIT, NONCE_BYTES, SALT_BYTES, Damaged, Lock, hkdf_sha256, unlock
+from phalanx.crypto.keys import LIMIT, NONCE_BYTES, SALT_BYTES, CorruptData, Lock, hkdf_sha256, unlock
 from phalanx.errors import NotAuthentic, UsageError
 from phalanx.wire.table import KEY_BYTES
 
@@ -137,7 +137,7 @@ class Keys:
             signers = {who: bytes.fromhex(kept[who]) for who in SIGNERS}
             return cls(str(told["name"]), bytes.fromhex(told["root"]), int(told["missions"]), robots, signers)
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise Damaged("sealed by another version") from error
+            raise CorruptData("sealed by another version") from error
 
 
 def _new_signer() -> bytes:
@@ -166,7 +166,7 @@ def opened(path: Path, passphrase: str, new_passphrase: str = "") -> Iterator[Ke
         try:
             lock, plain = unlock(read_sealed(path), passphrase)
             keys = Keys.parse(plain)
-        except Damaged as error:
+        except CorruptData as error:
             raise UsageError(f"{path} is damaged: {error}", "take your copy of it") from error
         except NotAuthentic as error:
             raise UsageError(f"{path} was sealed with another passphrase", "the one it was made with") from error

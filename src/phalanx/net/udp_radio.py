@@ -61,12 +61,12 @@ class Allowance:
     """What one peer may say: what its a-node lets through, whatever its radio does.
 
     Attributes:
-        frames_per_s: so many datagrams are read, and at first as many as in a second; the others wait.
+        packets_per_s: so many datagrams are read, and at first as many as in a second; the others wait.
         send_us_per_s, send_capacity_us, fixed_us, ns_per_byte: airtime of frames that are none of the audits', as an
             a-node's `Limits` have it; what is above that is read and dropped, as it would fill the log.
     """
 
-    frames_per_s: float = 1000.0
+    packets_per_s: float = 1000.0
     send_us_per_s: float = math.inf
     send_capacity_us: float = math.inf
     fixed_us: float = 0.0
@@ -88,13 +88,13 @@ class _Peer:
         except OSError:
             self.socket.close()
             raise
-        self._may, self._most = may, max(may.frames_per_s, LEAST_WAITING)
+        self._may, self._most = may, max(may.packets_per_s, LEAST_WAITING)
         self._frames, self._send_us, self._at_s = self._most, may.send_capacity_us, time.monotonic()
 
     def may_be_read(self) -> bool:
         """Whether its next datagram may be read now."""
         now_s, may = time.monotonic(), self._may
-        self._frames = min(self._most, self._frames + (now_s - self._at_s) * may.frames_per_s)
+        self._frames = min(self._most, self._frames + (now_s - self._at_s) * may.packets_per_s)
         self._send_us = min(may.send_capacity_us, self._send_us + (now_s - self._at_s) * may.send_us_per_s)
         self._at_s = now_s
         return self._frames >= 1
@@ -105,7 +105,7 @@ class _Peer:
         raw, came_from = self.socket.recvfrom(PACKET_MAX + 1)
         return raw, came_from[:2]
 
-    def may_say(self, frame: bytes) -> bool:
+    def may_send(self, frame: bytes) -> bool:
         """Whether its a-node may have let this through. Source: docs/spec/rebound-nodes.md."""
         took_us = self._may.fixed_us + self._may.ns_per_byte * len(frame) / 1000
         if frame[0] & KIND_AUDIT:
@@ -259,7 +259,7 @@ class UdpRadio:
             return "too_large"
         if not raw:
             return "empty"
-        return "" if peer.may_say(raw) else "too_many"
+        return "" if peer.may_send(raw) else "too_many"
 
     def close(self) -> None:
         """Nothing comes and goes any more."""

@@ -79,11 +79,11 @@ def on_reading(f: Fleet, i: int, w: Work, now: int, reading: Row, length: int) -
     actions.clear(w)
     n = take(f, i, w, INPUT, now, reading, length)
     if n > 0:
-        put_out(f, i, w, now, think(f, i, w, n))
+        send_output(f, i, w, now, run_controller(f, i, w, n))
 
 
 @kernel
-def put_out(f: Fleet, i: int, w: Work, now: int, length: int) -> None:
+def send_output(f: Fleet, i: int, w: Work, now: int, length: int) -> None:
     """Pass the packets and commands in `w.out[:length]` through the a-node, and on as actions."""
     at = 0
     while at < length:
@@ -115,7 +115,7 @@ def send(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int, to: int)
 
 
 @kernel
-def think(f: Fleet, i: int, w: Work, length: int) -> int:
+def run_controller(f: Fleet, i: int, w: Work, length: int) -> int:
     """Run the controller on the INPUT in `w.entry`; write its outputs to `w.out`, and return their length."""
     r, s = f.robot[i], f.settings[0]
     reading = w.entry[ENTRY_HEAD_BYTES:length]
@@ -200,7 +200,7 @@ def hear(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) -> int:
     if n < 0:
         return int(n)
     if int(packet[0]) & request.AUDIT:
-        return hear_audit(f, i, w, now, packet, length)
+        return handle_audit(f, i, w, now, packet, length)
     if s.profile == PAPER and length >= ID_AT + ID_BYTES and packet[0] in dispatch.STATE_KINDS:
         # As printed: auditors are chosen among the neighbours that states claim.
         rounds.heard(f, i, get_u16(packet, ID_AT), now)
@@ -211,7 +211,7 @@ def hear(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) -> int:
 
 
 @kernel
-def hear_audit(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) -> int:
+def handle_audit(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) -> int:
     """Handle an AUDIT packet: HELLO, SEEK, a fragment of a request, or a token. Source: docs/spec/rebound.md."""
     r = f.robot[i]
     if length < request.AUDIT_HEAD_BYTES:
@@ -221,7 +221,7 @@ def hear_audit(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) ->
         return NOTHING
     rounds.heard(f, i, src, now)
     if sub == request.FRAGMENT:
-        return hear_fragment(f, i, w, now, packet, length, src)
+        return store_fragment(f, i, w, now, packet, length, src)
     if sub == request.TOKEN and length == request.TOKEN_FRAME_BYTES:
         t, mac = get_u32(packet, request.REPLY_T), packet[request.REPLY_MAC : request.TOKEN_FRAME_BYTES]
         rounds.on_token(f, i, src, t, mac, now)
@@ -235,25 +235,25 @@ def hear_audit(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) ->
 
 
 @kernel
-def hear_fragment(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int, src: int) -> int:
+def store_fragment(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int, src: int) -> int:
     """Store a fragment of a request by `src`, and audit the request if it is complete. Source: RoboRebound §3.7."""
     place = request.take_fragment(f, i, packet, length, now)
     if place < 0:
         return NOTHING
     w.place[0] = place
-    refused = knock(f, i, w, place, src)
+    refused = precheck_request(f, i, w, place, src)
     if refused == 0:
         if not request.admit(f, i, src, w.case[0].t, now):
             return NOTHING
         if f.settings[0].controller == 0:
             return WHOLE
-        refused = judge(f, i, w, place, src)
+        refused = audit_request(f, i, w, place, src)
     answer(f, i, w, now, place, src, refused)
     return NOTHING
 
 
 @kernel
-def knock(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
+def precheck_request(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
     """Check the request's form, and have the a-node issue the token to `w.small[2]`: `answer` sends it after the audit.
 
     Compromised robots can make any number of false token requests, which must not count as audits. Only IssueToken
@@ -269,7 +269,7 @@ def knock(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
 
 @kernel
 @reads_peer(rejected=Refusal.DEFECT)
-def judge(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
+def audit_request(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
     """Audit the request at `place` with the bundled controller; return 0 or a `Refusal`. Source: RoboRebound §3.7."""
     info = f.rx_info[i, place]
     q, length = f.rx.rows[info.row], info.len
@@ -359,7 +359,7 @@ def on_sent(f: Fleet, i: int, w: Work, now: int, arrived: int, busy: int) -> Non
     """Send the next fragment: the radio has sent the last one, or given it up. Source: RoboRebound §5.2."""
     actions.clear(w)
     if arrived == 0:
-        seeking.not_arrived(f, i, now, w.small[1])
+        seeking.give_up_request(f, i, now, w.small[1])
     ask(f, i, w, now, busy)
 
 
@@ -368,7 +368,7 @@ def on_no_room(f: Fleet, i: int) -> None:
     """Withdraw the request until the next retry: the radio, or the a-node, did not accept a fragment."""
     rounds.withdraw(f, i)
     f.robot[i].quota = 0
-    f.robot[i].retry_at = f.robot[i].asked_at + rounds.again_after(f)
+    f.robot[i].retry_at = f.robot[i].asked_at + rounds.retry_interval_ms(f)
 
 
 @kernel

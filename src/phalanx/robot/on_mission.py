@@ -36,7 +36,7 @@ class Walk:
 
 
 @dataclass(frozen=True, slots=True)
-class Lit:
+class DecodedPlace:
     """A landmark that some robot has decoded: where it is in the area, and its type, "" for another place."""
 
     at: Point
@@ -113,7 +113,7 @@ class OnMission(Swarm, Protocol):
     def walks(self) -> Sequence[Walk]:
         """Return one for every robot."""
 
-    def lit(self) -> Sequence[Lit]:
+    def lit(self) -> Sequence[DecodedPlace]:
         """Return what was decoded and has a place, in that order."""
 
     def news(self) -> Sequence[tuple[str, News]]:

@@ -80,7 +80,7 @@ def advice_of(planner: Planner, t_ms: int, reading: bytes) -> bytes:
     return WISH.form.pack(KIND_WISH, *_as_f32(*wished))
 
 
-def overheard(planner: Planner, t_ms: int, packet: bytes) -> None:
+def forward_state(planner: Planner, t_ms: int, packet: bytes) -> None:
     """Pass a broadcast to a planner, if it is a robot's state."""
     if len(packet) == STATE.size and packet[0] == KIND_STATE:
         _, rob_id, _, x, y, vx, vy = STATE.form.unpack(packet)
@@ -126,17 +126,17 @@ class Adviser:
         self._latest_ms: dict[int, int] = {}
         self._first: dict[int, tuple[str, float, int]] = {}  # from where a robot's first reading came, and both clocks
 
-    def answer(self, who: Hashable, host: str, said: bytes) -> bytes:
+    def answer(self, sender: Hashable, host: str, said: bytes) -> bytes:
         """Return the answer to this packet: advice, or b"" for nothing. What a planner raises goes on.
 
         Args:
-            who: told from all others that send.
+            sender: a key that tells senders apart.
             host: where that is; for signed advice a robot stays where it was first.
         """
         if len(said) == STATE.size and said[0] == KIND_STATE:
-            robot = self._speaks.get(who)
+            robot = self._speaks.get(sender)
             if robot and _makes_sense(said):
-                overheard(self._planners[robot], self._latest_ms[robot], said)
+                forward_state(self._planners[robot], self._latest_ms[robot], said)
             return b""
         if len(said) != SENSOR.size or said[0] != KIND_SENSOR or not _makes_sense(said):
             return b""
@@ -147,7 +147,7 @@ class Adviser:
             return b""
         if robot not in self._planners:
             self._planners[robot] = self._make(robot, self._goal_m)
-        self._speaks = {each: of for each, of in self._speaks.items() if of != robot} | {who: robot}
+        self._speaks = {each: of for each, of in self._speaks.items() if of != robot} | {sender: robot}
         self._latest_ms[robot] = t_ms
         wish = advice_of(self._planners[robot], t_ms, said)
         return self._signer.sign(robot, t_ms, wish) if wish and self._signer else wish

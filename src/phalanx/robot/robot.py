@@ -115,7 +115,7 @@ class Robot:
     def on_sent(self, now_ms: int, *, arrived: bool) -> list[Action]:
         """Send the next fragment: the radio has sent the last one, or given it up."""
         if not arrived:
-            seeking.not_arrived(self.f, self.i, now_ms, self.w.small[1])
+            seeking.give_up_request(self.f, self.i, now_ms, self.w.small[1])
         return self.next_packet(now_ms)
 
     # --- steps of these -----------------------------------------------------------------------------------------------
@@ -137,7 +137,7 @@ class Robot:
 
     def carry_out(self, now_ms: int, entry_len: int) -> list[Action]:
         """Decide on the INPUT in `work.entry`, and pass the outputs through the a-node."""
-        asked = (self.checked("put_out", self.put_out(now_ms, output)) for output in self.decide(entry_len))
+        asked = (self.checked("send_output", self.send_output(now_ms, output)) for output in self.decide(entry_len))
         return [action for each in asked for action in each]
 
     def checked(self, method: str, asked: object) -> list[Action]:
@@ -153,7 +153,7 @@ class Robot:
     def decide(self, entry_len: int) -> list[Send | Act]:
         """Return the controller's outputs for the INPUT in `work.entry`."""
         if self.controller is None:
-            n = handlers.think(self.f, self.i, self.w, entry_len)
+            n = handlers.run_controller(self.f, self.i, self.w, entry_len)
             return unpack_outputs(self.w.out[:n].tobytes())
         reading = self.w.entry[ENTRY_HEAD_BYTES:entry_len].tobytes()
         step, t_ms = int(self._step_of[self.i]), int(get_u32(self.w.entry, ENTRY_T))
@@ -183,7 +183,7 @@ class Robot:
         if evidence:
             self.record(table.EVIDENCE.encode(bytes=evidence))
 
-    def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
+    def send_output(self, now_ms: int, output: Send | Act) -> list[Action]:
         """Pass one output through the a-node."""
         if isinstance(output, Send):
             return self.send(now_ms, output.payload, EVERYBODY)
@@ -224,7 +224,7 @@ class Robot:
 
     def make_request(self, now_ms: int) -> bool:
         """Make a request for an audit in `fleet.request`; return whether there is one."""
-        self.bring_up()  # its checkpoint is made now
+        self.flush_state()  # its checkpoint is made now
         return bool(request.make_request(self.f, self.i, now_ms, *self.w.small[:3]) > 0)
 
     # --- plain-Python controllers ---
@@ -240,13 +240,13 @@ class Robot:
             self.f.robot[self.i].state_len = len(state)
         self._is_kept = True
 
-    def bring_up(self) -> None:
+    def flush_state(self) -> None:
         """Write the controller's state to the fleet's memory, unless it is there."""
         if not self._is_kept:
             self.keep_state()
 
     def _judge(self, place: int, src: int) -> int:
-        """Audit as `handlers.judge` does, with the mission's plain-Python controller."""
+        """Audit as `handlers.audit_request` does, with the mission's plain-Python controller."""
         info = self.f.rx_info[self.i, place]
         q, length = self.f.rx.rows[info.row], int(info.len)
         try:

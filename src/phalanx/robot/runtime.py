@@ -27,7 +27,7 @@ def first_round_ms(mission_seed: int, rob_id: int, t_audit_ms: int) -> int:
 
     A robot not yet heard in the first round can be asked in the second, before T_val is over.
     """
-    return FIRST_ROUND_MS + int(rounds.mixed(mission_seed + 1, rob_id)) % t_audit_ms
+    return FIRST_ROUND_MS + int(rounds.mix_hash(mission_seed + 1, rob_id)) % t_audit_ms
 
 
 class Runtime:

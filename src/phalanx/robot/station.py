@@ -76,12 +76,12 @@ class Station:
         self.held = False
         self._let_go = True
 
-    def hush(self) -> None:
+    def drop_pending(self) -> None:
         """Drop waiting colours, and wait for no robot's log: for the last orders."""
         self._drop(COLOUR)
 
     @property
-    def has_to_speak(self) -> bool:
+    def has_pending_order(self) -> bool:
         """Return whether an order waits, or a broadcast goes on."""
         return bool(self._waiting or self._at_once)
 
@@ -94,13 +94,13 @@ class Station:
 
         Returns: when to ask again, s; never if nothing waits.
         """
-        self._hear_operator(now_s)
-        if now_s >= self._may_speak_at_s and not air.is_busy() and not self._say_to_all(air, now_s, said_ms):
-            self._say_to_one(air, now_s, said_ms)
-        pace_s = 1 / ORDERS_PER_S if self.has_to_speak else math.inf
+        self._receive_stop(now_s)
+        if now_s >= self._may_speak_at_s and not air.is_busy() and not self._broadcast_order(air, now_s, said_ms):
+            self._send_order(air, now_s, said_ms)
+        pace_s = 1 / ORDERS_PER_S if self.has_pending_order else math.inf
         return now_s + pace_s
 
-    def _hear_operator(self, now_s: float) -> None:
+    def _receive_stop(self, now_s: float) -> None:
         held, let_go = self.held, self._let_go
         if held != self._was_held or let_go:
             if let_go:
@@ -116,7 +116,7 @@ class Station:
         # What a long route has used up of a robot's log is made good when it stands.
         self._may_order_at_s.clear()
 
-    def _say_to_all(self, air: Air, now_s: float, said_ms: int) -> bool:
+    def _broadcast_order(self, air: Air, now_s: float, said_ms: int) -> bool:
         if now_s >= self._operator_at_s:
             self._operator_at_s = now_s + (AGAIN_S if self._at_once else BEACON_S)
             self._at_once = max(0, self._at_once - 1)
@@ -129,7 +129,7 @@ class Station:
         self._say(air, packet, EVERYBODY, now_s)
         return True
 
-    def _say_to_one(self, air: Air, now_s: float, said_ms: int) -> None:
+    def _send_order(self, air: Air, now_s: float, said_ms: int) -> None:
         for robot, kind in list(self._waiting):
             if air.is_deaf(robot):
                 del self._waiting[robot, kind]

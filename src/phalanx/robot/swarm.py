@@ -86,7 +86,7 @@ class Swarm(Protocol):
 
 
 @runtime_checkable
-class Routed(Swarm, Protocol):
+class RouteLimited(Swarm, Protocol):
     """A swarm whose robots keep shorter routes than most."""
 
     @property
@@ -95,7 +95,7 @@ class Routed(Swarm, Protocol):
 
 
 @runtime_checkable
-class Stepped(Swarm, Protocol):
+class SteppedSwarm(Swarm, Protocol):
     """A swarm whose world stands still unless it is told that time passes."""
 
     def step(self, dt_s: float) -> None:
@@ -132,7 +132,7 @@ class AttackChoice:
 
 
 @runtime_checkable
-class Shielded(Routed, Protocol):
+class AuditedSwarm(RouteLimited, Protocol):
     """A swarm whose robots audit each other; their orders are logged, and sent by radio."""
 
     def shields(self) -> Sequence[Shield]:
@@ -162,7 +162,7 @@ class Done:
 
 
 @runtime_checkable
-class AtWork(Swarm, Protocol):
+class WorkingSwarm(Swarm, Protocol):
     """A swarm that may have work of its own, which it does while nobody drives it."""
 
     def done(self) -> Done | None:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from phalanx.config.parameter import check_limits, described, told, within
+from phalanx.config.parameter import check_limits, described, description, within
 from phalanx.errors import UsageError
 from phalanx.robot.adversary.attack import Attack
 from phalanx.robot.adversary.registry import attacks
@@ -18,12 +18,12 @@ LONGEST_S = 7 * 86_400.0
 class AttackSpec:
     """An attack on a robot and when it lies. Raises: UsageError: a value is out of range. Source: RoboRebound §5.3."""
 
-    name: str = field(metadata=told("of one of the attacks that phalanx attack list names"))
+    name: str = field(metadata=description("of one of the attacks that phalanx attack list names"))
     robot: int | None = described(None, "id of who is compromised; None: the seed chooses")
     at_s: float = within(15.0, 0.0, LONGEST_S, "when it begins to lie")
     until_s: float | None = described(None, "when it is honest again; None for never")
     options: Mapping[str, float | str] = field(
-        default_factory=dict, hash=False, metadata=told("the attack's own, by name")
+        default_factory=dict, hash=False, metadata=description("the attack's own, by name")
     )
     own: Attack | None = field(default=None, hash=False)  # an attack that is not in the library, whatever `name` says
 

@@ -14,7 +14,7 @@ from phalanx.config.bti import NEIGHBOUR_BYTES, quorum_of
 from phalanx.config.defence import DEFENCES, Defence
 from phalanx.config.flock import FARTHEST_M, Box, Disc, FlockConfig
 from phalanx.config.guard import GuardConfig
-from phalanx.config.parameter import check_key, check_limits, check_within, described, limits_in, told, within
+from phalanx.config.parameter import check_key, check_limits, check_within, described, description, limits_in, within
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError, did_you_mean
 from phalanx.robot.adversary.registry import swarm_attacks
@@ -81,10 +81,10 @@ class Scenario:
         "so many robots, the first, stand where aisles meet: the others, each in its aisle, hear them alone; "
         "0: all hear all in range",
     )
-    bti: BtiConfig = field(default_factory=BtiConfig, metadata=told("parameters of the audits"))
-    flock: FlockConfig = field(default_factory=FlockConfig, metadata=told("parameters of the controller"))
-    guard: GuardConfig = field(default_factory=GuardConfig, metadata=told("envelope of the controller guard"))
-    radio: RadioConfig = field(default_factory=RadioConfig, metadata=told("parameters of the radio"))
+    bti: BtiConfig = field(default_factory=BtiConfig, metadata=description("parameters of the audits"))
+    flock: FlockConfig = field(default_factory=FlockConfig, metadata=description("parameters of the controller"))
+    guard: GuardConfig = field(default_factory=GuardConfig, metadata=description("envelope of the controller guard"))
+    radio: RadioConfig = field(default_factory=RadioConfig, metadata=description("parameters of the radio"))
 
     def __post_init__(self) -> None:
         for name in ("robots", "seed", "hub"):

@@ -21,7 +21,7 @@ from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.errors import PeerError, Unavailable, UsageError
 from phalanx.lab.figures.missions import check_drawable, draw_mission
 from phalanx.mission import BuildOptions, Built, EncodedMission, Mission, Profile, admit, build, check_signature, sign
-from phalanx.mission.authoring.survey import begun_at, roomiest, survey
+from phalanx.mission.authoring.survey import most_spacious_start, survey, with_start
 from phalanx.mission.file.records import FINAL, FOREVER_S, JOIN, OPEN_START, REPEATABLE, ROAM, START
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.landmarks.sites import is_shown, landmarks_of
@@ -114,10 +114,10 @@ def explored(
         raise UsageError(f"nothing to {what}", f"a YAML file, one of {', '.join(built_in('missions'))}, or --map MAP")
     plan, begin = building(name, doors, swept=True), None if start is None else parse_start(start)
     if begin is None and plan.start is None:
-        begin = roomiest(building(name, doors))  # where no dust lies either: it may be something
+        begin = most_spacious_start(building(name, doors))  # where no dust lies either: it may be something
         where = f"in its roomiest place, for run: --start {begin[0]},{begin[1]}"
         talk(f"{plan.name} does not say where robots begin: {where}")
-    plan = plan if begin is None else begun_at(plan, begin)
+    plan = plan if begin is None else with_start(plan, begin)
     if plan.dust:
         talk(f"{plan.name}: {counted(plan.dust, 'lone cell')} left out as dust, each of which robots get around")
     status_line(f"looking for landmarks and ways: {len(plan.walls)} walls")

@@ -13,7 +13,7 @@ import click
 
 from phalanx.cli.terminal import end_status_line, print_json, status_line
 from phalanx.errors import UsageError
-from phalanx.lab.cracking.force import Cracked, Tried, can_guess, crack_paper, crack_sealed
+from phalanx.lab.cracking.force import GuessedNode, TriedBatch, can_guess, crack_paper, crack_sealed
 from phalanx.mission import EncodedMission, Profile, parse_start_key
 from phalanx.mission.file.records import OPEN_START
 from phalanx.mission.worth.shown import Shown, shown_by
@@ -40,7 +40,7 @@ def crack(
     shown = shown_by(load_floorplan(plan), offset_mm) if plan else None
     started = time.perf_counter()
     tries, of = 0, 0
-    found: list[tuple[Cracked, float]] = []
+    found: list[tuple[GuessedNode, float]] = []
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for batch in _attack(encoded, key, area, pool, shown):
             tries, of = tries + batch.tries, batch.of
@@ -63,7 +63,7 @@ def _attack(
     area: tuple[float, float, float, float],
     pool: ThreadPoolExecutor,
     shown: Shown | None,
-) -> Iterator[Tried]:
+) -> Iterator[TriedBatch]:
     if encoded.header.profile is Profile.PAPER:
         return crack_paper(encoded, area)
     if key is not None:
@@ -81,7 +81,7 @@ def _attack(
 
 
 def _show_cracked(
-    encoded: EncodedMission, found: list[tuple[Cracked, float]], tries: int, of: int, spent_s: float, as_json: bool
+    encoded: EncodedMission, found: list[tuple[GuessedNode, float]], tries: int, of: int, spent_s: float, as_json: bool
 ) -> None:
     rate = tries / spent_s if spent_s else 0.0
     paper, coding = encoded.header.profile is Profile.PAPER, encoded.header.coding
@@ -116,6 +116,6 @@ def _show_cracked(
         click.echo(f"{beyond} kinds of conjunctions need more than a place, and were not tried")
 
 
-def _read(found: list[tuple[Cracked, float]]) -> int:
+def _read(found: list[tuple[GuessedNode, float]]) -> int:
     """Nodes, some of which were found by several aliases."""
     return len({node.node for node, _ in found})

@@ -17,14 +17,14 @@ from phalanx.config.lidar import LidarConfig
 from phalanx.config.mission import MissionConfig
 from phalanx.errors import Unavailable, UsageError
 from phalanx.mission import BuildOptions, EncodedMission, Mission, Profile, admit, build
-from phalanx.mission.authoring.survey import roomiest
+from phalanx.mission.authoring.survey import most_spacious_start
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.observable import LONGEST_S
 from phalanx.world.building.floorplan import DEFAULT
 from phalanx.world.building.odometry import OdometryNoise, Pose
 from phalanx.world.missions.orders import File, orders_of_files
 from phalanx.world.missions.recording import write_recording
-from phalanx.world.missions.report import Report, drift_words, summary
+from phalanx.world.missions.report import Report, format_drift, summary
 from phalanx.world.missions.run import run_mission
 from phalanx.world.missions.setup import MissionRun, check_count
 
@@ -140,7 +140,7 @@ def _begun(plan: FloorPlan, *, told: bool) -> FloorPlan:
     """The floor plan; with a place where robots begin, if nobody has told it."""
     if told or plan.start is not None:
         return plan
-    start = x_m, y_m, yaw_rad = roomiest(plan)
+    start = x_m, y_m, yaw_rad = most_spacious_start(plan)
     degrees = math.degrees(yaw_rad)
     talk(f"{plan.name} does not say where robots begin: where there is most room, --start {x_m:g},{y_m:g},{degrees:g}")
     return replace(plan, start=start)
@@ -216,7 +216,7 @@ def _show(told: dict[str, Any]) -> None:
         ]
         click.echo(f"{words:22}{'   '.join(cells) or '-'}")
     for row in told["drift"]:
-        learnt = drift_words((row["way"], row["turn"], row["curve_radpm"]))
+        learnt = format_drift((row["way"], row["turn"], row["curve_radpm"]))
         click.echo(f"robot {row['robot']:<4} its wheels err by   {learnt}")
     for row in told["actions"]:
         click.echo(f"robot {row['robot']:<4} {row['t_s']:>7.1f} s   did {row['action']}")

@@ -12,7 +12,7 @@ from phalanx.robot import Act, Action, Liar, Send, State
 class Template(Liar):
     """broadcasts that it is 10 m further north than it is"""
 
-    def put_out(self, now_ms: int, output: Act | Send) -> list[Action]:
+    def send_output(self, now_ms: int, output: Act | Send) -> list[Action]:
         """Alter what the robot's controller puts out: `Act` for the motors, `Send` for the radio.
 
         Return [] to suppress it. `self.plan` and `self.seen` have what the adversary knows.
@@ -20,4 +20,4 @@ class Template(Liar):
         state = State.find(output.payload) if isinstance(output, Send) else None
         if state and self.lies(now_ms):
             output = Send(replace(state, y_m=state.y_m + 10.0).encode())
-        return super().put_out(now_ms, output)
+        return super().send_output(now_ms, output)

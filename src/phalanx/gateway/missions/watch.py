@@ -9,8 +9,8 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from typing import Any
 
-from phalanx.robot.on_mission import Decoded, Lit, News, NotValidated, OnMission, Progress, Walk
-from phalanx.robot.swarm import AtWork
+from phalanx.robot.on_mission import Decoded, DecodedPlace, News, NotValidated, OnMission, Progress, Walk
+from phalanx.robot.swarm import WorkingSwarm
 
 TELL_EVERY_S = LOOK_EVERY_S = 1.0
 MOST_THINGS = 32
@@ -86,7 +86,7 @@ class MissionWatch:
 class WorkWatch:
     """Looks at the work once a second, and at its things in every tick."""
 
-    def __init__(self, swarm: AtWork) -> None:
+    def __init__(self, swarm: WorkingSwarm) -> None:
         self._swarm = swarm
         self._look_at_s = 0.0
         self._things: list[list[int]] = []
@@ -132,7 +132,7 @@ def tell_progress(progress: Progress) -> list[Any]:
     return [progress.id[:16], progress.nodes, progress.left]
 
 
-def tell_lit(lit: Lit) -> list[Any]:
+def tell_lit(lit: DecodedPlace) -> list[Any]:
     """`[x, y, type]`."""
     return [round(lit.at.x_mm), round(lit.at.y_mm), lit.type]
 

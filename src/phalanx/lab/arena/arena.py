@@ -36,9 +36,9 @@ from phalanx.scenarios.own import find_planner, mistakes_in
 from phalanx.scenarios.scenario import WHEELS, Scenario, for_robots
 from phalanx.world.audited.setup import POWER_UP_MS
 
-from .ether import Ether, Weather
+from .ether import RadioConditions, SimulatedAir
 from .field import Field
-from .places import STATION, Changes, free_ports, lay_out
+from .places import STATION, Changes, free_ports, write_arena_files
 
 if TYPE_CHECKING:
     from phalanx.world.scenarios.recording import Recording
@@ -57,7 +57,7 @@ OnStep = Callable[[Field], None]
 class Arena:
     """Answers sensors, moves the bodies in `field`, carries packets, and reads what robots tell of themselves."""
 
-    def __init__(self, scenario: Scenario, folder: Path, weather: Weather, changes: Changes) -> None:
+    def __init__(self, scenario: Scenario, folder: Path, weather: RadioConditions, changes: Changes) -> None:
         keys = Keys.new("arena")
         if scenario.controller == WHEELS:
             gateway, operator = (keys.public(who) for who in STATION.values())
@@ -73,7 +73,7 @@ class Arena:
         ]
         # One more for a gateway, if there is somebody to obey it.
         ports = free_ports(scenario.robots + (scenario.controller == WHEELS))
-        self._ether = Ether(
+        self._ether = SimulatedAir(
             self.field.world,
             scenario.radio,
             weather,
@@ -84,7 +84,9 @@ class Arena:
         # Of one's own attacks no file can tell: daemons are given them as they are forked.
         told = tuple(each for each in scenario.drawn_attacks() if not each.own)
         told_scenario = replace(scenario, attacks=told)
-        self.places = lay_out(told_scenario, folder, self._ether.port, ports, clocks, keys, changes, weather.speed)
+        self.places = write_arena_files(
+            told_scenario, folder, self._ether.port, ports, clocks, keys, changes, weather.speed
+        )
         self._ready = 0
         self._all_ready = asyncio.Event()
         self._began_s = 0.0
@@ -104,7 +106,7 @@ class Arena:
                 if robots.ended() or loop.time() > until_s:
                     raise Unavailable(f"{self._ready} of {n} robots became ready", "what one said is above")
                 await asyncio.sleep(TURN_S)
-            self._spawn(self._look_on())
+            self._spawn(self._poll_states())
             duration_s, next_step_s = self.field.scenario.duration_s, 0.0
             while (now_s := self._now_s) < duration_s:
                 if self._weather.cut and now_s >= self._weather.cut_at_s:
@@ -145,7 +147,7 @@ class Arena:
         """Read the state that each robot has published."""
         self._hear(self._said())
 
-    async def _look_on(self) -> None:
+    async def _poll_states(self) -> None:
         """The same, each second: a disk that is busy holds up a thread, and no robot's sensors."""
         while True:
             self._hear(await asyncio.to_thread(self._said))
@@ -160,7 +162,7 @@ class Arena:
 
     def _hear(self, said: dict[int, dict[str, Any]]) -> None:
         for i, state in said.items():
-            self.field.hear_of(i, state, (state["began_monotonic_s"] - self._began_s) * self._weather.speed)
+            self.field.record_state(i, state, (state["began_monotonic_s"] - self._began_s) * self._weather.speed)
 
     def _is_silent(self, i: int) -> bool:
         """Return whether radio i is off; one that is taken over obeys no a-node, and a gateway's has none."""
@@ -283,7 +285,7 @@ def _forked(settings: RobotSettings, arena: Arena) -> int:
         if os.getppid() == parent:
             changes = arena.changes
             with mistakes_in(changes.controller, changes.planner, *changes.attacks):
-                asyncio.run(_until_told(settings, arena))
+                asyncio.run(_wait_for_end(settings, arena))
         code = 0
     except PhalanxError as error:
         sys.stderr.write(f"phalanx: error: robot {settings.said.robot}: {error}\n")
@@ -294,7 +296,7 @@ def _forked(settings: RobotSettings, arena: Arena) -> int:
         os._exit(code)
 
 
-async def _until_told(settings: RobotSettings, arena: Arena) -> None:
+async def _wait_for_end(settings: RobotSettings, arena: Arena) -> None:
     on_air, attacks = arena.on_air.get(settings.said.robot), arena.field.scenario.drawn_attacks()
     job = asyncio.ensure_future(run_robot(settings, in_arena=True, on_air=on_air, attacks=attacks))
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, job.cancel)
@@ -302,7 +304,7 @@ async def _until_told(settings: RobotSettings, arena: Arena) -> None:
         await job
 
 
-def _check(scenario: Scenario, weather: Weather) -> None:
+def _check(scenario: Scenario, weather: RadioConditions) -> None:
     """Refuse what no arena plays. Raises: UsageError."""
     for_robots(scenario)
     if scenario.robots > MOST_ROBOTS:
@@ -315,7 +317,7 @@ def _check(scenario: Scenario, weather: Weather) -> None:
         raise UsageError(f"a cut behind robot {weather.cut}, of {scenario.robots}", "fewer: somebody is to be left")
 
 
-def _go_first() -> None:
+def _set_realtime_priority() -> None:
     """Ask for real-time priority: on a busy processor honest robots would be late and look compromised."""
     try:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(os.sched_get_priority_min(os.SCHED_RR)))
@@ -325,7 +327,12 @@ def _go_first() -> None:
 
 
 def play_in_arena(
-    scenario: Scenario, folder: Path, weather: Weather, on_step: OnStep, recording: Recording | None, changes: Changes
+    scenario: Scenario,
+    folder: Path,
+    weather: RadioConditions,
+    on_step: OnStep,
+    recording: Recording | None,
+    changes: Changes,
 ) -> Field:
     """Return the field at the scenario's end. Raises: UsageError: no nodes, or it cannot be played; Unavailable."""
     _check(scenario, weather)
@@ -337,7 +344,7 @@ def play_in_arena(
     arena = Arena(scenario, folder, weather, changes)
     log.warning("trusted nodes are processes, which protect from nobody here")
     try:
-        _go_first()
+        _set_realtime_priority()
         gc.collect()
         gc.freeze()  # nor is what all share looked through by each
         # Before there is an event loop: a child has its own.

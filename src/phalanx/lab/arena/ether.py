@@ -41,7 +41,7 @@ BUFFER_BYTES = 1 << 22
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Weather:
+class RadioConditions:
     """Loss and delay of packets, and drift of clocks, beside the scenario's loss. Raises: UsageError: out of range."""
 
     repeats: float = within(0.0, 0.0, 0.9, "share of packets that arrive twice")
@@ -55,7 +55,7 @@ class Weather:
         check_limits(self)
 
 
-class Ether:
+class SimulatedAir:
     """The air at a `port` of this machine, in a world whose counts of packets grow.
 
     The last of `ports` may be a gateway's, in range of all; `is_silent` tells whether a robot's radio is off, by index.
@@ -65,7 +65,7 @@ class Ether:
         self,
         world: World,
         config: RadioConfig,
-        weather: Weather,
+        weather: RadioConditions,
         ports: Sequence[int],
         is_silent: Callable[[int], bool],
         dice: random.Random,
@@ -105,7 +105,7 @@ class Ether:
 
     def _say(self, i: int, packet: bytes) -> None:
         if i == self._robots:
-            self._say_order(packet)
+            self._carry_order(packet)
             return
         if self._robots < len(self._ports) and self._dice.random() >= self._config.loss:
             self._put(self._robots, packet)
@@ -134,7 +134,7 @@ class Ether:
                 for _ in range(1 + (self._dice.random() < self._weather.repeats)):
                     self._put(j, packet)
 
-    def _say_order(self, packet: bytes) -> None:
+    def _carry_order(self, packet: bytes) -> None:
         """A station's, which no count of robots' packets has in it; nor is it tried again."""
         to = get_u16(row(packet), AT_ID) if len(packet) > AT_ID + 1 else 0
         for j in range(self._robots) if to == EVERYBODY else [to - 1]:

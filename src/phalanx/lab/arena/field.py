@@ -85,7 +85,7 @@ class Field(Run):
         self.world.reach.aisle[:first] = 1
         self.world.reach.aisle[first:] = 2
 
-    def hear_of(self, i: int, state: Mapping[str, Any], began_s: float) -> None:
+    def record_state(self, i: int, state: Mapping[str, Any], began_s: float) -> None:
         """Robot i has told of itself (state.py); `began_s`: when its mission began, of the field's time."""
         self._states[i] = {**state, "began_s": began_s}
         self.world.fleet.robot[i].log_max = state["log_bytes_max"]
@@ -143,7 +143,7 @@ class Field(Run):
             "lived_s",
             "tokens_got",
             "refused",
-            "core_share",
+            "cpu_share",
             "advice",
             "longest_ms",
             "why_late",

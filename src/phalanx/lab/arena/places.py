@@ -55,7 +55,7 @@ class Places:
             each.close()
 
 
-def lay_out(
+def write_arena_files(
     scenario: Scenario,
     folder: Path,
     air_port: int,

@@ -116,7 +116,7 @@ class Site:
         others = (*self.things, *(around for around, _ in self.askew))
         return all(thing.away_m(other) >= way_m for other in others)
 
-    def put_askew(self, room: Box) -> bool:
+    def put_rotated(self, room: Box) -> bool:
         """Return whether a box that stands askew found a place in a room."""
         long, wide = self.between(0.3, 1.4), self.between(0.25, 0.7)
         r = math.hypot(long, wide) / 2

@@ -194,7 +194,7 @@ def _racks(random: Random) -> Site:
             if not site.chance(0.1):
                 site.put(Box(x, y, x + long, y + deep), room)
     for _ in range(random.randrange(5)):
-        site.put_askew(room)
+        site.put_rotated(room)
     return site
 
 
@@ -236,7 +236,7 @@ def _clutter(random: Random) -> Site:
     for room in site.rooms:
         site.furnish(room, random.randrange(4))
         for _ in range(random.randint(4, 14)):
-            site.put_askew(room)
+            site.put_rotated(room)
     return site
 
 

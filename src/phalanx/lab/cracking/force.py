@@ -35,7 +35,7 @@ _Held = tuple[int, Gate, Before | None]  # a node, its gate, and what the node b
 
 
 @dataclass(frozen=True, slots=True)
-class Cracked:
+class GuessedNode:
     """A node that was guessed, and where it turned out to be."""
 
     node: int
@@ -46,12 +46,12 @@ class Cracked:
 
 
 @dataclass(frozen=True, slots=True)
-class Tried:
+class TriedBatch:
     """One batch: so many candidates were tried, of so many in all as far as is known now; what it found."""
 
     tries: int
     of: int
-    found: tuple[Cracked, ...] = ()
+    found: tuple[GuessedNode, ...] = ()
 
 
 def _patches(coding: CodingConfig, offset: Offset, box: Box) -> NDArray[np.uint64]:
@@ -77,7 +77,7 @@ def can_guess(shape: Shape) -> bool:
     return bool(shape.place) and not (shape.text or shape.sensors or shape.messages or shape.action or shape.time)
 
 
-def crack_paper(mission: EncodedMission, box: Box) -> Iterator[Tried]:
+def crack_paper(mission: EncodedMission, box: Box) -> Iterator[TriedBatch]:
     """Try every place in a box against every node of a paper mission; cheap shapes first."""
     coding = mission.header.coding
     groups: dict[Offset, dict[bytes, int]] = {}
@@ -97,24 +97,24 @@ def crack_paper(mission: EncodedMission, box: Box) -> Iterator[Tried]:
             for offset, wanted in groups.items():
                 patches, targets, nodes = _patches(coding, offset, box), Targets(list(wanted)), list(wanted.values())
                 for start in range(0, len(patches), BATCH):
-                    batch, at, found = patches[start : start + BATCH], 0, list[Cracked]()
+                    batch, at, found = patches[start : start + BATCH], 0, list[GuessedNode]()
                     while (hit := find_patched(message, cell_at(shape), batch[at:], targets)) is not None:
                         patch = int(batch[at + hit[0]])
                         x, y = (int(np.int32(np.uint32(part & 0xFFFFFFFF))) for part in (patch, patch >> 32))
                         found.append(_cracked(coding, nodes[hit[1]], shape, offset, cell._replace(x=x, y=y)))
                         at += hit[0] + 1
-                    yield Tried(len(batch), total, tuple(found))
+                    yield TriedBatch(len(batch), total, tuple(found))
 
 
-def _cracked(coding: CodingConfig, node: int, shape: Shape, offset: Offset, cell: Cell) -> Cracked:
+def _cracked(coding: CodingConfig, node: int, shape: Shape, offset: Offset, cell: Cell) -> GuessedNode:
     x_m, y_m, orientation = middle_of(coding, offset, cell)
     kind = "position" if shape.place == AT_POSITION else LANDMARK_TYPES[shape.place - 1]
-    return Cracked(node, kind, x_m, y_m, orientation)
+    return GuessedNode(node, kind, x_m, y_m, orientation)
 
 
 def crack_sealed(
     mission: EncodedMission, key: StartKey, box: Box, spread: Spread = map, plan: Shown | None = None
-) -> Iterator[Tried]:
+) -> Iterator[TriedBatch]:
     """Every place in a box behind every gate that is held; each opened node hands out the next gates.
 
     Args:
@@ -144,12 +144,12 @@ def crack_sealed(
             keys = spread(partial(unlock, mission), batch)
             hit = next(((claim, key) for claim, key in zip(batch, list(keys), strict=True) if key is not None), None)
             if hit is None:
-                yield Tried(len(batch), known)
+                yield TriedBatch(len(batch), known)
                 continue
             claim, secret_key = hit
             known -= left
             cracked = _cracked(coding, node, claim.shape, claim.offset, claim.cell)
-            yield Tried(len(batch), known, (cracked,))
+            yield TriedBatch(len(batch), known, (cracked,))
             landmark = None
             if claim.shape.place != AT_POSITION:
                 landmark = Landmark(cracked.kind, cracked.x_m, cracked.y_m, cracked.orientation_rad)

@@ -20,7 +20,7 @@ from phalanx.mission.worth.guessing import OUT_OF_REACH
 from phalanx.mission.worth.shown import Shown, shown_by
 from phalanx.robot.adversary.attack import Scene
 
-from .force import Box, Cracked, Tried, crack_paper, crack_sealed
+from .force import Box, GuessedNode, TriedBatch, crack_paper, crack_sealed
 
 GATES = 2.0 ** (8 * SECRET_BYTES)
 TOKEN_BYTES = 16
@@ -41,7 +41,7 @@ class Guess(Between, ABC):
     one_node: ClassVar[bool] = False
 
     @abstractmethod
-    def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[Tried]:
+    def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[TriedBatch]:
         """Batches of tries, for as long as the caller asks for more.
 
         Args:
@@ -54,7 +54,7 @@ class Guess(Between, ABC):
         return float(known)
 
 
-def crack(sent: Sent, box: Box, key: StartKey | None = None, plan: Shown | None = None) -> Iterator[Tried]:
+def crack(sent: Sent, box: Box, key: StartKey | None = None, plan: Shown | None = None) -> Iterator[TriedBatch]:
     """Return batches of tries of every place, with the start key that was sent or another."""
     mission = parse_mission(sent.file)
     if mission.header.profile is Profile.PAPER:
@@ -65,7 +65,7 @@ def crack(sent: Sent, box: Box, key: StartKey | None = None, plan: Shown | None 
 class GuessGraph(Guess):
     """The file and its start key, if it has one, were captured with the robot."""
 
-    def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[Tried]:
+    def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[TriedBatch]:
         return crack(sent, box)
 
     def in_all(self, plain: Mission, known: int) -> float:
@@ -79,14 +79,14 @@ class GuessGraph(Guess):
 class GuessPlan(Guess):
     """File, start key and the building's floor plan were captured, or the building was walked through."""
 
-    def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[Tried]:
+    def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[TriedBatch]:
         return crack(sent, box, plan=shown_by(building, BuildOptions().offset_mm))
 
 
 class GuessGate(GuessGraph):
     """The file alone was captured: the start key came over the link, and is not in it."""
 
-    def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[Tried]:
+    def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[TriedBatch]:
         if parse_mission(sent.file).header.profile is Profile.PAPER:
             yield from crack(sent, box)
             return
@@ -105,7 +105,7 @@ class GuessToken(Guess):
     tries_max: ClassVar[Mapping[Profile, int]] = {Profile.PAPER: 4096, Profile.SEALED: 64}
     one_node = True
 
-    def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[Tried]:
+    def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[TriedBatch]:
         mission, node = parse_mission(sent.file), sent.plain.nodes[0]
         header, mark = mission.header, mission.nodes[0].aliases[0].mark
         (place,) = node.see[0]
@@ -117,10 +117,10 @@ class GuessToken(Guess):
             gate = parse_start_key(sent.key).gates[0]
             salt, do, hint = node_salt(gate.share, (), header, 0, 0), None, gate.hints[0]
         while True:
-            found: list[Cracked] = []
+            found: list[GuessedNode] = []
             for _ in range(TOKEN_BATCH):
                 code = replace(place, text=self.plan.chance.bytes(TOKEN_BYTES).hex())
                 observed = observed_bytes(header.coding, (code,), offset, do=do)
                 if mark == (try_observation(header, observed, hint, salt)[0] if hint else sha3_256(observed)):
-                    found.append(Cracked(0, place.type, place.x_m, place.y_m, place.orientation_rad))
-            yield Tried(TOKEN_BATCH, int(TOKENS), tuple(found))
+                    found.append(GuessedNode(0, place.type, place.x_m, place.y_m, place.orientation_rad))
+            yield TriedBatch(TOKEN_BATCH, int(TOKENS), tuple(found))

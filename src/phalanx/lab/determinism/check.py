@@ -92,7 +92,7 @@ def check_controller(words: str, seed: int = 0) -> Report:
     straight = first["live"]
 
     def compare(name: str, lives: Iterator[tuple[str, list[Step]]]) -> Check:
-        found = ((who, _first_difference(words, calls, straight, steps, who)) for who, steps in lives)
+        found = ((label, _first_difference(words, calls, straight, steps, label)) for label, steps in lives)
         return Check(name, next((finding for _, finding in found if finding), None))
 
     return Report(
@@ -153,29 +153,29 @@ def _first_of(calls: list[Call], said: Iterable[str], what: str) -> Finding | No
     return None
 
 
-def _first_difference(words: str, calls: list[Call], one: list[Step], other: list[Step], who: str) -> Finding | None:
+def _first_difference(words: str, calls: list[Call], one: list[Step], other: list[Step], label: str) -> Finding | None:
     remembered = BUNDLED[words].remembers if words in BUNDLED else ()
     for k, (call, mine, theirs) in enumerate(zip(calls, one, other, strict=True)):
         outputs, state, raised, _ = mine
         outputs_2, state_2, raised_2, _ = theirs
         if raised != raised_2:
             said, said_2 = raised or "nothing", raised_2 or "nothing"
-            return Finding(k, str(call), "raised", None, "", f"{PLAIN}: {said}", f"{who}: {said_2}")
+            return Finding(k, str(call), "raised", None, "", f"{PLAIN}: {said}", f"{label}: {said_2}")
         if len(outputs) != len(outputs_2):
-            counts = f"{PLAIN}: {len(outputs)}", f"{who}: {len(outputs_2)}"
+            counts = f"{PLAIN}: {len(outputs)}", f"{label}: {len(outputs_2)}"
             return Finding(k, str(call), "number of outputs", None, "", *counts)
         for nth, ((kind, payload), (kind_2, payload_2)) in enumerate(zip(outputs, outputs_2, strict=True), 1):
             if (kind, payload) != (kind_2, payload_2):
                 what = f"output {nth}, {kind}" + ("" if kind == kind_2 else f" or {kind_2}")
                 raw = bytes.fromhex(payload)
                 known = [each for each in KNOWN if len(raw) == each.size and raw[0] == each.tag]
-                return Finding(k, str(call), what, *_located(payload, payload_2, known[:1], who))
+                return Finding(k, str(call), what, *_located(payload, payload_2, known[:1], label))
         if state != state_2:
-            return Finding(k, str(call), "encode", *_located(state, state_2, remembered, who))
+            return Finding(k, str(call), "encode", *_located(state, state_2, remembered, label))
     return None
 
 
-def _located(told: str, told_2: str, layout: Sequence[Record], who: str) -> tuple[int, str, str, str]:
+def _located(told: str, told_2: str, layout: Sequence[Record], label: str) -> tuple[int, str, str, str]:
     """The first byte that differs, the field that it is in, and all bytes of that in each of the two."""
     raw, raw_2 = bytes.fromhex(told), bytes.fromhex(told_2)
     shared = min(len(raw), len(raw_2))
@@ -183,7 +183,7 @@ def _located(told: str, told_2: str, layout: Sequence[Record], who: str) -> tupl
     begin, end, name = _field_at(layout, byte)
     shown, shown_2 = (each[begin:end].hex() or "nothing" for each in (raw, raw_2))
     lengths = ("", "") if len(raw) == len(raw_2) else (f" of {len(raw)}", f" of {len(raw_2)}")
-    return byte, name, f"{shown}{lengths[0]} in {PLAIN}", f"{shown_2}{lengths[1]} in {who}"
+    return byte, name, f"{shown}{lengths[0]} in {PLAIN}", f"{shown_2}{lengths[1]} in {label}"
 
 
 def _field_at(layout: Sequence[Record], byte: int) -> tuple[int, int, str]:

@@ -66,14 +66,14 @@ def errand(coding: CodingConfig | None = None) -> Mission:
     return draft.mission()
 
 
-def shelf_alone(coding: CodingConfig | None = None) -> Mission:
+def shelf_mission(coding: CodingConfig | None = None) -> Mission:
     """The node with the token as a mission of its own: whoever has its start key has all that leads there."""
     draft = Draft("shelf", coding=coding)
     draft.node("shelf", _SHELF, do=Action("pick"), within_m=SHELF_WITHIN_M, start=True)
     return draft.mission()
 
 
-def theft() -> Mission:
+def stolen_mission() -> Mission:
     """Return the adversary's mission: hand over the load at the first door."""
     draft = Draft("theft")
     draft.node("start", Position(*START[:2]), start=True, timeout_s=TIMEOUT_S)

@@ -41,7 +41,7 @@ class Trial:
     honest: Any
 
 
-def said_of(attack: Attack, defence: Defence) -> dict[str, Any]:
+def trial_fields(attack: Attack, defence: Defence) -> dict[str, Any]:
     """Return the fields common to all trials of this attack, without results."""
     return {
         "attack": attack.name,
@@ -208,7 +208,7 @@ def try_attack(
     summary = attacked.summary()
     promised_s = stop_bound_s(scenario, output_missing=False) if declared == "stopped" else None
     return FlockTrial(
-        **said_of(attack, scenario.defence) | _harm(attack, liars, attacked, honest),
+        **trial_fields(attack, scenario.defence) | _harm(attack, liars, attacked, honest),
         bound_s=promised_s,
         stops=tuple(
             Stop(told["robot"], told["first_deviation_s"], told["safe_mode_s"], liar.output_missing)

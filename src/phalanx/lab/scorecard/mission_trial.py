@@ -23,7 +23,7 @@ from phalanx.config.defence import Defence
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.errors import PeerError, UsageError
 from phalanx.lab.cracking.guesses import Guess
-from phalanx.lab.scorecard.flock_trial import Trial, said_of
+from phalanx.lab.scorecard.flock_trial import Trial, trial_fields
 from phalanx.mission import (
     BuildOptions,
     Mission,
@@ -42,13 +42,13 @@ from phalanx.mission.graph import Node
 from phalanx.mission.landmarks import FloorPlan, LaserScan
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.robot.adversary.attack import Attack, Verdict
-from phalanx.robot.adversary.harm import FALSE_FIX_M, FALSE_FIX_RAD, Guessed, Walked
+from phalanx.robot.adversary.harm import FALSE_FIX_M, FALSE_FIX_RAD, ErrandOutcome, GuessOutcome
 from phalanx.world.building.odometry import OdometryNoise, Pose
 from phalanx.world.missions.body import Building
 from phalanx.world.missions.setup import MissionRun, Part, pool_of
 from phalanx.world.missions.world import STEP_S, MissionRobot, MissionWorld
 
-from .errand import AREA_M, START, building, errand, shelf_alone, theft
+from .errand import AREA_M, START, building, errand, shelf_mission, stolen_mission
 
 ROBOT, OTHER, ADVERSARY = 1, 2, 3
 DAY_S = 86_400
@@ -156,7 +156,7 @@ class _Witness:
             self.worst_fix_m = max(self.worst_fix_m, error_m)
 
 
-def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: bool = True) -> Walked:
+def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: bool = True) -> ErrandOutcome:
     """Run a robot's errand with an attack between it and the world; `checked` as for `admitted`."""
     sent = attack.deliver(today)
     now_s = NOW_S + attack.clock_s
@@ -164,10 +164,10 @@ def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: 
         started = [parse_mission(sent.file).header.mission_id] if attack.again else []
         walker = admitted(sent, defence, now_s, started, checked=checked)
     except PeerError as error:
-        return Walked(refused=error.reason, held=True)
+        return ErrandOutcome(refused=error.reason, held=True)
     there = Building(attack.building(building()))
     there.lidar = _SpoofedLidar(there.plan, attack)
-    pool = tuple(dict.fromkeys((*pool_of(errand()), *pool_of(theft()))))
+    pool = tuple(dict.fromkeys((*pool_of(errand()), *pool_of(stolen_mission()))))
     part = Part(walker.mission, None, START)
     run = MissionRun(plan=there.plan, parts=(part,), noise=NOISE, seed=seed, pool=pool, begin_s=now_s)
     world = MissionWorld(run, (ROBOT,), building=there, walkers=[walker])
@@ -187,7 +187,7 @@ def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: 
     (report,) = world.finish()
     walked = robot.controller.memory.walk
     place = None if walked.at is None else sent.plain.nodes[walked.at].place
-    return Walked(
+    return ErrandOutcome(
         done=report.done,
         held=walked.phase is Phase.HELD,
         decoded=tuple(node for _, node in report.decoded),
@@ -211,13 +211,13 @@ def plan_of(defence: Defence, seed: int, start_s: float, options: Mapping[str, f
         chance=np.random.default_rng([seed, ADVERSARY]),
         yesterday=operator.send(errand(), ROBOT, 0),
         others=operator.send(errand(), OTHER, 1),
-        wanted=theft(),
+        wanted=stolen_mission(),
         options=options,
     )
 
 
 @cache
-def honest_errand(defence: Defence, seed: int, *, released: bool = True) -> Walked:
+def honest_errand(defence: Defence, seed: int, *, released: bool = True) -> ErrandOutcome:
     """Run an errand without an attack; without a release the robot waits for it and gives up."""
     today = Operator(defence, seed).send(errand(), ROBOT, 1)
     nobody = Between(plan_of(defence, seed, 0.0, {}))
@@ -228,8 +228,8 @@ def honest_errand(defence: Defence, seed: int, *, released: bool = True) -> Walk
 class MissionTrial(Trial):
     """Result of an attack on a mission.
 
-    `attacked` is what became of the robot (`Walked`), or of the mission that was guessed (`Guessed`); `honest`, of the
-    robot that nobody attacks, None where a mission was guessed or nothing was ordered.
+    `attacked` is what became of the robot (`ErrandOutcome`), or of the mission that was guessed (`GuessOutcome`);
+    `honest`, of the robot that nobody attacks, None where a mission was guessed or nothing was ordered.
     """
 
     against: str  # what it lies about
@@ -259,8 +259,8 @@ def try_mission_attack(
             f"{attack.name} at {start_s:g} s, seed {seed}", f"0 to {LATEST_S:g} s, and a seed of 0 or more"
         )
     made = kind(plan_of(defence, seed, start_s, said))
-    honest: Walked | None = None
-    attacked: Walked | Guessed
+    honest: ErrandOutcome | None = None
+    attacked: ErrandOutcome | GuessOutcome
     if isinstance(made, Guess):
         attacked = try_guess(made, defence, seed)
     else:
@@ -270,7 +270,7 @@ def try_mission_attack(
             honest = honest_errand(defence, seed, released=kind.released)
     harm = attack.harm.of(attacked)
     return MissionTrial(
-        **said_of(attack, defence),
+        **trial_fields(attack, defence),
         against=attack.against,
         kept=is_kept(attack.verdicts[defence], attack, attacked, harm),
         harm=harm,
@@ -281,17 +281,17 @@ def try_mission_attack(
 
 def try_guess(
     attack: Guess, defence: Defence, seed: int, *, coding: CodingConfig | None = None, tries: int | None = None
-) -> Guessed:
+) -> GuessOutcome:
     """Run a guessing attack on one core with about `tries` tries at most; by default the attack's own number.
 
     The mission was captured in the form that `defence` has, in a `coding` that costs what robots' does unless given.
     """
     coding = coding or (SEALED if defence == "hardened" else None)
-    plain = shelf_alone(coding) if attack.one_node else errand(coding)
+    plain = shelf_mission(coding) if attack.one_node else errand(coding)
     sent = Operator(defence, seed).send(plain, ROBOT, 1)
     nodes = len(plain.nodes)
     if defence == "none":
-        return Guessed(nodes, nodes, 0, 0.0, 0.0, 0.0, 0.0)
+        return GuessOutcome(nodes, nodes, 0, 0.0, 0.0, 0.0, 0.0)
     profile = parse_mission(sent.file).header.profile
     most = attack.tries_max[profile] if tries is None else tries
     read: set[int] = set()
@@ -305,14 +305,14 @@ def try_guess(
     seconds = time.perf_counter() - began
     rate = made / seconds
     whole = attack.in_all(plain, of)
-    return Guessed(nodes, len(read), made, seconds, rate, whole, whole / rate)
+    return GuessOutcome(nodes, len(read), made, seconds, rate, whole, whole / rate)
 
 
-def is_kept(declared: Verdict, attack: Attack, attacked: Walked | Guessed, harm: float) -> bool:
-    """Return whether a declared verdict was observed, with this harm. Source: docs/reference/attacks.md (meaning of verdicts)."""
+def is_kept(declared: Verdict, attack: Attack, attacked: ErrandOutcome | GuessOutcome, harm: float) -> bool:
+    """Return whether a declared verdict was observed, with this harm. Source: docs/reference/attacks.md (verdicts)."""
     if declared in ("bites", "not covered"):
         return harm >= attack.bites_from
-    if isinstance(attacked, Guessed):
+    if isinstance(attacked, GuessOutcome):
         return harm == 0 and (attacked.candidates >= OUT_OF_REACH) == (declared == "harmless")
     if attacked.wrong_actions or attacked.false_nodes:
         return False

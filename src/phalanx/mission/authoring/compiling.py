@@ -60,7 +60,7 @@ from phalanx.mission.observable import (
 )
 from phalanx.mission.walk.gate import Gate, Hint, StartKey, join_shares
 
-from .findable import told_apart
+from .findable import mark_lookalikes
 
 Random = Callable[[int], bytes]
 Spread = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
@@ -214,7 +214,7 @@ def build(mission: Mission, options: BuildOptions, random: Random, spread: Sprea
     Raises: UsageError: the mission cannot be said in this profile.
     Source: Encoded graphs §III, §IV-A; docs/spec/mission.md.
     """
-    mission = told_apart(mission)
+    mission = mark_lookalikes(mission)
     if options.profile is Profile.PAPER:
         return [PaperMaker(mission, options, random).part(part) for part in mission.parts]
     maker = SealedMaker(mission, options, random)

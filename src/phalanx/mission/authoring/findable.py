@@ -46,10 +46,10 @@ SEEN_SHARE, SEEN_LEAST, STEADY_SHARE, STEADY_M = 0.3, 3, 0.85, 0.1
 
 def apart_in(plan: FloorPlan, mission: Mission) -> Mission:
     """The mission in a building that is known."""
-    return told_apart(mission, look_alikes_of(plan))
+    return mark_lookalikes(mission, look_alikes_of(plan))
 
 
-def told_apart(mission: Mission, look_alikes: Iterable[Landmark] | None = None) -> Mission:
+def mark_lookalikes(mission: Mission, look_alikes: Iterable[Landmark] | None = None) -> Mission:
     """Return the mission whose landmarks say how far it is to the next thing that looks the same.
 
     `look_alikes` is what else robots see in the building. Where nobody knows (None), what landmarks say already holds,
@@ -78,7 +78,7 @@ def alone(landmarks: Iterable[Landmark], others: Iterable[Landmark], least_m: fl
     return [each for each in landmarks if _apart_m(each, tables[each.type, each.text]) >= least_m]
 
 
-def once(landmarks: Iterable[Landmark]) -> list[Landmark]:
+def without_duplicates(landmarks: Iterable[Landmark]) -> list[Landmark]:
     """The landmarks without those that are the same thing as one before: robots know it by the first name it has."""
     kept: dict[tuple[str, str | None], list[Landmark]] = {}
     for each in landmarks:

@@ -20,7 +20,7 @@ from phalanx.mission.landmarks.sites import Site, landmarks_of, look_alikes_of
 from phalanx.mission.observable import Landmark, Position
 from phalanx.mission.worth.feasible import ways_in_vain
 
-from .findable import alone, once, sighted, told_apart
+from .findable import alone, mark_lookalikes, sighted, without_duplicates
 from .free import END_M, STAND_M, Free
 
 # Landmarks further apart are not in each other's sight for certain; ways that long are not straight. Longer ones lead
@@ -61,11 +61,11 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
     """
     if plan.start is None:
         raise UsageError(f"{plan.name} does not say where robots begin", "start_pose: [x, y, heading] in the map")
-    begun_at(plan, plan.start)
+    with_start(plan, plan.start)
     in_sight, beside = sighted(plan, [site for site in landmarks_of(plan) if site.type in SHORT], lidar)
     all_aliases = [alias for each in in_sight for alias in each.site.aliases]
     others = (*look_alikes_of(plan), *beside)
-    told = set(once(alone(all_aliases, others, APART_M)))
+    told = set(without_duplicates(alone(all_aliases, others, APART_M)))
     sites = [site for site in (each.left(told) for each in in_sight) if site is not None]
     if not sites:
         raise UsageError(f"{plan.name} has no landmarks", "walls with doorways, rooms or free corners; or codes")
@@ -81,11 +81,11 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
     near, behind = _ways(plan, free, places, named)
     ways = _with_far(plan, free, places, named, _joined(near, behind), behind)
     made = partial(_made, Draft(f"explore {plan.name}", coding, plan.bounds, floor_plan=plan.name), start, named)
-    mission = told_apart(made(ways), (*all_aliases, *others))
+    mission = mark_lookalikes(made(ways), (*all_aliases, *others))
     outlook, late, vain = ways_in_vain(mission, plan, lidar)
     # What is left is found over what is left: no second look finds more that is dark.
     ways = _without(outlook.infeasible.keys(), ways - late - vain, behind - vain | late, vain)
-    mission = told_apart(made(ways, outlook.order), (*all_aliases, *others))
+    mission = mark_lookalikes(made(ways, outlook.order), (*all_aliases, *others))
     reached = _reached(START, ways)
     if len(reached) == 1:
         dark = sorted(outlook.infeasible.items(), key=lambda each: (not each[1][0].startswith("from "), each))
@@ -121,7 +121,7 @@ def _made(
     return draft.mission()
 
 
-def begun_at(plan: FloorPlan, start: tuple[float, float, float]) -> FloorPlan:
+def with_start(plan: FloorPlan, start: tuple[float, float, float]) -> FloorPlan:
     """The floor plan with robots that begin at x, y, heading.
 
     Raises: UsageError: no robot can stand there: it is in a wall, outside, or in a space that the plan leaves out.
@@ -137,7 +137,7 @@ def begun_at(plan: FloorPlan, start: tuple[float, float, float]) -> FloorPlan:
     return replace(plan, start=start)
 
 
-def roomiest(plan: FloorPlan) -> tuple[float, float, float]:
+def most_spacious_start(plan: FloorPlan) -> tuple[float, float, float]:
     """Return where robots begin in a map that does not say it: the place farthest from all walls, facing north.
 
     Of a map_server map, in its largest space; in whole centimetres, which people can type.

@@ -14,7 +14,7 @@ from phalanx.arrays import F64x2, I64x2
 from phalanx.kernel import kernel
 
 from .scan import Limits, View
-from .walls import ALONG_X, ALONG_Y, ROUND, X, Y, bow
+from .walls import ALONG_X, ALONG_Y, ROUND, X, Y, bulge
 
 Edge = tuple[float, float, float]  # x, y and beam
 # As many silent beams may lie at an edge; behind more it is not trusted.
@@ -30,7 +30,7 @@ CORNER_X, CORNER_Y, BEAM, BEFORE, AFTER, CONVEX = range(6)
 
 
 @kernel
-def meet(walls: F64x2, a: int, b: int) -> tuple[float, float, float]:
+def line_crossing(walls: F64x2, a: int, b: int) -> tuple[float, float, float]:
     """(x, y, sine of the angle from wall a to wall b) of the crossing of two walls' lines; the sine must not be 0."""
     ax, ay, bx, by = walls[a, ALONG_X], walls[a, ALONG_Y], walls[b, ALONG_X], walls[b, ALONG_Y]
     sine = ax * by - ay * bx
@@ -184,13 +184,13 @@ def _distance(ax: float, ay: float, bx: float, by: float) -> float:
 def _bend(v: View, limits: Limits, walls: F64x2, spans: I64x2, w: int) -> tuple[bool, float, float, float]:
     """(whether walls w and w + 1 meet, x, y, sine of the angle between them)."""
     last, first = spans[w, 1], spans[w + 1, 0]
-    meet_x, meet_y, sine = meet(walls, w, w + 1)
+    crossing_x, crossing_y, sine = line_crossing(walls, w, w + 1)
     meets = (
         not np.any(v.new_run[last + 1 : first + 1])
-        and _distance(meet_x, meet_y, v.x[last], v.y[last]) <= limits.corner_gap_m
-        and _distance(meet_x, meet_y, v.x[first], v.y[first]) <= limits.corner_gap_m
+        and _distance(crossing_x, crossing_y, v.x[last], v.y[last]) <= limits.corner_gap_m
+        and _distance(crossing_x, crossing_y, v.x[first], v.y[first]) <= limits.corner_gap_m
     )
-    return meets, meet_x, meet_y, sine
+    return meets, crossing_x, crossing_y, sine
 
 
 @kernel
@@ -205,32 +205,32 @@ def corners_of(v: View, limits: Limits, walls: F64x2, spans: I64x2) -> F64x2:
     """(c, 6) corners in the order of their bearings. Source: Encoded graphs Alg. 1 (getCv, getCx), §V-A."""
     corners = np.empty((2 * len(walls), 6))
     found = 0
-    met_before = False
+    crosses_before = False
     # What is round is seen as short walls, whose ends lie elsewhere from elsewhere.
     is_round, is_flat = np.zeros(len(walls) + 1, np.bool_), np.zeros(len(walls) + 1, np.bool_)
     for w in range(len(walls)):
-        is_round[w] = bow(v.x, v.y, walls, spans, w) > ROUND * limits.line_m
+        is_round[w] = bulge(v.x, v.y, walls, spans, w) > ROUND * limits.line_m
         is_flat[w] = _runs_away(v, walls, spans, w, limits.graze_sine)
     for w in range(len(walls)):
-        if not (met_before or is_round[w] or is_flat[w]):
+        if not (crosses_before or is_round[w] or is_flat[w]):
             is_one, edge = _edge(v, limits, walls, w, spans[w, 0], -1)
             if is_one:
                 found = _store(corners, found, edge, -1, w, 0.0)
-        met_before = False
+        crosses_before = False
         if w + 1 < len(walls):
-            met_before, meet_x, meet_y, sine = _bend(v, limits, walls, spans, w)
+            crosses_before, crossing_x, crossing_y, sine = _bend(v, limits, walls, spans, w)
             # Beside a wall that runs away the other ends where its own points do.
-            met_before = met_before and is_flat[w] == is_flat[w + 1]
+            crosses_before = crosses_before and is_flat[w] == is_flat[w + 1]
             seen_flat = (
                 is_flat[w]
-                or _grazes(meet_x, meet_y, walls, w, limits.graze_sine)
-                or _grazes(meet_x, meet_y, walls, w + 1, limits.graze_sine)
+                or _grazes(crossing_x, crossing_y, walls, w, limits.graze_sine)
+                or _grazes(crossing_x, crossing_y, walls, w + 1, limits.graze_sine)
             )
             rounded = sine < 0.0 and (is_round[w] or is_round[w + 1])
-            if met_before and abs(sine) >= limits.corner_sine and not (seen_flat or rounded):
+            if crosses_before and abs(sine) >= limits.corner_sine and not (seen_flat or rounded):
                 at = 0.5 * float(v.beam[spans[w, 1]] + v.beam[spans[w + 1, 0]])
-                found = _store(corners, found, (meet_x, meet_y, at), w, w + 1, 1.0 if sine > 0.0 else 0.0)
-        if not (met_before or is_round[w] or is_flat[w]):
+                found = _store(corners, found, (crossing_x, crossing_y, at), w, w + 1, 1.0 if sine > 0.0 else 0.0)
+        if not (crosses_before or is_round[w] or is_flat[w]):
             is_one, edge = _edge(v, limits, walls, w, spans[w, 1], 1)
             if is_one:
                 found = _store(corners, found, edge, w, -1, 0.0)

@@ -20,7 +20,7 @@ from phalanx.config.lidar import ExtractionConfig
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
 
-from .corners import meet
+from .corners import line_crossing
 from .floorplan import PASS_M, FloorPlan, extraction_of, numbers, read_yaml, start_pose
 from .outlines import Outline, ways_around
 from .walls import fit_line, split_run
@@ -271,9 +271,9 @@ def _pieces(x: F64x1, y: F64x1, of_wall: BOOLx1, middle: int) -> tuple[F64x2, BO
     for p in range(pieces):
         i, before = starts[p], (p - 1) % pieces
         corners[p, 0], corners[p, 1] = x[i], y[i]
-        meet_x, meet_y, sine = meet(lines, before, p)
-        if abs(sine) >= 0.3 and abs(meet_x - x[i]) + abs(meet_y - y[i]) < 2.0:
-            corners[p, 0], corners[p, 1] = meet_x, meet_y
+        crossing_x, crossing_y, sine = line_crossing(lines, before, p)
+        if abs(sine) >= 0.3 and abs(crossing_x - x[i]) + abs(crossing_y - y[i]) < 2.0:
+            corners[p, 0], corners[p, 1] = crossing_x, crossing_y
     return corners, seen
 
 

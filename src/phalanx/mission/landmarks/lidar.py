@@ -19,7 +19,7 @@ from phalanx.config.lidar import LidarConfig
 from phalanx.kernel import kernel
 from phalanx.mission.angles import TWO_PI, atan2, sin_cos
 
-from .scan import LaserScan, beam_table, sort_out
+from .scan import LaserScan, beam_table, clip_ranges
 
 Pose = tuple[float, float, float]
 _NOBODY, _NOTHING = np.zeros((0, 3)), np.zeros(0)
@@ -205,7 +205,7 @@ def _sensed(
     for k in range(len(chances)):
         if chances[k] < drop_out:
             ranges[k] = np.nan
-    sort_out(ranges, least_m, beams.range_max_m)
+    clip_ranges(ranges, least_m, beams.range_max_m)
 
 
 class Lidar:

@@ -25,7 +25,7 @@ FARTHEST_M = 65_534
 
 
 @kernel
-def sort_out(ranges: F64x1, least_m: float, most_m: float) -> None:
+def clip_ranges(ranges: F64x1, least_m: float, most_m: float) -> None:
     """Ranges beyond the farthest are misses, and those before the nearest say nothing."""
     for k in range(len(ranges)):
         if ranges[k] > most_m:
@@ -60,7 +60,7 @@ class LaserScan:
             )
         if not 0 <= self.range_min_m < self.range_max_m <= FARTHEST_M:
             raise UsageError(f"ranges of {self.range_min_m} to {self.range_max_m} m", "0 <= min < max, finite")
-        sort_out(ranges, float(self.range_min_m), float(self.range_max_m))
+        clip_ranges(ranges, float(self.range_min_m), float(self.range_max_m))
         ranges.setflags(write=False)
         object.__setattr__(self, "ranges_m", ranges)
 

@@ -135,7 +135,7 @@ def _strays(x: F64x1, y: F64x1, first: int, last: int, split_m: float) -> bool:
 
 
 @kernel
-def _bow(x: F64x1, y: F64x1, first: int, last: int, line: tuple[float, float, float, float]) -> float:
+def _bulge(x: F64x1, y: F64x1, first: int, last: int, line: tuple[float, float, float, float]) -> float:
     """How far the middle third lies on the left of the line of both ends: 0 for a wall, not for a leg or a column."""
     cx, cy, ax, ay = line
     third = (last - first + 1) // 3
@@ -188,17 +188,17 @@ def _is_flat(
     x: F64x1, y: F64x1, first: int, last: int, line: tuple[float, float, float, float], long_m: float, line_m: float
 ) -> bool:
     """Return whether points of a wall so long are of one face, and not of a leg or of two faces."""
-    if long_m < ROUND_M and abs(_bow(x, y, first, last, line)) > ROUND * line_m:
+    if long_m < ROUND_M and abs(_bulge(x, y, first, last, line)) > ROUND * line_m:
         return False
     return long_m >= STEPPED_M or _step(x, y, first, last, line) <= line_m
 
 
 @kernel
-def bow(x: F64x1, y: F64x1, walls: F64x2, spans: I64x2, w: int) -> float:
+def bulge(x: F64x1, y: F64x1, walls: F64x2, spans: I64x2, w: int) -> float:
     """How far wall w stands out towards the robot in its middle."""
     first, last = spans[w, 0] + 1, spans[w, 1] - 1
     line = walls[w, X], walls[w, Y], walls[w, ALONG_X], walls[w, ALONG_Y]
-    return _bow(x, y, first, last, line) if last - first >= 2 else 0.0
+    return _bulge(x, y, first, last, line) if last - first >= 2 else 0.0
 
 
 @kernel

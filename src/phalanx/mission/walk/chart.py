@@ -51,7 +51,7 @@ class Chart:
 
 
 @kernel
-def turn_to(truth_rad: float, seen_rad: float, half: bool) -> float:
+def rotation_between(truth_rad: float, seen_rad: float, half: bool) -> float:
     """By how much an orientation that was seen must be turned to be the true one; NaN without one of them.
 
     Args:
@@ -62,7 +62,7 @@ def turn_to(truth_rad: float, seen_rad: float, half: bool) -> float:
 
 
 @kernel
-def most_of(turn_rad: float) -> float:
+def max_misfit(turn_rad: float) -> float:
     """Return the largest misfit of a match, given the turn from the seen orientation to the true one."""
     return MISFIT_2 if np.isnan(turn_rad) else MISFIT_3
 
@@ -76,14 +76,14 @@ def _fitting(
     count = 0
     for i in range(len(seen)):
         for j in range(len(known)):
-            if known[j, TEXT] == seen[i, TEXT] and may_mean(seen, i, known, j, place, spread, sight, within_m):
+            if known[j, TEXT] == seen[i, TEXT] and may_match(seen, i, known, j, place, spread, sight, within_m):
                 pairs[count, 0], pairs[count, 1] = i, j
                 count += 1
     return pairs[:count]
 
 
 @kernel
-def may_mean(
+def may_match(
     seen: F64x2,
     i: int,
     known: F64x2,
@@ -100,7 +100,7 @@ def may_mean(
         return False
     if dx * dx + dy * dy > within_m * within_m:
         return False
-    turn = turn_to(known[j, TURN], seen[i, TURN], _HALF_TURN[int(seen[i, KIND])])
+    turn = rotation_between(known[j, TURN], seen[i, TURN], _HALF_TURN[int(seen[i, KIND])])
     turn = np.nan if np.isnan(turn) else wrap_rad_kernel(turn)
     match = Sighting(seen[i, X], seen[i, Y], known[j, X], known[j, Y], turn)
-    return bool(misfit(spread, place[0], place[1], match, sight) <= most_of(turn))
+    return bool(misfit(spread, place[0], place[1], match, sight) <= max_misfit(turn))

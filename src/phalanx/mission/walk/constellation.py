@@ -20,16 +20,16 @@ from .fix import (
     Fix,
     Match,
     agreeing,
-    as_known,
     fix_from,
+    fuse_matches,
     is_sure,
     known_in,
     length_m,
     may_be_known,
     misfit_of,
+    moved_to_pose,
     sight_of,
-    told,
-    told_by,
+    unambiguous,
 )
 
 # What strangers pass for more often is not believed, nor what is not so much less likely than another explanation.
@@ -40,7 +40,7 @@ PIECE_M = 1.0
 PAIRS_MOST = 64
 
 
-def strangers(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> float:
+def expected_chance_matches(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> float:
     """How many sets of things that nobody surveyed pass for all of these matches, on the average; 0 without any.
 
     They stand by chance (a Poisson process); each gate is what is left after the matches before.
@@ -51,8 +51,8 @@ def strangers(config: MissionConfig, seen: Experience, matches: Sequence[Match])
         if any(length_m(truth.x_m - other.x_m, truth.y_m - other.y_m) < PIECE_M for other in told_of):
             continue
         told_of.append(truth)
-        mean, spread, _ = told_by(config, seen, matches[:i])
-        x, y = as_known(seen, pair[0], mean)
+        mean, spread, _ = fuse_matches(config, seen, matches[:i])
+        x, y = moved_to_pose(seen, pair[0], mean)
         along_x, along_y, most = doubt_of(spread, x - float(mean[0]), y - float(mean[1]), sight_of(config))
         least = math.sqrt(max(0.0, along_x * along_x + along_y * along_y - most * most))
         often *= config.strangers_per_m2 * math.pi * MISFIT_2 * most * least
@@ -67,7 +67,9 @@ def constellation(config: MissionConfig, seen: Experience, pairs: Sequence[Match
     """
     pairs = pairs[:PAIRS_MOST]
     sets = [_grown(config, seen, pair, pairs) for pair in pairs]
-    rated = sorted(zip((strangers(config, seen, each) for each in sets), sets, strict=True), key=lambda row: row[0])
+    rated = sorted(
+        zip((expected_chance_matches(config, seen, each) for each in sets), sets, strict=True), key=lambda row: row[0]
+    )
     if not rated:
         return []
     often, best = rated[0]
@@ -82,7 +84,7 @@ def _grown(config: MissionConfig, seen: Experience, seed: Match, pairs: Sequence
     while len(kept) < AGAIN_MOST:
         observed, truth = kept[-1]
         left = [pair for pair in left if pair[0] is not observed and pair[1] is not truth]
-        mean, spread, _ = told_by(config, seen, kept)
+        mean, spread, _ = fuse_matches(config, seen, kept)
         fits = [misfit_of(config, seen, pair, mean, spread) for pair in left]
         if min(fits, default=math.inf) > 1.0:
             break
@@ -90,16 +92,20 @@ def _grown(config: MissionConfig, seen: Experience, seed: Match, pairs: Sequence
     return kept
 
 
-def seen_again(config: MissionConfig, seen: Experience, known: Chart) -> Fix | None:
+def fix_from_known(config: MissionConfig, seen: Experience, known: Chart) -> Fix | None:
     """A fix from the nearest landmarks that the robot has decoded before and now sees again, or None."""
     if is_sure(config, seen):
         return None
-    matches = told(config, seen, agreeing(config, seen, known_in(config, seen, known)))
-    if strangers(config, seen, matches) > MISTAKEN:
-        matches = constellation(config, seen, may_be(config, seen, known))
+    matches = unambiguous(config, seen, agreeing(config, seen, known_in(config, seen, known)))
+    if expected_chance_matches(config, seen, matches) > MISTAKEN:
+        matches = constellation(config, seen, candidate_matches(config, seen, known))
     return fix_from(config, seen, matches) if matches else None
 
 
-def may_be(config: MissionConfig, seen: Experience, known: Chart) -> list[Match]:
+def candidate_matches(config: MissionConfig, seen: Experience, known: Chart) -> list[Match]:
     """Each landmark in sight with each known one that it may be; the nearest first."""
-    return [(landmark, other) for landmark, may_be in may_be_known(config, seen, known) for other in may_be]
+    return [
+        (landmark, other)
+        for landmark, candidate_matches in may_be_known(config, seen, known)
+        for other in candidate_matches
+    ]

@@ -20,7 +20,7 @@ from phalanx.mission.refused import Altered, MalformedMission
 
 from .chart import Chart
 from .claims import Claim, Found, Unshown, shows, unlock
-from .constellation import MISTAKEN, constellation, may_be, strangers
+from .constellation import MISTAKEN, candidate_matches, constellation, expected_chance_matches
 from .fix import (
     Fix,
     Match,
@@ -29,17 +29,17 @@ from .fix import (
     distance_m,
     fits,
     fix_from,
-    has_rival,
+    is_ambiguous,
     is_there,
     known_in,
     length_m,
     pose_doubt_m,
     sight_of,
     sighting,
-    told,
+    unambiguous,
 )
 from .gate import Gate, Hint, StartKey, join_shares, parse_start_key
-from .glance import NOBODY, Gaze, gaze_of, glance
+from .glance import NOBODY, SearchTarget, glance, search_target_of
 from .opening import Known, Opened, open_found
 from .route import Map
 from .search import LANDMARK_PLACES, Budget
@@ -78,7 +78,7 @@ class _Decoded:
         self.chart = Chart([landmark for landmark, _ in placed], [i for _, i in placed])
         self.candidates: dict[tuple[int | None, int | None], tuple[int, ...]] = {}
         self.gates: Mapping[tuple[int, int], Gate] = {}
-        self.gazes: dict[tuple[int | None, int | None], Gaze | None] = {}
+        self.gazes: dict[tuple[int | None, int | None], SearchTarget | None] = {}
         self.again: dict[tuple[int | None, int | None], frozenset[int]] = {}
 
 
@@ -145,7 +145,7 @@ class Finder:
         known, here = self._known(state), (state.at, state.target)
         if here not in known.gazes:
             # What is searched although it is known takes somebody who looks.
-            known.gazes[here] = None if self._again(state) else self._gaze(state, known.chart)
+            known.gazes[here] = None if self._again(state) else self._search_target(state, known.chart)
         gaze, most = known.gazes[here], self.config.hash_tries
         if gaze is None:
             return None
@@ -186,7 +186,7 @@ class Finder:
         landmarks, near_m = self.chart(state).landmarks, self.config.agree_m / 2
         return frozenset(i for i, each in enumerate(landmarks) if length_m(each.x_m - x, each.y_m - y) <= near_m)
 
-    def _gaze(self, state: State, chart: Chart) -> Gaze | None:
+    def _search_target(self, state: State, chart: Chart) -> SearchTarget | None:
         nodes, search = self.candidates(state), self._search
         if self._is_paper:
             (shapes, *more), others = search.parts(nodes, self._released(state))
@@ -196,7 +196,7 @@ class Finder:
             locks = [lock for node in nodes for lock in self._locks(state, node)]
             asked = [(lock.hint.shape, self.mission.nodes[lock.node].reach_dm) for lock in locks]
         # Who searches twice, and for something else in between, has to count tries in that order.
-        return None if more else gaze_of(self.config, chart, state.target, search.steps, shapes, asked)
+        return None if more else search_target_of(self.config, chart, state.target, search.steps, shapes, asked)
 
     def look(self, state: State, seen: Experience) -> Find:
         """Return the result of the search."""
@@ -309,7 +309,9 @@ class Finder:
 
     def _together(self, state: State, seen: Experience, unconfirmed: dict[Match, Opened]) -> Believed:
         """One of several nodes that are believed together, though none is by itself, with the fix that all give."""
-        matches = constellation(self.config, seen, [*unconfirmed, *may_be(self.config, seen, self.chart(state))])
+        matches = constellation(
+            self.config, seen, [*unconfirmed, *candidate_matches(self.config, seen, self.chart(state))]
+        )
         opened = next((unconfirmed[pair] for pair in matches if pair in unconfirmed), None)
         if opened is None:
             return None, None, Reason.UNCONFIRMED
@@ -341,19 +343,19 @@ class Finder:
         match = sighting(observed, truth, observed.x_m, observed.y_m)
         if not fits(self.config, pose_spread(seen.spread), seen.x_m, seen.y_m, match):
             return None, None, Reason.DRIFT
-        if unconfirmed is not None and strangers(self.config, seen, [(observed, truth)]) > MISTAKEN:
+        if unconfirmed is not None and expected_chance_matches(self.config, seen, [(observed, truth)]) > MISTAKEN:
             unconfirmed[observed, truth] = opened
-        if has_rival(self.config, seen, observed, truth):
+        if is_ambiguous(self.config, seen, observed, truth):
             return None, None, Reason.AMBIGUOUS
         # What is known and in sight has its say.
         known = [pair for pair in known_in(self.config, seen, self.chart(state)) if pair[0] is not observed]
         matches = agreeing(self.config, seen, [(observed, truth), *known])
         if not any(pair[0] is observed for pair in matches):
             return None, None, Reason.CONTRADICTED
-        matches = told(self.config, seen, matches)
+        matches = unambiguous(self.config, seen, matches)
         if not any(pair[0] is observed for pair in matches):
             return None, None, Reason.AMBIGUOUS
-        if strangers(self.config, seen, matches) > MISTAKEN:
+        if expected_chance_matches(self.config, seen, matches) > MISTAKEN:
             return None, None, Reason.UNCONFIRMED
         return self._fixed(state, seen, opened, matches)
 

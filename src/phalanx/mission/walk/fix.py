@@ -20,7 +20,7 @@ from phalanx.mission.observable import HALF_TURN_TYPES, Experience, Landmark, nu
 from phalanx.mission.pose.belief import Belief, Wheels
 from phalanx.mission.pose.spread import Sight, Sighting, corrected, doubt_of, misfit, not_surer, pose_spread
 
-from .chart import Chart, most_of, turn_to
+from .chart import Chart, max_misfit, rotation_between
 
 Pose = tuple[float, float, float]
 Match = tuple[Landmark, Landmark]  # as it was seen, and as it truly is
@@ -71,7 +71,7 @@ def floor_of(config: MissionConfig) -> tuple[float, float]:
     return config.sure_m, math.radians(config.sure_deg)
 
 
-def begun_at(config: MissionConfig, pose: Pose) -> Belief:
+def initial_belief(config: MissionConfig, pose: Pose) -> Belief:
     """Return the belief of a robot that was put at a pose; of its odometry it knows nothing yet."""
     (place_m, turn_rad), wheels = floor_of(config), wheels_of(config)
     sure = (place_m, place_m, turn_rad, wheels.way, wheels.turn, wheels.curve)
@@ -127,42 +127,44 @@ def sighting(observed: Landmark, truth: Landmark, x_m: float, y_m: float, turned
         turned_rad: from the heading with which it was observed to that of the pose now.
     """
     turns = number_or_nan(truth.orientation_rad), number_or_nan(observed.orientation_rad)
-    turn = turn_to(*turns, truth.type in HALF_TURN_TYPES)
+    turn = rotation_between(*turns, truth.type in HALF_TURN_TYPES)
     turn = turn if math.isnan(turn) else wrap_rad(turn - turned_rad)
     return Sighting(float(x_m), float(y_m), float(truth.x_m), float(truth.y_m), turn)
 
 
 def fits(config: MissionConfig, spread: F64x2, x_m: float, y_m: float, match: Sighting) -> bool:
     """Return whether what was seen from a pose so unsure may be what it is matched with."""
-    return bool(misfit(spread, x_m, y_m, match, sight_of(config)) <= most_of(match.turn_rad))
+    return bool(misfit(spread, x_m, y_m, match, sight_of(config)) <= max_misfit(match.turn_rad))
 
 
-def is_alone(config: MissionConfig, seen: Experience, pair: Match, mean: F64x1, spread: F64x2) -> bool:
+def has_no_lookalike(config: MissionConfig, seen: Experience, pair: Match, mean: F64x1, spread: F64x2) -> bool:
     """Return whether no other look-alike can be meant: it lies beyond the robot's uncertainty.
 
     If another one were seen, it would be within the doubt of that one, and that is `apart_m` from here.
 
     Args:
-        mean, spread: of the robot's pose, as `told_by` has it.
+        mean, spread: of the robot's pose, as `fuse_matches` has it.
     """
     observed, truth = pair
-    x, y = as_known(seen, observed, mean)
+    x, y = moved_to_pose(seen, observed, mean)
     doubt = doubt_of(spread, x - float(mean[0]), y - float(mean[1]), sight_of(config))[2]
     return length_m(x - truth.x_m, y - truth.y_m) + ALONE_SIGMAS * doubt < truth.apart_m
 
 
-def told(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> list[Match]:
+def unambiguous(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> list[Match]:
     """Those of matches that agree which can mean nothing else: each alone, or with a pose that those correct."""
     if not matches or config.sigmas * math.sqrt(seen.spread[-1]) > LOST_RAD:
         return []
-    mean, spread, _ = told_by(config, seen, ())
-    certain = [pair for pair in matches if is_alone(config, seen, pair, mean, spread)]
+    mean, spread, _ = fuse_matches(config, seen, ())
+    certain = [pair for pair in matches if has_no_lookalike(config, seen, pair, mean, spread)]
     if certain:
-        mean, spread, _ = told_by(config, seen, certain)
-    return [pair for pair in matches if pair in certain or (certain and is_alone(config, seen, pair, mean, spread))]
+        mean, spread, _ = fuse_matches(config, seen, certain)
+    return [
+        pair for pair in matches if pair in certain or (certain and has_no_lookalike(config, seen, pair, mean, spread))
+    ]
 
 
-def has_rival(config: MissionConfig, seen: Experience, observed: Landmark, truth: Landmark) -> bool:
+def is_ambiguous(config: MissionConfig, seen: Experience, observed: Landmark, truth: Landmark) -> bool:
     """Return whether another landmark of the same scan may as well be the one that was recognised."""
     spread = pose_spread(seen.spread)
     for other in seen.landmarks:
@@ -182,7 +184,7 @@ def agreeing(config: MissionConfig, seen: Experience, matches: Sequence[Match]) 
     """
     kept = list(matches)
     while kept:
-        mean, spread, _ = told_by(config, seen, kept)
+        mean, spread, _ = fuse_matches(config, seen, kept)
         apart = [misfit_of(config, seen, pair, mean, spread) for pair in kept]
         if len(kept) == 1 or max(apart) <= 1.0:
             break
@@ -193,18 +195,20 @@ def agreeing(config: MissionConfig, seen: Experience, matches: Sequence[Match]) 
 def misfit_of(config: MissionConfig, seen: Experience, pair: Match, mean: F64x1, spread: F64x2) -> float:
     """How badly a match fits another pose than that of the experience; more than 1 is too badly."""
     match = _from_pose(seen, pair, mean)
-    return float(misfit(spread, float(mean[0]), float(mean[1]), match, sight_of(config))) / most_of(match.turn_rad)
+    return float(misfit(spread, float(mean[0]), float(mean[1]), match, sight_of(config))) / max_misfit(match.turn_rad)
 
 
 def fix_from(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> Fix:
     """The pose that matches tell, taken one after the other."""
-    mean, _, sightings = told_by(config, seen, matches)
+    mean, _, sightings = fuse_matches(config, seen, matches)
     x, y, heading = mean.tolist()
     moved_m = length_m(x - seen.x_m, y - seen.y_m)
     return Fix(x, y, heading, moved_m, wrap_rad(heading - seen.heading_rad), tuple(sightings))
 
 
-def told_by(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> tuple[F64x1, F64x2, list[Sighting]]:
+def fuse_matches(
+    config: MissionConfig, seen: Experience, matches: Sequence[Match]
+) -> tuple[F64x1, F64x2, list[Sighting]]:
     """(mean, spread, sightings) of the pose after matches, each as the pose after those before puts it."""
     mean, spread = np.array([seen.x_m, seen.y_m, seen.heading_rad], np.float64), pose_spread(seen.spread)
     sightings = []
@@ -219,10 +223,10 @@ def told_by(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -
 def _from_pose(seen: Experience, pair: Match, mean: F64x1) -> Sighting:
     """Return a match, moved to the robot's present pose."""
     observed, truth = pair
-    return sighting(observed, truth, *as_known(seen, observed, mean), wrap_rad(float(mean[2]) - seen.heading_rad))
+    return sighting(observed, truth, *moved_to_pose(seen, observed, mean), wrap_rad(float(mean[2]) - seen.heading_rad))
 
 
-def as_known(seen: Experience, landmark: Landmark, mean: F64x1) -> tuple[float, float]:
+def moved_to_pose(seen: Experience, landmark: Landmark, mean: F64x1) -> tuple[float, float]:
     """Return a landmark, moved to the robot's other pose."""
     sine, cosine = sin_cos(float(mean[2]) - seen.heading_rad)
     dx, dy = float(landmark.x_m - seen.x_m), float(landmark.y_m - seen.y_m)
@@ -239,10 +243,10 @@ def is_sure(config: MissionConfig, seen: Experience) -> bool:
 def known_in(config: MissionConfig, seen: Experience, known: Chart) -> list[Match]:
     """The nearest landmarks in sight that may be known ones, each of them one only."""
     matches: list[Match] = []
-    for landmark, may_be in may_be_known(config, seen, known):
+    for landmark, candidate_matches in may_be_known(config, seen, known):
         # Two known things that may be this one say nothing.
-        if len(may_be) == 1 and not has_rival(config, seen, landmark, may_be[0]):
-            matches.append((landmark, may_be[0]))
+        if len(candidate_matches) == 1 and not is_ambiguous(config, seen, landmark, candidate_matches[0]):
+            matches.append((landmark, candidate_matches[0]))
         if len(matches) == AGAIN_MOST:
             break
     return matches

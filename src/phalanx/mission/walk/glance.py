@@ -20,7 +20,7 @@ from phalanx.mission.file.canonical import Shape
 from phalanx.mission.pose.spread import Sight
 
 from .cells import Doubt, Shapes, Steps, search_shapes
-from .chart import KIND, NO_TEXT, TEXT, TURN, Chart, X, Y, may_mean
+from .chart import KIND, NO_TEXT, TEXT, TURN, Chart, X, Y, may_match
 from .fix import GROWN, floor_of, sight_of
 from .search import LANDMARK_PLACES
 
@@ -29,7 +29,7 @@ NOBODY = -1
 AREA = 4  # of what is seen, where a chart has the text
 
 
-class Gaze(NamedTuple):
+class SearchTarget(NamedTuple):
     """Search target and method; constant until a node is decoded or given up."""
 
     known: F64x2  # (n, 5) landmarks decoded before, as `Chart` has them
@@ -46,17 +46,17 @@ class Gaze(NamedTuple):
     sure_rad2: float
 
 
-_pack = bundled(Gaze)
+_pack = bundled(SearchTarget)
 
 
-def gaze_of(
+def search_target_of(
     config: MissionConfig,
     chart: Chart,
     target: int | None,
     steps: Steps,
     shapes: Shapes,
     asked: Sequence[tuple[Shape, int]],
-) -> Gaze | None:
+) -> SearchTarget | None:
     """Return the gaze for the nodes decoded so far and the present target.
 
     Args:
@@ -76,11 +76,11 @@ def gaze_of(
     sure = most * place_m * place_m, most * turn_rad * turn_rad
     meant = NOBODY if target is None else target
     told = chart.rows, nodes, meant, shapes, elsewhere, steps, (float(place), float(per_m), turn)
-    return _pack(Gaze(*told, *limits, *sure))
+    return _pack(SearchTarget(*told, *limits, *sure))
 
 
 @kernel
-def _is_asked(gaze: Gaze, seen: F64x2, i: int, away_dm: float) -> bool:
+def _is_asked(gaze: SearchTarget, seen: F64x2, i: int, away_dm: float) -> bool:
     """Return whether a thing in sight is of a shape that is searched elsewhere."""
     for k in range(len(gaze.asked)):
         kind, oriented, area, reach_dm = gaze.asked[k, 0], gaze.asked[k, 1], gaze.asked[k, 2], gaze.asked[k, 3]
@@ -91,7 +91,7 @@ def _is_asked(gaze: Gaze, seen: F64x2, i: int, away_dm: float) -> bool:
 
 
 @kernel
-def glance(gaze: Gaze, seen: F64x2, x_m: float, y_m: float, spread: F64x2, tries: int) -> int:
+def glance(gaze: SearchTarget, seen: F64x2, x_m: float, y_m: float, spread: F64x2, tries: int) -> int:
     """Tries that are left if nothing is found, and nothing known corrects the pose; else NOBODY.
 
     Args:
@@ -110,7 +110,7 @@ def glance(gaze: Gaze, seen: F64x2, x_m: float, y_m: float, spread: F64x2, tries
         for j in range(len(gaze.known)):
             if gaze.known[j, TEXT] != NO_TEXT:
                 continue
-            if may_mean(seen, i, gaze.known, j, (x_m, y_m), spread, sight, gaze.within_m):
+            if may_match(seen, i, gaze.known, j, (x_m, y_m), spread, sight, gaze.within_m):
                 if not is_sure:
                     return NOBODY
                 is_dark = is_dark and gaze.nodes[j] == gaze.target

@@ -30,7 +30,7 @@ from phalanx.mission.observable import (
 from phalanx.mission.pose.spread import Sighting, misfit
 
 from .cells import Doubt
-from .chart import most_of, turn_to
+from .chart import max_misfit, rotation_between
 from .claims import Claim, Found
 from .fix import is_there
 from .gate import Hint
@@ -169,11 +169,11 @@ def _that_fit(
             at, turn = -1, np.nan
             if centre[2] >= 0:
                 at = (centre[2] + step) % bins
-                turn = turn_to(wrap_rad_kernel(at * units[1] + offset[2] * OFFSET_RAD), thing[2], half)
+                turn = rotation_between(wrap_rad_kernel(at * units[1] + offset[2] * OFFSET_RAD), thing[2], half)
                 turn = np.nan if np.isnan(turn) else wrap_rad_kernel(turn)
             match = Sighting(thing[0], thing[1], x_m, y_m, turn)
             fit = misfit(doubt.spread, doubt.x_m, doubt.y_m, match, doubt.sight)
-            if fit <= most_of(turn):
+            if fit <= max_misfit(turn):
                 rows[found, 0], rows[found, 1], rows[found, 2], fits[found] = x, y, at, fit
                 found += 1
     return rows[:found], fits[:found]

@@ -21,7 +21,7 @@ from phalanx.mission.observable import LONGEST_S, Experience, Landmark
 from phalanx.mission.refused import Altered
 
 from .claims import Claim, Unshown
-from .constellation import seen_again
+from .constellation import fix_from_known
 from .finding import Find, Finder
 from .fix import Fix, allowed_m, distance_m, length_m, pose_doubt_m
 from .gate import StartKey
@@ -76,7 +76,7 @@ class Walker:
             state = replace(state, keys=find.keys)
         if find.opened is not None:
             return self._decoded(state, seen, find.opened, find.fix, find.trials)
-        return self._walked(state, seen, self.sees_again(state, seen), find)
+        return self._walked(state, seen, self.pose_from_known(state, seen), find)
 
     def look(self, state: State, seen: Experience) -> tuple[State, Claim | None, int]:
         """The state with what was tried in its keyring; the claim that `advance` takes, if any; and tries."""
@@ -110,7 +110,7 @@ class Walker:
         if claim:
             return self._decoded(state, seen, *self._finder.check(state, seen, claim), 0)
         nothing = Find(state.keys, None, None, Reason.NOTHING_SENSED, 0)
-        return self._walked(state, seen, self.sees_again(state, seen), nothing)
+        return self._walked(state, seen, self.pose_from_known(state, seen), nothing)
 
     def hear(self, state: State, message: bytes) -> State:
         """The state after an encoded message has come."""
@@ -120,7 +120,7 @@ class Walker:
         """(node, proof) of all that was decoded, for a robot that is met: hashes, never raw data (§VI-C)."""
         return tuple(sorted(state.keys.proofs.items()))
 
-    def hear_report(self, state: State, report: tuple[tuple[int, bytes], ...]) -> State:
+    def accept_report(self, state: State, report: tuple[tuple[int, bytes], ...]) -> State:
         """The state after another robot told where it was; what it cannot prove is ignored (sealed profile).
 
         In the paper profile nothing is stored to check a proof with, and a robot's word is taken: a compromised robot
@@ -172,14 +172,14 @@ class Walker:
             return seen
         return replace(seen, landmarks=near, travelled_m=travelled_m)
 
-    def sees_again(self, state: State, seen: Experience) -> Fix | None:
+    def pose_from_known(self, state: State, seen: Experience) -> Fix | None:
         """The pose that landmarks decoded before tell, if they are seen again.
 
         Each such fix is no larger than what can have drifted since the last; a lidar that is stuck, or shown a building
         that slides away, gives one at every step. So all of them since the last decode may not come to more than can
         have drifted since then.
         """
-        fix, doubt_m = seen_again(self.config, seen, self._finder.chart(state)), pose_doubt_m(seen)
+        fix, doubt_m = fix_from_known(self.config, seen, self._finder.chart(state)), pose_doubt_m(seen)
         if fix is None or fix.moved_m > allowed_m(self.config, seen.travelled_m - state.fixed_at_m, doubt_m):
             return None
         all_m = length_m(*self._pulled(state, seen, fix))

@@ -28,15 +28,15 @@ from phalanx.mission.walk.fix import (
     AGAIN_MOST,
     ALONE_SIGMAS,
     Match,
-    begun_at,
     distance_m,
     doubt_m,
     fix_from,
     fixed,
+    initial_belief,
     is_sure,
     is_there,
     pose_doubt_m,
-    told,
+    unambiguous,
     wheels_of,
 )
 
@@ -59,7 +59,7 @@ Way = tuple[str, str]
 
 
 @dataclass(frozen=True, slots=True)
-class _Stand:
+class _Reached:
     """A robot at a node: what it believes, if the node has a place."""
 
     belief: Belief | None
@@ -79,7 +79,7 @@ def look_ahead(
         plan: the building; without one everything is in sight that is near enough.
     Source: Encoded graphs §VI-B, §VI-F; docs/adr/0025-a-pose-that-knows-its-doubt.md.
     """
-    return _Scout(mission, config or MissionConfig(), plan, lidar or LidarConfig()).run()
+    return _Predictor(mission, config or MissionConfig(), plan, lidar or LidarConfig()).run()
 
 
 def ways_in_vain(
@@ -89,13 +89,13 @@ def ways_in_vain(
 
     A robot holds no map, tries any way, and may be lost on one that fails.
     """
-    scout = _Scout(mission, MissionConfig(), plan, lidar or LidarConfig())
+    scout = _Predictor(mission, MissionConfig(), plan, lidar or LidarConfig())
     outlook, vain = scout.run(), scout.in_vain() | scout.vain
     late = vain & {stand.by for stand in scout.at.values() if stand.by is not None}
     return outlook, late, vain - late
 
 
-class _Scout:
+class _Predictor:
     """Goes ahead from node to node, the nearest first."""
 
     def __init__(self, mission: Mission, config: MissionConfig, plan: FloorPlan | None, lidar: LidarConfig) -> None:
@@ -107,7 +107,7 @@ class _Scout:
         for way in mission.ways:
             self.before.setdefault(way.target, set()).add(way.source)
             self.after.setdefault(way.source, []).append(way)
-        self.at: dict[str, _Stand] = {}  # what was decoded
+        self.at: dict[str, _Reached] = {}  # what was decoded
         self.known: list[Landmark] = []
         self.doubtful: dict[str, str] = {}
         self.vain: set[Way] = set()  # at first
@@ -123,7 +123,7 @@ class _Scout:
             self._decode(waiting)
             # Where more is known, a way that failed may be found.
             tried = [(way, self._along(way, self.at[way.source])) for way in self._left()]
-            waiting = [(end.length_m, way.target, end) for way, end in tried if isinstance(end, _Stand)]
+            waiting = [(end.length_m, way.target, end) for way, end in tried if isinstance(end, _Reached)]
             if not waiting:
                 break
         why: dict[str, list[str]] = {}
@@ -151,7 +151,7 @@ class _Scout:
         self.known = known
         return vain
 
-    def _decode(self, waiting: list[tuple[float, str, _Stand]]) -> None:
+    def _decode(self, waiting: list[tuple[float, str, _Reached]]) -> None:
         """All that can be from here."""
         heap = [(length_m, i, name, stand) for i, (length_m, name, stand) in enumerate(waiting)]
         heapq.heapify(heap)
@@ -164,7 +164,7 @@ class _Scout:
             self.known += [thing for thing in _things(self.nodes[name]) if isinstance(thing, Landmark)]
             for way in self._left(name):
                 end = self._along(way, self.at[way.source])
-                if isinstance(end, _Stand):
+                if isinstance(end, _Reached):
                     heapq.heappush(heap, (end.length_m, count := count + 1, way.target, end))
                 else:
                     self.vain.add((way.source, way.target))
@@ -177,11 +177,11 @@ class _Scout:
                 if way.target not in self.at and is_open:
                     yield way
 
-    def _begun(self, node: Node) -> _Stand:
+    def _begun(self, node: Node) -> _Reached:
         heading = 0.0 if self.plan is None else self.plan.start[2] if self.plan.start else NORTH_RAD
-        return _Stand(None if node.place is None else begun_at(self.config, (*node.place, heading)))
+        return _Reached(None if node.place is None else initial_belief(self.config, (*node.place, heading)))
 
-    def _along(self, way: PlainWay, stand: _Stand) -> _Stand | str:
+    def _along(self, way: PlainWay, stand: _Reached) -> _Reached | str:
         """The robot at the end of a way, or why it does not get there."""
         source, target = self.nodes[way.source], self.nodes[way.target]
         there, belief = target.place, stand.belief
@@ -199,7 +199,7 @@ class _Scout:
             direction = direction_of(PlainWay(source=way.source, target=way.target), (x, y), there) or heading
         belief = belief.moved(0.0, wrap_rad(direction - heading), wheels_of(self.config))
         end = self._driven(source, target, belief, length_m)
-        return end if isinstance(end, str) else _Stand(end, stand.length_m + length_m, (way.source, way.target))
+        return end if isinstance(end, str) else _Reached(end, stand.length_m + length_m, (way.source, way.target))
 
     def _driven(self, source: Node, target: Node, belief: Belief, length_m: float) -> Belief | str:
         """The belief of a robot that has driven from one node to the next, or why it has not seen that."""
@@ -295,7 +295,7 @@ class _Scout:
         off = (
             (truth, replace(truth, apart_m=truth.apart_m - doubt_m(self.config, seen, truth))) for truth, _ in matches
         )
-        return told(self.config, seen, list(off))
+        return unambiguous(self.config, seen, list(off))
 
     def _again(self, seen: Experience) -> list[Match]:
         """Return the known landmarks that the robot sees again."""

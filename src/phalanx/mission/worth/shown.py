@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.config.mission import CodingConfig
-from phalanx.mission.authoring.findable import sighted, told_apart
-from phalanx.mission.authoring.survey import roomiest
+from phalanx.mission.authoring.findable import mark_lookalikes, sighted
+from phalanx.mission.authoring.survey import most_spacious_start
 from phalanx.mission.file.canonical import AT_POSITION, Shape, shape_of
 from phalanx.mission.graph import Draft
 from phalanx.mission.landmarks import FloorPlan, Site, look_alikes_of
@@ -112,7 +112,7 @@ def shown_by(plan: FloorPlan, rounded_mm: int) -> Shown:
     sites, alike = landmarks_of(plan), look_alikes_of(plan)
     looked_at, beside = sighted(plan, sites)
     seen = [site for site in (each.left(each.site.aliases) for each in looked_at) if site is not None]
-    start = plan.start or roomiest(plan)
+    start = plan.start or most_spacious_start(plan)
     known: list[Landmark | Position] = [Position(start[0], start[1])]
     known += [*_apart(sites, alike), *_apart(seen, (*alike, *beside))]
     known += [Position(thing.x_m, thing.y_m) for thing in known if isinstance(thing, Landmark)]
@@ -124,7 +124,7 @@ def _apart(sites: Sequence[Site], alike: Iterable[Landmark]) -> Iterator[Landmar
     draft = Draft("plan")
     for i, alias in enumerate(dict.fromkeys(alias for site in sites for alias in site.aliases)):
         draft.node(str(i), alias, start=True)
-    nodes = told_apart(draft.mission(), alike).nodes if draft.nodes else ()
+    nodes = mark_lookalikes(draft.mission(), alike).nodes if draft.nodes else ()
     return (thing for node in nodes for thing in node.see[0] if isinstance(thing, Landmark))
 
 

@@ -120,7 +120,7 @@ def medians(table: Table, points: Iterable[str], column: str) -> NDArray[np.floa
     return np.array([np.median(over_seeds(table, point, column)) for point in points])
 
 
-def nobody_was_hurt(table: Table) -> Statement:
+def check_no_harm(table: Table) -> Statement:
     """The paper: no robots crashed, and no correct ones were put into Safe Mode. Source: RoboRebound §5.2."""
     wronged, alone, contacts = (
         sum(int(rows[0, table.columns.index(name)]) for rows in table.cases.values())

@@ -116,5 +116,5 @@ def compare(table: Table) -> list[Statement]:
             agrees=bool((logs_f <= (1 + NEAR) * logs_f[0]).all()),
             why=f"no log more than {NEAR:.0%} longer than with f_max 1: they are shorter",
         ),
-        costs.nobody_was_hurt(table),
+        costs.check_no_harm(table),
     ]

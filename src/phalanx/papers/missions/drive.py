@@ -24,7 +24,7 @@ from phalanx.mission import BuildOptions, EncodedMission, Experience, Landmark, 
 from phalanx.mission.authoring.findable import apart_in
 from phalanx.mission.landmarks import FloorPlan, LaserScan, extract
 from phalanx.mission.landmarks.lidar import Lidar
-from phalanx.mission.walk.fix import begun_at, fixed, wheels_of
+from phalanx.mission.walk.fix import fixed, initial_belief, wheels_of
 from phalanx.mission.walk.walker import State, Walker
 from phalanx.papers.table import Rows, Table
 from phalanx.world.building.floorplan import DEFAULT, load_floorplan
@@ -143,7 +143,7 @@ def replay(
     """
     walker, state = Walker(mission, config=PATIENT), State()
     alone = Odometry(drive.start, noise, np.random.default_rng([seed, 1]))
-    belief = begun_at(PATIENT, drive.start)
+    belief = initial_belief(PATIENT, drive.start)
     extraction = ExtractionConfig(feature_range_m=feature_range_m)
     odometry, estimates, trials = [], [], []
     for i, ((way, turn), scan) in enumerate(zip(drive.motions.tolist(), drive.scans, strict=True)):

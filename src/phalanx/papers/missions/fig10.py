@@ -18,7 +18,7 @@ from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.mission import BuildOptions, Draft, EncodedMission, Experience, Landmark, Position, Profile, build
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.landmarks.codes import read_codes
-from phalanx.mission.walk.fix import begun_at, fixed, wheels_of
+from phalanx.mission.walk.fix import fixed, initial_belief, wheels_of
 from phalanx.mission.walk.search import Budget
 from phalanx.mission.walk.search_paper import PaperSearch
 from phalanx.mission.walk.walker import State, Walker
@@ -89,7 +89,7 @@ def measure_case(case: str, _tell: object = None) -> Rows:
     plan, mission = place()
     assert plan.start is not None, "our floor plan says where robots begin"
     camera, chance = Camera(plan), np.random.default_rng([seed, 10])
-    alone, belief = Odometry(plan.start, NOISE, np.random.default_rng([seed, 1])), begun_at(PATIENT, plan.start)
+    alone, belief = Odometry(plan.start, NOISE, np.random.default_rng([seed, 1])), initial_belief(PATIENT, plan.start)
     walker, state = Walker(mission, config=PATIENT), State()
     search, nodes = PaperSearch(mission, MissionConfig()), tuple(range(len(mission.nodes)))
     rows = []

@@ -65,7 +65,7 @@ def measure_case(case: str, _tell: object = None) -> Rows:
     poses[:, :2] += chance.normal(0, DRIFT_M, (SCANS, 2))
     grid_mm = int(kind.removeprefix("grid "))
     compiled_s, trials = _search_s(scans, poses, grid_mm)
-    with plainly():
+    with use_plain_hash():
         plain_s, plain_trials = _search_s(scans, poses, grid_mm)
     assert np.array_equal(trials, plain_trials), "both search the same cells in the same order"
     return np.column_stack([compiled_s, plain_s, trials])
@@ -108,7 +108,7 @@ def _search_s(scans: list[LaserScan], poses: NDArray[np.float64], grid_mm: int) 
 
 
 @contextmanager
-def plainly() -> Iterator[None]:
+def use_plain_hash() -> Iterator[None]:
     """While the body runs, a search hashes as the paper does it: hashlib, one hash after the other."""
     around: Any = search_cells
     of_all: Any = search_shapes

@@ -58,7 +58,7 @@ FALSE_FIX_RAD = math.radians(6)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Walked:
+class ErrandOutcome:
     """Outcome of the robot, by ground truth."""
 
     refused: str = ""  # the reason for which it did not start, or ""
@@ -77,7 +77,7 @@ class Walked:
 
 
 @dataclass(frozen=True, slots=True)
-class Guessed:
+class GuessOutcome:
     """Result of an attack on a captured mission: partly run, the rest extrapolated from its rate."""
 
     nodes: int

@@ -66,7 +66,7 @@ def _is_route(packet: Row, size: int) -> bool:
 
 
 @kernel
-def is_news(t_ms: int, packet: Row, state: Row, at: int) -> bool:
+def is_new_order(t_ms: int, packet: Row, state: Row, at: int) -> bool:
     """Return whether a signer's order is one that the robot has not heard and that nobody held back.
 
     A stop needs no number, so that none is too old to stop; but its signer must have said nothing since, nor since a

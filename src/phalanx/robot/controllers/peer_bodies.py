@@ -96,7 +96,7 @@ class PeerBody:
             outputs.append(Send(STATE.form.pack(KIND_STATE, self.rob_id, t_ms, *own[BEHIND_T:])))
         return outputs
 
-    def said_where(self, packet: bytes) -> tuple[int, float, float] | None:
+    def position_in(self, packet: bytes) -> tuple[int, float, float] | None:
         """Return the id of a robot that says where it is, and that, m; None if the packet says nothing of it."""
         said = fields_of(STATE, packet)
         return (said[ID], said[BEHIND_T], said[BEHIND_T + 1]) if said else None
@@ -140,7 +140,7 @@ class DrivenWheels(PeerBody):
         act[wheels.BODY], act[wheels.BODY + wheels.COMMAND_RIGHT] = left & 255, right & 255
         return [Act(bytes(act)), *outputs[1:]]
 
-    def said_where(self, packet: bytes) -> tuple[int, float, float] | None:
+    def position_in(self, packet: bytes) -> tuple[int, float, float] | None:
         """As a body's, from millimetres."""
         said = fields_of(WHEELS_STATE, packet)
         if not said:

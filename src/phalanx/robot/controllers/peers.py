@@ -83,7 +83,7 @@ class PeerController(Controller, ABC):
             before_ms, other.heard_ms = other.heard_ms, t_ms
             other.here, other.holds, other.wants = said[BEHIND_T:]
             self.told(said[ID], t_ms, before_ms)
-        elif where := self.body.said_where(packet):
+        elif where := self.body.position_in(packet):
             if other := self.others.get(where[0]):
                 _, other.x_m, other.y_m = where
         else:

@@ -34,7 +34,7 @@ NUMBERS = (EACH_BYTES - PROMISED_X) // F32_BYTES
 
 
 @kernel
-def is_meant(params: Params, gx: float, gy: float) -> bool:
+def exceeds_envelope(params: Params, gx: float, gy: float) -> bool:
     """Return whether g promises more than the envelope's speed."""
     most = MEANT * params[guard_law.SPEED]
     return bool(gx * gx + gy * gy <= most * most)
@@ -43,7 +43,7 @@ def is_meant(params: Params, gx: float, gy: float) -> bool:
 @kernel
 def disc(params: Params, gx: float, gy: float) -> tuple[float, float, float]:
     """The velocities that g stands for: their middle, x and y, and how far from it they are at most."""
-    if not is_meant(params, gx, gy):
+    if not exceeds_envelope(params, gx, gy):
         return 0.0, 0.0, params[guard_law.SPEED]
     return 0.5 * gx, 0.5 * gy, WIDE * math.sqrt(gx * gx + gy * gy) + STIRS * params[guard_law.SPEED]
 
@@ -65,7 +65,9 @@ def _said(state: Row, at: int) -> tuple[float, float]:
 
 
 @kernel
-def are_kept(params: Params, t_ms: int, state: Row, v: tuple[float, float], off_mps: float, rests_mps: float) -> bool:
+def keeps_promises(
+    params: Params, t_ms: int, state: Row, v: tuple[float, float], off_mps: float, rests_mps: float
+) -> bool:
     """Return whether the velocity keeps all promises that still hold."""
     for at in range(MADE_AT, END, EACH_BYTES):
         if get_u64(state, at + UNTIL) > t_ms and not holds(params, _said(state, at), v, off_mps, rests_mps):
@@ -117,7 +119,7 @@ def reach(
 @kernel
 def make(params: Params, t_ms: int, state: Row, gx: float, gy: float) -> tuple[float, float]:
     """Promise g and remember it, or extend the newest promise if too many still hold; return what is said."""
-    if not is_meant(params, gx, gy):
+    if not exceeds_envelope(params, gx, gy):
         return gx, gy
     oldest, newest = MADE_AT, MADE_AT
     for at in range(MADE_AT, END, EACH_BYTES):

@@ -48,14 +48,14 @@ TYPED = {"on_input": "on_reading", "on_recv": "on_state"}  # what each of these 
 class OwnMistake(OwnFileError):
     """An object of a researcher's file, `whose`, broke a rule in its `method`."""
 
-    def __init__(self, message: str, hint: str, whose: object, method: str = "on_input") -> None:
+    def __init__(self, message: str, hint: str, controller: object, method: str = "on_input") -> None:
         super().__init__(message, hint)
-        self.whose, self.method = whose, method
+        self.controller, self.method = controller, method
 
     @property
     def places(self) -> Iterator[tuple[str, int]]:
         """Yield file and line of each method in which it may have happened, the likeliest first; then of the class."""
-        kind = self.whose if isinstance(self.whose, type) else type(self.whose)
+        kind = self.controller if isinstance(self.controller, type) else type(self.controller)
         for name in (self.method, TYPED.get(self.method, "")):
             method: Any = getattr(kind, name, None)
             code = getattr(method and inspect.unwrap(method), "__code__", None)
@@ -188,16 +188,16 @@ class EvidenceController(Controller, ABC):
         return self.on_evidence(step, t_ms, reading, b"")
 
 
-def checked_outputs(returned: object, room: int, whose: object) -> list[Output]:
+def checked_outputs(returned: object, room: int, controller: object) -> list[Output]:
     """Return a controller's outputs as a list.
 
     Raises: OwnMistake: one is no output, out of order, or not of 1 to `room` bytes.
     """
-    asked = overridden(whose, "on_input")
+    asked = overridden(controller, "on_input")
     some = "a list of Command and State" if asked == "on_reading" else "a list of Act and Send"
 
     def refuse(what: str, hint: str) -> OwnMistake:
-        return OwnMistake(f"{asked} {what}", hint, whose)
+        return OwnMistake(f"{asked} {what}", hint, controller)
 
     if type(returned) is not list and (not isinstance(returned, Iterable) or isinstance(returned, str | bytes)):
         raise refuse(f"returned {kind_of(returned)}", f"{some}, empty for nothing")
@@ -220,20 +220,22 @@ def checked_outputs(returned: object, room: int, whose: object) -> list[Output]:
     return outputs
 
 
-def checked_state(returned: object, room: int, whose: object) -> bytes:
+def checked_state(returned: object, room: int, controller: object) -> bytes:
     """Return what `encode` returned. Raises: OwnMistake: it is not bytes, or longer than `room`."""
     if not isinstance(returned, bytes):
         hint = "bytes, as struct packs them; b'' for nothing"
-        raise OwnMistake(f"encode returned {kind_of(returned)}", hint, whose, "encode")
+        raise OwnMistake(f"encode returned {kind_of(returned)}", hint, controller, "encode")
     if len(returned) > room:
         hint = f"at most {room}, or state_bytes = {len(returned)} in its class"
-        raise OwnMistake(f"encode returned {len(returned)} bytes", hint, whose, "encode")
+        raise OwnMistake(f"encode returned {len(returned)} bytes", hint, controller, "encode")
     return returned
 
 
-def overridden(whose: object, method: str) -> str:
+def overridden(controller: object, method: str) -> str:
     """Return the name of the method that a researcher wrote: the one for bytes, or the one for dataclasses."""
-    return TYPED.get(method, method) if getattr(type(whose), method, None) is getattr(Controller, method) else method
+    return (
+        TYPED.get(method, method) if getattr(type(controller), method, None) is getattr(Controller, method) else method
+    )
 
 
 def kind_of(value: object) -> str:

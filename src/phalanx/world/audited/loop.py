@@ -138,7 +138,9 @@ def is_refused(world: World, i: int) -> bool:
     profile, packet = world.fleet.settings[0].profile, radio.next_packet(world.air, i)
     if profile != trusted.HARDENED or not request.is_audit(packet, len(packet)):
         return False
-    return trusted.anode_send(profile, world.fleet.anode[i], clock_ms(world, i), packet, len(packet), world.work.entry) < 0
+    return (
+        trusted.anode_send(profile, world.fleet.anode[i], clock_ms(world, i), packet, len(packet), world.work.entry) < 0
+    )
 
 
 @kernel

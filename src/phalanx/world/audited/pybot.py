@@ -16,7 +16,7 @@ from phalanx.robot import actions
 from phalanx.robot.actions import EVERYBODY, Action, Actuate, RetryAt, RoundAt, Transmit
 from phalanx.robot.adversary.liar import Liar
 from phalanx.robot.controllers.python_controller import OwnMistake
-from phalanx.robot.planner import Planner, advice_of, overheard
+from phalanx.robot.planner import Planner, advice_of, forward_state
 from phalanx.robot.robot import Robot
 from phalanx.wire import driven, guarded, protocols, table
 from phalanx.wire.fields import get_u16, row
@@ -148,7 +148,7 @@ def _look(world: World, robot: Robot, stage: Looks, now_us: int, now_ms: int) ->
 
 def _plan(world: World, robot: Robot, planner: Planner, kind: int, now_ms: int) -> None:
     if kind == MESSAGE:
-        overheard(planner, now_ms, world.packet[: world.packet_len[0]].tobytes())
+        forward_state(planner, now_ms, world.packet[: world.packet_len[0]].tobytes())
     elif kind == CONTROL:
         advice = advice_of(planner, now_ms, world.reading[: world.packet_len[0]].tobytes())
         if advice:

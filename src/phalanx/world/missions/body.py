@@ -48,7 +48,7 @@ class Building:
         """Return the robots' camera model if there are codes to read."""
         return self.camera.eye if self.camera else None
 
-    def pass_time(self, now_s: float) -> None:
+    def advance_people(self, now_s: float) -> None:
         """People are where they have walked by now."""
         while self._crowd is not None and self._steps * PEOPLE_STEP_S <= now_s:
             self._crowd.step(PEOPLE_STEP_S)

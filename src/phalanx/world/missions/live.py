@@ -32,7 +32,7 @@ EDGE_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class RobotTruth:
     """True pose of a robot (map frame), its mission's progress, and its vouchers."""
 
     x_m: float
@@ -51,13 +51,13 @@ class Standing:
 class Moment:
     """A tick: all robots, and what is new since the one before."""
 
-    robots: tuple[Standing, ...]
+    robots: tuple[RobotTruth, ...]
     news: tuple[News, ...]
     audits: tuple[tuple[int, int, str], ...] = ()  # that ended: auditor, auditee, why there was no token or ""
 
 
 @dataclass(frozen=True, slots=True)
-class Lie:
+class CompromiseRequest:
     """Request to compromise a robot: its number, and the attack's name."""
 
     robot: int
@@ -88,7 +88,7 @@ class Crew:
             ),
         )
 
-    def compromise(self, lie: Lie) -> None:
+    def compromise(self, lie: CompromiseRequest) -> None:
         """The robot lies from now on: it makes for the corner of the building that is farthest from it."""
         robot = self._world.robots[lie.robot]
         x0, y0, x1, y1 = self._run.plan.bounds
@@ -96,12 +96,12 @@ class Crew:
         toward_m = max(corners, key=lambda corner: math.dist(corner, robot.body.wheels.pose[:2]))
         self._world.compromise(lie.robot, attacks()[lie.attack], CheatPlan(after_ms=0, toward_m=toward_m))
 
-    def _standing(self, i: int, robot: MissionRobot) -> Standing:
+    def _standing(self, i: int, robot: MissionRobot) -> RobotTruth:
         phase, told = robot.controller.memory.walk.phase, robot.report.not_validated
         is_stopped = bool(self._world.world.safe[i])
         why = told[-1][1] if told and phase in (Phase.HELD, Phase.RETURNING) else ""
         begun = self._world.now_s >= robot.controller.given.wait_s
-        return Standing(
+        return RobotTruth(
             *robot.body.wheels.pose,
             Phase.HELD.value if is_stopped else phase.value if begun else WAITING,
             "Safe Mode" if is_stopped else why,

@@ -79,7 +79,7 @@ def orders_of_files(
             f"encoded files: {len(files)}, and {plain.name!r} is built into {len(plain.parts)}",
             "one file for each part, in the order in which they were built",
         )
-    plan = furnished(plan, plain)
+    plan = with_fixtures(plan, plain)
     check_sensed(plan, plain)
     doings = set(_doings(plain))
     is_watched = any(not doings.isdisjoint(_readings(alias)) for node in plain.nodes for alias in node.see)
@@ -112,7 +112,7 @@ def _has_room(plan: FloorPlan, x_m: float, y_m: float) -> bool:
     return plan.inside(x_m, y_m) and plan.clearance_m(x_m, y_m) >= DiffDriveConfig().radius_m
 
 
-def furnished(plan: FloorPlan, plain: Mission) -> FloorPlan:
+def with_fixtures(plan: FloorPlan, plain: Mission) -> FloorPlan:
     """The building with what its author put there and the map does not show: QR codes on walls, beacons at nodes."""
     shown = {code.text for code in plan.codes}
     hung = [

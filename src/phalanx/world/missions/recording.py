@@ -26,7 +26,7 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.recording.recorder import NS, WORLD, Recorder, cylinder, frame, pose_at, time_of
 
-from .report import Report, drift_words
+from .report import Report, format_drift
 
 GREY, GREEN = Color(r=0.4, g=0.4, b=0.4, a=1.0), Color(r=0.0, g=0.62, b=0.45, a=0.8)
 MARK_M, MARK_HEIGHT_M = 0.5, 0.3
@@ -109,7 +109,7 @@ def _log(reports: list[Report]) -> Iterator[Entry]:
         said = [(t_s, Log.INFO, f"decoded node {node}") for t_s, node in report.decoded]
         said += [(t_s, Log.WARNING, f"not validated: {reason}") for t_s, reason in report.not_validated]
         said += [(t_s, Log.INFO, f"did {action}") for t_s, action in report.actions]
-        said.append((report.t_s, Log.INFO, f"its wheels err by   {drift_words(report.drift)}"))
+        said.append((report.t_s, Log.INFO, f"its wheels err by   {format_drift(report.drift)}"))
         said.append((report.t_s, Log.INFO if report.done else Log.ERROR, "done" if report.done else "not completed"))
         for t_s, level, message in said:
             log = Log(timestamp=time_of(_ns(t_s)), level=level, name=f"robot-{report.robot + 1}", message=message)

@@ -21,7 +21,7 @@ from phalanx.world.building.odometry import Pose
 
 from .body import MissionBody
 from .setup import MissionRun
-from .truth import Truth, wrong_by
+from .truth import Truth, pose_error
 
 _TOLD = {Reason.DRIFT, Reason.CONTRADICTED, Reason.ALTERED}
 
@@ -128,7 +128,7 @@ class Logbook:
         if outcome is None:
             return
         report.hashes_tried += outcome.trials
-        if outcome.fix is not None and (wrong := wrong_by(true, estimate, self.controller.memory.belief.doubt)):
+        if outcome.fix is not None and (wrong := pose_error(true, estimate, self.controller.memory.belief.doubt)):
             report.false_fixes += 1
             report.denied.append((t_s, "fix", wrong))
         why = self._why_not(outcome, phase)
@@ -142,7 +142,7 @@ class Logbook:
         assert opened is not None, "called when there is one"
         self._digest.update(struct.pack("<i", opened.node))
         cell_m = self.controller.given.mission.header.coding.delta_mm / MM_PER_M
-        if wrong := self._truth.denies(self.body.wheels.pose, opened, self.controller.seen, cell_m):
+        if wrong := self._truth.decoding_error(self.body.wheels.pose, opened, self.controller.seen, cell_m):
             report.false_decodes += 1
             report.denied.append((t_s, f"node {opened.node}", wrong))
         if all(opened.node != node for _, node in report.decoded):
@@ -207,7 +207,7 @@ def digest_of(reports: list[Report]) -> str:
     return hashlib.sha256("\n".join(map(lived, reports)).encode()).hexdigest()
 
 
-def drift_words(drift: tuple[float, float, float]) -> str:
+def format_drift(drift: tuple[float, float, float]) -> str:
     """Format the estimated odometry drift for people, see `Report.drift`."""
     way, turn, curve = drift
     return f"way {100 * way:+.1f} %   turns {100 * turn:+.1f} %   {math.degrees(curve):+.2f}° a metre"

@@ -37,7 +37,7 @@ DEEP_M, WIDE_M = 0.25, 0.5
 AROUND_M = {"room": math.inf, "doorway": 1.5}
 
 
-def wrong_by(true: Pose, estimate: Pose, spread: Covariance | None) -> str:
+def pose_error(true: Pose, estimate: Pose, spread: Covariance | None) -> str:
     """Name the error of an estimated pose: "metres", "degrees", "sigmas", or "" if it is right.
 
     Args:
@@ -64,7 +64,7 @@ class Truth:
     def __init__(self, plan: FloorPlan, lidar: LidarConfig) -> None:
         self._plan, self._lidar = plan, lidar
 
-    def denies(self, true: Pose, opened: Opened, seen: Experience | None, cell_m: float) -> str:
+    def decoding_error(self, true: Pose, opened: Opened, seen: Experience | None, cell_m: float) -> str:
         """Name the error of a decoded node: "elsewhere", "hidden", "another", or "" if it is right.
 
         Args:

@@ -214,7 +214,7 @@ class MissionWorld:
                     told.append((there, here.controller.walker.report(here.controller.memory.walk)))
         for robot, proofs in told:
             memory = robot.controller.memory
-            robot.controller.memory = replace(memory, walk=robot.controller.walker.hear_report(memory.walk, proofs))
+            robot.controller.memory = replace(memory, walk=robot.controller.walker.accept_report(memory.walk, proofs))
         return told
 
     def _move(self, i: int) -> None:
@@ -223,7 +223,7 @@ class MissionWorld:
         if safe_us >= 0:
             body.advance(safe_us / US_PER_S)
             body.halt()
-        self.building.pass_time(self.now_s)
+        self.building.advance_people(self.now_s)
         body.advance(self.now_s)
         self.world.pos[i] = body.wheels.pose[:2]
 

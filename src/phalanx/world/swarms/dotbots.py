@@ -150,7 +150,7 @@ class Dotbots(Roster):
         self._record()
         self._drain(dt_s)
 
-    def _enter(self, who: Member, battery_mv: float) -> None:
+    def _enter(self, member: Member, battery_mv: float) -> None:
         edge = 4 * BODY_MM
         new = np.zeros((ROWS, 1))
         new[X] = self._random.uniform(edge, AREA_MM[0] - edge)
@@ -159,8 +159,8 @@ class Dotbots(Roster):
         new[BATTERY], new[THRESHOLD], new[TRAIL_X], new[TRAIL_Y] = battery_mv, DEFAULT_THRESHOLD_MM, math.nan, math.nan
         self._now = np.hstack((self._now, new))
         self._following = np.append(self._following, False)
-        self._rows[who.address] = len(self._members)
-        self._members.append(replace(who, route=(), history=deque(maxlen=self._longest_trail)))
+        self._rows[member.address] = len(self._members)
+        self._members.append(replace(member, route=(), history=deque(maxlen=self._longest_trail)))
         self._goals.append(0)
 
     def _stop_following(self, i: int) -> None:
@@ -175,19 +175,19 @@ class Dotbots(Roster):
     def _steer(self) -> None:
         if not self._following.any():
             return
-        who = np.flatnonzero(self._following)
-        dx, dy = self._now[GOAL_X, who] - self._now[X, who], self._now[GOAL_Y, who] - self._now[Y, who]
-        for i in who[dx * dx + dy * dy <= self._now[THRESHOLD, who] ** 2].tolist():
+        indices = np.flatnonzero(self._following)
+        dx, dy = self._now[GOAL_X, indices] - self._now[X, indices], self._now[GOAL_Y, indices] - self._now[Y, indices]
+        for i in indices[dx * dx + dy * dy <= self._now[THRESHOLD, indices] ** 2].tolist():
             if self._goals[i] + 1 < len(self._members[i].route):
                 self._aim(i, self._goals[i] + 1)
             else:
                 self._stop_following(i)
                 self._now[LEFT, i] = self._now[RIGHT, i] = 0
-        who = np.flatnonzero(self._following)
-        dx, dy = self._now[GOAL_X, who] - self._now[X, who], self._now[GOAL_Y, who] - self._now[Y, who]
-        sin, cos = np.sin(self._now[ANGLE, who]), np.cos(self._now[ANGLE, who])
+        indices = np.flatnonzero(self._following)
+        dx, dy = self._now[GOAL_X, indices] - self._now[X, indices], self._now[GOAL_Y, indices] - self._now[Y, indices]
+        sin, cos = np.sin(self._now[ANGLE, indices]), np.cos(self._now[ANGLE, indices])
         # The nose points along (-sin, cos); its right-hand side, clockwise of it, along (-cos, -sin).
-        self._now[LEFT, who], self._now[RIGHT, who] = wheels_towards(-dx * sin + dy * cos, -dx * cos - dy * sin)
+        self._now[LEFT, indices], self._now[RIGHT, indices] = wheels_towards(-dx * sin + dy * cos, -dx * cos - dy * sin)
 
     def _move(self, dt_s: float) -> None:
         left = self._now[LEFT] * (TOP_SPEED_MMPS / 100)
@@ -202,9 +202,11 @@ class Dotbots(Roster):
         dx, dy = self._now[X] - self._now[TRAIL_X], self._now[Y] - self._now[TRAIL_Y]
         driving = (self._now[LEFT] != 0) | (self._now[RIGHT] != 0)
         # Before the first point these are NaN, and nothing is near.
-        who = np.flatnonzero(driving & ~(dx * dx + dy * dy < HISTORY_STEP_MM**2))
-        self._now[TRAIL_X, who], self._now[TRAIL_Y, who] = self._now[X, who], self._now[Y, who]
-        for i, x, y in zip(who.tolist(), self._now[X, who].tolist(), self._now[Y, who].tolist(), strict=True):
+        indices = np.flatnonzero(driving & ~(dx * dx + dy * dy < HISTORY_STEP_MM**2))
+        self._now[TRAIL_X, indices], self._now[TRAIL_Y, indices] = self._now[X, indices], self._now[Y, indices]
+        for i, x, y in zip(
+            indices.tolist(), self._now[X, indices].tolist(), self._now[Y, indices].tolist(), strict=True
+        ):
             self._members[i].history.append(Point(round(x, 1), round(y, 1)))
 
     def _drain(self, dt_s: float) -> None:

@@ -24,11 +24,11 @@ from phalanx.mission import Built, Mission, admit
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.robot import Point, Robot
 from phalanx.robot.adversary.registry import attacks
-from phalanx.robot.on_mission import Decoded, Lit, News, Progress, Walk
+from phalanx.robot.on_mission import Decoded, DecodedPlace, News, Progress, Walk
 from phalanx.robot.roster import Roster, member
 from phalanx.robot.swarm import AttackChoice, Audit, Shield
-from phalanx.world.missions.live import WAITING, Lie, Moment, Standing, live
-from phalanx.world.missions.orders import Orders, check_sensed, furnished, orders_of, start_of
+from phalanx.world.missions.live import WAITING, CompromiseRequest, Moment, RobotTruth, live
+from phalanx.world.missions.orders import Orders, check_sensed, orders_of, start_of, with_fixtures
 from phalanx.world.missions.setup import MissionRun
 from phalanx.world.signals import handled_by
 
@@ -62,13 +62,13 @@ class MissionSwarm(Roster):
         self.plan = plan
         self._seed, self._clock = seed, clock
         super().__init__(replace(member(i), threshold_mm=0.0) for i in range(count))
-        self._standing = [Standing(*start_of(plan), WAITING, "")] * count
+        self._standing = [RobotTruth(*start_of(plan), WAITING, "")] * count
         self._heard_at_s = clock()
         self._orders: Orders | None = None
         self._started: set[bytes] = set()
         self._number = 0
         self._decoded: list[int] = [0] * count
-        self._lit: dict[tuple[int, int], Lit | None] = {}
+        self._lit: dict[tuple[int, int], DecodedPlace | None] = {}
         self._news: list[tuple[str, News]] = []
         context = get_context("spawn")
         self._pipe, theirs = context.Pipe()
@@ -150,7 +150,7 @@ class MissionSwarm(Roster):
 
     def check(self, plain: Mission) -> None:
         """Nothing, if robots can live such a mission, see `OnMission`."""
-        check_sensed(furnished(self.plan, plain), plain)
+        check_sensed(with_fixtures(self.plan, plain), plain)
 
     def prepare(self, plain: Mission, built: Sequence[Built]) -> Callable[[], None]:
         """Prepare all robots for a mission, see `OnMission`."""
@@ -186,7 +186,7 @@ class MissionSwarm(Roster):
         self._news.clear()
         for i, each in enumerate(self._members):
             each.history.clear()
-            self._standing[i] = Standing(*orders.parts[i % len(orders.parts)].start, WAITING, "")
+            self._standing[i] = RobotTruth(*orders.parts[i % len(orders.parts)].start, WAITING, "")
 
     def progress(self) -> Progress | None:
         """The mission that runs, or ran last."""
@@ -214,7 +214,7 @@ class MissionSwarm(Roster):
             for i, (each, stands) in enumerate(zip(self._members, self._standing, strict=True))
         ]
 
-    def lit(self) -> Sequence[Lit]:
+    def lit(self) -> Sequence[DecodedPlace]:
         """Return decoded nodes that have a place, in order of decoding."""
         return [lit for lit in self._lit.values() if lit is not None]
 
@@ -225,7 +225,7 @@ class MissionSwarm(Roster):
 
     # --- inside -------------------------------------------------------------------------------------------------------
 
-    def _tell(self, number: int, what: MissionRun | Lie) -> None:
+    def _tell(self, number: int, what: MissionRun | CompromiseRequest) -> None:
         try:
             self._pipe.send((number, what))
         except OSError as error:
@@ -261,12 +261,12 @@ class MissionSwarm(Roster):
     def _light(self, news: Decoded) -> None:
         assert self._orders is not None, "robots decode what they were given"
         self._decoded[news.robot] += 1
-        place = None if news.place_m is None else Lit(self.to_area(*news.place_m), news.type)
+        place = None if news.place_m is None else DecodedPlace(self.to_area(*news.place_m), news.type)
         self._lit.setdefault((news.robot % len(self._orders.parts), news.node), place)
 
 
 class ShieldedMissionSwarm(MissionSwarm):
-    """A `phalanx.robot.swarm.Shielded` swarm of robots on a mission that audit each other while they live it.
+    """A `phalanx.robot.swarm.AuditedSwarm` swarm of robots on a mission that audit each other while they live it.
 
     Raises: UsageError: as MissionSwarm; or too few robots.
     """
@@ -313,7 +313,7 @@ class ShieldedMissionSwarm(MissionSwarm):
         stands = self._standing[i]
         if self._orders is None or stands.attack or stands.safe_mode:
             raise Unknown(f"{self._members[i].name} is compromised or stopped already, or on no mission")
-        self._tell(self._number, Lie(i, attack))
+        self._tell(self._number, CompromiseRequest(i, attack))
 
     def _take(self, moment: Moment) -> None:
         super()._take(moment)

@@ -118,7 +118,7 @@ class StationAir:
 
 
 class ProtectedSwarm(Ordered):
-    """A `phalanx.robot.swarm.Shielded` swarm of 2 f_max + 2 to 100 that goes on when told that time has passed.
+    """A `phalanx.robot.swarm.AuditedSwarm` swarm of 2 f_max + 2 to 100 that goes on when told that time has passed.
 
     When f_max are stopped, each of the others still gets f_max + 1 tokens. The clock says seconds since 1970.
     Without `keys` they have keys of their own. With a `protocol`, one of ON_WHEELS, they do its work while nobody
@@ -240,7 +240,7 @@ class ProtectedSwarm(Ordered):
             while loop.run(self.world, until_us) == loop.FOR_PYTHON:
                 pybot.handle(self.world, self._nodes, stage=stage)
         for node in self._nodes.values():
-            node.bring_up()
+            node.flush_state()
         assert refused(self.world.queue) == 0, "the queue of events was too short"
         effort = np.abs(self.world.acc[: len(self._members)]).mean(axis=1)
         drained = self._battery_mv - (IDLE_MVPS + DRIVE_MVPS * effort) * dt_s
@@ -335,7 +335,7 @@ class ProtectedSwarm(Ordered):
         )
         make = self._work.make_controller if self._work else None
         if self._work:
-            self._nodes[i].bring_up()  # what it remembers is what the compromised robot goes on from
+            self._nodes[i].flush_state()  # what it remembers is what the compromised robot goes on from
         liar = lying(attacks()[attack], self.world.fleet, i, self.world.work, plan, make)
         self._liars[i] = self._nodes[i] = liar
         self.world.runs[i] = PYTHON

@@ -256,7 +256,7 @@ def _is_good(params: Params, t_ms: int, now: guard_law.Motion, state: Row, ax: f
     period = params[guard_law.PERIOD_S]
     then = (vx + period * ax, vy + period * ay)
     off, rests = guard_law.off_mps(params, now, ax, ay), guard_law.held_mps(params, ax, ay)
-    if not promises.are_kept(params, t_ms, state, then, off, rests):
+    if not promises.keeps_promises(params, t_ms, state, then, off, rests):
         return False
     if not guard_law.clear_of_walls(params, now, ax, ay):
         return False

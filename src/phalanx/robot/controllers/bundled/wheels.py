@@ -87,10 +87,10 @@ def size(state: Row) -> int:
 def begin(params: Params, _rob_id: int, state: Row) -> int:
     """The boot state is in `state`: whom it obeys, nothing heard, the LED dark; its length."""
     state[:ROUTE] = 0
-    for who in range(driven.SIGNERS):
-        at = SIGNERS + orders.EACH_BYTES * who
+    for signer in range(driven.SIGNERS):
+        at = SIGNERS + orders.EACH_BYTES * signer
         for k in range(driven.SIGNER_KEY_BYTES):
-            state[at + k] = whole(params[KEYS + driven.SIGNER_KEY_BYTES * who + k])
+            state[at + k] = whole(params[KEYS + driven.SIGNER_KEY_BYTES * signer + k])
         put_u64(state, at + orders.LEAST, orders.NEVER)
     return size(state)
 
@@ -115,10 +115,10 @@ def is_encoding(params: Params, _rob_id: int, state: Row, length: int) -> bool:
 
 @kernel
 def _are_signers(params: Params, state: Row) -> bool:
-    for who in range(driven.SIGNERS):
-        at = SIGNERS + orders.EACH_BYTES * who
+    for signer in range(driven.SIGNERS):
+        at = SIGNERS + orders.EACH_BYTES * signer
         for k in range(driven.SIGNER_KEY_BYTES):
-            if state[at + k] != whole(params[KEYS + driven.SIGNER_KEY_BYTES * who + k]):
+            if state[at + k] != whole(params[KEYS + driven.SIGNER_KEY_BYTES * signer + k]):
                 return False
         if not orders.is_signer(state, at):
             return False
@@ -130,28 +130,28 @@ def on_recv(params: Params, rob_id: int, t_ms: int, packet: Row, length: int, st
     """Obey an order that this robot has to obey; return the new length of the encoding. Source: docs/spec/orders.md."""
     if not orders.is_order(whole(params[MISSION]), rob_id, packet, length):
         return size(state)
-    who = whole(packet[orders.WHO])
-    at = SIGNERS + orders.EACH_BYTES * who
-    if not orders.is_news(t_ms, packet, state, at) or state[CHECKS] >= params[LOOKS]:
+    signer = whole(packet[orders.WHO])
+    at = SIGNERS + orders.EACH_BYTES * signer
+    if not orders.is_new_order(t_ms, packet, state, at) or state[CHECKS] >= params[LOOKS]:
         return size(state)
     state[CHECKS] += 1
     if orders.is_signed(packet, length, state, at):
         orders.learn(t_ms, packet, state, at)
-        _obey(who, t_ms, packet, length - driven.SIGNATURE_BYTES, state)
+        _obey(signer, t_ms, packet, length - driven.SIGNATURE_BYTES, state)
     return size(state)
 
 
 @kernel
-def _obey(who: int, t_ms: int, packet: Row, end: int, state: Row) -> None:
+def _obey(signer: int, t_ms: int, packet: Row, end: int, state: Row) -> None:
     """Carry out the order, but move nothing while an operator holds the robot. Source: docs/spec/vocabulary.md."""
     action, body = int(packet[orders.ACTION]), orders.BODY
     if action == driven.TELL_STOP:
-        state[HELD] |= 1 << who
+        state[HELD] |= 1 << signer
         state[LEFT] = 0
         state[RIGHT] = 0
         state[COUNT] = 0
     elif action == driven.TELL_GO:
-        state[HELD] &= HELD_BY_ALL - (1 << who)
+        state[HELD] &= HELD_BY_ALL - (1 << signer)
     elif action == driven.TELL_LED:
         copy(state, LED, packet, body, orders.LED_BYTES)
     elif action == driven.TELL_WHEELS and state[HELD] == 0:

@@ -26,7 +26,7 @@ from phalanx.mission.pose.belief import NUMBERS, Belief, of_numbers
 from phalanx.mission.refused import MalformedMission
 from phalanx.mission.walk.checkpoint import encode_state, parse_state, state_capacity
 from phalanx.mission.walk.claims import Claim
-from phalanx.mission.walk.fix import begun_at, fixed, wheels_of
+from phalanx.mission.walk.fix import fixed, initial_belief, wheels_of
 from phalanx.robot.controllers.python_controller import Act, Controller, EvidenceController, Output, Send
 from phalanx.wire import table
 from phalanx.wire.record import MalformedRecord
@@ -130,7 +130,7 @@ class MissionController(EvidenceController):
         super().__init__(rob_id)
         self.missions, self.walker = missions, walker
         self.given = missions.assigned[rob_id]
-        self.memory = Memory(begun_at(missions.config, self.given.start))
+        self.memory = Memory(initial_belief(missions.config, self.given.start))
         self.messages: tuple[bytes, ...] = ()
         self.tries = 0
         self.seen: Experience | None = None
@@ -181,7 +181,7 @@ class MissionController(EvidenceController):
             is_shown = 1 <= claim.shape.place < AT_POSITION or claim.shape.sensors
             return pack_evidence(claim, raw[:end], raw[end:]) if is_shown else pack_evidence(claim, b"")
         moved = now.travelled_m - self._fixed[0] > AGAIN_M or abs(wrap(now.pose[2] - self._fixed[1])) > AGAIN_RAD
-        if moved and self.walker.sees_again(walk, seen):
+        if moved and self.walker.pose_from_known(walk, seen):
             self._fixed = now.travelled_m, now.pose[2]
             return pack_evidence(None, raw[:end], raw[end:])
         return b""

@@ -19,7 +19,7 @@ from phalanx.arrays import F64x1, U8x1, U16x1
 from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
-from phalanx.mission.landmarks.scan import LaserScan, sort_out
+from phalanx.mission.landmarks.scan import LaserScan, clip_ranges
 from phalanx.wire.record import MalformedRecord
 from phalanx.wire.table import KIND_MISSION_READING, MISSION_READING, RANGE
 
@@ -51,7 +51,7 @@ def _ranges_of(words: U16x1, ranges: F64x1, least_m: float, most_m: float) -> No
             ranges[k] = np.nan
         else:
             ranges[k] = np.inf if words[k] == MISS else int(words[k]) / float(MM_PER_M)
-    sort_out(ranges, least_m, most_m)
+    clip_ranges(ranges, least_m, most_m)
 
 
 @kernel
