@@ -151,6 +151,7 @@ lint: lint-python lint-web
 lint-python: .venv/dev
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
+	$(BIN)/python scripts/lint_docs.py
 	$(LEFT_OVER) $(BIN)/mypy
 
 # While pip installs.
