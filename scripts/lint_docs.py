@@ -88,7 +88,8 @@ def is_table(line: str) -> bool:
 
 def paragraphs(text: str) -> Iterator[tuple[int, str]]:
     """Yield each paragraph, item or heading with the number of its first line."""
-    first, lines = 0, []
+    first = 0
+    lines: list[str] = []
     for number, line in enumerate([*text.splitlines(), ""], 1):
         begins = bool(MARKER.match(line))
         if lines and (not line.strip() or begins or is_table(line) or lines[-1].startswith("#")):

@@ -115,8 +115,8 @@ def audit() -> None:
 
     Candidates and times to open nodes are upper bounds, without a floor plan and with it. Who has the plan finds places
     without opening anything: docs/explanation/threat-model.md, "A captured mission". A robot's belief is
-    run ahead along each way: too long for its time-out, nothing in sight, or too unsure to tell a landmark from the next
-    that looks the same.
+    run ahead along each way: too long for its time-out, nothing in sight, or too unsure to tell a landmark from the
+    next that looks the same.
     """
 
 
