@@ -152,6 +152,7 @@ lint-python: .venv/dev
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	PYTHONPATH=src:. $(BIN)/lint-imports --no-cache
+	$(BIN)/python scripts/lint_docs.py
 	$(LEFT_OVER) $(BIN)/mypy
 
 # While pip installs.

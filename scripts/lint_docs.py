@@ -1,7 +1,7 @@
 """Check the prose of the documentation: python scripts/lint_docs.py [PAGE …]
 
 Outside of tables, code and generated parts: lines of at most 110 characters, sentences of at most 30 words. Everywhere:
-links that lead to a file and a heading. ALLOWED has the exceptions, each with its reason.
+links that lead to a file and a heading. ALLOWED has the exceptions: so many faults at most, and the reason.
 """
 
 from __future__ import annotations
@@ -13,7 +13,54 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 LINE_CHARACTERS, SENTENCE_WORDS = 110, 30
-ALLOWED: dict[str, str] = {}
+FORMULAS = "formulas and exact conditions; to be shortened page by page"
+RECORD = "a decision of the past: it is not rewritten, but for its length"
+BEING_CHANGED = "its content is changing; to be shortened after that"
+ALLOWED: dict[str, tuple[int, str]] = {
+    "docs/adr/0005-frames.md": (1, RECORD),
+    "docs/adr/0007-thin-jwe.md": (1, RECORD),
+    "docs/adr/0009-small-packets.md": (5, RECORD),
+    "docs/adr/0011-radio-model.md": (8, RECORD),
+    "docs/adr/0012-determinism-of-controllers.md": (3, RECORD),
+    "docs/adr/0013-scenarios-and-recordings.md": (2, RECORD),
+    "docs/adr/0014-requests-that-cost-nothing.md": (6, RECORD),
+    "docs/adr/0015-budgets-of-auditors.md": (3, RECORD),
+    "docs/adr/0016-two-profiles.md": (6, RECORD),
+    "docs/adr/0017-bindings.md": (1, RECORD),
+    "docs/adr/0018-search-in-steps.md": (3, RECORD),
+    "docs/adr/0019-landmarks.md": (12, RECORD),
+    "docs/adr/0020-missions-under-audit.md": (5, RECORD),
+    "docs/adr/0021-packages-instead-of-prefixes.md": (5, RECORD),
+    "docs/adr/0022-wheels-for-strangers.md": (1, RECORD),
+    "docs/adr/0023-brakes.md": (5, RECORD),
+    "docs/adr/0025-a-pose-that-knows-its-doubt.md": (5, RECORD),
+    "docs/adr/0026-claims-push-no-harder-than-a-flock.md": (6, RECORD),
+    "docs/adr/0027-each-neighbour-its-share.md": (4, RECORD),
+    "docs/adr/0028-what-was-lost-is-said-again.md": (7, RECORD),
+    "docs/adr/0029-a-master-key-for-each-robot.md": (1, RECORD),
+    "docs/adr/0030-who-lacks-a-token-listens.md": (2, RECORD),
+    "docs/adr/0031-orders-are-signed.md": (4, RECORD),
+    "docs/adr/0032-ctrl-c-waits-for-python.md": (1, RECORD),
+    "docs/adr/0033-nodes-that-are-elsewhere.md": (1, RECORD),
+    "docs/adr/0034-a-gateways-own-nodes.md": (1, RECORD),
+    "docs/adr/0035-advice-answers-a-reading.md": (1, RECORD),
+    "docs/adr/0036-who-lacks-tokens-asks-who-is-there.md": (4, RECORD),
+    "docs/adr/0038-one-robot.md": (1, RECORD),
+    "docs/adr/0039-ask-only-robots-that-answer-now.md": (20, BEING_CHANGED),
+    "docs/adr/0040-sessions-instead-of-mls.md": (1, RECORD),
+    "docs/promises.md": (30, BEING_CHANGED),
+    "docs/results.md": (40, BEING_CHANGED),
+    "docs/spec/link.md": (4, FORMULAS),
+    "docs/spec/mission.md": (32, FORMULAS),
+    "docs/spec/orders.md": (8, FORMULAS),
+    "docs/spec/rebound-nodes.md": (60, BEING_CHANGED),
+    "docs/spec/rebound.md": (30, BEING_CHANGED),
+    "docs/spec/sealed-radio.md": (2, FORMULAS),
+    "docs/spec/serial.md": (5, FORMULAS),
+    "docs/spec/session.md": (19, FORMULAS),
+    "docs/spec/vocabulary.md": (10, FORMULAS),
+    "docs/spec/world.md": (10, FORMULAS),
+}
 
 FENCE = re.compile(r"^( *)(`{3,}|~{3,}).*?^\1\2 *$", re.MULTILINE | re.DOTALL)
 MADE = re.compile(r"<!-- ([\w-]+):begin -->.*?<!-- \1:end -->", re.DOTALL)
@@ -25,6 +72,7 @@ END = re.compile(r"(?<!\be\.g)(?<!\bi\.e)(?<!\bAlg)(?<!\bFig)(?<!\bFigs)(?<!\bvs
 
 
 def blank(found: re.Match[str]) -> str:
+    """Return as many empty lines."""
     return "\n" * found[0].count("\n")
 
 
@@ -40,7 +88,8 @@ def is_table(line: str) -> bool:
 
 def paragraphs(text: str) -> Iterator[tuple[int, str]]:
     """Yield each paragraph, item or heading with the number of its first line."""
-    first, lines = 0, []
+    first = 0
+    lines: list[str] = []
     for number, line in enumerate([*text.splitlines(), ""], 1):
         begins = bool(MARKER.match(line))
         if lines and (not line.strip() or begins or is_table(line) or lines[-1].startswith("#")):
@@ -52,17 +101,19 @@ def paragraphs(text: str) -> Iterator[tuple[int, str]]:
 
 
 def words(sentence: str) -> int:
-    """Return how many words a reader reads: code in backticks and a number with its unit count once."""
+    """Return how many words a reader reads; code in backticks counts as one, an address as none."""
     plain = re.sub(r"`[^`]*`", "CODE", ADDRESS.sub("]", sentence))
     return len(re.findall(r"[^\W_][\w'./-]*", plain))
 
 
 def sentences(paragraph: str) -> list[str]:
+    """Split at full stops, but not at those in code."""
     shielded = re.sub(r"`[^`]*`", lambda code: re.sub(r"[.!?]", "_", code[0]), ADDRESS.sub("]", paragraph))
     return [each for each in END.split(shielded) if each.strip()]
 
 
 def anchors(page: Path) -> set[str]:
+    """Return the names by which links find a page's headings."""
     headings = re.findall(r"^#+ (.*)$", FENCE.sub(blank, page.read_text()), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
@@ -88,7 +139,9 @@ def faults(page: Path, text: str) -> Iterator[tuple[int, str]]:
 
 
 def pages() -> list[Path]:
-    return sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "examples").glob("*.md")])
+    """Return the documents that users read."""
+    top = [ROOT / f"{name}.md" for name in ("README", "CHANGELOG", "CONTRIBUTING", "SECURITY")]
+    return sorted([*top, *(ROOT / "docs").rglob("*.md"), *(ROOT / "examples").glob("*.md")])
 
 
 def main(arguments: list[str]) -> int:
@@ -97,9 +150,9 @@ def main(arguments: list[str]) -> int:
     for page in map(Path, arguments) if arguments else pages():
         page = page.resolve()  # noqa: PLW2901
         name = str(page.relative_to(ROOT)) if page.is_relative_to(ROOT) else page.name
-        if name in ALLOWED:
-            continue
-        for number, what in sorted(faults(page, page.read_text())):
+        found = sorted(faults(page, page.read_text()))
+        most, _ = ALLOWED.get(name, (0, ""))
+        for number, what in found if len(found) > most else ():
             print(f"{name}:{number}: {what}")
             bad = 1
     return bad
