@@ -33,7 +33,7 @@ from phalanx.cli.mission.files import read_plain
 from phalanx.config.builtin import built_in
 from phalanx.errors import UsageError
 from phalanx.mission import BuildOptions, Mission, Profile, build
-from phalanx.mission.authoring.survey import roomiest, survey, with_start
+from phalanx.mission.authoring.survey import most_spacious_start, survey, with_start
 from phalanx.mission.file import sealed
 from phalanx.mission.worth.outlook import time_for_s
 from phalanx.world.building.floorplan import FloorPlan, load_floorplan
@@ -137,7 +137,7 @@ def mission_in(where: str) -> tuple[Mission, FloorPlan]:
     there = ELSEWHERE / f"{where}.yaml"
     name = there if there.exists() else where
     plan = load_floorplan(name)
-    plan = plan if plan.start is not None else with_start(plan, roomiest(plan))
+    plan = plan if plan.start is not None else with_start(plan, most_spacious_start(plan))
     return survey(replace(load_floorplan(name, swept=True), start=plan.start)), plan
 
 

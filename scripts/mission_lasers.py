@@ -41,10 +41,10 @@ from phalanx.mission import (
     Walker,
     build,
 )
-from phalanx.mission.authoring.findable import ALIKE_RAD, alone, told_apart
+from phalanx.mission.authoring.findable import ALIKE_RAD, alone, mark_lookalikes
 from phalanx.mission.landmarks import LaserScan, extract
 from phalanx.mission.observable import HALF_TURN_TYPES, number_or_nan
-from phalanx.mission.walk.chart import turn_to
+from phalanx.mission.walk.chart import rotation_between
 from phalanx.mission.walk.fix import fixed, initial_belief, wheels_of
 from phalanx.world.missions.truth import pose_error
 
@@ -187,7 +187,7 @@ def survey(name: str, samples: list[Sample], start: Pose) -> tuple[Mission, Miss
     off = np.array([row for each in found if each.is_steady for row in each.off])
     config = replace(measured(samples), strangers_per_m2=density(every))
     seen_deg = max(config.sight_deg, math.degrees(float(np.sqrt(np.mean(off[:, 2] ** 2)))))
-    return told_apart(draft.mission(), every), replace(config, sight_deg=seen_deg, sure_deg=seen_deg * SURE)
+    return mark_lookalikes(draft.mission(), every), replace(config, sight_deg=seen_deg, sure_deg=seen_deg * SURE)
 
 
 def density(landmarks: list[Landmark]) -> float:
@@ -204,7 +204,7 @@ def density(landmarks: list[Landmark]) -> float:
 def turn_between(truth: Landmark, observed: Landmark) -> float:
     """By how much what was observed must be turned to be as the true one; NaN without an orientation."""
     turns = number_or_nan(truth.orientation_rad), number_or_nan(observed.orientation_rad)
-    return float(turn_to(*turns, truth.type in HALF_TURN_TYPES))
+    return float(rotation_between(*turns, truth.type in HALF_TURN_TYPES))
 
 
 def looks_like(one: Landmark, other: Landmark, turned_rad: float) -> bool:

@@ -188,10 +188,10 @@ from phalanx.robot.controllers.python_controller import Act
 
 class Brake(Liar):
     'Throws its commands away.'
-    def put_out(self, now_ms, output):
+    def send_output(self, now_ms, output):
         if self.lies(now_ms) and isinstance(output, Act):
             return []
-        return super().put_out(now_ms, output)
+        return super().send_output(now_ms, output)
 
 STOP = Attack("stop", Brake, bites_from=2.0, does="stops", stopped_by="replay")
 """
@@ -253,21 +253,21 @@ class TestAttack:
                 "lies.py:Brake:robot=2,at=1",
                 "lies.py:10: state: x_m is 'x'",
             ),
-            ({"return []": "return None"}, "lies.py:Brake:robot=2,at=1", "lies.py:8: put_out returned None"),
-            ({"return []": "return ['x']"}, "lies.py:Brake:robot=2,at=1", "lies.py:8: put_out returned str"),
+            ({"return []": "return None"}, "lies.py:Brake:robot=2,at=1", "lies.py:8: send_output returned None"),
+            ({"return []": "return ['x']"}, "lies.py:Brake:robot=2,at=1", "lies.py:8: send_output returned str"),
             (
                 {
-                    "def put_out(self, now_ms, output)": "def heard(self, now_ms, frame)",
-                    "super().put_out(now_ms, output)": "None",
+                    "def send_output(self, now_ms, output)": "def heard(self, now_ms, frame)",
+                    "super().send_output(now_ms, output)": "None",
                     "isinstance(output, Act)": "not frame",
                 },
                 "lies.py:Brake:robot=2,at=0.1",
                 "lies.py:6: on_packet returned None",
             ),
             (
-                {"def put_out(self, ": "def put_out(self, far, "},
+                {"def send_output(self, ": "def send_output(self, far, "},
                 "lies.py:Brake:robot=2,at=1",
-                "lies.py: TypeError: Brake.put_out()",
+                "lies.py: TypeError: Brake.send_output()",
             ),
             (
                 {"    def put": "    period_ms = 'x'\n    def put"},

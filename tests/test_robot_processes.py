@@ -63,14 +63,14 @@ class Follow(Controller):
 
 class Shove(Liar):
 
-    def put_out(self, now_ms, output):
+    def send_output(self, now_ms, output):
         if self.lies(now_ms) and isinstance(output, Act):
             output = Act(ACCELERATION.encode(id=self.id, t=now_ms, ax_mps2=-1.0, ay_mps2=0.0))
-        return super().put_out(now_ms, output)
+        return super().send_output(now_ms, output)
 
 class Broken(Liar):
-    def put_out(self, now_ms, output):
-        return [][1] if self.lies(now_ms) else super().put_out(now_ms, output)
+    def send_output(self, now_ms, output):
+        return [][1] if self.lies(now_ms) else super().send_output(now_ms, output)
 
 class North(Planner):
     def advise(self, t_s, position_m, velocity_mps):

@@ -120,7 +120,7 @@ def test_a_fresh_token_for_where_the_log_begins_is_no_answer():
     assert asking.gets(asking.token(auditor, q, PENDING), later_ms + 2) == 1
 
 
-@pytest.mark.parametrize("name", ["stale-answers", "wrong-checkpoint", "drain", "long-packets"])
+@pytest.mark.parametrize("name", ["stale-answers", "wrong-checkpoint", "drain", "long-frames"])
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_f_max_of_them_starve_nobody_on_the_paper_s_grid(name, seed):
     liars = tuple(AttackSpec(name=name, at_s=5.0) for _ in range(F_MAX))
@@ -137,7 +137,7 @@ def test_one_token_request_is_audited_once_however_often_it_is_sent():
 @pytest.mark.parametrize("t_audit_ms", [5000, 6000])
 def test_f_max_robots_that_say_all_they_may_do_not_fill_the_logs_of_five(t_audit_ms):
     """Rounds that are rare, and few to ask: the logs grow longest."""
-    liars = tuple(AttackSpec(name="long-packets", at_s=5.0) for _ in range(F_MAX))
+    liars = tuple(AttackSpec(name="long-frames", at_s=5.0) for _ in range(F_MAX))
     bti = BtiConfig(t_audit_ms=t_audit_ms)
     made = Scenario(name="few", robots=8, grid_step_m=20.0, duration_s=40.0, bti=bti, attacks=liars)
     ended = run(made)

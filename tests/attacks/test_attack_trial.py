@@ -17,7 +17,7 @@ from phalanx.world.scenarios.run import Run
 TOLD = {"duration_s": 60.0}
 SAME = {"harm": 0.0, "attacked": TOLD, "honest": TOLD, "honest_distance_m": 0.0, "stops": ()}
 STOPPED = FlockTrial(**trial_fields(IN_FLOCKS["crash"], "hardened"), **SAME, bound_s=10.101, missing_s=0.15)
-LIMITED = FlockTrial(**trial_fields(IN_FLOCKS["packet-flood"], "hardened"), **SAME, bound_s=None)
+LIMITED = FlockTrial(**trial_fields(IN_FLOCKS["frame-flood"], "hardened"), **SAME, bound_s=None)
 
 
 @pytest.mark.parametrize(

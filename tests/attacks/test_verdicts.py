@@ -35,12 +35,12 @@ REFUSED_FOR = {
     "stale-log": Refusal.REQUEST_INVALID,
     "starve-sensors": Refusal.INPUT_MISSING,
     "t-key": Refusal.OUT_OF_ORDER,
-    "long-packets": Refusal.OUTPUT_UNCALLED,
+    "long-frames": Refusal.OUTPUT_UNCALLED,
     "request-flood": Refusal.MALFORMED,
 }
 HOLES_OF_THE_PAPER = {
-    "stale-log", "zero-key", "request-flood", "packet-flood", "covert-talk", "ghost-auditors", "interleave",
-    "starve-sensors", "log-flood", "long-packets", "expel",
+    "stale-log", "zero-key", "request-flood", "frame-flood", "covert-talk", "ghost-auditors", "interleave",
+    "starve-sensors", "log-flood", "long-frames", "expel",
 }  # fmt: skip
 
 
@@ -99,7 +99,7 @@ def test_f_max_plus_two_compromised_robots_keep_each_other_alive():
     assert stop_bound_s(many, output_missing=False) is None, "nothing is promised"
 
 
-@pytest.mark.parametrize("name", ["packet-flood", "covert-talk"])
+@pytest.mark.parametrize("name", ["frame-flood", "covert-talk"])
 def test_a_flood_pours_what_its_bucket_has_for_ever_and_where_there_is_none_many_times_that(name):
     (limited,), (free,) = attacked(name, "hardened").airtime, attacked(name, "paper").airtime
     assert 0.9 * limited.bucket_s < limited.used_s <= limited.bucket_s
@@ -115,7 +115,7 @@ def test_auditors_look_at_as_many_requests_of_one_robot_as_they_take_and_at_more
 
 
 @pytest.mark.parametrize(
-    "name", ["request-flood", "packet-flood", "covert-talk", "slot-squat", "log-flood", "refuse-to-audit"]
+    "name", ["request-flood", "frame-flood", "covert-talk", "slot-squat", "log-flood", "refuse-to-audit"]
 )
 @pytest.mark.parametrize("seeds", [range(1), pytest.param(range(1, 3), marks=pytest.mark.long)])
 def test_f_max_of_them_starve_nobody(name, seeds):

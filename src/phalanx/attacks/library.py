@@ -165,7 +165,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                does="sends auditors empty requests for audits in everybody's name, so that true ones are turned away",
                stopped_by="nothing; in `hardened` the a-node writes the source, and auditors take one a robot and "
                           "T_audit / 2"),
-        flock("packet-flood", "channel.FrameFlood", LIMITED, AIRTIME, 40,
+        flock("frame-flood", "channel.FrameFlood", LIMITED, AIRTIME, 40,
                does="fills the channel with long AUDIT packets, which no log shows",
                stopped_by="nothing ends it; in `hardened` AUDIT packets draw airtime from a leaky bucket of the "
                           "a-node's"),
@@ -199,7 +199,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                     "are full",
                stopped_by="replay sends no such packet; and in `hardened` the a-node's bucket for broadcasts lets few "
                           "bytes out"),
-        flock("long-packets", "channel.LongFrames", by_defence("harmless", "bites", "stopped"), STARVED, 1, crowd=True,
+        flock("long-frames", "channel.LongFrames", by_defence("harmless", "bites", "stopped"), STARVED, 1, crowd=True,
                does="audits nobody, and broadcasts the longest packets that cost the airtime of four states, to "
                     "fill others' logs",
                stopped_by="replay sends no such packet; and in `hardened` logs have room for f_max robots that do so "

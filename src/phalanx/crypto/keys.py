@@ -79,7 +79,7 @@ class Lock:
 def unlock(text: bytes, passphrase: str) -> tuple[Lock, bytes]:
     """Return the lock that a text was sealed with, and what it says; its form is checked before scrypt is run.
 
-    Raises: Damaged: it is none, or was changed. NotAuthentic: the passphrase is another.
+    Raises: CorruptData: it is none, or was changed. NotAuthentic: the passphrase is another.
     """
     whole = _whole(text)
     salt, rest = whole[:SALT_BYTES], whole[SALT_BYTES:]

@@ -128,7 +128,7 @@ class Keys:
 
     @classmethod
     def parse(cls, plain: bytes) -> Keys:
-        """As `plain`. Raises: Damaged: it is not as we write it."""
+        """As `plain`. Raises: CorruptData: it is not as we write it."""
         try:
             told: dict[str, Any] = json.loads(plain)
             robots = {int(robot): Robot(**about) for robot, about in told["robots"].items()}

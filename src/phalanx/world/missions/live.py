@@ -131,7 +131,7 @@ def live(pipe: Connection, held: c_byte) -> None:
     """Lives what it is told until the pipe is closed: the body of the process.
 
     Args:
-        pipe: takes (number, MissionRun or Lie), gives (number, Moment or None): of that run, None before the first.
+        pipe: takes (number, MissionRun or CompromiseRequest), gives (number, Moment or None before the first).
         held: other than 0 while robots are to stand still.
     """
     os.nice(NICE)
