@@ -122,7 +122,7 @@ class ProtectedSwarm(Ordered):
 
     When f_max are stopped, each of the others still gets f_max + 1 tokens. The clock says seconds since 1970.
     Without `keys` they have keys of their own. With a `protocol`, one of ON_WHEELS, they do its work while nobody
-    drives them.
+    drives them; with `keeps_apart` they avoid each other meanwhile, also when somebody drives them.
     Raises: UsageError: the count is out of range.
     """
 
@@ -136,6 +136,7 @@ class ProtectedSwarm(Ordered):
         f_max: int = 3,
         keys: SwarmKeys | None = None,
         protocol: str = "",
+        keeps_apart: bool = False,
     ) -> None:
         if not fewest_robots(f_max) <= count <= MOST_ROBOTS:
             raise UsageError(
@@ -160,7 +161,7 @@ class ProtectedSwarm(Ordered):
         )
         self._work: Work | None = None
         if protocol:
-            self._work = Work(protocol, self._config, params, places_mm / 1000, seed)
+            self._work = Work(protocol, self._config, params, places_mm / 1000, seed, keeps_apart=keeps_apart)
             self._config = self._work.bti
         self.world = make_world(
             Setup(
@@ -233,12 +234,12 @@ class ProtectedSwarm(Ordered):
         """Let `dt_s` seconds pass."""
         while self._to_stop:
             self.drive(self._members[self._to_stop.pop()].address, 0, 0)
-        end_s, stage = self._now_s + dt_s, self._work.stage if self._work else None
+        end_s, looks = self._now_s + dt_s, self._work.looks if self._work else None
         while self._now_s < end_s:
             self._now_s = min(end_s, self._station.speak(self._air, self._now_s, self._now_ms))
             until_us = round(self._now_s * 1e6)
             while loop.run(self.world, until_us) == loop.FOR_PYTHON:
-                pybot.handle(self.world, self._nodes, stage=stage)
+                pybot.handle(self.world, self._nodes, stage=looks)
         for node in self._nodes.values():
             node.bring_up()
         assert refused(self.world.queue) == 0, "the queue of events was too short"
