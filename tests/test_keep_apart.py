@@ -61,9 +61,9 @@ def test_a_visitor_does_not_drive_one_into_another_and_on_a_route_it_goes_around
 
 
 def test_a_reading_has_the_nearest_and_nonsense_has_none():
-    near = encode_near((1.0, 1.0), [(1.5, 1.0), (1.1, 1.0), (1.0, 0.72), (1.2, 1.2), (0.9, 0.9), (0.7, 1.0)])
+    near = encode_near((1.0, 1.0), [(1.5, 1.0), (1.1, 1.0), (1.0, 0.7), (1.15, 1.15), (0.9, 0.9), (0.72, 1.0)])
     assert len(near) == NEAR_BYTES
-    assert decode_near(near) == [(100, 0), (-100, -100), (200, 200), (0, -280)]
+    assert decode_near(near) == [(100, 0), (-100, -100), (150, 150), (-280, 0)]
     assert decode_near(encode_near((1.0, 1.0), [])) == []
     assert decode_near(near[1:]) == []
 

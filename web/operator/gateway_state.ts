@@ -103,6 +103,8 @@ export interface Refusal {
 export interface Shields {
   readonly tokens_needed: number;
   readonly t_val_ms: number;
+  /** Whether stopped robots can begin anew: those of a simulation. */
+  readonly revives: boolean;
   readonly attacks: readonly Attack[];
   /** The newest first. */
   readonly refusals: readonly Refusal[];
@@ -267,6 +269,7 @@ function shields(json: unknown): Shields {
   return {
     tokens_needed: finite(it["tokens_needed"], "shields.tokens_needed"),
     t_val_ms: finite(it["t_val_ms"], "shields.t_val_ms"),
+    revives: it["revives"] === true,
     attacks: list(it["attacks"], "shields.attacks").map((each) => {
       const attack = record(each, "attack");
       return { name: text(attack["name"], "attack.name"), does: text(attack["does"], "attack.does") };

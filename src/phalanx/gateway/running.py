@@ -57,7 +57,7 @@ class Running:
         self.link, self.shared, self._broker = link, shared, broker
         links: list[Link] = [link, *([shared.server] if shared else [])]
         self.gateway = Gateway(swarm, *links, say=say, is_driven=link.is_driven)
-        self.desk = OperatorDesk(link, swarm, self.gateway.brakes, page_url, self.hold)
+        self.desk = OperatorDesk(link, swarm, self.gateway.brakes, page_url, self.hold, self.revive)
         self._options = options
         self._loop = asyncio.get_running_loop()
         self._say = say
@@ -160,6 +160,12 @@ class Running:
             raise Unknown("these robots do not audit each other: nothing would stop it")
         self.gateway.shields.compromise(address, attack)
 
+    def revive(self, address: str) -> None:
+        """Have a stopped robot begin anew. Raises: Unknown, UsageError: see `ShieldWatch.revive`."""
+        if self.gateway.shields is None:
+            raise Unknown("these robots do not audit each other: none is stopped")
+        self.gateway.shields.revive(address)
+
     def hold(self, held: bool) -> None:
         """Every robot stands still from now on, whatever it is told and whatever the link does; or may move again.
 
@@ -220,6 +226,8 @@ class Running:
     async def _report(self) -> None:
         while True:
             await asyncio.sleep(REPORT_S)
+            if self._options.revive_s is not None and self.gateway.shields:
+                self.gateway.shields.revive_after(self._options.revive_s, time.monotonic())
             for reason, count in self.rejected.items():
                 if count != self._told[reason]:
                     self._told[reason] = count

@@ -28,6 +28,7 @@ from phalanx.net.session_store import LinkKeys
 from phalanx.net.site import beside
 from phalanx.robot import Swarm
 from phalanx.robot.on_mission import OnMission
+from phalanx.robot.swarm import Revivable
 
 from .at_broker import AtBroker
 from .missions.desk import MissionDesk
@@ -36,6 +37,7 @@ from .serve_pages import PAGES, VISITOR_POLICY, OperatorPages
 from .serving import for_at_most, until_connected
 from .session_link import Say, SessionLink
 from .shared_code import SharedCode
+from .shields import BY_HAND, NOT_ON_MISSION
 from .state_folder import Kept, kept_in
 
 log = logging.getLogger(__name__)
@@ -63,6 +65,7 @@ class UpOptions:
     operator_port: int = 0  # of the operator's page; 0 for any free one
     operator_token: str = field(default="", repr=False)  # of the operator's page; "" for a new one
     stop_file: Path | None = None  # is there while the operator has stopped all robots: a restart does not free them
+    revive_s: float | None = None  # simulated robots that were stopped begin anew after so long
     duration_s: float | None = None  # end by itself after so long
     # --- a broker ---
     broker: str = ""  # for visitors who do not reach this machine: mosquitto or a URL
@@ -142,6 +145,9 @@ async def up(
             at = AtBroker(broker, sessions, options.frontend or page_url, for_visitors)
             shared = SharedCode(options, broker, for_visitors, page_url) if options.qrkey else None
         robots = swarm()
+        if options.revive_s is not None and not isinstance(robots, Revivable):
+            what = NOT_ON_MISSION if isinstance(robots, OnMission) else BY_HAND
+            raise UsageError(f"--revive: {what[0]}", what[1])
         link = SessionLink(
             front,
             kept.store,

@@ -32,6 +32,13 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
     " other]",
     metavar="NAME",
 )
+@option(
+    "--revive",
+    "revive_s",
+    help="Simulated robots that were stopped begin anew after so many seconds, honest. Without: by hand, with phalanx"
+    " link revive or on the operator's page.",
+    type=SECONDS,
+)
 @option("--seed", help="Of the robots' places and batteries.", default=0)
 @option(
     "--mission",
