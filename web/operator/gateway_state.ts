@@ -143,6 +143,8 @@ export interface GatewayState {
   /** The operator has stopped all robots. */
   readonly held: boolean;
   readonly page_url: string;
+  /** The projector's page, with its token; "" if there is none. */
+  readonly projector: string;
   readonly qr_url: string;
   readonly qr_svg: string;
   readonly rotates_in_s: number;
@@ -183,6 +185,7 @@ export function parseState(json: unknown): GatewayState {
     mode: text(state["mode"], "mode"),
     held: state["held"] === true,
     page_url: text(state["page_url"], "page_url"),
+    projector: typeof state["projector"] === "string" && state["projector"].startsWith("/projector#") ? state["projector"] : "",
     qr_url: text(state["qr_url"], "qr_url"),
     qr_svg: text(state["qr_svg"], "qr_svg"),
     rotates_in_s: finite(state["rotates_in_s"], "rotates_in_s"),

@@ -22,6 +22,7 @@ from phalanx.config import LinkConfig
 from phalanx.errors import PhalanxError, UsageError
 from phalanx.gateway import pages_are_built
 from phalanx.gateway.demo import Plan, mission_swarm, plan_swarm, simulated_swarm
+from phalanx.gateway.projector import Wifi
 from phalanx.gateway.running import Running
 from phalanx.gateway.up import UpOptions
 from phalanx.gateway.up import up as run_gateway
@@ -65,6 +66,8 @@ def up(
     operator_token_file: Path | None,
     state: Path | None,
     events: bool,
+    wifi_ssid: str | None,
+    wifi_password_file: Path | None,
     **served: Any,
 ) -> None:
     """Runs a gateway until it is stopped."""
@@ -85,6 +88,7 @@ def up(
         state=state or default_state(),
         state_is_optional=state is None,
         operator_token=token,
+        wifi=_wifi(wifi_ssid, wifi_password_file),
         stop_file=operator_token_file and operator_token_file.with_name(f"{operator_token_file.name}.stopped"),
         **served,
     )
@@ -132,6 +136,24 @@ def _refuse_without_broker(link: LinkConfig, served: dict[str, Any], broker_logi
                 option = f"--{name.replace('_', '-')}"
                 hint = "leave it out: visitors reach this machine itself; or --broker mosquitto|URL"
                 raise UsageError(f"{option} without --{needed}", hint + " --qrkey" * (needed == "qrkey"))
+
+
+def _wifi(ssid: str | None, password_file: Path | None) -> Wifi | None:
+    """Return the visitors' network. Raises: UsageError: there can be no such, or its password cannot be read."""
+    if ssid is None:
+        if password_file is not None:
+            raise UsageError("--wifi-password-file without --wifi", "say the network's name: --wifi SSID")
+        return None
+    if password_file is None:
+        return Wifi(ssid)
+    try:
+        password = password_file.read_text().partition("\n")[0].rstrip("\r")
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or "no text"
+        raise UsageError(f"cannot read {plain(password_file)}: {why}", "a file with the password in a line") from error
+    if not password:
+        raise UsageError(f"{plain(password_file)} is empty", "a file with the password in a line")
+    return Wifi(ssid, password)
 
 
 def _as_is(swarm: Swarm) -> Swarm:
@@ -256,6 +278,11 @@ def _tell(options: UpOptions, event: dict[str, Any]) -> None:
         case "ready":
             status_line("")
             click.echo(f"operator  {event['operator_url']}")
+            if event["unreachable"]:
+                talk(event["unreachable"] + " Connect it to a network, and start this again.")
+            if options.wifi:
+                name = plain(options.wifi.ssid)
+                click.echo(f"Wi-Fi  {name}\n{qr_text(options.wifi.code, colour=sys.stdout.isatty(), border=1)}")
             alone = options.host in ("127.0.0.1", "localhost")
             _show_code("visitors (phones need --host 0.0.0.0)" if alone else "visitors", event["qr_url"])
         case "rotation":

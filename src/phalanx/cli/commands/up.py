@@ -98,6 +98,13 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
     "  [default: ~/.local/state/phalanx, unless another gateway has it]",
     type=FOLDER,
 )
+@option(
+    "--wifi",
+    "wifi_ssid",
+    help="Show a code by which phones join this Wi-Fi network, on the terminal and the projector's page.",
+    metavar="SSID",
+)
+@option("--wifi-password-file", help="Its password, the first line of a file; without, the network is open.", type=FILE)
 @option("--operator-port", help="Of the operator's page; 0 is any free one.", type=PORT, default=0)
 @option(
     "--operator-token-file",
