@@ -130,6 +130,10 @@ class ShieldWatch:
                 with contextlib.suppress(Unknown):  # somebody has revived it by hand
                     self.revive(address)
 
+    def is_stopped(self, address: str) -> bool:
+        """Return whether a robot is stopped."""
+        return any(shield.safe_mode for shield in self._swarm.shields() if shield.address == address)
+
     @property
     def can_revive(self) -> bool:
         """Whether stopped robots can begin anew."""

@@ -39,6 +39,12 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
     " link revive or on the operator's page.",
     type=SECONDS,
 )
+@option(
+    "--tour",
+    help="Show the three shields, a minute each, with captions on the projector's page, again and again: a visitor"
+    " drives, robots decode a mission, one that lies is stopped and revived.",
+    is_flag=True,
+)
 @option("--seed", help="Of the robots' places and batteries.", default=0)
 @option(
     "--mission",
