@@ -31,9 +31,9 @@ ACT_S = 60.0
 SETTLE_S, DRIVE_S, LOOK_S = 5.0, 4.0, 0.5
 BENDS = ((60, 60), (70, 40), (40, 70))  # wheels, percent
 ATTACK = "hijack"  # anybody can see what it does
-LINK = "Shield 1: only who scanned the code can drive. Nobody else reads or changes what phones send."
-MISSION = "Shield 2: robots find their way by landmarks. Whoever captures one cannot read the way."
-AUDITS = "Shield 3: the robots check each other. Watch the rings: each arc is a neighbour that vouches."
+LINK = "Shield 1: only phones that scanned the code can drive."
+MISSION = "Shield 2: robots find their way by landmarks, and tell it to no thief."
+AUDITS = "Shield 3: robots check each other. Each arc of a ring is a neighbour that vouches."
 
 MakeSwarm = Callable[[], AbstractContextManager[Swarm]]
 Script = Callable[[Running], Awaitable[None]]
