@@ -51,6 +51,7 @@ export default defineConfig(() => {
     build: {
       outDir: `${import.meta.dirname}/../src/phalanx/gateway/pages/${page}`,
       emptyOutDir: true,
+      rolldownOptions: page === "operator" ? { input: ["index", "projector"].map((name) => `${import.meta.dirname}/operator/${name}.html`) } : {},
       // A data: URL would need its own word in the content security policy.
       assetsInlineLimit: 0,
       modulePreload: { polyfill: false },

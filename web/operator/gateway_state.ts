@@ -103,6 +103,8 @@ export interface Refusal {
 export interface Shields {
   readonly tokens_needed: number;
   readonly t_val_ms: number;
+  /** Whether stopped robots can begin anew: those of a simulation. */
+  readonly revives: boolean;
   readonly attacks: readonly Attack[];
   /** The newest first. */
   readonly refusals: readonly Refusal[];
@@ -141,6 +143,8 @@ export interface GatewayState {
   /** The operator has stopped all robots. */
   readonly held: boolean;
   readonly page_url: string;
+  /** The projector's page, with its token; "" if there is none. */
+  readonly projector: string;
   readonly qr_url: string;
   readonly qr_svg: string;
   readonly rotates_in_s: number;
@@ -181,6 +185,7 @@ export function parseState(json: unknown): GatewayState {
     mode: text(state["mode"], "mode"),
     held: state["held"] === true,
     page_url: text(state["page_url"], "page_url"),
+    projector: typeof state["projector"] === "string" && state["projector"].startsWith("/projector#") ? state["projector"] : "",
     qr_url: text(state["qr_url"], "qr_url"),
     qr_svg: text(state["qr_svg"], "qr_svg"),
     rotates_in_s: finite(state["rotates_in_s"], "rotates_in_s"),
@@ -267,6 +272,7 @@ function shields(json: unknown): Shields {
   return {
     tokens_needed: finite(it["tokens_needed"], "shields.tokens_needed"),
     t_val_ms: finite(it["t_val_ms"], "shields.t_val_ms"),
+    revives: it["revives"] === true,
     attacks: list(it["attacks"], "shields.attacks").map((each) => {
       const attack = record(each, "attack");
       return { name: text(attack["name"], "attack.name"), does: text(attack["does"], "attack.does") };

@@ -42,6 +42,11 @@ export function Invitation({ token, newest, outOfOrder, exhibition }: Props) {
           {!on && <NewCode token={token} isShared={isShared} overlapping={newest.state.overlapping} />}
           {!on && session && <RoomToggle token={token} isShown={session.room !== undefined} />}
           {!on && <CopyLink url={newest.state.qr_url} />}
+          {!on && newest.state.projector !== "" && (
+            <a className="button" href={newest.state.projector} target="_blank" rel="noreferrer">
+              Projector
+            </a>
+          )}
           <button ref={button} type="button" className={on ? "subtle" : "primary"} onClick={on ? leave : enter}>
             {on ? "Back to the overview" : "QR only"}
           </button>

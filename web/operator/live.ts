@@ -10,12 +10,14 @@ const MOST_CHARS = 16_000_000;
 
 export class Live implements SwarmSource {
   readonly #token: string;
+  readonly #path: string;
   readonly #listeners = new Set<() => void>();
   readonly #ended = new AbortController();
   #view: SwarmView = { swarm: NO_SWARM, health: { state: "connecting", broker: "away" }, visit: NO_VISIT };
 
-  constructor(token: string) {
+  constructor(token: string, path = "/api/frames") {
     this.#token = token;
+    this.#path = path;
     void this.#run();
   }
 
@@ -46,7 +48,7 @@ export class Live implements SwarmSource {
   }
 
   async #read(): Promise<void> {
-    const answer = await fetch("/api/frames", {
+    const answer = await fetch(this.#path, {
       headers: { Authorization: `Bearer ${this.#token}` },
       cache: "no-store",
       credentials: "omit",
@@ -85,15 +87,15 @@ export class Live implements SwarmSource {
 }
 
 /** The live swarm, for as long as the component lives. */
-export function useLive(token: string): Live | undefined {
+export function useLive(token: string, path = "/api/frames"): Live | undefined {
   const [live, setLive] = useState<Live>();
   useEffect(() => {
-    const opened = new Live(token);
+    const opened = new Live(token, path);
     setLive(opened);
     return () => {
       opened.close();
       setLive(undefined);
     };
-  }, [token]);
+  }, [token, path]);
   return live;
 }

@@ -87,6 +87,7 @@ export function CompromiseCard({ token, robots, shields }: Props) {
             ))}
         </ul>
       )}
+      <Stopped token={token} robots={robots} shields={shields} />
       {attack && (
         <p className="quiet">
           It {attack.does}. Its <Term of="trusted">trusted nodes</Term> stay as they are; visitors are not told which robot it is.
@@ -103,6 +104,37 @@ export function CompromiseCard({ token, robots, shields }: Props) {
         </p>
       )}
     </section>
+  );
+}
+
+/** Robots that were stopped, each with a button to let it begin anew. */
+function Stopped({ token, robots, shields }: Props) {
+  const [asked, setAsked] = useState<ReadonlySet<string>>(new Set());
+  const [trouble, setTrouble] = useState<string>();
+  const stopped = robots.filter((robot) => shields.robots[robot.address]?.safe_mode);
+  if (!shields.revives || stopped.length === 0) return null;
+
+  async function revive(address: string) {
+    setAsked((before) => new Set(before).add(address));
+    const refused = await order(token, "link/revive", { robot: address });
+    setTrouble(refused);
+    // The robot is stopped for some seconds more: a second click would be refused.
+    setTimeout(() => setAsked((before) => new Set([...before].filter((each) => each !== address))), refused ? 0 : 8000);
+  }
+
+  return (
+    <div className="revive" data-testid="stopped">
+      {stopped.map(({ address, name }) => (
+        <button key={address} type="button" disabled={asked.has(address)} onClick={() => void revive(address)}>
+          Revive {name}
+        </button>
+      ))}
+      {trouble !== undefined && (
+        <p className="trouble" role="alert">
+          {trouble}
+        </p>
+      )}
+    </div>
   );
 }
 

@@ -20,6 +20,7 @@ from phalanx import __version__
 from phalanx.errors import PhalanxError, did_you_mean
 
 LEVELS = ("debug", "info", "warning", "error")
+SAID = "phalanx: %(levelname)s: %(message)s"  # who watches needs neither time nor module
 LOGGED = "phalanx: %(levelname)s: %(asctime)s %(name)s: %(message)s"
 # What stdout says on a full disk.
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
@@ -92,7 +93,9 @@ class _Group(click.Group):
 def phalanx(log_level: str) -> None:
     """Keep a robot swarm in honest hands: who may command, what may be done, what is really done."""
     # In the place of a status line, not behind it.
-    line = f"\r\x1b[2K{LOGGED}" if sys.stderr.isatty() else LOGGED
+    for_people = sys.stderr.isatty() and log_level == "warning"
+    logged = SAID if for_people else LOGGED
+    line = f"\r\x1b[2K{logged}" if sys.stderr.isatty() else logged
     logging.basicConfig(level=log_level.upper(), format=line, datefmt="%Y-%m-%dT%H:%M:%S%z", force=True)
 
 

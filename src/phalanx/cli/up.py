@@ -8,7 +8,7 @@ import logging
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
@@ -22,7 +22,10 @@ from phalanx.config import LinkConfig
 from phalanx.errors import PhalanxError, UsageError
 from phalanx.gateway import pages_are_built
 from phalanx.gateway.demo import Plan, mission_swarm, plan_swarm, simulated_swarm
+from phalanx.gateway.projector import Wifi
 from phalanx.gateway.running import Running
+from phalanx.gateway.session_link import Say
+from phalanx.gateway.tour import tour as run_tour
 from phalanx.gateway.up import UpOptions
 from phalanx.gateway.up import up as run_gateway
 from phalanx.mission import BuildOptions, build
@@ -43,6 +46,8 @@ from .terminal import EventLines, end_status_line, heed_stop_words, plain, statu
 
 log = logging.getLogger(__name__)
 
+TOUR_MISSION = "office"
+Started = Callable[[Running], None]
 MANY_DIGITS = re.compile(r"([0-9]{12,})")
 BLACK, WHITE = 16, 231  # of the 256 colours: the first sixteen are the theme's and may be anything
 
@@ -65,6 +70,9 @@ def up(
     operator_token_file: Path | None,
     state: Path | None,
     events: bool,
+    wifi_ssid: str | None,
+    wifi_password_file: Path | None,
+    tour: bool,
     **served: Any,
 ) -> None:
     """Runs a gateway until it is stopped."""
@@ -85,6 +93,7 @@ def up(
         state=state or default_state(),
         state_is_optional=state is None,
         operator_token=token,
+        wifi=_wifi(wifi_ssid, wifi_password_file),
         stop_file=operator_token_file and operator_token_file.with_name(f"{operator_token_file.name}.stopped"),
         **served,
     )
@@ -96,6 +105,16 @@ def up(
         raise UsageError("--keys, and robots on a mission", "those make their own: leave one out")
     if protocol is not None and on_mission:
         raise UsageError("--scenario, and robots on a mission", "those have work of their own: leave one out")
+    if tour:
+        told = {"swarm": swarm_url, "mission": missions, "world": world, "keys": keys, "scenario": protocol}
+        _refuse_with_tour(told | {"duration": options.duration_s, "qrkey": options.qrkey, "revive": options.revive_s})
+        plan = plan_swarm(count, defence, f_max)
+        if plan.defence == "none":
+            raise UsageError("--tour, and robots that do not audit each other", "at least 5 robots")
+        driven = partial(_simulated, plan, seed)
+        office = partial(_on_mission, Wanted((TOUR_MISSION,), None, None, (), "--start-key"), seed)
+        _run_for(options, events, lambda tell, started: run_tour(options, tell, started, driven, office))
+        return
     wanted = Wanted(missions, furnish, start_key, trust, "--start-key")
     with (
         _real_robots(swarm_url, options.wait_s)
@@ -110,14 +129,7 @@ def up(
             swarm = partial(simulated_swarm, plan, seed, talk, owned)
         else:
             swarm = partial(_as_is, lived)
-        if events:
-            lines = EventLines()
-            try:
-                run(run_gateway(options, lines, lambda running: heed_stop_words(running.hold), swarm=swarm))
-            finally:
-                lines.close()
-        else:
-            _run_for_people(options, swarm)
+        _run_for(options, events, lambda tell, started: run_gateway(options, tell, started, swarm=swarm))
 
 
 def _refuse_without_broker(link: LinkConfig, served: dict[str, Any], broker_login: Path | None) -> None:
@@ -132,6 +144,24 @@ def _refuse_without_broker(link: LinkConfig, served: dict[str, Any], broker_logi
                 option = f"--{name.replace('_', '-')}"
                 hint = "leave it out: visitors reach this machine itself; or --broker mosquitto|URL"
                 raise UsageError(f"{option} without --{needed}", hint + " --qrkey" * (needed == "qrkey"))
+
+
+def _wifi(ssid: str | None, password_file: Path | None) -> Wifi | None:
+    """Return the visitors' network. Raises: UsageError: there can be no such, or its password cannot be read."""
+    if ssid is None:
+        if password_file is not None:
+            raise UsageError("--wifi-password-file without --wifi", "say the network's name: --wifi SSID")
+        return None
+    if password_file is None:
+        return Wifi(ssid)
+    try:
+        password = password_file.read_text().partition("\n")[0].rstrip("\r")
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or "no text"
+        raise UsageError(f"cannot read {plain(password_file)}: {why}", "a file with the password in a line") from error
+    if not password:
+        raise UsageError(f"{plain(password_file)} is empty", "a file with the password in a line")
+    return Wifi(ssid, password)
 
 
 def _as_is(swarm: Swarm) -> Swarm:
@@ -227,22 +257,65 @@ def _orders(wanted: Wanted, world: str | None) -> tuple[FloorPlan, Orders | None
     return plan, orders_of(plain, build(plain, BuildOptions(), os.urandom), plan) if plain else None
 
 
-def _run_for_people(options: UpOptions, swarm: Callable[[], Swarm]) -> None:
-    status: list[asyncio.Task[None]] = []
-    gateway: list[Running] = []
+def _refuse_with_tour(said: dict[str, Any]) -> None:
+    for name, value in said.items():
+        if value not in (None, (), False):
+            raise UsageError(f"--tour and --{name}", "the tour chooses what is shown: leave one out")
+
+
+@contextlib.contextmanager
+def _simulated(plan: Plan, seed: int) -> Iterator[Swarm]:
+    yield simulated_swarm(plan, seed, talk)
+
+
+@contextlib.contextmanager
+def _on_mission(wanted: Wanted, seed: int) -> Iterator[Swarm]:
+    with _robots(wanted, None, ROBOTS_ON_MISSION, seed, None, None) as swarm:
+        assert swarm is not None, "a mission is wanted"
+        yield swarm
+
+
+def _run_for(options: UpOptions, events: bool, make: Callable[[Say, Started], Coroutine[Any, Any, None]]) -> None:
+    """Run a gateway for a program that reads events, or for people."""
+    if not events:
+        _run_for_people(options, make)
+        return
+    lines = EventLines()
+    try:
+        run(make(lines, _heeding([])))
+    finally:
+        lines.close()
+
+
+def _heeding(gateways: list[Running]) -> Started:
+    """Return what keeps the gateways that start, and has stdin's words stop and free the robots of the newest."""
+
+    def hold(held: bool) -> None:
+        gateways[-1].hold(held)
 
     def started(running: Running) -> None:
-        gateway.append(running)
-        if sys.stdin.isatty():  # what else is there was not typed for us
-            heed_stop_words(running.hold)
+        gateways.append(running)
+        if len(gateways) == 1:  # one reader: another one would take its words
+            heed_stop_words(hold)
+
+    return started
+
+
+def _run_for_people(options: UpOptions, make: Callable[[Say, Started], Coroutine[Any, Any, None]]) -> None:
+    status: list[asyncio.Task[None]] = []
+    gateway: list[Running] = []
+    # What else is there than a terminal was not typed for us.
+    started = _heeding(gateway) if sys.stdin.isatty() else gateway.append
 
     def tell(event: dict[str, Any]) -> None:
         _tell(options, event)
         if event["event"] == "ready":
-            status.append(asyncio.ensure_future(_keep_status(*gateway)))
+            for before in status:
+                before.cancel()
+            status.append(asyncio.ensure_future(_keep_status(gateway[-1])))
 
     try:
-        run(run_gateway(options, tell, started, swarm=swarm))
+        run(make(tell, started))
     except PhalanxError:
         status_line("")  # the error says what it said
         raise
@@ -256,6 +329,11 @@ def _tell(options: UpOptions, event: dict[str, Any]) -> None:
         case "ready":
             status_line("")
             click.echo(f"operator  {event['operator_url']}")
+            if event["unreachable"]:
+                talk(event["unreachable"] + " Connect it to a network, and start this again.")
+            if options.wifi:
+                name = plain(options.wifi.ssid)
+                click.echo(f"Wi-Fi  {name}\n{qr_text(options.wifi.code, colour=sys.stdout.isatty(), border=1)}")
             alone = options.host in ("127.0.0.1", "localhost")
             _show_code("visitors (phones need --host 0.0.0.0)" if alone else "visitors", event["qr_url"])
         case "rotation":

@@ -14,9 +14,10 @@ from phalanx.world.missions.orders import Orders
 from phalanx.world.swarms.dotbots import MAX_ROBOTS, Dotbots
 from phalanx.world.swarms.mission import MissionSwarm, ShieldedMissionSwarm
 from phalanx.world.swarms.protected import MOST_ROBOTS, ProtectedSwarm, SwarmKeys, fewest_robots
-from phalanx.world.swarms.work import check_work
+from phalanx.world.swarms.work import ON_WHEELS, check_work
 
 DEFAULT_F_MAX = 3
+IDLE, WAIT = "patrol", "none"  # what robots do that nobody drives, if nothing else is asked for; and standing still
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +61,15 @@ def choose_protection(robots: int, defence: str | None, f_max: int | None) -> Pl
 
 
 def plan_swarm(robots: int, defence: str | None, f_max: int | None, protocol: str = "") -> Plan:
-    """Return what is asked for. Raises: UsageError: there can be no such swarm; no wheels do that."""
+    """Return what is asked for; without a protocol, robots patrol as far as that can be.
+
+    Raises: UsageError: there can be no such swarm; no wheels do that.
+    """
     plan = choose_protection(robots, defence, f_max)
+    if not protocol and plan.defence != "none" and robots <= ON_WHEELS[IDLE][1]:
+        protocol = IDLE
+    if protocol == WAIT:
+        protocol = ""
     if protocol:
         check_work(protocol, robots)
         if plan.defence == "none":
@@ -80,7 +88,14 @@ def simulated_swarm(
     if plan.defence == "none":
         return Dotbots(plan.robots, seed, time.time, unprotected=plan.note)
     return ProtectedSwarm(
-        plan.robots, seed, time.time, defence=plan.defence, f_max=plan.f_max, keys=keys, protocol=plan.protocol
+        plan.robots,
+        seed,
+        time.time,
+        defence=plan.defence,
+        f_max=plan.f_max,
+        keys=keys,
+        protocol=plan.protocol,
+        keeps_apart=True,
     )
 
 

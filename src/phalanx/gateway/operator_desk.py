@@ -33,17 +33,30 @@ ROLES = {role.name.lower(): role for role in Role}
 Act = Callable[[dict[str, Any], int], dict[str, Any] | None]
 
 
+def refuse_revival(robot: str) -> None:
+    """Refuse: nobody stops these robots. Raises: Unknown."""
+    raise Unknown(f"robot {robot} does not audit others: none is stopped")
+
+
 class OperatorDesk:
     """Answers operators' requests.
 
     Args:
         page_url: where visitors find the page.
         hold: stops all robots, or lets them move again.
+        revive: has a stopped robot begin anew.
     """
 
     def __init__(
-        self, link: SessionLink, swarm: Swarm, brakes: Brakes, page_url: str, hold: Callable[[bool], None]
+        self,
+        link: SessionLink,
+        swarm: Swarm,
+        brakes: Brakes,
+        page_url: str,
+        hold: Callable[[bool], None],
+        revive: Callable[[str], None] = refuse_revival,
     ) -> None:
+        self._revive_robot = revive
         self._link, self._swarm, self._brakes, self._page_url, self._hold = link, swarm, brakes, page_url, hold
         self._qr = ("", "")
         self._acts: dict[str, Act] = {
@@ -59,6 +72,7 @@ class OperatorDesk:
             "give": self._give,
             "take": self._take,
             "swap": self._swap,
+            "revive": self._revive,
             "invite": self._invite,
             "stop": lambda _, by: self._stop(held=True, by=by),
             "go": lambda _, by: self._stop(held=False, by=by),
@@ -197,6 +211,11 @@ class OperatorDesk:
         first, second = map(self._robot, robots)
         self._link.carry(self._link.operations.swap(first, second, now()))
         self._link.trail.write("swapped", robots=[first, second], by=by)
+
+    def _revive(self, words: dict[str, Any], by: int) -> None:
+        robot = self._robot(words.get("robot"))
+        self._revive_robot(robot)
+        self._link.trail.write("revived", robot=robot, by=by)
 
     def _invite(self, words: dict[str, Any], by: int) -> dict[str, Any]:
         role, name = _role(words), words.get("name", "")

@@ -8,6 +8,8 @@ import time
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
+from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
+
 from phalanx.errors import Unknown
 from phalanx.link.messages import Rejected
 from phalanx.net.server import Happening
@@ -20,6 +22,7 @@ from .brakes import KeptStop
 from .gateway import Gateway
 from .links import Link
 from .operator_desk import OperatorDesk
+from .projector import Projector, projector_token
 from .session_link import Say, SessionLink, now
 from .shared_code import SharedCode
 
@@ -41,6 +44,7 @@ class Running:
     Args:
         shared: mode qrkey, if it is served as well; then its code is the one that is shown.
         broker: that visitors are served at.
+        static: the gateway's key, of which the projector's token is derived.
     """
 
     def __init__(
@@ -52,13 +56,16 @@ class Running:
         say: Say,
         shared: SharedCode | None,
         broker: AtBroker | None = None,
+        *,
+        static: X25519PrivateKey,
     ) -> None:
         self.page_url = page_url
         self.link, self.shared, self._broker = link, shared, broker
         links: list[Link] = [link, *([shared.server] if shared else [])]
         self.gateway = Gateway(swarm, *links, say=say, is_driven=link.is_driven)
-        self.desk = OperatorDesk(link, swarm, self.gateway.brakes, page_url, self.hold)
+        self.desk = OperatorDesk(link, swarm, self.gateway.brakes, page_url, self.hold, self.revive)
         self._options = options
+        self.projector = Projector(self, projector_token(static), options.wifi, unreachable=options.unreachable)
         self._loop = asyncio.get_running_loop()
         self._say = say
         self._started_at_s = time.monotonic()
@@ -90,7 +97,14 @@ class Running:
     def ready(self, operator_url: str) -> dict[str, Any]:
         """Return the first event."""
         words = {"page_url": self.page_url, "qr_url": self.qr_url, "session_url": self.desk.code_url}
-        return {"event": "ready", **words, **(self.shared.ready() if self.shared else {}), "operator_url": operator_url}
+        return {
+            "event": "ready",
+            **words,
+            **(self.shared.ready() if self.shared else {}),
+            "operator_url": operator_url,
+            "projector_url": f"{operator_url.partition('#')[0]}projector#token={self.projector.token}",
+            "unreachable": self._options.unreachable,
+        }
 
     def summary(self) -> dict[str, Any]:
         """Return the numbers of a status line."""
@@ -116,6 +130,7 @@ class Running:
             "mode": "qrkey" if shared else "session",
             "held": self.gateway.brakes.held,
             "page_url": self._options.frontend or self.page_url,
+            "projector": f"/projector#token={self.projector.token}",
             "qr_url": self.qr_url,
             "qr_svg": self.desk.qr_svg(self.qr_url),
             "rotates_in_s": round(self._rotates_in_s(), 1),
@@ -159,6 +174,12 @@ class Running:
         if self.gateway.shields is None:
             raise Unknown("these robots do not audit each other: nothing would stop it")
         self.gateway.shields.compromise(address, attack)
+
+    def revive(self, address: str) -> None:
+        """Have a stopped robot begin anew. Raises: Unknown, UsageError: see `ShieldWatch.revive`."""
+        if self.gateway.shields is None:
+            raise Unknown("these robots do not audit each other: none is stopped")
+        self.gateway.shields.revive(address)
 
     def hold(self, held: bool) -> None:
         """Every robot stands still from now on, whatever it is told and whatever the link does; or may move again.
@@ -220,6 +241,8 @@ class Running:
     async def _report(self) -> None:
         while True:
             await asyncio.sleep(REPORT_S)
+            if self._options.revive_s is not None and self.gateway.shields:
+                self.gateway.shields.revive_after(self._options.revive_s, time.monotonic())
             for reason, count in self.rejected.items():
                 if count != self._told[reason]:
                     self._told[reason] = count

@@ -22,6 +22,7 @@ from phalanx.net.site import COMMON_HEADERS, Handler, Site
 from .missions.desk import TEXT_MAX_BYTES, MissionDesk, parse_profile
 
 if TYPE_CHECKING:
+    from .projector import Projector
     from .running import Running
 
 PAGES = Path(__file__).parent / "pages"
@@ -54,10 +55,18 @@ class OperatorPages(Site):
 
     port_option = "--operator-port"
 
-    def __init__(self, token: str, running: Running, desk: MissionDesk | None = None, port: int = 0) -> None:
+    def __init__(
+        self,
+        token: str,
+        running: Running,
+        desk: MissionDesk | None = None,
+        port: int = 0,
+        projector: Projector | None = None,
+    ) -> None:
         self._gateways = asyncio.get_running_loop()
         self._token = token
         self._running = running
+        self._projector = projector
         self._desk = desk
         self._asking: asyncio.Future[bool] | None = None
         self._asked_at_s = 0.0
@@ -70,6 +79,10 @@ class OperatorPages(Site):
         routes.add_get("/healthz", self._tell_health)
         routes.add_get("/api/state", self._told(lambda: _soon(self._running.state)))
         routes.add_get("/api/frames", self._tell_frames)
+        if projector := self._projector:
+            routes.add_get("/projector", self._show_projector)
+            routes.add_get("/api/projector/frames", self._tell_frames)
+            routes.add_get("/api/projector", self._told(lambda: _soon(projector.state)))
         routes.add_post("/api/compromise", self._asked_with(self._do_compromise, refused=404))
         routes.add_post("/api/stop", self._do_hold)
         routes.add_post("/api/go", self._do_hold)
@@ -112,6 +125,10 @@ class OperatorPages(Site):
                 return _answer({"error": "that is not what this page asks", "hint": "reload the page"}, 400)
 
         return handle
+
+    async def _show_projector(self, _: web.Request) -> web.StreamResponse:
+        page = PAGES / "operator" / "projector.html"
+        return web.FileResponse(page) if page.is_file() else web.Response(status=503, text="The page is not built.\n")
 
     async def _tell_health(self, request: web.Request) -> web.Response:
         """For whoever watches over the gateway; without a token, for it tells nothing else."""
@@ -187,7 +204,10 @@ class OperatorPages(Site):
     def _stranger(self, request: web.Request) -> web.Response | None:
         """Return a refusal for whoever has not the token, which no cookie carries, or comes from another page."""
         given = request.headers.get("Authorization", "").encode(errors="replace")
-        if not hmac.compare_digest(given, f"Bearer {self._token}".encode()):
+        # The projector's token opens what the projector shows, and nothing else.
+        is_shown = self._projector is not None and request.path.startswith("/api/projector")
+        token = self._projector.token if self._projector and is_shown else self._token
+        if not hmac.compare_digest(given, f"Bearer {token}".encode()):
             return _answer({"error": "open the operator link that the gateway printed"}, 401)
         if _is_foreign(request):
             return _answer({"error": "not from this page"}, 403)

@@ -5,13 +5,16 @@ Visitors are told all of it, except which robot the operator has compromised: on
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from phalanx.robot.swarm import Audit, AuditedSwarm, Shield
+from phalanx.errors import Unknown, UsageError
+from phalanx.robot.on_mission import OnMission
+from phalanx.robot.swarm import Audit, AuditedSwarm, Revivable, Shield
 
 LOOK_EVERY_S = 0.3
 # Pages let tokens drain by themselves: told again is what is off by more than anybody sees.
@@ -19,6 +22,11 @@ SAME_WITHIN_S = 0.5
 # Of a tick; honest swarms of a hundred end ten. Refusals come first.
 MOST_AUDITS = 64
 REFUSALS_KEPT = 50
+BY_HAND = (
+    "a real robot is revived by hand only, with a new mission key",
+    "switch it off, find out why it was stopped, and give all robots the next mission's key: docs/guides/robot.md",
+)
+NOT_ON_MISSION = ("robots on a mission are not revived", "send them another mission, or start the gateway again")
 
 
 @dataclass(slots=True)
@@ -39,6 +47,7 @@ class ShieldWatch:
         self._refused: deque[tuple[float, Audit]] = deque(maxlen=REFUSALS_KEPT)
         self._last: dict[str, Audit] = {}
         self._lies: dict[str, _Lie] = {}
+        self._stopped_at_s: dict[str, float] = {}
         self._look_at_s = 0.0
         self._terms: dict[str, int] = {}
 
@@ -66,7 +75,10 @@ class ShieldWatch:
     def _is_news(self, shield: Shield, uptime_s: float) -> bool:
         until = {auditor: uptime_s + left_s for auditor, left_s in shield.vouchers}
         was_safe, before = self._told.get(shield.address, (False, {}))
-        if shield.safe_mode and not was_safe:
+        if not shield.safe_mode:
+            self._stopped_at_s.pop(shield.address, None)
+        elif not was_safe:
+            self._stopped_at_s[shield.address] = uptime_s
             self._say({"event": "safe_mode", "address": shield.address})
             if lie := self._lies.get(shield.address):
                 lie.stopped_at_s = uptime_s
@@ -102,11 +114,37 @@ class ShieldWatch:
         self._lies[address] = _Lie(time.monotonic())
         self._say({"event": "compromised", "address": address, "attack": attack})
 
+    def revive(self, address: str) -> None:
+        """Have a stopped robot begin anew. Raises: Unknown: no such robot, or it runs; UsageError: it is a real one."""
+        if not isinstance(self._swarm, Revivable):
+            raise UsageError(*(NOT_ON_MISSION if isinstance(self._swarm, OnMission) else BY_HAND))
+        self._swarm.revive(address)
+        self._lies.pop(address, None)
+        self._say({"event": "revived", "address": address})
+
+    def revive_after(self, stopped_s: float, uptime_s: float) -> None:
+        """Revive all that have been stopped for so long."""
+        for address, since_s in list(self._stopped_at_s.items()):
+            if uptime_s - since_s >= stopped_s:
+                del self._stopped_at_s[address]
+                with contextlib.suppress(Unknown):  # somebody has revived it by hand
+                    self.revive(address)
+
+    def is_stopped(self, address: str) -> bool:
+        """Return whether a robot is stopped."""
+        return any(shield.safe_mode for shield in self._swarm.shields() if shield.address == address)
+
+    @property
+    def can_revive(self) -> bool:
+        """Whether stopped robots can begin anew."""
+        return isinstance(self._swarm, Revivable)
+
     def state(self, name: Callable[[str], str]) -> dict[str, Any]:
         """What the operator's page shows; `name` is a robot's, for people."""
         shields, now_s = self._swarm.shields(), time.monotonic()
         return {
             **self.in_area(),
+            "revives": self.can_revive,
             "attacks": [{"name": attack.name, "does": attack.does} for attack in self._swarm.attacks()],
             "refusals": [
                 {

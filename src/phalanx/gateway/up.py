@@ -28,14 +28,17 @@ from phalanx.net.session_store import LinkKeys
 from phalanx.net.site import beside
 from phalanx.robot import Swarm
 from phalanx.robot.on_mission import OnMission
+from phalanx.robot.swarm import Revivable
 
 from .at_broker import AtBroker
 from .missions.desk import MissionDesk
+from .projector import Wifi
 from .running import Running
 from .serve_pages import PAGES, VISITOR_POLICY, OperatorPages
 from .serving import for_at_most, until_connected
 from .session_link import Say, SessionLink
 from .shared_code import SharedCode
+from .shields import BY_HAND, NOT_ON_MISSION
 from .state_folder import Kept, kept_in
 
 log = logging.getLogger(__name__)
@@ -60,9 +63,11 @@ class UpOptions:
     turn_s: float = 120.0  # with one robot each, while others wait
     state: Path | None = None  # folder of visitors, tickets and the trail; None: they end with the gateway
     state_is_optional: bool = False  # if that folder cannot be had, nothing is kept
+    wifi: Wifi | None = None  # that phones join first
     operator_port: int = 0  # of the operator's page; 0 for any free one
     operator_token: str = field(default="", repr=False)  # of the operator's page; "" for a new one
     stop_file: Path | None = None  # is there while the operator has stopped all robots: a restart does not free them
+    revive_s: float | None = None  # simulated robots that were stopped begin anew after so long
     duration_s: float | None = None  # end by itself after so long
     # --- a broker ---
     broker: str = ""  # for visitors who do not reach this machine: mosquitto or a URL
@@ -101,6 +106,13 @@ class UpOptions:
             return self.page_url
         at = self.advertised
         return f"http{'s' if self.tls else ''}://{f'[{at}]' if ':' in at else at}:{port}/"
+
+    @property
+    def unreachable(self) -> str:
+        """Return why phones cannot reach this machine, though they are to; "" if they can."""
+        if self.page_url or self.broker or self.host not in EVERYWHERE or self.advertised != LOOPBACK:
+            return ""
+        return "This machine is on no network: phones cannot reach it."
 
     @property
     def advertised(self) -> str:
@@ -142,6 +154,9 @@ async def up(
             at = AtBroker(broker, sessions, options.frontend or page_url, for_visitors)
             shared = SharedCode(options, broker, for_visitors, page_url) if options.qrkey else None
         robots = swarm()
+        if options.revive_s is not None and not isinstance(robots, Revivable):
+            what = NOT_ON_MISSION if isinstance(robots, OnMission) else BY_HAND
+            raise UsageError(f"--revive: {what[0]}", what[1])
         link = SessionLink(
             front,
             kept.store,
@@ -151,7 +166,7 @@ async def up(
             config,
             broker=sessions,
         )
-        running = Running(options, page_url, link, robots, say, shared, at)
+        running = Running(options, page_url, link, robots, say, shared, at, static=kept.keys.static)
         if running.was_held:
             log.warning("all robots stay stopped, as before this start; hint: go and Enter, or the operator's page")
         desk = MissionDesk(robots) if isinstance(robots, OnMission) else None
@@ -159,7 +174,7 @@ async def up(
             stack.callback(desk.stop)
         # Before the page that has the button: a stop must not wait until a broker is reached.
         stack.enter_context(running.gateway.brakes)
-        operators = OperatorPages(token, running, desk, options.operator_port)
+        operators = OperatorPages(token, running, desk, options.operator_port, running.projector)
         operator = await stack.enter_async_context(beside(operators))
         operator_url = f"http://{LOOPBACK}:{operator.port}/#token={token}"
         stack.enter_context(kept.found_at(operator_url))

@@ -151,6 +151,17 @@ class AuditedSwarm(RouteLimited, Protocol):
         """
 
 
+@runtime_checkable
+class Revivable(AuditedSwarm, Protocol):
+    """A simulated swarm, in which a stopped robot can begin anew with its honest controller."""
+
+    def revive(self, address: str) -> None:
+        """Have it begin anew in a moment.
+
+        Raises: Unknown: no such robot, or it is not stopped.
+        """
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Done:
     """The results of a swarm's work lately."""

@@ -58,6 +58,18 @@ def invite() -> None:
     """Make a ticket for a gateway that runs, and print its link; or a sheet of tickets, a card for each robot."""
 
 
+@link.command(epilog="Example: phalanx link revive Ada")
+@click.argument("robot")
+@options.state_option
+@options.json_option
+@runs("revive", "revive")
+def revive() -> None:
+    """Have a stopped robot of the simulation begin anew, honest; ROBOT is its name or address.
+
+    A real robot is revived by hand, with a new mission key.
+    """
+
+
 @link.group(epilog="Example: phalanx link trail verify")
 def trail() -> None:
     """Who joined, drove, was refused and was removed."""

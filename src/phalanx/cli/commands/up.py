@@ -28,8 +28,22 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
     "--scenario",
     "protocol",
     help="What simulated robots do while nobody drives them: exploration, patrol, perimeter or tracking"
-    " (docs/guides/protocols.md).",
+    " (docs/guides/protocols.md); none: stand still, and avoid nobody.  [default: patrol, of at most 40 robots that audit each"
+    " other]",
     metavar="NAME",
+)
+@option(
+    "--revive",
+    "revive_s",
+    help="Simulated robots that were stopped begin anew after so many seconds, honest. Without: by hand, with phalanx"
+    " link revive or on the operator's page.",
+    type=SECONDS,
+)
+@option(
+    "--tour",
+    help="Show the three shields, a minute each, with captions on the projector's page, again and again: a visitor"
+    " drives, robots decode a mission, one that lies is stopped and revived.",
+    is_flag=True,
 )
 @option("--seed", help="Of the robots' places and batteries.", default=0)
 @option(
@@ -90,6 +104,13 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
     "  [default: ~/.local/state/phalanx, unless another gateway has it]",
     type=FOLDER,
 )
+@option(
+    "--wifi",
+    "wifi_ssid",
+    help="Show a code by which phones join this Wi-Fi network, on the terminal and the projector's page.",
+    metavar="SSID",
+)
+@option("--wifi-password-file", help="Its password, the first line of a file; without, the network is open.", type=FILE)
 @option("--operator-port", help="Of the operator's page; 0 is any free one.", type=PORT, default=0)
 @option(
     "--operator-token-file",

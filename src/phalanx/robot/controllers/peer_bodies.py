@@ -12,14 +12,15 @@ import numpy as np
 
 from phalanx.arrays import Params
 from phalanx.robot.follow import steer
-from phalanx.wire.fields import get_u64, row
+from phalanx.wire.fields import get_i8, get_u16, get_u64, row
 from phalanx.wire.record import LARGEST_NUMBER, MalformedRecord, Record
 from phalanx.wire.table import ACCELERATION, KIND_ACCELERATION, KIND_STATE, SENSOR, STATE, WHEELS_SENSOR, WHEELS_STATE
 
 from . import dispatch
 from .bundled import wheels
 from .compiled import compiled
-from .orders import POINT_BYTES
+from .keep_apart import NEAR_BYTES, decode_near, go_around, restrain
+from .orders import POINT_BYTES, POINT_X, POINT_Y
 from .protocol import Point
 from .python_controller import Act, Output, Send
 from .sine import sine_cosine
@@ -121,24 +122,37 @@ class DrivenWheels(PeerBody):
     """Two wheels that obey signed orders as `wheels` do, and otherwise do the protocol's work.
 
     A `wheels` controller does what orders demand: a stop, a route to its end, a joystick. This drives while it is idle.
+    With `keeps_apart` a reading ends with who is nearby, and the robot avoids them, whoever drives it.
     """
 
     sensor, per_m = WHEELS_SENSOR, 1000
 
-    def __init__(self, rob_id: int, params: Params) -> None:
+    def __init__(self, rob_id: int, params: Params, *, keeps_apart: bool = False) -> None:
         super().__init__(rob_id, WHEELS_MPS)
+        self._near_bytes = NEAR_BYTES if keeps_apart else 0
         self._driven = compiled(dispatch.NUMBERS["wheels"], params)(rob_id)
 
     def drive(self, step: int, t_ms: int, reading: bytes, aim_m: Point | None, *, speaks: bool) -> list[Output]:  # noqa: ARG002
         """As a body's, where nobody else drives it."""
         outputs = list(self._driven.on_input(step, t_ms, reading[: self.sensor.size]))
         own = self.own(reading)
-        if own is None or aim_m is None or self.is_taken(t_ms):
+        if own is None or aim_m is None:
             return outputs
+        near = decode_near(reading[len(reading) - self._near_bytes :])
+        state = row(self._driven.encode())
+        goal = (aim_m[0] * self.per_m, aim_m[1] * self.per_m)
+        if state[wheels.COUNT] and near:
+            goal = (float(get_u16(state, wheels.ROUTE + POINT_X)), float(get_u16(state, wheels.ROUTE + POINT_Y)))
+        elif self.is_taken(t_ms):
+            return self._restrained(outputs, own, near)
         act = bytearray(outputs[0].payload)
-        left, right = self._towards(own, aim_m)
+        left, right = self._towards(own, goal, near)
         act[wheels.BODY], act[wheels.BODY + wheels.COMMAND_RIGHT] = left & 255, right & 255
-        return [Act(bytes(act)), *outputs[1:]]
+        return self._restrained([Act(bytes(act)), *outputs[1:]], own, near)
+
+    def beside(self, reading: bytes) -> bytes:
+        """As a body's, without who is nearby."""
+        return super().beside(reading[: len(reading) - self._near_bytes])
 
     def position_in(self, packet: bytes) -> tuple[int, float, float] | None:
         """As a body's, from millimetres."""
@@ -171,11 +185,23 @@ class DrivenWheels(PeerBody):
         heard_ms = get_u64(state, wheels.HEARD)
         return bool(state[wheels.HELD] or state[wheels.COUNT] or (heard_ms and t_ms - heard_ms <= TAKEN_MS))
 
-    def _towards(self, own: tuple[Any, ...], aim_m: Point) -> tuple[int, int]:
+    def _restrained(self, outputs: list[Output], own: tuple[Any, ...], near: list[Point]) -> list[Output]:
+        """Return the outputs with wheels that do not drive towards a robot nearby."""
+        if not near:
+            return outputs
+        act = bytearray(outputs[0].payload)
+        left, right = (get_i8(row(bytes(act)), wheels.BODY + at) for at in (0, wheels.COMMAND_RIGHT))
+        left, right = restrain(left, right, *sine_cosine(own[BEHIND_T + 2]), near)
+        act[wheels.BODY], act[wheels.BODY + wheels.COMMAND_RIGHT] = left & 255, right & 255
+        return [Act(bytes(act)), *outputs[1:]]
+
+    def _towards(self, own: tuple[Any, ...], goal_mm: Point, near: list[Point]) -> tuple[int, int]:
         x_mm, y_mm, direction_deg = own[BEHIND_T:]
-        dx, dy = aim_m[0] * self.per_m - x_mm, aim_m[1] * self.per_m - y_mm
+        dx, dy = goal_mm[0] - x_mm, goal_mm[1] - y_mm
         away_mm = math.sqrt(dx * dx + dy * dy)
         if away_mm < STANDS_MM:
             return 0, 0
+        if near:
+            dx, dy = go_around((dx, dy), near)
         sin, cos = sine_cosine(direction_deg)
         return steer(dy * cos - dx * sin, -dx * cos - dy * sin, away_mm)

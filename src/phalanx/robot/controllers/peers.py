@@ -52,7 +52,11 @@ class PeerController(Controller, ABC):
     def __init__(self, rob_id: int, task: Task) -> None:
         super().__init__(rob_id)
         self.task = task
-        self.body = PeerBody(rob_id, self.pace_mps) if task.wheels is None else DrivenWheels(rob_id, task.wheels)
+        self.body = (
+            PeerBody(rob_id, self.pace_mps)
+            if task.wheels is None
+            else DrivenWheels(rob_id, task.wheels, keeps_apart=task.keeps_apart)
+        )
         self.period_ms = task.state_every * task.control_ms  # from one broadcast to the next
         self.here = self.holds = self.wants = NOWHERE
         self.done = 0

@@ -20,9 +20,15 @@ from .peers import SILENT_PERIODS, PeerController
 from .protocol import Point, Stage, Task, squared_m
 
 NEAR = 0.25  # of a step: so near to a place one is there
+NEAR_APART = 0.5  # where robots keep apart, one that stands at a place leaves no more room
 PLACES_A_SIDE = 6
 # Of the time between a robot's words: of two that come sooner, one is not its own, wherever the false one lies between.
 TURN_AT_LEAST = 0.75
+
+
+def near_m(task: Task) -> float:
+    """Return how near to a place a robot is there."""
+    return (NEAR_APART if task.keeps_apart else NEAR) * task.step_m
 
 
 def place_m(task: Task, place: int) -> Point:
@@ -54,7 +60,7 @@ class PlaceController(PeerController):
     def turn(self, t_ms: int, at_m: Point) -> None:
         """It is at its place, or takes on another."""
         left_m = math.sqrt(squared_m(at_m, place_m(self.task, self.holds)))
-        if self.holds != NOWHERE and left_m < NEAR * self.task.step_m:
+        if self.holds != NOWHERE and left_m < near_m(self.task):
             self.here, self.holds = self.holds, NOWHERE
             self.visits[self.here] = t_ms, self.rob_id
         heard = {rob_id: each for rob_id, each in self.others.items() if not self.is_silent(each, t_ms)}
@@ -133,7 +139,7 @@ class PlaceStage(Stage):
         if not lies and 0 <= column < PLACES_A_SIDE and 0 <= row < PLACES_A_SIDE:
             place = row * PLACES_A_SIDE + column
             x, y = place_m(self.task, place)
-            if math.hypot(x - at_m[0], y - at_m[1]) < NEAR * self.task.step_m:
+            if math.hypot(x - at_m[0], y - at_m[1]) < near_m(self.task):
                 self.visits[place].append((t_s, rob_id))
         return b""
 

@@ -37,6 +37,7 @@ class Task:
     origin_m: Point = (0.0, 0.0)  # where the first place is
     wheels: Params | None = None  # of robots on wheels, who obey orders too: what `wheels` are given; else point masses
     posts_m: tuple[Point, ...] = ()  # where each waits; () for where it starts
+    keeps_apart: bool = False  # readings end with who is nearby (keep_apart.py): robots on wheels then avoid each other
 
     @property
     def waits_m(self) -> tuple[Point, ...]:

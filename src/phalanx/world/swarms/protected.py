@@ -40,6 +40,7 @@ from phalanx.world.audited.world import PYTHON, VerdictReader, World, clock_ms, 
 from phalanx.world.radio.channel import BROADCAST
 
 from .dotbots import AREA_MM, BATTERY_EMPTY_MV, BATTERY_FULL_MV, DRIVE_MVPS, IDLE_MVPS
+from .revival import Factory, revive
 from .work import Work
 
 # More in one radio range than this saturate the channel: audits would come too late, and honest robots be stopped.
@@ -55,6 +56,7 @@ PLAIN_TO_SEE = "hijack"
 FULL_TURN_DEG = 360.0
 # Sets the station's keys apart from whatever else comes from the same seed.
 STATION = 0x0DE5
+LAST_EVENTS_MS = 1000  # after a round's time, nothing is left of a robot that was stopped
 MISSION = 1  # the number of the key that robots are powered up with
 HEARD_AT = wheels.SIGNERS + orders.EACH_BYTES * GATEWAY + orders.HIGHEST
 
@@ -122,7 +124,7 @@ class ProtectedSwarm(Ordered):
 
     When f_max are stopped, each of the others still gets f_max + 1 tokens. The clock says seconds since 1970.
     Without `keys` they have keys of their own. With a `protocol`, one of ON_WHEELS, they do its work while nobody
-    drives them.
+    drives them; with `keeps_apart` they avoid each other meanwhile, also when somebody drives them.
     Raises: UsageError: the count is out of range.
     """
 
@@ -136,6 +138,7 @@ class ProtectedSwarm(Ordered):
         f_max: int = 3,
         keys: SwarmKeys | None = None,
         protocol: str = "",
+        keeps_apart: bool = False,
     ) -> None:
         if not fewest_robots(f_max) <= count <= MOST_ROBOTS:
             raise UsageError(
@@ -160,8 +163,9 @@ class ProtectedSwarm(Ordered):
         )
         self._work: Work | None = None
         if protocol:
-            self._work = Work(protocol, self._config, params, places_mm / 1000, seed)
+            self._work = Work(protocol, self._config, params, places_mm / 1000, seed, keeps_apart=keeps_apart)
             self._config = self._work.bti
+        self._factory, self._seed = Factory(), seed
         self.world = make_world(
             Setup(
                 robots=count,
@@ -176,6 +180,7 @@ class ProtectedSwarm(Ordered):
                 radio=RadioConfig(),
                 area_m=(AREA_MM[0] / 1000, AREA_MM[1] / 1000),
                 boards=keys.boards,
+                make_nodes=self._factory,
             ),
             chance,
         )
@@ -184,6 +189,7 @@ class ProtectedSwarm(Ordered):
         self._battery_mv = BATTERY_EMPTY_MV + chance.uniform(0.5, 1.0, count) * (BATTERY_FULL_MV - BATTERY_EMPTY_MV)
         # Said by another thread, heard at the next step.
         self._to_stop = set[int]()
+        self._to_revive = set[int]()
         self._liars: dict[int, Liar] = {}
         # By row, those that run in Python.
         self._nodes: dict[int, AuditedRobot] = {}
@@ -233,12 +239,13 @@ class ProtectedSwarm(Ordered):
         """Let `dt_s` seconds pass."""
         while self._to_stop:
             self.drive(self._members[self._to_stop.pop()].address, 0, 0)
-        end_s, stage = self._now_s + dt_s, self._work.stage if self._work else None
+        end_s, looks = self._now_s + dt_s, self._work.looks if self._work else None
         while self._now_s < end_s:
-            self._now_s = min(end_s, self._station.speak(self._air, self._now_s, self._now_ms))
+            self._now_s = min(end_s, self._station.speak(self._air, self._now_s, self._now_ms), self._next_grid_s())
             until_us = round(self._now_s * 1e6)
             while loop.run(self.world, until_us) == loop.FOR_PYTHON:
-                pybot.handle(self.world, self._nodes, stage=stage)
+                pybot.handle(self.world, self._nodes, stage=looks)
+            self._revive()
         for node in self._nodes.values():
             node.flush_state()
         assert refused(self.world.queue) == 0, "the queue of events was too short"
@@ -340,6 +347,36 @@ class ProtectedSwarm(Ordered):
         self._liars[i] = self._nodes[i] = liar
         self.world.runs[i] = PYTHON
         pybot.wake(self.world, liar, int(self.world.clock[0].now_us))
+
+    def revive(self, address: str) -> None:
+        """Have a stopped robot begin anew, honest; in a moment, as its last round has to be over.
+
+        Raises: Unknown: no such robot, or it is not stopped.
+        """
+        i = self._find(address)
+        if not self.world.safe[i]:
+            raise Unknown(f"{self._members[i].name} is not stopped")
+        self._to_revive.add(i)
+
+    def _next_grid_s(self) -> float:
+        """Return when somebody may be revived, s; never if nobody is to be."""
+        grid_s = self._config.t_control_ms / 1000
+        return (math.floor(self._now_s / grid_s + 1e-6) + 1) * grid_s if self._to_revive else math.inf
+
+    def _revive(self) -> None:
+        now_us, grid_us = int(self.world.clock[0].now_us), self._config.t_control_ms * 1000
+        rested_us = (self._config.t_audit_ms + LAST_EVENTS_MS) * 1000
+        for i in sorted(self._to_revive) if now_us % grid_us == 0 else ():
+            if now_us - int(self.world.safe_us[i]) < rested_us:
+                continue
+            self._to_revive.discard(i)
+            self._liars.pop(i, None)
+            self._nodes.pop(i, None)
+            self._stopped_at_s.pop(i, None)
+            if self._work:
+                self._nodes[i] = AuditedRobot(self.world.fleet, i, self.world.work, self._work.make_controller)
+            revive(self.world, i, self._factory, self._seed + i, self._nodes.get(i))
+            self._show(i, Led(*self.world.led[i].tolist()))  # the first order that it obeys
 
     @property
     def liars(self) -> Mapping[int, Liar]:

@@ -6,7 +6,7 @@ It is run in plain Python, so that a swarm that works costs more than one that w
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,12 +16,14 @@ from phalanx.arrays import Params
 from phalanx.config import BtiConfig
 from phalanx.errors import UsageError
 from phalanx.robot.controllers.bundled.wheels import CAPACITY_BYTES, ROUTE
+from phalanx.robot.controllers.keep_apart import NEAR_BYTES, encode_near
 from phalanx.robot.controllers.peers import PeerController
 from phalanx.robot.controllers.places import PLACES_A_SIDE
-from phalanx.robot.controllers.protocol import Point, Task, find_protocol, protocols
+from phalanx.robot.controllers.protocol import Point, Stage, Task, find_protocol, protocols
 from phalanx.robot.controllers.python_controller import Controller
 from phalanx.robot.swarm import Done
 from phalanx.wire.table import WHEELS_SENSOR
+from phalanx.world.audited.pybot import Looks
 
 from .dotbots import AREA_MM
 
@@ -83,6 +85,19 @@ def check_work(protocol: str, robots: int) -> None:
         raise UsageError(f"{robots} robots that do {protocol}", f"at most {most}")
 
 
+class NearLooks:
+    """What a stage has robots see, and behind it the robots nearby, where they were at their own last reading."""
+
+    def __init__(self, stage: Stage, starts_m: Sequence[Point]) -> None:
+        self._stage, self._at_m = stage, dict(enumerate(starts_m, 1))
+
+    def look(self, rob_id: int, t_s: float, place_m: Point, *, lies: bool) -> bytes:
+        """See `Looks`."""
+        self._at_m[rob_id] = place_m
+        others = [at_m for other, at_m in self._at_m.items() if other != rob_id]
+        return self._stage.look(rob_id, t_s, place_m, lies=lies) + encode_near(place_m, others)
+
+
 class Work:
     """One protocol, for robots that stand at (N, 2) `starts_m`; `check_work` has let it through.
 
@@ -90,9 +105,19 @@ class Work:
         bti: the swarm's, with room for what a robot senses and remembers.
         make_controller: for a robot's id.
         stage: what counts what has come of it.
+        looks: what robots sense beside their own motion: the stage's, and with `keeps_apart` who is nearby.
     """
 
-    def __init__(self, protocol: str, bti: BtiConfig, params: Params, starts_m: NDArray[np.float64], seed: int) -> None:
+    def __init__(
+        self,
+        protocol: str,
+        bti: BtiConfig,
+        params: Params,
+        starts_m: NDArray[np.float64],
+        seed: int,
+        *,
+        keeps_apart: bool = False,
+    ) -> None:
         found = find_protocol(protocol)
         assert found is not None, "as all ON_WHEELS"
         step_m, posts_m = ON_WHEELS[protocol][0](starts_m)
@@ -107,14 +132,16 @@ class Work:
             doubt_ms=bti.stop_bound_ms(output_missing=True),
             wheels=params,
             posts_m=posts_m,
+            keeps_apart=keeps_apart,
         )
         self.protocol = protocol
         self.make_controller = found.maker(task)
         self.stage = found.stage(task)
+        self.looks: Looks = NearLooks(self.stage, task.starts_m) if keeps_apart else self.stage
         self.bti = replace(
             bti,
             state_bytes=len(self.make_controller(1).encode()) + CAPACITY_BYTES - ROUTE,
-            reading_bytes=WHEELS_SENSOR.size + self.stage.seen_bytes,
+            reading_bytes=WHEELS_SENSOR.size + self.stage.seen_bytes + NEAR_BYTES * keeps_apart,
         )
 
     def aim_m(self, controller: Controller | None, now_ms: int) -> Point | None:

@@ -1,0 +1,80 @@
+"""What the projector's page shows: the way in, who is here, and a caption. It has no operator's functions.
+
+Its token opens only this. Whoever sees the page may join, as whoever sees the code on the screen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
+from segno.helpers import make_wifi_data
+
+from phalanx.crypto.keys import hkdf_sha256
+from phalanx.errors import UsageError
+
+from .operator_desk import qr_svg
+
+if TYPE_CHECKING:
+    from .running import Running
+
+TOKEN_BYTES = 16
+SSID_BYTES = 32
+PASSWORD_BYTES = range(8, 64)  # of WPA
+
+
+@dataclass(frozen=True, slots=True)
+class Wifi:
+    """A network that visitors' phones join first. Raises: UsageError: there can be no such network."""
+
+    ssid: str
+    password: str = field(repr=False, default="")  # "" of an open network
+
+    def __post_init__(self) -> None:
+        if not 0 < len(self.ssid.encode()) <= SSID_BYTES:
+            raise UsageError("--wifi: a name of a network has 1 to 32 bytes", "the name as phones list it")
+        if self.password and len(self.password.encode()) not in PASSWORD_BYTES:
+            raise UsageError("--wifi-password-file: a password has 8 to 63 bytes", "the first line of the file")
+
+    @property
+    def code(self) -> str:
+        """Return the text of the code that phones join the network by."""
+        return make_wifi_data(self.ssid, self.password or None, "WPA" if self.password else None)
+
+
+def projector_token(static: X25519PrivateKey) -> str:
+    """Return the token of the projector's page: the same after a restart, if the gateway keeps its keys."""
+    return hkdf_sha256(static.private_bytes_raw(), b"phalanx projector", TOKEN_BYTES).hex()
+
+
+class Projector:
+    """The state of the page.
+
+    Attributes:
+        caption: a text in large letters; "" for none.
+    """
+
+    def __init__(self, running: Running, token: str, wifi: Wifi | None, *, unreachable: str = "") -> None:
+        self.token, self.caption = token, ""
+        self._running, self._unreachable = running, unreachable
+        self._wifi = {"ssid": wifi.ssid, "svg": qr_svg(wifi.code)} if wifi else None
+
+    def state(self) -> dict[str, Any]:
+        """Return what the page shows."""
+        running = self._running
+        desk, robots = running.desk, running.gateway.swarm.robots()
+        names = {robot.address: robot.name for robot in robots}
+        here = [each for each in desk.visitors() if each["present"] and not each["waiting"]]
+        return {
+            "page_url": running.page_url,
+            "qr_svg": desk.qr_svg(running.qr_url),
+            "room": running.link.server.door.room,
+            "watch_only": running.gateway.missions is not None,
+            "visitors": [{"name": each["name"], "robot": names.get(each["robot"], "")} for each in here],
+            "queue": [each["name"] for each in sorted(here, key=lambda each: each["place"]) if each["place"]],
+            "caption": self.caption,
+            "held": running.gateway.brakes.held,
+            "wifi": self._wifi,
+            "unreachable": self._unreachable,
+        }

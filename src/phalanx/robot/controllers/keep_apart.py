@@ -1,0 +1,82 @@
+"""Robots on wheels keep apart: what they see of robots nearby, and how that changes their wheels.
+
+A reading ends with the places of the nearest robots, as the s-node senses them. A robot never drives towards one that
+is too near, whoever drives it; by itself, or on a route, it goes around. Replayable: only + - * / and sqrt on floats.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterator, Sequence
+
+from phalanx.robot.follow import percent
+
+SEEN = 4  # nearest robots in a reading
+RANGE_MM = 450.0
+_FORM = struct.Struct("<hh")  # to the right and down, mm
+NEAR_BYTES = SEEN * _FORM.size
+# Distances between middles. A body has 80 mm; in the 0.1 s of a control step two robots come 60 mm nearer.
+STOP_MM, SLOW_MM = 130.0, 240.0
+BESIDE_MM = 95.0  # a robot so far to the side of the way is passed
+AROUND_MM = 320.0  # from so far on a robot that goes by itself turns away
+
+Offset = tuple[float, float]
+
+
+def encode_near(at_m: tuple[float, float], others_m: Sequence[tuple[float, float]]) -> bytes:
+    """Return the end of a reading: the nearest of `others_m` within range, nearest first."""
+    offsets = [((x - at_m[0]) * 1000, (y - at_m[1]) * 1000) for x, y in others_m]
+    near = sorted((dx * dx + dy * dy, dx, dy) for dx, dy in offsets)[:SEEN]
+    seen = [_FORM.pack(round(dx), round(dy)) for squared, dx, dy in near if squared <= RANGE_MM * RANGE_MM]
+    return b"".join(seen).ljust(NEAR_BYTES, b"\0")
+
+
+def decode_near(near: bytes) -> list[Offset]:
+    """Return the places of robots nearby relative to this one, mm; whatever is no such has none."""
+    if len(near) != NEAR_BYTES:
+        return []
+    return [(float(dx), float(dy)) for dx, dy in _FORM.iter_unpack(near) if dx or dy]
+
+
+def go_around(goal_mm: Offset, near_mm: Sequence[Offset]) -> Offset:
+    """Return the direction to drive in for a goal: past robots on the way, those ahead on one's left.
+
+    Both of two that meet turn to the same side, so that neither waits for the other.
+    """
+    length = math.sqrt(goal_mm[0] * goal_mm[0] + goal_mm[1] * goal_mm[1])
+    if length < 1e-6:
+        return goal_mm
+    x, y = goal_mm[0] / length, goal_mm[1] / length
+    for dx, dy, away in _within(near_mm, min(AROUND_MM, length + STOP_MM)):
+        ahead = (dx * goal_mm[0] + dy * goal_mm[1]) / (length * away)
+        push = (AROUND_MM - away) / (AROUND_MM - BESIDE_MM)
+        turn = 1.5 * push * max(0.0, ahead)
+        x += -0.6 * push * dx / away - turn * dy / away
+        y += -0.6 * push * dy / away + turn * dx / away
+    now = math.sqrt(x * x + y * y)
+    return (x / now * length, y / now * length) if now > 1e-6 else (-goal_mm[1], goal_mm[0])
+
+
+def restrain(left: int, right: int, sin: float, cos: float, near_mm: Sequence[Offset]) -> tuple[int, int]:
+    """Return wheels in percent that do not drive towards a robot nearby; turning on the spot stays as it is.
+
+    `sin` and `cos` of the direction; the nose points along (-sin, cos).
+    """
+    speed, turn = (left + right) / 2, (left - right) / 2
+    if speed == 0.0:
+        return left, right
+    way, share = (1.0 if speed > 0.0 else -1.0), 1.0
+    for dx, dy, away in _within(near_mm, SLOW_MM):
+        ahead, aside = way * (dy * cos - dx * sin), dx * cos + dy * sin
+        if ahead > 0.0 and (-BESIDE_MM < aside < BESIDE_MM or away < STOP_MM):
+            share = min(share, max(0.0, (away - STOP_MM) / (SLOW_MM - STOP_MM)))
+    speed *= share
+    return percent(int(speed + turn)), percent(int(speed - turn))
+
+
+def _within(near_mm: Sequence[Offset], range_mm: float) -> Iterator[tuple[float, float, float]]:
+    for dx, dy in near_mm:
+        away = math.sqrt(dx * dx + dy * dy)
+        if 0.0 < away < range_mm:
+            yield dx, dy, away

@@ -1,0 +1,173 @@
+// The page for the projector: the way in, the robots, and who is here. It commands nothing, and waits for a gateway that is away.
+
+import { type ReactNode, useEffect, useState } from "react";
+import { MapView } from "../map/map_view";
+import { useLive } from "./live";
+import { QrCode } from "./qr_code";
+import { shortUrl } from "./words";
+
+const EVERY_MS = 1000;
+const ANSWER_WITHIN_MS = 4000;
+const MOST_NAMES = 24;
+const KEY = "phalanx-projector-token";
+
+interface Shown {
+  readonly page_url: string;
+  readonly qr_svg: string;
+  readonly room: string | null;
+  readonly watch_only: boolean;
+  readonly visitors: readonly { readonly name: string; readonly robot: string }[];
+  readonly queue: readonly string[];
+  readonly caption: string;
+  readonly held: boolean;
+  readonly wifi: { readonly ssid: string; readonly svg: string } | null;
+  readonly unreachable: string;
+}
+
+export function Projector() {
+  const [token] = useState(takeToken);
+  const { shown, away } = useShown(token);
+  const live = useLive(token, "/api/projector/frames");
+  if (token === "") return <p className="projector-alone">Open this page by the button Projector of the operator's page.</p>;
+  if (!shown) return <p className="projector-alone">Back in a moment</p>;
+  return (
+    <main className="projector">
+      <section className="projector-way" aria-label="How to join">
+        <h1>{shown.watch_only ? "Watch the robots with your phone" : "Drive a robot with your phone"}</h1>
+        <div className="projector-codes">
+          {shown.wifi && (
+            <div>
+              <p>
+                1. Join the Wi-Fi <strong>{shown.wifi.ssid}</strong>
+              </p>
+              <QrCode svg={shown.wifi.svg} outOfOrder={undefined} />
+            </div>
+          )}
+          <div>
+            {shown.wifi && <p>2. Then scan this one</p>}
+            <QrCode svg={shown.qr_svg} outOfOrder={away ? "Back in a moment" : shown.unreachable || undefined} />
+          </div>
+        </div>
+        <p className="projector-address">{shortUrl(shown.page_url)}</p>
+        {shown.room !== null && (
+          <p data-testid="room">
+            No camera? Open the address, and type <strong className="projector-room">{spaced(shown.room)}</strong>
+          </p>
+        )}
+        <ol className="projector-steps">
+          <Step picture={SCAN}>Scan the code</Step>
+          <Step picture={CHOOSE}>Tap a robot</Step>
+          <Step picture={DRIVE}>{shown.watch_only ? "Watch it find its way" : "Drive it"}</Step>
+        </ol>
+      </section>
+      <section className="projector-map" aria-label="The robots now">
+        {shown.caption !== "" && (
+          <p className="projector-caption" data-testid="caption">
+            {shown.caption}
+          </p>
+        )}
+        {shown.held && <p className="projector-caption">All robots are stopped for a moment</p>}
+        <MapView link={live} selected={undefined} onSelect={() => undefined} />
+        <People shown={shown} />
+      </section>
+    </main>
+  );
+}
+
+function People({ shown: { visitors, queue } }: { readonly shown: Shown }) {
+  const more = visitors.length - MOST_NAMES;
+  return (
+    <div className="projector-people" data-testid="people">
+      <p>
+        <strong>{visitors.length === 1 ? "1 visitor" : `${visitors.length} visitors`}</strong>
+        {visitors.slice(0, MOST_NAMES).map(({ name, robot }, i) => (
+          <span key={i}> {robot === "" ? name : `${name} drives ${robot}`}</span>
+        ))}
+        {more > 0 && <span> and {more} more</span>}
+      </p>
+      {queue.length > 0 && (
+        <p>
+          <strong>Next</strong>
+          {queue.slice(0, MOST_NAMES).map((name, i) => (
+            <span key={i}> {`${i + 1}. ${name}`}</span>
+          ))}
+        </p>
+      )}
+    </div>
+  );
+}
+
+function Step({ picture, children }: { readonly picture: string; readonly children: ReactNode }) {
+  return (
+    <li>
+      <svg viewBox="0 0 48 48" aria-hidden="true">
+        <path d={picture} />
+      </svg>
+      <span>{children}</span>
+    </li>
+  );
+}
+
+const PHONE = "M15 3h18a3 3 0 0 1 3 3v36a3 3 0 0 1-3 3H15a3 3 0 0 1-3-3V6a3 3 0 0 1 3-3Z";
+const SCAN = `${PHONE}M17 13h5v5h-5ZM26 13h5v5h-5ZM17 22h5v5h-5ZM27 23h4v4h-4ZM21 40h6`;
+const CHOOSE = `${PHONE}M24 14a7 7 0 1 1 0 14a7 7 0 0 1 0-14ZM24 21l0-4M21 40h6`;
+const DRIVE = `${PHONE}M24 22a9 9 0 1 1 0 18a9 9 0 0 1 0-18ZM27 25a3 3 0 1 1-3 3M24 9v8M21 12l3-3 3 3`;
+
+function spaced(room: string): string {
+  return `${room.slice(0, 4)} ${room.slice(4)}`;
+}
+
+function useShown(token: string): { readonly shown: Shown | undefined; readonly away: boolean } {
+  const [state, setState] = useState<{ shown: Shown | undefined; away: boolean }>({ shown: undefined, away: false });
+  useEffect(() => {
+    if (token === "") return;
+    let ended = false;
+    let timer: ReturnType<typeof setTimeout> | undefined;
+    async function round(): Promise<void> {
+      const shown = await ask(token);
+      if (ended) return;
+      setState((before) => (shown ? { shown, away: false } : { ...before, away: true }));
+      timer = setTimeout(() => void round(), EVERY_MS);
+    }
+    void round();
+    return () => {
+      ended = true;
+      clearTimeout(timer);
+    };
+  }, [token]);
+  return state;
+}
+
+async function ask(token: string): Promise<Shown | undefined> {
+  try {
+    const answer = await fetch("/api/projector", {
+      headers: { Authorization: `Bearer ${token}` },
+      cache: "no-store",
+      credentials: "omit",
+      redirect: "error",
+      signal: AbortSignal.timeout(ANSWER_WITHIN_MS),
+    });
+    return answer.ok ? ((await answer.json()) as Shown) : undefined;
+  } catch {
+    return undefined; // the gateway is away, and comes back
+  }
+}
+
+/** The token from the address bar, which is on the wall and so is cleaned; or that of before a reload. */
+function takeToken(): string {
+  const given = new URLSearchParams(window.location.hash.slice(1)).get("token");
+  if (given !== null && /^[0-9a-f]{1,64}$/.test(given)) {
+    window.history.replaceState(null, "", window.location.pathname);
+    try {
+      window.sessionStorage.setItem(KEY, given);
+    } catch {
+      // Storage is forbidden: the page works until it is reloaded.
+    }
+    return given;
+  }
+  try {
+    return window.sessionStorage.getItem(KEY) ?? "";
+  } catch {
+    return "";
+  }
+}
