@@ -238,9 +238,9 @@ class TestUp:
         with a_gateway() as (_, ready):
             address, token = ready["operator_url"].split("/#token=")
             with pytest.raises(urllib.error.HTTPError) as refused:
-                urllib.request.urlopen(f"{address}/api/state")
+                urllib.request.urlopen(f"{address}/api/link/state", b"{}")
             assert refused.value.code == 401
-            request = urllib.request.Request(f"{address}/api/state", headers={"Authorization": f"Bearer {token}"})
+            request = urllib.request.Request(f"{address}/api/link/state", b"{}", {"Authorization": f"Bearer {token}"})
             state = json.load(urllib.request.urlopen(request))
             assert state["qr_url"] == ready["qr_url"]
             assert len(state["robots"]) == 12

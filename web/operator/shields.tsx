@@ -3,17 +3,17 @@
 import { useState } from "react";
 import { sentence } from "../client";
 import type { Lie, Refusal, Robot, Shields } from "./gateway_state";
-import { order } from "./orders";
+import { order, type Station } from "./station";
 import { ago } from "./words";
 import { Term } from "./terms";
 
 interface Props {
-  readonly token: string;
+  readonly station: Station;
   readonly robots: readonly Robot[];
   readonly shields: Shields;
 }
 
-export function CompromiseCard({ token, robots, shields }: Props) {
+export function CompromiseCard({ station, robots, shields }: Props) {
   const [address, setAddress] = useState("");
   const [name, setName] = useState("");
   const [trouble, setTrouble] = useState<string>();
@@ -35,7 +35,7 @@ export function CompromiseCard({ token, robots, shields }: Props) {
   async function onSubmit() {
     if (!robot || !attack) return;
     setBusy(true);
-    const refused = await order(token, "compromise", { address: robot.address, attack: attack.name });
+    const refused = await order(station, "compromise", { address: robot.address, attack: attack.name });
     setTrouble(refused);
     if (refused === undefined) setAddress("");
     setBusy(false);

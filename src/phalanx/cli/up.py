@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import logging
 import os
-import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
@@ -15,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import segno
 
 from phalanx.bridges.dotbots import DotbotSwarm, DotbotUrl, parse_dotbot_url
 from phalanx.config import LinkConfig
@@ -33,6 +31,7 @@ from phalanx.world.building.floorplan import DEFAULT, load_floorplan
 from phalanx.world.missions.orders import Orders, orders_of, orders_of_files
 from phalanx.world.swarms.protected import SwarmKeys
 
+from .codes import qr_text
 from .commands.up import ROBOTS, ROBOTS_ON_MISSION
 from .credentials import kept_token, login_for, passphrase_of, read_signing_key
 from .gateway_of import default_state
@@ -42,9 +41,6 @@ from .run import needs_ros2, run
 from .terminal import EventLines, end_status_line, heed_stop_words, plain, status_line, talk
 
 log = logging.getLogger(__name__)
-
-MANY_DIGITS = re.compile(r"([0-9]{12,})")
-BLACK, WHITE = 16, 231  # of the 256 colours: the first sixteen are the theme's and may be anything
 
 
 def up(
@@ -293,29 +289,3 @@ async def _keep_status(running: Running) -> None:
             *(f"{now[what]} {what}" for what in ("visitors", "refused", "robots", "commands")),
         )
         await asyncio.sleep(1)
-
-
-def qr_text(url: str, border: int = 2, *, colour: bool) -> str:
-    """Return the QR code of `url`, two modules a character: with colour black on white, whatever the terminal's theme.
-
-    Without colour its light modules are drawn: right on a dark background, and most phones read it on a light one too.
-    """
-    # The pin as a number of its own takes 130 bits for 312: a code one size smaller, which fits 24 lines.
-    parts: Any = [part for part in MANY_DIGITS.split(url) if part]  # segno's types know only one part
-    rows = [list(row) for row in segno.make_qr(parts, error="l").matrix_iter(border=border)]
-    if len(rows) % 2:
-        rows.append([0] * len(rows[0]))
-    draw = _colour_cell if colour else _plain_cell
-    end = "\x1b[0m" if colour else ""
-    return "\n".join(
-        "".join(draw(bool(top), bool(bottom)) for top, bottom in zip(upper, lower, strict=True)) + end
-        for upper, lower in zip(rows[::2], rows[1::2], strict=True)
-    )
-
-
-def _colour_cell(top: bool, bottom: bool) -> str:
-    return f"\x1b[38;5;{BLACK if top else WHITE};48;5;{BLACK if bottom else WHITE}m▀"
-
-
-def _plain_cell(top: bool, bottom: bool) -> str:
-    return (" " if bottom else "▄") if top else ("▀" if bottom else "█")

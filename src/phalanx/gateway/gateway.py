@@ -86,7 +86,6 @@ class Gateway:
         self._answer_bytes = min((link.answer_bytes for link in links), default=0)
         self.visitors = Visitors()
         self.drivers = Drivers()
-        self._watchers: list[Callable[[dict[str, Any]], None]] = []
         self._told = Told()
         self._frames = Frames(min((link.frame_bytes or 0 for link in self._small), default=None))
         self.swarm = swarm
@@ -114,17 +113,6 @@ class Gateway:
         if missions := self.missions:
             link.on_request(vocabulary.REQUEST_WALLS)(lambda _: self._shared("walls", missions.walls))
             link.on_request(vocabulary.REQUEST_LIT)(lambda _: self._shared("lit", missions.lit))
-
-    def watch(self, tell: Callable[[dict[str, Any]], None]) -> Callable[[], None]:
-        """`tell` is told, past the broker, what draws the swarm, and every frame from then on; the result ends it."""
-        # In the words in which visitors are answered.
-        answers: dict[int, Any] = {vocabulary.REQUEST_AREA: self._area(), vocabulary.REQUEST_ROBOTS: self._list(True)}
-        if self.missions:
-            answers |= {vocabulary.REQUEST_WALLS: self.missions.walls(), vocabulary.REQUEST_LIT: self.missions.lit()}
-        for number, data in answers.items():
-            tell({"request": number, "data": data})
-        self._watchers.append(tell)
-        return lambda: self._watchers.remove(tell)
 
     async def run(self) -> None:
         """Tell visitors what happens, and have robots stopped that nobody drives any longer, until cancelled."""
@@ -268,8 +256,6 @@ class Gateway:
         tick = self._frames.next(robots, time.time(), time.monotonic(), more, held=self.brakes.held)
         if tick or self._whole:
             whole = tick.whole if tick else self._frames.nothing(held=self.brakes.held)
-            for tell in self._watchers:
-                tell(whole)
             for link in self._whole:
                 await self._notify(link, whole)
         for frame in tick.frames if tick else ():

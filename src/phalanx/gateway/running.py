@@ -8,8 +8,10 @@ import time
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
+from phalanx.crypto.jwe import encode_base64url
 from phalanx.errors import Unknown
 from phalanx.link.messages import Rejected
+from phalanx.link.session.errors import Busy
 from phalanx.net.server import Happening
 from phalanx.robot import Swarm
 from phalanx.robot.swarm import Stepped
@@ -39,6 +41,8 @@ class Running:
         was_held: all robots were stopped when the gateway before ended.
 
     Args:
+        page_url: where visitors find the page.
+        link_url: where a page of this machine finds the websocket.
         shared: mode qrkey, if it is served as well; then its code is the one that is shown.
         broker: that visitors are served at.
     """
@@ -47,17 +51,20 @@ class Running:
         self,
         options: UpOptions,
         page_url: str,
+        link_url: str,
         link: SessionLink,
         swarm: Swarm,
         say: Say,
         shared: SharedCode | None,
         broker: AtBroker | None = None,
     ) -> None:
-        self.page_url = page_url
+        self.page_url, self._link_url = page_url, link_url
         self.link, self.shared, self._broker = link, shared, broker
         links: list[Link] = [link, *([shared.server] if shared else [])]
         self.gateway = Gateway(swarm, *links, say=say, is_driven=link.is_driven)
         self.desk = OperatorDesk(link, swarm, self.gateway.brakes, page_url, self.hold)
+        self.desk.acts |= {"state": lambda *_: self.state(), "compromise": self._compromise, "where": self._where}
+        self.desk.slow["rotate"] = self._rotate
         self._options = options
         self._loop = asyncio.get_running_loop()
         self._say = say
@@ -154,11 +161,15 @@ class Running:
             "rejected": dict(self.rejected),
         }
 
-    def compromise(self, address: str, attack: str) -> None:
+    def _compromise(self, words: dict[str, Any], _: int) -> None:
         """Have a robot lie. Raises: Unknown: see `ShieldWatch.compromise`; or robots have no shields."""
         if self.gateway.shields is None:
             raise Unknown("these robots do not audit each other: nothing would stop it")
-        self.gateway.shields.compromise(address, attack)
+        self.gateway.shields.compromise(str(words.get("address")), str(words.get("attack")))
+
+    def _where(self, *_: object) -> dict[str, Any]:
+        """Return where a page of this machine finds the link, and the swarm's public key."""
+        return {"link": self._link_url, "static": encode_base64url(self.link.static).decode()}
 
     def hold(self, held: bool) -> None:
         """Every robot stands still from now on, whatever it is told and whatever the link does; or may move again.
@@ -170,10 +181,12 @@ class Running:
         with contextlib.suppress(RuntimeError):  # it has ended
             self._loop.call_soon_threadsafe(self._say, {"event": "held" if held else "released"})
 
-    async def rotate(self) -> bool:
-        """Change the code now; return whether that was done: in mode qrkey not while two are accepted."""
+    async def _rotate(self, _: dict[str, Any]) -> dict[str, Any]:
+        """Change the code that is shown now. Raises: Busy: in mode qrkey, while two are accepted."""
         self.desk.do("new_code", {})
-        return await self.shared.server.rotate() if self.shared else True
+        if self.shared and not await self.shared.server.rotate():
+            raise Busy("the code has just changed; the one before it has to end first")
+        return {}
 
     async def run(self) -> None:
         """Let the world turn, tell visitors, report refusals, until cancelled."""

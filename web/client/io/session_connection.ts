@@ -10,7 +10,7 @@ import { NO_VISIT, type OverReason, type Visit } from "../visit";
 import type { BrokerState } from "../watch";
 import { Beat } from "./beat";
 import type { ResumeStore } from "./resume_store";
-import { type Transport, type TransportEvent, Unanswered, type Waiting } from "./transport";
+import { Refused, type Transport, type TransportEvent, Unanswered, type Waiting } from "./transport";
 import { REFUSED_LOGIN, type Way, WebsocketWay } from "./websocket_way";
 
 /** Who wants to join which swarm, and where. */
@@ -113,12 +113,21 @@ export class SessionConnection implements Transport {
   request(request: number, _more?: JsonObject, timeout_ms = 3000): Promise<Json> {
     const name = REQUESTS[request];
     if (name === undefined) throw new UsageError(`no request ${request}`);
+    return this.#ask(name, new Uint8Array(0), timeout_ms, request);
+  }
+
+  /** The data of the answer to an operator's request. @throws Refused, Unanswered (the promise) */
+  ask(name: string, words: object = {}, timeout_ms = 3000): Promise<Json> {
+    return this.#ask(name, utf8ToBytes(JSON.stringify(words)), timeout_ms);
+  }
+
+  #ask(name: string, payload: Uint8Array, timeout_ms: number, request?: number): Promise<Json> {
     return new Promise((resolve, reject) => {
       if (this.#session?.isJoined !== true) {
         reject(new Unanswered("not connected"));
         return;
       }
-      const { number, event } = this.#session.request(name, new Uint8Array(0), performance.now());
+      const { number, event } = this.#session.request(name, payload, performance.now());
       const timer = setTimeout(() => this.#settle(number)?.reject(new Unanswered(`no answer within ${timeout_ms} ms`)), timeout_ms);
       this.#waiting.set(number, { request, resolve, reject, timer });
       this.#carry([event]);
@@ -312,12 +321,13 @@ export class SessionConnection implements Transport {
     const waiting = this.#settle(number);
     if (waiting === undefined) return;
     waiting.resolve(data);
-    this.#emit({ kind: "replied", timestamp_s: 0, request: waiting.request, data });
+    const { request } = waiting;
+    if (request !== undefined) this.#emit({ kind: "replied", timestamp_s: 0, request, data });
   }
 
   #refused(number: number, reason: Reason): void {
     if (number === 0) this.#show({ refused: { reason, at_ms: performance.now() } });
-    else this.#settle(number)?.reject(new Unanswered(`refused: ${reason}`));
+    else this.#settle(number)?.reject(new Refused(reason));
   }
 
   #ended(reason: Extract<SessionEvent, { kind: "ended" }>["reason"]): void {
