@@ -183,14 +183,14 @@ def test_a_picture_is_painted_before_stylesheet_and_script_are_there(browser, ga
         badge(page, "nocode")
 
 
-def test_a_tablet_is_an_operators_by_a_ticket_of_one_use_also_after_a_reload_and_a_restart(browser, state, tmp_path):
+def test_a_tablet_is_an_operators_by_a_ticket_of_one_use_also_after_a_reload_and_a_restart(browser, state):
     options = ("--robots", "6", "--seed", "4", "--port", str(free_port()))
     with a_page(browser, **TABLET) as tablet:
         with a_gateway(*options, qrkey=False) as (up, ready), a_visitor(browser, ready, "Ada") as ada:
             url = insecure(ask("invite", role="operate", name="Tablet")["url"])
             tablet.goto(url)
-            assert "#" not in tablet.url
             tablet.get_by_label("Map with 6 robots").wait_for()
+            assert "#" not in tablet.url
             assert not barriers_in_both_schemes(tablet)
             with a_page(browser, **TABLET) as thief:
                 thief.goto(url)
