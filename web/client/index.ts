@@ -35,7 +35,7 @@ export {
   type Walk,
   type Wall,
 } from "./mission";
-export { ACTIVE, INACTIVE, LOST, label, type Rgb, type Robot, sentence, shortAddress, shortName } from "./robot";
+export { ACTIVE, INACTIVE, LOST, label, nameWithDriver, type Rgb, type Robot, sentence, shortAddress, shortName } from "./robot";
 export { type Audit, counting, LOW_MS, type Shield, type ShieldTerms, type Voucher } from "./shield";
 export {
   type Area,

@@ -196,6 +196,7 @@ class OperatorDesk:
     def _give(self, words: dict[str, Any], by: int) -> None:
         visitor, robot = self._visitor(words), self._robot(words.get("robot"))
         self._link.carry(self._link.operations.give(robot, visitor, now()))
+        self._stop_robots([robot])
         self._link.trail.write("given", visitor=visitor, robot=robot, by=by)
 
     def _take(self, words: dict[str, Any], by: int) -> None:

@@ -61,7 +61,7 @@ class Running:
         self.page_url, self._link_url = page_url, link_url
         self.link, self.shared, self._broker = link, shared, broker
         links: list[Link] = [link, *([shared.server] if shared else [])]
-        self.gateway = Gateway(swarm, *links, say=say, is_driven=link.is_driven)
+        self.gateway = Gateway(swarm, *links, say=say, is_driven=link.is_driven, drivers=link.drivers)
         self.desk = OperatorDesk(link, swarm, self.gateway.brakes, page_url, self.hold)
         self.desk.acts |= {"state": lambda *_: self.state(), "compromise": self._compromise, "where": self._where}
         self.desk.slow["rotate"] = self._rotate
@@ -118,6 +118,7 @@ class Running:
         robots = self.gateway.swarm.robots()
         names = {robot.address: robot.name for robot in robots}
         link = {vocabulary.Status.ACTIVE: "ok", vocabulary.Status.INACTIVE: "quiet", vocabulary.Status.LOST: "lost"}
+        drivers = self.gateway.drivers.in_list()
         door, sessions = self.link.server.door, self.desk.visitors()
         return {
             "mode": "qrkey" if shared else "session",
@@ -149,7 +150,7 @@ class Running:
                     "last_seen_s": round(now_s - robot.heard_at_s, 1),
                     "rgb_led": vocabulary.tell_led(robot.led),
                     "link": link[vocabulary.status(robot, now_s)],
-                    "drivers": self.gateway.drivers.of(robot.address, uptime_s),
+                    "drivers": drivers.get(robot.address, {}).get("drivers", []),
                 }
                 for robot in robots
             ],

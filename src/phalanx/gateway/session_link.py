@@ -385,6 +385,10 @@ class SessionLink:
         """Return whether a visitor drives a robot now, or has it assigned."""
         return self.server.assignment.driver_of(robot, now().ms) is not None
 
+    def drivers(self) -> dict[str, str]:
+        """Return the name of the visitor that has each robot which somebody has now."""
+        return {robot: self.name_of(visitor) for robot, visitor in self.server.assignment.drivers(now().ms).items()}
+
     def name_of(self, visitor: int) -> str:
         """Return a visitor's nickname, or "" if it was removed."""
         known = self.server.visitors.find(visitor)
