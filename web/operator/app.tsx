@@ -93,7 +93,7 @@ export function Desk({ station, isOnTablet }: DeskProps) {
 
   const dead = trouble !== undefined && silent_ms > DEAD_AFTER_MS;
   return (
-    <div className="page" data-exhibition={exhibition.on} data-trouble={trouble !== undefined}>
+    <div className="page" data-tablet={isOnTablet} data-exhibition={exhibition.on} data-trouble={trouble !== undefined}>
       {!exhibition.on && (
         <Header station={station} state={newest?.state} drawing={drawing === true} onDrawing={setDrawing} isOnTablet={isOnTablet} />
       )}

@@ -16,7 +16,8 @@ interface Props {
 
 export function SessionCard({ station, session, robots }: Props) {
   const [trouble, setTrouble] = useState<string>();
-  const { visitors } = session;
+  // A page of this machine that was closed is nobody to care for.
+  const visitors = session.visitors.filter(({ role, present }) => present || role !== "operate");
   const present = visitors.filter((each) => each.present);
   const act: Act = async (what, words = {}) => setTrouble(await order(station, what, words));
   return (

@@ -214,7 +214,7 @@ class Running:
         here = [
             {"id": each["name"], "last_seen_s": each["silent_s"], "requests": 0, "visitor": each["visitor"]}
             for each in sessions
-            if each["present"]
+            if each["present"] and each["role"] != "operate"
         ]
         shared = self.gateway.visitors
         return here + [
