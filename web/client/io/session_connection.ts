@@ -34,6 +34,8 @@ const RETRY_MS = [300, 1000, 2000, 4000];
 const SAID_INVALID = ["unknown_secret", "not_authentic"];
 const SAID_TOO_MANY = ["tries_used_up", "too_many"];
 const REFUSALS = 2;
+/** A request with more is longer than a command, and shows anyway. */
+const SHORT_BYTES = 64;
 
 export class SessionConnection implements Transport {
   readonly isPaced = true;
@@ -58,6 +60,7 @@ export class SessionConnection implements Transport {
   #session: Session | undefined;
   #state: BrokerState = "connecting";
   #visit: Visit = NO_VISIT;
+  #asked = 0;
   #isHidden = false;
   /** Whose the stored secret is: the tab's that used it last. */
   readonly #tab = bytesToHex(randomBytes(8));
@@ -127,10 +130,26 @@ export class SessionConnection implements Transport {
         reject(new Unanswered("not connected"));
         return;
       }
-      const { number, event } = this.#session.request(name, payload, performance.now());
-      const timer = setTimeout(() => this.#settle(number)?.reject(new Unanswered(`no answer within ${timeout_ms} ms`)), timeout_ms);
-      this.#waiting.set(number, { request, resolve, reject, timer });
-      this.#carry([event]);
+      const session = this.#session;
+      let number: number | undefined;
+      const timer = setTimeout(() => {
+        if (number !== undefined) this.#waiting.delete(number);
+        reject(new Unanswered(`no answer within ${timeout_ms} ms`));
+      }, timeout_ms);
+      const send = () => {
+        const asked = session.request(name, payload, performance.now());
+        number = asked.number;
+        this.#waiting.set(number, { request, resolve, reject, timer });
+        this.#carry([asked.event]);
+      };
+      this.#asked += 1;
+      const inASlot = { robot: "", name: `${name} ${this.#asked}`, payload, stop: false, ask: send };
+      // An operator's stop waits for nothing, and everybody sees the robots stand still.
+      if (payload.length > SHORT_BYTES || name === "stop" || !this.#beat.isBeating) send();
+      else if (!this.#beat.slots.put(inASlot)) {
+        clearTimeout(timer);
+        reject(new Unanswered("too much waits to be sent"));
+      }
     });
   }
 
@@ -263,7 +282,8 @@ export class SessionConnection implements Transport {
   #say(command: Command | undefined, now_ms: number): void {
     const session = this.#session;
     if (session === undefined) return;
-    if (command) this.#carry([session.command(command.robot, command.name, command.payload, now_ms, command.stop)]);
+    if (command?.ask) command.ask();
+    else if (command) this.#carry([session.command(command.robot, command.name, command.payload, now_ms, command.stop)]);
     else this.#carry([session.alive(now_ms)]);
   }
 
