@@ -35,7 +35,7 @@ async function held(station: LinkStation, is: boolean): Promise<string | undefin
 
 describe("the operator's stop", () => {
   it("is asked for again until it is answered", async () => {
-    answers = [away, away, () => Promise.resolve({})];
+    answers = [away, () => Promise.reject(new Refused("too_many")), () => Promise.resolve({})];
     expect(await held(new LinkStation(link, undefined), true)).toBeUndefined();
     expect(asked).toEqual(["stop", "stop", "stop"]);
   });

@@ -14,6 +14,7 @@ import type { Local } from "./local";
 /** A stop is asked for again until it is answered, for so long. */
 const STOP_FOR_MS = 10_000;
 const STOP_AGAIN_MS = 500;
+const AGAIN: readonly Reason[] = ["late", "too_many"];
 const WORDS: Readonly<Record<Reason, string>> = {
   late: "That came too late. Try again.",
   not_allowed: "That is not allowed: there is no such robot, or this visitor may not drive it.",
@@ -77,7 +78,7 @@ export class LinkStation implements Station {
         await this.ask(held ? "stop" : "go", {}, 2 * STOP_AGAIN_MS);
         return undefined;
       } catch (error) {
-        if (error instanceof Refused) return WORDS[error.reason];
+        if (error instanceof Refused && !AGAIN.includes(error.reason)) return WORDS[error.reason];
         if (error instanceof UsageError) throw error;
       }
       if (!held || wanted !== this.#wanted || performance.now() > until_ms) return "The gateway does not answer.";

@@ -42,6 +42,8 @@ from .terminal import EventLines, end_status_line, heed_stop_words, plain, statu
 
 log = logging.getLogger(__name__)
 
+TABLET_S = 600
+
 
 def up(
     robots: int | None,
@@ -230,7 +232,9 @@ def _run_for_people(options: UpOptions, swarm: Callable[[], Swarm]) -> None:
     def started(running: Running) -> None:
         gateway.append(running)
         if sys.stdin.isatty():  # what else is there was not typed for us
-            heed_stop_words(running.hold)
+            loop = asyncio.get_running_loop()
+            tablet = partial(loop.call_soon_threadsafe, _show_tablet_code, running)
+            heed_stop_words(running.hold, {"tablet": tablet})
 
     def tell(event: dict[str, Any]) -> None:
         _tell(options, event)
@@ -278,6 +282,13 @@ def _show_code(what: str, url: str) -> None:
     click.echo(f"{what}  {url}\n{qr_text(url, colour=sys.stdout.isatty(), border=1)}")
 
 
+def _show_tablet_code(running: Running) -> None:
+    """Print a code that makes a tablet an operator's."""
+    ticket = running.desk.do("invite", {"role": "operate", "valid_s": TABLET_S})
+    end_status_line()
+    _show_code("an operator's tablet, one, within ten minutes", ticket["url"])
+
+
 async def _keep_status(running: Running) -> None:
     while True:
         now = running.summary()
@@ -287,5 +298,6 @@ async def _keep_status(running: Running) -> None:
             *([] if now["connected"] else ["broker away, trying again"]),
             f"new code {minutes}:{seconds:02d}",
             *(f"{now[what]} {what}" for what in ("visitors", "refused", "robots", "commands")),
+            "tablet and Enter: a code for the operator's tablet",
         )
         await asyncio.sleep(1)
