@@ -2,8 +2,9 @@
 
     python benchmarks/bench_front.py [--seconds 8] [--csv FILE]
 
-A gateway with twenty visitors of twenty commands a second each; one more visitor joins every second. Attackers, in a
-process of their own that has at most half a core, come from 25 addresses, or from one.
+A gateway with twenty visitors of twenty commands a second each; one more visitor joins every second, and an operator
+stops all robots twice a second. Attackers, in a process of their own that has at most half a core, come from 25
+addresses, or from one.
 """
 
 from __future__ import annotations
@@ -31,12 +32,14 @@ from processes import children, cpu_s, in_line_s, rss_mb
 from phalanx.config.front import FrontConfig
 from phalanx.config.session import SessionConfig
 from phalanx.errors import UsageError
-from phalanx.link.session import Invitation, MemoryStore, Now, SessionServer
-from phalanx.link.session.events import Close, Commanded, Joined, Publish, Send
+from phalanx.link.session import Invitation, Kind, MemoryStore, Now, Role, Secret, SessionServer, Ticket
+from phalanx.link.session.events import Close, Commanded, Joined, Publish, Requested, Send
+from phalanx.link.session.secret import INVITATION_BYTES
 from phalanx.net.children import end_with
 from phalanx.net.front import Closed, Front, Opened, Received
 
 VISITORS, PER_S, TICK_S = 20, 20, 0.1
+STOP_EVERY_S = 0.5
 STATE = bytes(1900)
 CORE_SHARE = 0.5
 PHONES, FILES = 50, 4
@@ -66,6 +69,7 @@ class Gaps:
     def begin(self) -> None:
         self.last: dict[object, float] = {}
         self.gaps: list[float] = []
+        self.stops: list[float] = []
         self.late_s = 0.0
         self.joined = 0
 
@@ -83,6 +87,8 @@ class Gaps:
             "commands": len(self.gaps),
             "gap_s": gaps[-1] if gaps else 0.0,
             "p99_s": gaps[int(0.99 * (len(gaps) - 1))] if gaps else 0.0,
+            "stops": len(self.stops),
+            "stop_s": max(self.stops, default=0.0),
             "late_s": self.late_s,
             "joined": self.joined,
         }
@@ -115,7 +121,11 @@ class Gateway:
         signer, store = Ed25519PrivateKey.generate(), MemoryStore()
         self.server = SessionServer(SessionConfig(), static, signer, store, os.urandom, now())
         self.server.assignment.set_robots([f"R{n}" for n in range(VISITORS)] + ["NOBODY"], now_ms())
-        self.code = Invitation(static.public_key().public_bytes_raw(), self.server.door.code).fragment()
+        key = static.public_key().public_bytes_raw()
+        self.code = Invitation(key, self.server.door.code).fragment()
+        secret = Secret(Kind.TICKET, os.urandom(INVITATION_BYTES))
+        self.server.door.add_ticket(Ticket(secret, Role.OPERATE, 1, now().unix_s + 3600), now().unix_s)
+        self.ticket = Invitation(key, secret).fragment()
 
     def carry(self, events) -> None:
         for event in events:
@@ -130,6 +140,9 @@ class Gateway:
                     self.carry(self.server.accept(event, now()))
                     if robot != "NOBODY":
                         self.gaps.command(visitor)
+                case Requested(visitor, number, "stop", payload):
+                    self.gaps.stops.append(time.monotonic() - float(payload))  # one clock for all processes
+                    self.carry(self.server.reply(visitor, number, b"{}"))
                 case Joined():
                     self.gaps.joined += 1
 
@@ -158,7 +171,9 @@ async def gateway(pages: Path) -> None:
     async with Front(pages, "default-src 'self'", "127.0.0.1", 0, FrontConfig()) as front:
         serving = Gateway(front)
         tasks = [asyncio.create_task(serving.listen()), asyncio.create_task(serving.gaps.ticks(serving.tick))]
-        await phases(serving.gaps, {"port": front.port, "code": serving.code, "pid": os.getpid()})
+        await phases(
+            serving.gaps, {"port": front.port, "code": serving.code, "ticket": serving.ticket, "pid": os.getpid()}
+        )
         for task in tasks:
             task.cancel()
 
@@ -168,17 +183,17 @@ def now() -> Now:
 
 
 class Visitors:
-    """Twenty who drive, and one more each second."""
+    """Twenty who drive, one more each second, and an operator."""
 
-    def __init__(self, port: int, code: str) -> None:
-        self.port, self.code = port, code
+    def __init__(self, port: int, code: str, ticket: str) -> None:
+        self.port, self.code, self.ticket = port, code, ticket
         self.took_s: list[float] = []
         self.failed = 0
         self.late_s = 0.0  # with a command, for want of a processor here
 
     async def run(self) -> None:
         tasks = [asyncio.create_task(self.drive(n)) for n in range(VISITORS)]
-        tasks.append(asyncio.create_task(self.keep_coming()))
+        tasks += [asyncio.create_task(self.keep_coming()), asyncio.create_task(self.operate())]
         loop = asyncio.get_running_loop()
         while await loop.run_in_executor(None, sys.stdin.readline):
             found = {"join_s": max(self.took_s, default=0.0), "joins": len(self.took_s), "join_failed": self.failed}
@@ -205,6 +220,13 @@ class Visitors:
             if asyncio.current_task().cancelling():
                 return
             await asyncio.sleep(0.1)
+
+    async def operate(self) -> None:
+        client = await connected(self.port, "127.0.1.200", lambda: Client(Session(self.ticket)))
+        await client.ready
+        while not client.is_over:
+            client.transport.write(frame(client.session.stop_all()))
+            await asyncio.sleep(STOP_EVERY_S)
 
     async def keep_coming(self) -> None:
         coming: set[asyncio.Task[None]] = set()
@@ -315,7 +337,7 @@ def measure(
     serving = Child(gateway_file, "gateway", us)
     ready = serving.read()
     where = (us, str(ready["port"]), ready["code"])
-    driving = Child(gateway_file, "visitors", *where)
+    driving = Child(gateway_file, "visitors", *where, ready["ticket"])
     time.sleep(4)
     fronts = children(ready["pid"])
     for pid in fronts:
@@ -363,6 +385,7 @@ COLUMNS = (
     ("attack", "attack", "{}"),
     ("gap_s", "longest gap, s", "{:.2f}"),
     ("p99_s", "p99, s", "{:.3f}"),
+    ("stop_s", "slowest stop, s", "{:.3f}"),
     ("late_s", "tick late, s", "{:.3f}"),
     ("sent_late_s", "sent late, s", "{:.3f}"),
     ("join_s", "newcomer in, s", "{:.2f}"),
@@ -415,7 +438,7 @@ if __name__ == "__main__":
                 asyncio.run(gateway(Path(folder)))
         else:
             asyncio.run(
-                Visitors(int(words[0]), words[1]).run() if role == "visitors" else phones(int(words[0]), words[1])
+                Visitors(int(words[0]), *words[1:]).run() if role == "visitors" else phones(int(words[0]), words[1])
             )
     else:
         main()

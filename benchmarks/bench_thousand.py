@@ -67,7 +67,7 @@ async def join(port: int, code: str, n: int) -> tuple[Client, float]:
 
 async def measure(ready: dict, pid: int, state: Path, chosen: argparse.Namespace) -> list[Row]:
     port = int(ready["page_url"].rstrip("/").rpartition(":")[2])
-    said = await asyncio.to_thread(ask_gateway, state, "state")
+    said = await asyncio.to_thread(ask_gateway, state, "link/state", {})
     joining = []
     for n in range(chosen.visitors):
         joining.append(asyncio.create_task(join(port, ready["qr_url"], n)))
@@ -84,7 +84,7 @@ async def measure(ready: dict, pid: int, state: Path, chosen: argparse.Namespace
     took_s = time.monotonic() - began_s
     updates = sum(client.session.updates for client in clients) - updates
     cores = {name: sum(cpu_s(each) - before[each] for each in pids) / took_s for name, pids in processes.items()}
-    visitors = (await asyncio.to_thread(ask_gateway, state, "state"))["session"]["visitors"]
+    visitors = (await asyncio.to_thread(ask_gateway, state, "link/state", {}))["session"]["visitors"]
     epoch, asked_s = max(client.session.epoch for client in clients), time.monotonic()
     await asyncio.to_thread(ask_gateway, state, "link/remove", {"visitor": visitors[0]["visitor"]})
     # This process may lag behind the gateway: so that a lag is a number, and no failure.

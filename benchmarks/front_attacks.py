@@ -58,6 +58,10 @@ class Session:
     def command(self, robot: str) -> Transmit:
         return self.client.command(robot, "move_raw", b'{"left_y":60,"right_y":60,"left_x":0,"right_x":0}', now_ms())
 
+    def stop_all(self) -> bytes:
+        """Return an operator's request, with the time."""
+        return self.client.request("stop", str(time.monotonic()).encode(), now_ms())[1].data
+
     def _frames(self, events: list) -> bytes:
         said = b""
         for event in events:

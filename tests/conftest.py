@@ -28,7 +28,8 @@ from hypothesis import HealthCheck, settings
 from certificates import make_certificate
 from chromium import CHROMIUM, FLAGS
 from phalanx.cli.main import run_command
-from phalanx.gateway.serve_pages import PAGES, VISITOR_POLICY, OperatorPages
+from phalanx.gateway.payloads import check_words
+from phalanx.gateway.serve_pages import PAGE_POLICY, PAGES, OperatorPages
 from phalanx.net import ANY, Server
 from phalanx.net.broker import open_broker
 from phalanx.net.ports import listen
@@ -116,19 +117,20 @@ def somebody(broker) -> aiomqtt.Client:
 
 def a_page(port: int = 0, host: str = "127.0.0.1", connections: int = 1000) -> Site:
     """The visitors' page, served in this process."""
-    return Site(PAGES / "visitor", VISITOR_POLICY, connections=connections, doors=[listen(host, port, "--port")])
+    return Site(PAGES / "visitor", PAGE_POLICY, connections=connections, doors=[listen(host, port, "--port")])
 
 
-def operator_pages(token: str, state=dict, desk=None, port: int = 0, **said) -> OperatorPages:
+def operator_pages(token: str, state=dict, port: int = 0, **said) -> OperatorPages:
     """The operator's page of a gateway that does nothing but what is `said`."""
 
     class Running(SimpleNamespace):
         connected = property(lambda _: said["connected"]())
 
-    gateway = SimpleNamespace(watch=said.get("watch", lambda _: lambda: None))
-    compromise, hold = (lambda *_: None), said.get("hold", lambda _: None)
-    running = Running(state=state, compromise=compromise, hold=hold, gateway=gateway, desk=said.get("visitors"))
-    return OperatorPages(token, running, desk, port)
+    async def ask(what, words):
+        return state() if what == "state" else check_words(words)
+
+    running = Running(hold=said.get("hold", lambda _: None), desk=SimpleNamespace(ask=ask))
+    return OperatorPages(token, running, port)
 
 
 async def tell_until_cancelled(server):

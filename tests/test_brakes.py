@@ -55,10 +55,10 @@ class Real(Dotbots):
 
 
 def say(url: str, what: str, token: str = TOKEN) -> dict:
-    """POST what the operator's page does; or read the state."""
-    body = None if what == "state" else b"{}"
+    """POST what the operator's page of this machine does; or read the state."""
+    path = "link/state" if what == "state" else what
     headers = {"Authorization": f"Bearer {token}"}
-    with urllib.request.urlopen(urllib.request.Request(f"{url}/api/{what}", body, headers), timeout=5) as answer:
+    with urllib.request.urlopen(urllib.request.Request(f"{url}/api/{path}", b"{}", headers), timeout=5) as answer:
         return json.loads(answer.read())
 
 

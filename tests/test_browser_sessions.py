@@ -9,11 +9,14 @@ import pytest
 from chromium import a_page, badge, barriers_in_both_schemes, choose, insecure, wait_until
 from conftest import a_gateway
 from phalanx.cli.gateway_of import ask_gateway
+from ports import free_port
+from test_browser_operator import qr_in
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(180)]
 
 RECORD_BYTES = 10 + 128 + 16
 DESK = {"viewport": {"width": 1280, "height": 900}}
+TABLET = {"viewport": {"width": 820, "height": 1180}, "has_touch": True}
 
 
 @pytest.fixture
@@ -178,3 +181,46 @@ def test_a_picture_is_painted_before_stylesheet_and_script_are_there(browser, ga
             route.continue_()
         page.unroute("**/assets/*")
         badge(page, "nocode")
+
+
+def test_a_tablet_is_an_operators_by_a_ticket_of_one_use_also_after_a_reload_and_a_restart(browser, state):
+    options = ("--robots", "6", "--seed", "4", "--port", str(free_port()))
+    with a_page(browser, **TABLET) as tablet:
+        with a_gateway(*options, qrkey=False) as (up, _):
+            url = insecure(ask("invite", role="operate", name="Tablet")["url"])
+            tablet.goto(url)
+            tablet.get_by_label("Map with 6 robots").wait_for()
+            assert "#" not in tablet.url
+            assert not barriers_in_both_schemes(tablet)
+            tablet.get_by_test_id("stop-all").click()
+            up.wait_for("held")
+            tablet.get_by_test_id("let-go").click()
+            up.wait_for("released")
+            tablet.reload()
+            tablet.get_by_label("Map with 6 robots").wait_for()
+            assert list(visitors()) == ["Tablet"], "the same visitor"
+            ask("everybody_out")
+            with a_page(browser) as thief:
+                thief.goto(url)
+                thief.get_by_text("is not valid, or has been used").wait_for()
+            up.stop()
+        tablet.get_by_test_id("banner").wait_for()
+        with a_gateway(*options, qrkey=False) as (up, _):
+            tablet.get_by_test_id("banner").wait_for(state="detached")
+            tablet.get_by_test_id("stop-all").click()
+            up.wait_for("held")
+            assert list(visitors()) == ["Tablet"]
+
+
+def test_the_page_of_this_machine_makes_a_tablet_an_operators(browser, gateway, tmp_path):
+    _, ready = gateway
+    with a_page(browser, **DESK) as desk, a_page(browser, **TABLET) as tablet:
+        desk.goto(ready["operator_url"])
+        desk.get_by_test_id("tablet").click()
+        desk.get_by_text("Whoever scans this is an operator").wait_for()
+        assert not barriers_in_both_schemes(desk)
+        desk.locator(".tablet").screenshot(path=tmp_path / "tablet.png")
+        tablet.goto(insecure(qr_in(tmp_path / "tablet.png")))
+        tablet.get_by_test_id("stop-all").wait_for()
+        assert tablet.get_by_test_id("tablet").count() == 0, "it makes no operators"
+        desk.get_by_test_id("session-table").get_by_text("operate").nth(1).wait_for()

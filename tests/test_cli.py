@@ -22,10 +22,10 @@ from click.testing import CliRunner
 
 from conftest import PHALANX, ROOT, bare_mosquitto, run
 from phalanx.cli import doctor
+from phalanx.cli.codes import qr_text
 from phalanx.cli.commands.mission import PROFILES
 from phalanx.cli.credentials import login_in
 from phalanx.cli.main import ABOUT, phalanx, run_command
-from phalanx.cli.up import qr_text
 from phalanx.net import Login
 from ports import free_port
 

@@ -8,6 +8,7 @@ import os
 import re
 import signal
 import subprocess
+import sys
 import time
 import urllib.error
 import urllib.request
@@ -238,9 +239,9 @@ class TestUp:
         with a_gateway() as (_, ready):
             address, token = ready["operator_url"].split("/#token=")
             with pytest.raises(urllib.error.HTTPError) as refused:
-                urllib.request.urlopen(f"{address}/api/state")
+                urllib.request.urlopen(f"{address}/api/link/state", b"{}")
             assert refused.value.code == 401
-            request = urllib.request.Request(f"{address}/api/state", headers={"Authorization": f"Bearer {token}"})
+            request = urllib.request.Request(f"{address}/api/link/state", b"{}", {"Authorization": f"Bearer {token}"})
             state = json.load(urllib.request.urlopen(request))
             assert state["qr_url"] == ready["qr_url"]
             assert len(state["robots"]) == 12
@@ -300,3 +301,18 @@ def test_what_we_deploy_starts_a_gateway_in_words_that_it_knows(file):
     done = run(*words, "--help")
     assert done.returncode == 0, done.stderr
     assert "--host" in done.stdout
+
+
+def test_tablet_and_enter_shows_a_code_that_makes_a_tablet_an_operators(state):
+    ours, theirs = os.openpty()
+    command = [sys.executable, "-m", "phalanx", "up", "--port", "0", "--robots", "2", "--defence", "none"]
+    with subprocess.Popen(command, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as up:
+        try:
+            next(line for line in up.stdout if line.startswith("operator  "))
+            os.write(ours, b"tablet\n")
+            shown = next(line for line in up.stdout if line.startswith("an operator's tablet"))
+            assert re.search(r"http://127\.0\.0\.1:\d+/operator/#j=[\w-]+$", shown)
+        finally:
+            up.terminate()
+            os.close(ours)
+            os.close(theirs)

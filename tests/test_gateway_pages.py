@@ -67,7 +67,13 @@ class TestPages:
                 assert "unsafe" not in policy
                 assert answer.headers["Referrer-Policy"] == "no-referrer"
                 assert "<script" in await answer.text()
-            for path in ("/api/state", "/../pyproject.toml", "/assets/../../../up.py", "/assets/", "/%2e%2e/up.py"):
+            for path in (
+                "/api/link/state",
+                "/../pyproject.toml",
+                "/assets/../../../up.py",
+                "/assets/",
+                "/%2e%2e/up.py",
+            ):
                 async with http.get(f"http://127.0.0.1:{pages.port}{path}") as answer:
                     assert answer.status in (403, 404), path
 
@@ -98,8 +104,9 @@ class TestPages:
     )
     async def test_nothing_secret_is_reachable_without_the_token(self, operator, headers):
         async with aiohttp.ClientSession() as http:
-            for path in ("/api/state", "/api/frames", "/", f"/api/state?token={'t0ken' * 6}"):
-                async with http.get(f"http://127.0.0.1:{operator.port}{path}", headers=headers) as answer:
+            for path in ("/api/link/state", "/api/stop", "/", f"/api/link/state?token={'t0ken' * 6}"):
+                method = "GET" if path == "/" else "POST"
+                async with http.request(method, f"http://127.0.0.1:{operator.port}{path}", headers=headers) as answer:
                     assert answer.status == (200 if path == "/" else 401)
                     assert "314159" not in await answer.text()
                     assert "Access-Control-Allow-Origin" not in answer.headers
@@ -107,7 +114,9 @@ class TestPages:
     async def test_with_the_token_it_answers(self, operator):
         headers = {"Authorization": "Bearer " + "t0ken" * 6}
         async with aiohttp.ClientSession() as http:
-            async with http.get(f"http://127.0.0.1:{operator.port}/api/state", headers=headers) as answer:
+            async with http.post(
+                f"http://127.0.0.1:{operator.port}/api/link/state", json={}, headers=headers
+            ) as answer:
                 assert await answer.json() == {"pin": "314159"}
                 assert answer.headers["Cache-Control"] == "no-store"
 
@@ -122,36 +131,10 @@ class TestPages:
     )
     async def test_words_of_any_charset_are_read_or_refused_in_a_line(self, operator, words, kind):
         headers = {"Authorization": "Bearer " + "t0ken" * 6, "Content-Type": kind}
-        url = f"http://127.0.0.1:{operator.port}/api/compromise"
+        url = f"http://127.0.0.1:{operator.port}/api/link/compromise"
         async with aiohttp.ClientSession() as http, http.post(url, data=words, headers=headers) as answer:
-            assert answer.status == (200 if b"address" in words else 400)
-            assert (await answer.json()).get("hint", "reload the page") == "reload the page"
-
-    async def test_frames_come_a_line_each_until_their_reader_is_too_slow_or_gone(self, monkeypatch):
-        monkeypatch.setattr("phalanx.gateway.serve_pages.FRAMES_WAITING", 3)
-        watching: list = []
-
-        def watch(tell):
-            watching.append(tell)
-            tell({"request": 0, "data": []})
-            return lambda: watching.remove(tell)
-
-        headers = {"Authorization": "Bearer " + "t0ken" * 6}
-        pages = operator_pages("t0ken" * 6, watch=watch)
-        async with pages, aiohttp.ClientSession() as http:
-            url = f"http://127.0.0.1:{pages.port}/api/frames"
-            async with http.get(url, headers=headers) as answer:
-                assert answer.headers["X-Content-Type-Options"] == "nosniff"
-                assert json.loads(await answer.content.readline()) == {"request": 0, "data": []}
-                watching[0]({"cmd": 16})
-                assert json.loads(await answer.content.readline()) == {"cmd": 16}
-                for i in range(50):  # before the reader has another turn
-                    watching[0]({"cmd": i})
-                assert len((await answer.content.read()).splitlines()) == 3
-            await eventually(lambda: not watching)
-            async with http.get(url, headers=headers) as answer:
-                await answer.content.readline()
-            await eventually(lambda: [tell({"cmd": 16}) for tell in watching] == [])
+            assert answer.status == (200 if b"address" in words else 409 if words == b"null" else 400)
+            assert (await answer.json()).get("hint", "reload the page") in ("reload the page", "")
 
     async def test_whoever_ends_us_while_a_page_begins_is_told_nothing(self, caplog):
         class Slow:
@@ -224,7 +207,9 @@ class TestPages:
     async def test_a_foreign_name_for_loopback_is_turned_away(self, operator):
         headers = {"Authorization": "Bearer " + "t0ken" * 6, "Host": f"evil.example:{operator.port}"}
         async with aiohttp.ClientSession() as http:
-            async with http.get(f"http://127.0.0.1:{operator.port}/api/state", headers=headers) as answer:
+            async with http.post(
+                f"http://127.0.0.1:{operator.port}/api/link/state", json={}, headers=headers
+            ) as answer:
                 assert answer.status == 403
                 assert "314159" not in await answer.text()
 
@@ -295,14 +280,14 @@ class TestPages:
         held: list[bool] = []
         async with operator_pages("t0ken" * 6, hold=held.append) as pages:
             operator = await asyncio.open_connection("127.0.0.1", pages.port)
-            assert b" 200 " in await a_line(operator, asked % b"GET /api/state")
+            assert b" 200 " in await a_line(operator, asked % b"POST /api/go")
             crowd = []
             for _ in range(60):
                 stranger = await asyncio.open_connection("127.0.0.1", pages.port)
                 assert b" 200 " in await a_line(stranger, b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
                 crowd.append(stranger)
             operator[1].write(asked % b"POST /api/stop")
-            await eventually(lambda: held == [True])
+            await eventually(lambda: held == [False, True])
             for _, writing in (operator, *crowd):
                 writing.close()
 

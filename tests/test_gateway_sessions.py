@@ -17,9 +17,11 @@ from phalanx.gateway.operator_desk import OperatorDesk
 from phalanx.gateway.payloads import JSON_DEPTH, parse_payload
 from phalanx.gateway.session_link import ASKED_BYTES, SessionLink, now
 from phalanx.gateway.trail import Trail
+from phalanx.link import Command
 from phalanx.link.session import Invitation, MemoryStore, Reason, Role, parse_invitation
 from phalanx.link.session.errors import EndReason
 from phalanx.link.session.events import Send, Transmit
+from phalanx.link.topics import CommandTopic
 from phalanx.net.session_store import new_link_keys
 from phalanx.robot import Led
 from phalanx.world import Dotbots
@@ -48,7 +50,7 @@ async def serving(swarm, store=None, keys=None, trail=None, **config):
         )
         link.port = front.port
         link.front = front
-        link.gateway = gateway = Gateway(swarm, link)
+        link.gateway = gateway = Gateway(swarm, link, is_driven=link.is_driven, drivers=link.drivers)
         jobs = [asyncio.create_task(job) for job in (link.run(), gateway.run(), turn())]
         try:
             yield link
@@ -164,6 +166,31 @@ async def test_only_one_drives_a_robot_and_a_page_that_invents_a_name_is_shown_b
         await bob.command(robot, "move_raw", {"left_y": 60, "right_y": 60})
         await eventually(lambda: bob.refused == [(0, Reason.BUSY)])
         await eventually(lambda: len({*ada.raw_updates} & {*bob.raw_updates}) >= 3)  # sealed once for all
+
+
+async def test_everybody_sees_who_has_a_robot_and_what_the_shared_code_had_it_follow_ends():
+    swarm = Dotbots(2, 1, time.time)
+    first, second = (robot.address for robot in swarm.robots())
+    route = {"threshold": 60, "waypoints": [{"x": 1900, "y": 1900}, {"x": 100, "y": 100}]}
+    async with (
+        serving(swarm) as link,
+        visiting(link.port, link.invitation, "Ada") as ada,
+        visiting(link.port, link.invitation, "Bob") as bob,
+    ):
+        await eventually(lambda: ada.frames and bob.frames)
+        for robot in (first, second):
+            link._commands["waypoints"](Command(CommandTopic(robot, "0", "waypoints"), route))
+        await ada.command(first, "rgb_led", {"red": 1, "green": 2, "blue": 3})
+        await eventually(lambda: any(frame.get("drivers") == [[0, ["Ada"]]] for frame in bob.frames))
+        assert [bool(robot.route) for robot in swarm.robots()] == [False, True]
+        await ada.command(first, "waypoints", route)
+        await ada.command(first, "rgb_led", {"red": 3, "green": 2, "blue": 1})
+        await eventually(lambda: swarm.robots()[0].led == Led(3, 2, 1))
+        assert swarm.robots()[0].route, "her own goes on"
+        desk = OperatorDesk(link, swarm, link.gateway.brakes, "http://x/", print)
+        desk.do("give", {"robot": second, "visitor": bob.visitor})
+        await eventually(lambda: not swarm.robots()[1].route)
+        await eventually(lambda: any(frame.get("drivers") == [[1, ["Bob"]]] for frame in ada.frames))
 
 
 @pytest.mark.parametrize(

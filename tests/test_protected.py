@@ -320,7 +320,7 @@ class TestChoice:
 def post(ready: dict, words: object, token: str | None = None, **headers: str) -> tuple[int, dict]:
     address, own = ready["operator_url"].split("/#token=")
     request = urllib.request.Request(
-        f"{address}/api/compromise",
+        f"{address}/api/link/compromise",
         data=json.dumps(words).encode(),
         headers={"Authorization": f"Bearer {token or own}"} | headers,
     )
@@ -333,7 +333,7 @@ def post(ready: dict, words: object, token: str | None = None, **headers: str) -
 
 def state_of(ready: dict) -> dict:
     address, token = ready["operator_url"].split("/#token=")
-    request = urllib.request.Request(f"{address}/api/state", headers={"Authorization": f"Bearer {token}"})
+    request = urllib.request.Request(f"{address}/api/link/state", b"{}", {"Authorization": f"Bearer {token}"})
     return json.load(urllib.request.urlopen(request))
 
 

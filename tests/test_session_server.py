@@ -443,11 +443,11 @@ def test_a_removal_in_the_middle_of_a_resume_holds():
     assert len(world.server.visitors) == 0
 
 
-def test_everybody_out_keeps_the_operator():
+def test_everybody_out_keeps_operators():
     world = World()
     operator = world.join(world.ticket(Role.OPERATE))
     others = [world.join() for _ in range(3)]
-    world.carry(world.operations.everybody_out(world.now, keep=1))
+    world.carry(world.operations.everybody_out(world.now))
     assert [each.last(Ended) for each in others] == [Ended(EndReason.NEW_CODE)] * 3
     assert operator.client.is_joined
     for each in others:

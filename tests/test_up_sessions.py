@@ -128,7 +128,7 @@ async def test_the_shared_code_commands_no_robot_that_a_visitor_of_a_session_has
 
 async def test_a_ticket_from_the_terminal_limits_its_visitor_to_its_robot(tmp_path, state):
     with a_gateway("--robots", "3", qrkey=False) as (_, ready):
-        robots = (await asyncio.to_thread(ask_gateway, None, "state"))["robots"]
+        robots = (await asyncio.to_thread(ask_gateway, None, "link/state", {}))["robots"]
         mine, other = robots[0], robots[1]
         made = called("link", "invite", "--robot", mine["name"], "--role", "driver", "--name", "Ada")
         assert made.returncode == 0, made.stderr

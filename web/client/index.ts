@@ -1,6 +1,8 @@
 // The library's surface: protocol, connection, hooks, and the vocabulary of swarms.
 
 export * from "./core";
+export { decodeBase64url } from "./core/base64url";
+export { isObject } from "./core/json";
 export { MOST_ROBOTS } from "./frame";
 export {
   BadInvitation,
@@ -17,8 +19,9 @@ export {
 } from "./session";
 export { ResumeStore, browserStores, type Kept } from "./io/resume_store";
 export { SessionConnection, type SessionTo } from "./io/session_connection";
+export { linkUrl } from "./io/link_url";
 export { fetchSwarmKey } from "./io/swarm_key";
-export { type Transport, type TransportEvent, Unanswered } from "./io/transport";
+export { type Transport, type TransportEvent, Refused, Unanswered } from "./io/transport";
 export { SwarmLink, type SwarmSource, type SwarmView } from "./io/swarm_link";
 export { useCommand, useLink, useRequest, useSwarm } from "./react/hooks";
 export {
@@ -32,7 +35,7 @@ export {
   type Walk,
   type Wall,
 } from "./mission";
-export { ACTIVE, INACTIVE, LOST, label, type Rgb, type Robot, sentence, shortAddress, shortName } from "./robot";
+export { ACTIVE, INACTIVE, LOST, label, nameWithDriver, type Rgb, type Robot, sentence, shortAddress, shortName } from "./robot";
 export { type Audit, counting, LOW_MS, type Shield, type ShieldTerms, type Voucher } from "./shield";
 export {
   type Area,

@@ -49,6 +49,7 @@ const LONGEST_NAME = 32;
 const MOST_DRIVERS = 4;
 /** A nickname of a session. */
 const LONGEST_DRIVER = 32;
+const LONGEST_ON_MAP = 12;
 export const DEFAULT_THRESHOLD = 40;
 export const UNNAMED = "Robot";
 
@@ -147,6 +148,14 @@ export function label(robot: { readonly name: string; readonly address: string }
 /** For the map: older servers know no names, and a map full of "Robot" names nobody. */
 export function shortName(robot: { readonly name: string; readonly address: string }): string {
   return robot.name === UNNAMED ? shortAddress(robot.address) : robot.name;
+}
+
+/** For the map: a robot, and who drives it. */
+export function nameWithDriver(robot: Pick<Robot, "name" | "address" | "drivers">): string {
+  const [driver = ""] = robot.drivers;
+  const letters = Array.from(driver);
+  const who = letters.length > LONGEST_ON_MAP ? `${letters.slice(0, LONGEST_ON_MAP - 1).join("")}…` : driver;
+  return who === "" ? shortName(robot) : `${shortName(robot)} · ${who}`;
 }
 
 /** What a gateway says in lower case, as in its log, as a page says it. */

@@ -1,6 +1,6 @@
 // Names on the map: as many as there is room for. None lies on another, or on a robot.
 
-import { type Point, type Robot, shortName } from "../client";
+import { nameWithDriver, type Point, type Robot } from "../client";
 import type { Projection } from "./projection";
 import type { Theme } from "./theme";
 
@@ -57,7 +57,7 @@ export class Names {
     for (const { robot, at } of inSight.sort((a, b) => rank(a.robot) - rank(b.robot))) {
       const chosen = robot.address === selected;
       if (crowded && !chosen) break;
-      const name = shortName(robot);
+      const name = nameWithDriver(robot);
       ctx.font = `${chosen ? 700 : 500} 12px system-ui, sans-serif`;
       const half = widthOf(ctx, name) / 2 + APART;
       const reach = chosen ? rim + 6 : rim;

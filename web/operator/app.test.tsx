@@ -3,12 +3,13 @@
 import { act } from "react";
 import { createRoot, type Root } from "react-dom/client";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
-import { App } from "./app";
+import { type Json, NO_SWARM, NO_VISIT, Refused, Unanswered } from "../client";
+import { Desk } from "./app";
+import { order, type Station } from "./station";
 
 // jsdom has no canvas.
 vi.mock("../map/map_view", () => ({ MapView: () => null }));
 
-const TOKEN = "an-operator-token";
 const PIN = "314159265358979323846264338327950288419";
 
 const STATE = {
@@ -62,28 +63,28 @@ const SHIELDS = {
   },
 };
 
-type Answer = () => Response | Promise<Response>;
-const good: Answer = () => Response.json(STATE);
-const gone: Answer = () => Promise.reject(new TypeError("failed to fetch"));
+type Answer = () => unknown;
+const good: Answer = () => STATE;
+const gone: Answer = () => Promise.reject(new Unanswered("no answer"));
 
 let answer: Answer = good;
-let asked: { readonly url: string; readonly init: RequestInit }[] = [];
+/** What was asked beside the state. */
+let asked: string[] = [];
 let root: Root | undefined;
+const station: Station = {
+  source: { view: { swarm: NO_SWARM, health: { state: "live" }, visit: NO_VISIT }, subscribe: () => () => {} },
+  hold: (held) => order(station, held ? "stop" : "go"),
+  ask: (what, words = {}) => {
+    if (what !== "state") asked.push(`${what} ${JSON.stringify(words)}`);
+    return Promise.resolve().then(answer) as Promise<Json>;
+  },
+};
 
 beforeEach(() => {
   vi.stubGlobal("IS_REACT_ACT_ENVIRONMENT", true);
   vi.useFakeTimers();
   answer = good;
   asked = [];
-  vi.stubGlobal("fetch", (url: string, init: RequestInit) => {
-    // The map's frames: they have tests of their own, and a real browser.
-    if (url === "/api/frames") return new Promise(() => {});
-    asked.push({ url, init });
-    return Promise.resolve().then(answer);
-  });
-  // jsdom draws no images, so it has no URLs for them.
-  URL.createObjectURL = () => "blob:code";
-  URL.revokeObjectURL = () => undefined;
   window.sessionStorage.clear();
   window.history.replaceState(null, "", "/");
 });
@@ -96,11 +97,10 @@ afterEach(() => {
   vi.unstubAllGlobals();
 });
 
-async function open(hash: string): Promise<void> {
-  window.location.hash = hash;
+async function open(): Promise<void> {
   const place = document.body.appendChild(document.createElement("div"));
   root = createRoot(place);
-  await act(async () => root?.render(<App />));
+  await act(async () => root?.render(<Desk station={station} isOnTablet={false} />));
   await pass(0);
 }
 
@@ -119,21 +119,17 @@ async function choose(id: string, value: string): Promise<void> {
 }
 
 const part = (id: string) => document.querySelector(`[data-testid="${id}"]`);
-const page = () => document.documentElement.outerHTML;
 
 describe("the operator page", () => {
-  it("takes the token from the fragment, sends it as a header only, and shows neither it nor the pin", async () => {
-    await open(`#token=${TOKEN}`);
-    expect(window.location.href).not.toContain(TOKEN);
-    expect(asked[0]?.url).toBe("/api/state");
-    expect(asked[0]?.init.headers).toEqual({ Authorization: `Bearer ${TOKEN}` });
-    expect(page()).not.toContain(TOKEN);
-    expect(page()).not.toContain(PIN);
+  it("does not show the pin", async () => {
+    await open();
+    expect(part("qr")).not.toBeNull();
+    expect(document.body.textContent).not.toContain(PIN);
   });
 
   it("shows the code, the countdown, the broker, the visitors, the fleet and the refusals", async () => {
-    await open(`#token=${TOKEN}`);
-    expect(part("qr")?.querySelector("img")?.getAttribute("src")).toBe("blob:code");
+    await open();
+    expect(part("qr")?.querySelector("img")?.getAttribute("src")).toContain(encodeURIComponent("M4 4h1"));
     expect(part("countdown")?.textContent).toContain("10:11");
     expect(part("broker")?.textContent).toContain("ws://192.168.1.7:9001/mqtt");
     expect(part("visitors")?.textContent).toContain("mqttjs_1a2b");
@@ -144,35 +140,8 @@ describe("the operator page", () => {
     expect(part("banner")).toBeNull();
   });
 
-  it("keeps the token for a reload of the tab", async () => {
-    await open(`#token=${TOKEN}`);
-    act(() => root?.unmount());
-    await open("");
-    expect(part("qr")).not.toBeNull();
-  });
-
-  it("says what to do without a token, and asks nothing", async () => {
-    await open("");
-    expect(part("no-token")?.textContent).toContain("operator link printed in the terminal");
-    await pass(5000);
-    expect(asked).toHaveLength(0);
-  });
-
-  it("says what to do after a refusal, stops asking, and starts again with a new link", async () => {
-    answer = () => new Response("", { status: 401 });
-    await open("#token=an-old-one");
-    expect(part("no-token")).not.toBeNull();
-    await pass(5000);
-    expect(asked).toHaveLength(1);
-    answer = good;
-    window.location.hash = `#token=${TOKEN}`;
-    await act(async () => window.dispatchEvent(new HashChangeEvent("hashchange")));
-    await pass(0);
-    expect(part("qr")).not.toBeNull();
-  });
-
   it("says that the gateway is gone, takes the code away, and recovers by itself", async () => {
-    await open(`#token=${TOKEN}`);
+    await open();
     answer = gone;
     await pass(2000);
     expect(part("banner")?.textContent).toContain("Gateway not answering, retrying");
@@ -185,9 +154,9 @@ describe("the operator page", () => {
     expect(part("qr")?.getAttribute("data-out-of-order")).toBe("false");
   });
 
-  it("shows the shields and the refusals, and compromises the chosen robot with the token in a header", async () => {
-    answer = () => Response.json({ ...STATE, shields: SHIELDS });
-    await open(`#token=${TOKEN}`);
+  it("shows the shields and the refusals, and compromises the chosen robot", async () => {
+    answer = () => ({ ...STATE, shields: SHIELDS });
+    await open();
     expect(part("fleet-table")?.textContent).toContain("2/2 · 7 s");
     expect(part("refusals")?.textContent).toContain("Bo refused Cleo: output wrong");
     await choose("attack", "crash");
@@ -196,13 +165,11 @@ describe("the operator page", () => {
     await act(async () => (part("compromise-button") as HTMLButtonElement).click());
     expect(asked, "nobody is chosen yet").toEqual([]);
     await choose("victim", "B0B0F00D33333333");
-    answer = () => Response.json({ error: "too late" }, { status: 404 });
+    answer = () => Promise.reject(new Refused("unknown"));
     await act(async () => (part("compromise-button") as HTMLButtonElement).click());
     await pass(0);
-    expect(asked[0]?.url).toBe("/api/compromise");
-    expect(asked[0]?.init).toMatchObject({ method: "POST", headers: { Authorization: `Bearer ${TOKEN}` } });
-    expect(asked[0]?.init.body).toBe('{"address":"B0B0F00D33333333","attack":"crash"}');
-    expect(part("compromise")?.querySelector('[role="alert"]')?.textContent).toBe("too late");
+    expect(asked).toEqual(['compromise {"address":"B0B0F00D33333333","attack":"crash"}']);
+    expect(part("compromise")?.querySelector('[role="alert"]')?.textContent).toContain("knows no such");
   });
 
   it("says whom it compromised and when that was stopped, and chooses nobody in its place", async () => {
@@ -216,8 +183,8 @@ describe("the operator page", () => {
         robots: { ...SHIELDS.robots, B0B0F00D44444444: { safe_mode: false, attack, lie, vouchers: [] } },
       },
     });
-    answer = () => Response.json(state("", null));
-    await open(`#token=${TOKEN}`);
+    answer = () => state("", null);
+    await open();
     expect(part("lies")).toBeNull();
     await choose("victim", "B0B0F00D44444444");
     asked = [];
@@ -225,36 +192,35 @@ describe("the operator page", () => {
     await act(async () => button.click());
     await pass(0);
     await act(async () => button.click());
-    expect(asked.map(({ url }) => url), "an impatient click").toEqual(["/api/compromise"]);
-    answer = () => Response.json(state("hijack", { since_s: 3.4, stopped_after_s: null }));
+    expect(asked, "an impatient click").toHaveLength(1);
+    answer = () => state("hijack", { since_s: 3.4, stopped_after_s: null });
     await pass(1000);
     expect(part("lies")?.textContent).toBe("Bo: hijack since 3 s");
     expect((part("victim") as HTMLSelectElement).value).toBe("");
     expect(button.disabled).toBe(true);
-    answer = () => Response.json(state("hijack", { since_s: 20, stopped_after_s: 9.8 }));
+    answer = () => state("hijack", { since_s: 20, stopped_after_s: 9.8 });
     await pass(1000);
     expect(part("lies")?.textContent).toBe("Bo: hijack, stopped after 9.8 s");
   });
 
   it("stops all robots at a click, whatever the gateway last said, and lets them go again", async () => {
-    await open(`#token=${TOKEN}`);
+    await open();
     expect(part("let-go")).toBeNull();
     answer = gone;
     await pass(7000);
     asked = [];
     await act(async () => (part("stop-all") as HTMLButtonElement).click());
-    expect(asked[0]?.url).toBe("/api/stop");
-    expect(asked[0]?.init).toMatchObject({ method: "POST", headers: { Authorization: `Bearer ${TOKEN}` } });
+    expect(asked).toEqual(["stop {}"]);
     await pass(0);
     expect(document.querySelector(".stop-all [role=alert]")?.textContent).toContain("does not answer");
-    answer = () => Response.json({ ...STATE, held: true });
+    answer = () => ({ ...STATE, held: true });
     await act(async () => (part("stop-all") as HTMLButtonElement).click());
     await pass(1000);
     expect(document.querySelector(".stop-all [role=alert]")).toBeNull();
     expect(document.querySelector(".stop-all")?.textContent).toContain("All robots are stopped");
     asked = [];
     await act(async () => (part("let-go") as HTMLButtonElement).click());
-    expect(asked[0]?.url).toBe("/api/go");
+    expect(asked).toEqual(["go {}"]);
     answer = good;
     await pass(1000);
     expect(part("let-go")).toBeNull();
@@ -263,8 +229,8 @@ describe("the operator page", () => {
   it("greys a robot in Safe Mode, and does not offer it", async () => {
     const lie = { since_s: 60, stopped_after_s: 9 };
     const robots = { B0B0F00D33333333: { safe_mode: true, attack: "crash", lie, vouchers: [] } };
-    answer = () => Response.json({ ...STATE, shields: { ...SHIELDS, robots } });
-    await open(`#token=${TOKEN}`);
+    answer = () => ({ ...STATE, shields: { ...SHIELDS, robots } });
+    await open();
     expect(part("fleet-table")?.querySelector('[data-safe-mode="true"]')?.textContent).toContain("Safe Modecrash");
     expect((part("compromise-button") as HTMLButtonElement).disabled).toBe(true);
   });
@@ -272,42 +238,42 @@ describe("the operator page", () => {
   it("shows how far a mission is, and what a robot has learnt of its wheels", async () => {
     const walk = { phase: "seeking", decoded: 2, of: 5, why: "", drift: [29, -48, 0] };
     const mission = { world: "hall", running: null, robots: { B0B0F00D33333333: walk } };
-    answer = () => Response.json({ ...STATE, mission });
-    await open(`#token=${TOKEN}`);
+    answer = () => ({ ...STATE, mission });
+    await open();
     expect(part("fleet-table")?.textContent).toContain("seeking 2/5way +2.9 %, turns \u22124.8 %");
   });
 
   it("shows no volts of a robot that tells none", async () => {
     const [ada] = STATE.robots;
     answer = () =>
-      Response.json({ ...STATE, robots: [ada, { ...ada, address: "B0B0F00D44444444", name: "Bo", battery_v: 0 }] });
-    await open(`#token=${TOKEN}`);
+      ({ ...STATE, robots: [ada, { ...ada, address: "B0B0F00D44444444", name: "Bo", battery_v: 0 }] });
+    await open();
     expect(part("fleet-table")?.textContent?.match(/\d V/g)).toHaveLength(1);
   });
 
   it("has no such button where robots do not audit each other", async () => {
-    await open(`#token=${TOKEN}`);
+    await open();
     expect(part("compromise")).toBeNull();
     expect(part("refusals")).toBeNull();
     expect(part("unprotected")?.textContent).toContain("do not audit each other");
   });
 
   it("says why not, as phones do", async () => {
-    answer = () => Response.json({ ...STATE, unprotected: "what audits need is being compiled" });
-    await open(`#token=${TOKEN}`);
+    answer = () => ({ ...STATE, unprotected: "what audits need is being compiled" });
+    await open();
     expect(part("unprotected")?.textContent).toBe("No shieldsWhat audits need is being compiled.");
   });
 
   it("says which way phones are not let through", async () => {
     const phones = "phones get into ws://lab:9001/mqtt, but nothing on /qrkey/+/notify reaches them";
-    answer = () => Response.json({ ...STATE, broker: { ...STATE.broker, phones } });
-    await open(`#token=${TOKEN}`);
+    answer = () => ({ ...STATE, broker: { ...STATE.broker, phones } });
+    await open();
     expect(part("banner")?.textContent).toBe(`P${phones.slice(1)}`);
   });
 
   it("says that the broker is gone", async () => {
-    answer = () => Response.json({ ...STATE, broker: { ...STATE.broker, connected: false, trouble: "Not authorized" } });
-    await open(`#token=${TOKEN}`);
+    answer = () => ({ ...STATE, broker: { ...STATE.broker, connected: false, trouble: "Not authorized" } });
+    await open();
     expect(part("banner")?.textContent).toContain("lost its broker (Not authorized), retrying");
     expect(part("broker")?.getAttribute("data-connected")).toBe("false");
   });
@@ -323,15 +289,13 @@ describe("the operator page", () => {
       const button = [...(where?.querySelectorAll("button") ?? [])].find(({ textContent }) => textContent === label);
       await act(async () => button?.click());
     };
-    const orders = () =>
-      asked.filter(({ url }) => url !== "/api/state").map(({ url, init }) => `${url} ${init.body as string}`);
 
     beforeEach(() => {
-      answer = () => Response.json({ ...STATE, mode: "session", overlapping: true, broker, visitors: [], session });
+      answer = () => ({ ...STATE, mode: "session", overlapping: true, broker, visitors: [], session });
     });
 
     it("lists who is here with what each may do, and shows no broker", async () => {
-      await open(`#token=${TOKEN}`);
+      await open();
       expect(part("broker")).toBeNull();
       expect(part("visitors")).toBeNull();
       expect(row(1)?.textContent).toContain("Ada L.drive");
@@ -343,18 +307,18 @@ describe("the operator page", () => {
     });
 
     it("lets in, changes roles, shows a room code, and closes the door", async () => {
-      await open(`#token=${TOKEN}`);
+      await open();
       await click(row(3), "Let in");
       await click(row(1), "Watch only");
       await click(part("session"), "Close the door");
       await act(async () => (part("room-toggle") as HTMLButtonElement).click());
-      expect(orders()).toEqual([
-        '/api/link/approve {"visitor":3}',
-        '/api/link/role {"visitor":1,"role":"watch"}',
-        '/api/link/door {"open":false}',
-        '/api/link/room {"show":true}',
+      expect(asked).toEqual([
+        'approve {"visitor":3}',
+        'role {"visitor":1,"role":"watch"}',
+        'door {"open":false}',
+        'room {"show":true}',
       ]);
-      answer = () => Response.json({ ...STATE, broker, session: { ...session, room: "12345678" } });
+      answer = () => ({ ...STATE, broker, session: { ...session, room: "12345678" } });
       await pass(1000);
       expect(part("room-digits")?.textContent).toBe("1234 5678");
     });
@@ -363,8 +327,8 @@ describe("the operator page", () => {
       const other = { ...STATE.robots[0], address: "B0B0F00D44444444", name: "Bo" };
       const visitors = [{ ...ada, robot: other.address }, bob, eve];
       const robots = [STATE.robots[0], other];
-      answer = () => Response.json({ ...STATE, robots, broker, session: { ...session, visitors } });
-      await open(`#token=${TOKEN}`);
+      answer = () => ({ ...STATE, robots, broker, session: { ...session, visitors } });
+      await open();
       const give = async (id: number, value: string) => {
         const select = row(id)?.querySelector("select") as HTMLSelectElement;
         await act(async () => {
@@ -374,40 +338,40 @@ describe("the operator page", () => {
       };
       await give(1, "B0B0F00D33333333");
       await give(1, "");
-      answer = () => Response.json({ ...STATE, robots, broker, session });
+      answer = () => ({ ...STATE, robots, broker, session });
       await pass(1000);
       await give(1, "B0B0F00D44444444");
-      expect(orders()).toEqual([
-        '/api/link/swap {"robots":["B0B0F00D44444444","B0B0F00D33333333"]}',
-        '/api/link/take {"robot":"B0B0F00D44444444"}',
-        '/api/link/give {"visitor":1,"robot":"B0B0F00D44444444"}',
+      expect(asked).toEqual([
+        'swap {"robots":["B0B0F00D44444444","B0B0F00D33333333"]}',
+        'take {"robot":"B0B0F00D44444444"}',
+        'give {"visitor":1,"robot":"B0B0F00D44444444"}',
       ]);
     });
 
     it("removes only at a second click, and forgets the first one after a while", async () => {
-      await open(`#token=${TOKEN}`);
+      await open();
       await click(row(1), "Remove");
       await click(part("session"), "Everybody out");
-      expect(orders()).toEqual([]);
+      expect(asked).toEqual([]);
       await pass(5000);
       await click(row(1), "Remove");
-      expect(orders()).toEqual([]);
-      answer = () => Response.json({ error: "no visitor 1" }, { status: 409 });
+      expect(asked).toEqual([]);
+      answer = () => Promise.reject(new Refused("unknown"));
       await click(row(1), "Really?");
       await pass(0);
-      expect(orders()).toEqual(['/api/link/remove {"visitor":1}']);
-      expect(part("session")?.querySelector("[role=alert]")?.textContent).toBe("no visitor 1");
+      expect(asked).toEqual(['remove {"visitor":1}']);
+      expect(part("session")?.querySelector("[role=alert]")?.textContent).toContain("knows no such");
     });
   });
 
   it("does not break on an answer that it does not understand", async () => {
-    answer = () => Response.json({ ...STATE, robots: [{ name: "half a robot" }] });
-    await open(`#token=${TOKEN}`);
+    answer = () => ({ ...STATE, robots: [{ name: "half a robot" }] });
+    await open();
     expect(part("banner")?.textContent).toContain("different versions");
   });
 
   it("shows the code alone, and leaves it with Escape", async () => {
-    await open(`#token=${TOKEN}`);
+    await open();
     const button = () => document.querySelector<HTMLButtonElement>(".buttons button:last-child");
     await act(async () => button()?.click());
     expect(part("qr")).not.toBeNull();

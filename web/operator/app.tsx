@@ -1,8 +1,10 @@
-// The operator's page: the code for the visitors on one half, the state of everything on the other.
+// The operator's page, on this machine or on a tablet: the code for visitors on one half, the state of everything on the
+// other.
 
-import { useEffect, useState } from "react";
-import { sentence } from "../client";
+import { useEffect, useMemo, useState } from "react";
+import { type OverReason, SessionConnection, type SwarmView, sentence, useLink, useSwarm } from "../client";
 import { useNow } from "./clock";
+import { type Entry, resumeStore, useEntry } from "./entry";
 import { useExhibition } from "./exhibition";
 import { Fleet } from "./fleet";
 import type { GatewayState } from "./gateway_state";
@@ -15,10 +17,11 @@ import { type Polled, useGateway } from "./poll";
 import { useWindow } from "./rates";
 import { Rejections } from "./rejections";
 import { AuditsCard, CompromiseCard, UnprotectedCard } from "./shields";
+import { LinkStation, type Station } from "./station";
 import { StopAll } from "./stop_all";
+import { TabletButton } from "./tablet";
 import { Term, Tip } from "./terms";
 import { SessionCard } from "./visitors";
-import { takeToken } from "./token";
 import { ago } from "./words";
 
 // A restart of the gateway is over by then; after it, a code on the screen most likely opens nothing.
@@ -27,45 +30,99 @@ const DEAD_AFTER_MS = 5000;
 const RESTARTED_AFTER_S = 15;
 
 export function App() {
-  const token = useToken();
-  const polled = useGateway(token);
+  const [entry, again] = useEntry();
+  if (entry.kind === "none") return <OpenTheLink refused={entry.refused} />;
+  if (entry.kind === "session") return <Connected key={entry.to.url} entry={entry} onAgain={again} />;
+  return <p className="waiting">{entry.tries < 2 ? "Asking the gateway…" : "The gateway does not answer. Trying again…"}</p>;
+}
+
+interface ConnectedProps {
+  readonly entry: Extract<Entry, { kind: "session" }>;
+  readonly onAgain: () => void;
+}
+
+function Connected({ entry, onAgain }: ConnectedProps) {
+  const { to, local } = entry;
+  const open = useMemo(() => () => new SessionConnection(to, resumeStore), [to]);
+  const link = useLink(open);
+  const station = useMemo(() => link && new LinkStation(link, local), [link, local]);
+  const over = useSwarm(link, ({ visit }) => visit.over);
+  const isLive = useSwarm(link, isLiveOf);
+  const isOperator = useSwarm(link, ({ visit }) => visit.standing === undefined || visit.standing.role === "operate");
+  const isElsewhere = over === "replaced";
+
+  useEffect(() => {
+    // On this machine another ticket is there for the asking.
+    if (!local || over === undefined || isElsewhere) return;
+    const timer = setTimeout(onAgain, 1000);
+    return () => clearTimeout(timer);
+  }, [local, over, isElsewhere, onAgain]);
+
+  useEffect(() => {
+    if (!local || isLive) return;
+    // The gateway may have been started again, with its visitors elsewhere.
+    const timer = setInterval(() => {
+      local.where().then(
+        ({ link: url }) => url !== to.url && onAgain(),
+        () => {},
+      );
+    }, DEAD_AFTER_MS);
+    return () => clearInterval(timer);
+  }, [local, isLive, to, onAgain]);
+
+  if (isElsewhere) return <Elsewhere onHere={() => link?.transport.again()} />;
+  if (!isOperator || (over !== undefined && !local)) return <OpenTheLink refused over={over} />;
+  if (!station) return null;
+  return <Desk station={station} isOnTablet={local === undefined} />;
+}
+
+const isLiveOf = ({ health }: SwarmView) => health.state === "live";
+
+interface DeskProps {
+  readonly station: Station;
+  readonly isOnTablet: boolean;
+}
+
+export function Desk({ station, isOnTablet }: DeskProps) {
+  const polled = useGateway(station);
   const exhibition = useExhibition();
-  const { newest, trouble, refused } = polled;
+  const { newest, trouble } = polled;
   const window = useWindow(newest);
   const [drawing, setDrawing] = useState<boolean>();
   const silent_ms = useNow(1000) - (newest?.at_ms ?? 0);
 
-  if (token === undefined || refused) return <OpenTheLink refused={refused} />;
   const dead = trouble !== undefined && silent_ms > DEAD_AFTER_MS;
   return (
-    <div className="page" data-exhibition={exhibition.on} data-trouble={trouble !== undefined}>
-      {!exhibition.on && <Header state={newest?.state} drawing={drawing === true} onDrawing={setDrawing} />}
-      <StopAll token={token} held={newest?.state.held === true} heardAt_ms={newest?.at_ms ?? 0} />
+    <div className="page" data-tablet={isOnTablet} data-exhibition={exhibition.on} data-trouble={trouble !== undefined}>
+      {!exhibition.on && (
+        <Header station={station} state={newest?.state} drawing={drawing === true} onDrawing={setDrawing} isOnTablet={isOnTablet} />
+      )}
+      <StopAll station={station} held={newest?.state.held === true} heardAt_ms={newest?.at_ms ?? 0} />
       <Banner polled={polled} silent_s={silent_ms / 1000} />
       {/* Once opened it stays, hidden: what is drawn must not be lost to a look at the overview. */}
       {drawing !== undefined && newest?.state.mission && (
         <div hidden={!drawing}>
-          <Editor token={token} running={newest.state.mission.running} />
+          <Editor station={station} running={newest.state.mission.running} />
         </div>
       )}
       {newest && !drawing && (
         <main>
           <div className="stage">
             <Invitation
-              token={token}
+              station={station}
               newest={newest}
               outOfOrder={dead ? "Back in a moment" : undefined}
               exhibition={exhibition}
             />
             {!exhibition.on && (
               <div className="middle">
-                <LiveMap token={token} state={newest.state} />
+                <LiveMap station={station} state={newest.state} />
                 {newest.state.session && (
-                  <SessionCard token={token} session={newest.state.session} robots={newest.state.robots} />
+                  <SessionCard station={station} session={newest.state.session} robots={newest.state.robots} />
                 )}
               </div>
             )}
-            {!exhibition.on && <Show token={token} state={newest.state} />}
+            {!exhibition.on && <Show station={station} state={newest.state} />}
           </div>
           {!exhibition.on && (
             <div className="overview">
@@ -86,12 +143,12 @@ export function App() {
 }
 
 /** What one does, and talks about, before an audience. */
-function Show({ token, state }: { readonly token: string; readonly state: GatewayState }) {
+function Show({ station, state }: { readonly station: Station; readonly state: GatewayState }) {
   const { robots, shields, unprotected, mission, visitors, session, mode } = state;
   const isShared = session === undefined || mode === "qrkey";
   return (
     <div className="show">
-      {shields && <CompromiseCard token={token} robots={robots} shields={shields} />}
+      {shields && <CompromiseCard station={station} robots={robots} shields={shields} />}
       {shields && <AuditsCard refusals={shields.refusals} />}
       {mission && <MissionCard mission={mission} />}
       {!shields && !mission && <UnprotectedCard why={unprotected} />}
@@ -100,24 +157,15 @@ function Show({ token, state }: { readonly token: string; readonly state: Gatewa
   );
 }
 
-function useToken(): string | undefined {
-  const [token, setToken] = useState(takeToken);
-  useEffect(() => {
-    // A new link pasted into this tab changes only the fragment, and loads nothing.
-    const onHash = () => setToken(takeToken());
-    window.addEventListener("hashchange", onHash);
-    return () => window.removeEventListener("hashchange", onHash);
-  }, []);
-  return token;
-}
-
 interface HeaderProps {
+  readonly station: Station;
   readonly state: GatewayState | undefined;
   readonly drawing: boolean;
   readonly onDrawing: (on: boolean) => void;
+  readonly isOnTablet: boolean;
 }
 
-function Header({ state, drawing, onDrawing }: HeaderProps) {
+function Header({ station, state, drawing, onDrawing, isOnTablet }: HeaderProps) {
   return (
     <header className="top">
       {/* The overview has a heading of its own. */}
@@ -136,6 +184,7 @@ function Header({ state, drawing, onDrawing }: HeaderProps) {
           Mission editor
         </button>
       )}
+      {!isOnTablet && <TabletButton station={station} />}
       {state && (
         <p className="quiet">
           <Term of="mode">mode</Term> <span className="mono">{state.mode}</span> · up {ago(Math.max(1, state.uptime_s))}
@@ -167,18 +216,37 @@ function Banner({ polled, silent_s }: { readonly polled: Polled; readonly silent
   );
 }
 
-function OpenTheLink({ refused }: { readonly refused: boolean }) {
+const OVER: Partial<Record<OverReason, string>> = {
+  removed: "Another operator removed this page.",
+  too_many: "Too many came from this address at once.",
+  full: "The gateway has no room for another.",
+};
+
+function OpenTheLink({ refused, over }: { readonly refused: boolean; readonly over?: OverReason | undefined }) {
   return (
     <main className="open-the-link" data-testid="no-token">
       <img src="./icon.svg" alt="" width="64" height="64" />
-      <h1>Open the operator link printed in the terminal</h1>
+      <h1>This page needs an operator’s code or link</h1>
+      <p>{(over && OVER[over]) ?? (refused ? "The one that it was opened with is not valid, or has been used." : "")}</p>
       <p>
-        {refused
-          ? "The gateway does not accept this page’s link. It makes a new one each time it starts, unless --operator-token-file keeps it."
-          : "This page needs the link that the gateway prints when it starts."}{" "}
-        Look for the line that begins with <span className="mono">http://127.0.0.1</span> and open all of it, to the
-        last character.
+        On a tablet or phone, scan an operator’s code: the operator’s page on the gateway’s machine shows one under
+        “On a tablet”, and so does <span className="mono">phalanx link invite --role operator</span>. Each is valid once.
       </p>
+      <p>
+        On the gateway’s machine, open all of the line that begins with <span className="mono">http://127.0.0.1</span>{" "}
+        in the terminal. A restart makes a new one, unless --operator-token-file keeps it.
+      </p>
+    </main>
+  );
+}
+
+function Elsewhere({ onHere }: { readonly onHere: () => void }) {
+  return (
+    <main className="open-the-link" data-testid="elsewhere">
+      <h1>This page is open in another tab</h1>
+      <button type="button" className="primary" onClick={onHere}>
+        Use it here
+      </button>
     </main>
   );
 }

@@ -3,7 +3,7 @@
 import { useEffect, useRef, useState } from "react";
 import { Countdown } from "./countdown";
 import type { Exhibition } from "./exhibition";
-import { order } from "./orders";
+import { order, type Station } from "./station";
 import type { Sample } from "./poll";
 import { QrCode } from "./qr_code";
 import { TERMS } from "./terms";
@@ -12,13 +12,13 @@ import { shortUrl } from "./words";
 const SAID_FOR_MS = 2500;
 
 interface Props {
-  readonly token: string;
+  readonly station: Station;
   readonly newest: Sample;
   readonly outOfOrder: string | undefined;
   readonly exhibition: Exhibition;
 }
 
-export function Invitation({ token, newest, outOfOrder, exhibition }: Props) {
+export function Invitation({ station, newest, outOfOrder, exhibition }: Props) {
   const button = useRef<HTMLButtonElement>(null);
   const { on, enter, leave } = exhibition;
   const { session, mode } = newest.state;
@@ -39,8 +39,8 @@ export function Invitation({ token, newest, outOfOrder, exhibition }: Props) {
       <div className="invitation-foot">
         <Countdown newest={newest} />
         <div className="buttons">
-          {!on && <NewCode token={token} isShared={isShared} overlapping={newest.state.overlapping} />}
-          {!on && session && <RoomToggle token={token} isShown={session.room !== undefined} />}
+          {!on && <NewCode station={station} isShared={isShared} overlapping={newest.state.overlapping} />}
+          {!on && session && <RoomToggle station={station} isShown={session.room !== undefined} />}
           {!on && <CopyLink url={newest.state.qr_url} />}
           {!on && newest.state.projector !== "" && (
             <a className="button" href={newest.state.projector} target="_blank" rel="noreferrer">
@@ -57,12 +57,12 @@ export function Invitation({ token, newest, outOfOrder, exhibition }: Props) {
 }
 
 interface NewCodeProps {
-  readonly token: string;
+  readonly station: Station;
   readonly isShared: boolean;
   readonly overlapping: boolean;
 }
 
-function NewCode({ token, isShared, overlapping }: NewCodeProps) {
+function NewCode({ station, isShared, overlapping }: NewCodeProps) {
   const [trouble, setTrouble] = useState<string>();
   const tip = isShared ? TERMS.sharedCode : TERMS.newCode;
   return (
@@ -74,7 +74,7 @@ function NewCode({ token, isShared, overlapping }: NewCodeProps) {
         disabled={isShared && overlapping}
         data-tip={tip}
         aria-description={tip}
-        onClick={async () => setTrouble(await order(token, "rotate"))}
+        onClick={async () => setTrouble(await order(station, "rotate"))}
       >
         New code now
       </button>
@@ -99,14 +99,14 @@ function RoomDigits({ room }: { readonly room: string }) {
   );
 }
 
-function RoomToggle({ token, isShown }: { readonly token: string; readonly isShown: boolean }) {
+function RoomToggle({ station, isShown }: { readonly station: Station; readonly isShown: boolean }) {
   return (
     <button
       type="button"
       data-testid="room-toggle"
       data-tip={TERMS.room}
       aria-description={TERMS.room}
-      onClick={() => void order(token, "link/room", { show: !isShown })}
+      onClick={() => void order(station, "room", { show: !isShown })}
     >
       {isShown ? "Hide room code" : "Room code"}
     </button>

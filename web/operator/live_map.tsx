@@ -3,20 +3,19 @@
 import { useState } from "react";
 import { MapView } from "../map/map_view";
 import type { GatewayState, Lie, Robot } from "./gateway_state";
-import { useLive } from "./live";
+import type { Station } from "./station";
 
 interface Props {
-  readonly token: string;
+  readonly station: Station;
   readonly state: GatewayState;
 }
 
-export function LiveMap({ token, state }: Props) {
-  const live = useLive(token);
+export function LiveMap({ station, state }: Props) {
   const [chosen, setChosen] = useState<string>();
   const newest = newestLie(state);
   return (
     <section className="live" aria-label="Live map">
-      <MapView link={live} selected={chosen ?? newest?.robot.address} onSelect={(address) => setChosen(address === chosen ? undefined : address)} />
+      <MapView link={station.source} selected={chosen ?? newest?.robot.address} onSelect={(address) => setChosen(address === chosen ? undefined : address)} />
       <p className="live-words" data-testid="live-words" data-stopped={newest?.lie.stopped_after_s !== undefined} hidden={!newest}>
         {newest && <LieWords {...newest} />}
       </p>

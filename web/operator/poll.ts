@@ -1,12 +1,16 @@
 // Asks the gateway for its state once a second, and says plainly when it cannot.
 
 import { useEffect, useState } from "react";
+import { Refused } from "../client";
 import { type GatewayState, NotAState, parseState } from "./gateway_state";
-import { dropToken } from "./token";
+import type { Station } from "./station";
 
 const EVERY_MS = 1000;
 // Longer than any loaded machine needs, and shorter than a person's patience.
 const ANSWER_WITHIN_MS = 4000;
+/** A session takes a moment to begin. */
+const BEGINS_WITHIN_MS = 3000;
+const BEGINS_EVERY_MS = 100;
 
 export type Trouble = "unreachable" | "incomprehensible";
 
@@ -20,37 +24,33 @@ export interface Polled {
   /** The newest answer, kept through any trouble that followed. */
   readonly newest: Sample | undefined;
   readonly trouble: Trouble | undefined;
-  /** The gateway knows another token: only a new link helps. */
-  readonly refused: boolean;
 }
 
-const NOTHING: Polled = { newest: undefined, trouble: undefined, refused: false };
+const NOTHING: Polled = { newest: undefined, trouble: undefined };
 
-/** The gateway's state, asked for with this token; without one, nothing is asked. */
-export function useGateway(token: string | undefined): Polled {
+/** The gateway's state, as a station is told it. */
+export function useGateway(station: Station): Polled {
   const [polled, setPolled] = useState<Polled>(NOTHING);
 
   useEffect(() => {
-    setPolled(NOTHING);
-    if (token === undefined) return;
     let timer: number | undefined;
     let ended = false;
 
+    const opened_ms = performance.now();
+    let isBegun = false;
+
     async function round(): Promise<void> {
       const began_ms = performance.now();
-      const outcome = await ask(token as string);
+      const outcome = await ask(station);
       if (ended) return;
-      if (outcome === "refused") {
-        dropToken();
-        setPolled((before) => ({ ...before, refused: true }));
-        return;
+      isBegun ||= outcome !== "unreachable" || performance.now() - opened_ms > BEGINS_WITHIN_MS;
+      if (isBegun) {
+        setPolled((before) =>
+          typeof outcome === "string" ? { ...before, trouble: outcome } : { newest: outcome, trouble: undefined },
+        );
       }
-      setPolled((before) =>
-        typeof outcome === "string"
-          ? { ...before, trouble: outcome }
-          : { newest: outcome, trouble: undefined, refused: false },
-      );
-      timer = window.setTimeout(round, Math.max(0, began_ms + EVERY_MS - performance.now()));
+      const every_ms = isBegun ? EVERY_MS : BEGINS_EVERY_MS;
+      timer = window.setTimeout(round, Math.max(0, began_ms + every_ms - performance.now()));
     }
 
     void round();
@@ -58,25 +58,17 @@ export function useGateway(token: string | undefined): Polled {
       ended = true;
       window.clearTimeout(timer);
     };
-  }, [token]);
+  }, [station]);
 
   return polled;
 }
 
-async function ask(token: string): Promise<Sample | Trouble | "refused"> {
+async function ask(station: Station): Promise<Sample | Trouble> {
   try {
-    const answer = await fetch("/api/state", {
-      headers: { Authorization: `Bearer ${token}` },
-      cache: "no-store",
-      credentials: "omit",
-      // The token is for the gateway alone.
-      redirect: "error",
-      signal: AbortSignal.timeout(ANSWER_WITHIN_MS),
-    });
-    if (answer.status === 401 || answer.status === 403) return "refused";
-    if (!answer.ok) return "unreachable";
-    return { state: parseState(await answer.json()), at_ms: performance.now() };
+    return { state: parseState(await station.ask("state", {}, ANSWER_WITHIN_MS)), at_ms: performance.now() };
   } catch (error) {
-    return error instanceof NotAState || error instanceof SyntaxError ? "incomprehensible" : "unreachable";
+    return error instanceof NotAState || (error instanceof Refused && error.reason === "unknown")
+      ? "incomprehensible"
+      : "unreachable";
   }
 }

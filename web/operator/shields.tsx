@@ -3,17 +3,17 @@
 import { useState } from "react";
 import { sentence } from "../client";
 import type { Lie, Refusal, Robot, Shields } from "./gateway_state";
-import { order } from "./orders";
+import { order, type Station } from "./station";
 import { ago } from "./words";
 import { Term } from "./terms";
 
 interface Props {
-  readonly token: string;
+  readonly station: Station;
   readonly robots: readonly Robot[];
   readonly shields: Shields;
 }
 
-export function CompromiseCard({ token, robots, shields }: Props) {
+export function CompromiseCard({ station, robots, shields }: Props) {
   const [address, setAddress] = useState("");
   const [name, setName] = useState("");
   const [trouble, setTrouble] = useState<string>();
@@ -35,7 +35,7 @@ export function CompromiseCard({ token, robots, shields }: Props) {
   async function onSubmit() {
     if (!robot || !attack) return;
     setBusy(true);
-    const refused = await order(token, "compromise", { address: robot.address, attack: attack.name });
+    const refused = await order(station, "compromise", { address: robot.address, attack: attack.name });
     setTrouble(refused);
     if (refused === undefined) setAddress("");
     setBusy(false);
@@ -87,7 +87,7 @@ export function CompromiseCard({ token, robots, shields }: Props) {
             ))}
         </ul>
       )}
-      <Stopped token={token} robots={robots} shields={shields} />
+      <Stopped station={station} robots={robots} shields={shields} />
       {attack && (
         <p className="quiet">
           It {attack.does}. Its <Term of="trusted">trusted nodes</Term> stay as they are; visitors are not told which robot it is.
@@ -108,7 +108,7 @@ export function CompromiseCard({ token, robots, shields }: Props) {
 }
 
 /** Robots that were stopped, each with a button to let it begin anew. */
-function Stopped({ token, robots, shields }: Props) {
+function Stopped({ station, robots, shields }: Props) {
   const [asked, setAsked] = useState<ReadonlySet<string>>(new Set());
   const [trouble, setTrouble] = useState<string>();
   const stopped = robots.filter((robot) => shields.robots[robot.address]?.safe_mode);
@@ -116,7 +116,7 @@ function Stopped({ token, robots, shields }: Props) {
 
   async function revive(address: string) {
     setAsked((before) => new Set(before).add(address));
-    const refused = await order(token, "link/revive", { robot: address });
+    const refused = await order(station, "revive", { robot: address });
     setTrouble(refused);
     // The robot is stopped for some seconds more: a second click would be refused.
     setTimeout(() => setAsked((before) => new Set([...before].filter((each) => each !== address))), refused ? 0 : 8000);

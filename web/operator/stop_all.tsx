@@ -1,10 +1,10 @@
 // The emergency stop: always in sight, and never waiting for anything that this page knows or does not know.
 
 import { useEffect, useState } from "react";
-import { order } from "./orders";
+import type { Station } from "./station";
 
 interface Props {
-  readonly token: string;
+  readonly station: Station;
   /** Whether the gateway says that all robots are stopped. */
   readonly held: boolean;
   /** When the gateway answered last, milliseconds on this page's steady clock. */
@@ -14,10 +14,10 @@ interface Props {
 /** What went wrong can be read for so long, if the gateway answers meanwhile. */
 const SAID_FOR_MS = 5000;
 
-export function StopAll({ token, held, heardAt_ms }: Props) {
+export function StopAll({ station, held, heardAt_ms }: Props) {
   const [trouble, setTrouble] = useState<{ readonly text: string; readonly at_ms: number }>();
   const say = async (what: "stop" | "go") => {
-    const text = await order(token, what);
+    const text = await station.hold(what === "stop");
     setTrouble(text === undefined ? undefined : { text, at_ms: performance.now() });
   };
   useEffect(() => {

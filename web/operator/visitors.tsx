@@ -2,23 +2,24 @@
 
 import { useEffect, useState } from "react";
 import type { Robot, Session, SessionVisitor } from "./gateway_state";
-import { order } from "./orders";
+import { order, type Station } from "./station";
 import { Term, TERMS } from "./terms";
 
 /** A second click within so long means it. */
 const CONFIRM_MS = 4000;
 
 interface Props {
-  readonly token: string;
+  readonly station: Station;
   readonly session: Session;
   readonly robots: readonly Robot[];
 }
 
-export function SessionCard({ token, session, robots }: Props) {
+export function SessionCard({ station, session, robots }: Props) {
   const [trouble, setTrouble] = useState<string>();
-  const { visitors } = session;
+  // A page of this machine that was closed is nobody to care for.
+  const visitors = session.visitors.filter(({ role, present }) => present || role !== "operate");
   const present = visitors.filter((each) => each.present);
-  const act: Act = async (what, words = {}) => setTrouble(await order(token, `link/${what}`, words));
+  const act: Act = async (what, words = {}) => setTrouble(await order(station, what, words));
   return (
     <section className="card visitors" data-testid="session" aria-labelledby="session-title">
       <header>

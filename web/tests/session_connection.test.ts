@@ -393,7 +393,7 @@ describe("requests", () => {
 
 describe("the constant rate", () => {
   const drive = (percent: number) => connection.command(A, "0", "move_raw", { left_y: percent, right_y: percent });
-  const beats = () => socket().sent.filter(({ what }) => /^(move_raw|stop|alive|rgb_led)/.test(what));
+  const beats = () => socket().sent.filter(({ what }) => /^(move_raw|stop|alive|rgb_led|ask)/.test(what));
   const gaps = () => beats().map(({ at_ms }, i, all) => at_ms - (all[i - 1]?.at_ms ?? at_ms)).slice(1);
 
   test("with a robot there is one record every 100 ms, whether it is driven, stopped or rests", () => {
@@ -414,6 +414,22 @@ describe("the constant rate", () => {
     expect(beats().filter(({ what }) => what === "stop")).toHaveLength(1);
     expect(beats().at(-1)?.what).toBe("alive");
     expect(beats().length).toBeGreaterThan(28);
+  });
+
+  test("what is asked takes a slot, also while the robot is driven, and an operator's stop does not wait", () => {
+    join({ ...DRIVES, robot: A });
+    vi.advanceTimersByTime(250);
+    for (const name of ["robots", "area"]) {
+      connection.ask(name).catch(() => {});
+      for (let i = 0; i < 4; i += 1) {
+        drive(10);
+        vi.advanceTimersByTime(100);
+      }
+    }
+    expect(new Set(gaps())).toEqual(new Set([100]));
+    expect(beats().map(({ what }) => what)).toEqual(expect.arrayContaining(["ask robots", "ask area"]));
+    connection.ask("stop").catch(() => {});
+    expect(beats().at(-1)?.what).toBe("ask stop");
   });
 
   test("without a robot nothing is sent; the first command goes at once, and the rate ends when the robot is free again", () => {

@@ -4,7 +4,7 @@ import { describe, expect, test } from "vitest";
 import { NO_SWARM, NO_VISIT, type Standing, swarmReducer, type Visit } from "../client";
 import { othersWords } from "../visitor/robot_picker";
 import { lastNickname, madeUp } from "../visitor/nickname";
-import { linkUrl } from "../visitor/link_url";
+import { linkUrl } from "../client";
 import { mayDrive, overWords, refusedWords, standingWords, turnClock } from "../visitor/visit_words";
 
 const A = "DECAFBAD00000001";

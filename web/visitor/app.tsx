@@ -6,6 +6,7 @@ import {
   fetchSwarmKey,
   type Invitation,
   type Kept,
+  linkUrl,
   type Pin,
   type Secret,
   SessionConnection,
@@ -30,7 +31,6 @@ import {
 } from "./invitation_store";
 import { Join } from "./join";
 import { NoCode } from "./no_code";
-import { linkUrl } from "./link_url";
 import { openQrkey, openSession, resumeStore } from "./open_link";
 import { Over, WaitingForApproval } from "./over";
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import click
 from phalanx.errors import UsageError
 from phalanx.net.private_file import write_whole
 
+from .codes import qr_text
 from .gateway_of import ask_gateway, default_state
 from .terminal import counted, plain, talk
 
@@ -44,24 +46,25 @@ def invite(
     if sheet is None:
         url = ask_gateway(state, "link/invite", words | {"robots": list(robots)})["url"]
         click.echo(json.dumps({"url": url}) if as_json else url)
+        if sys.stdout.isatty() and not as_json:
+            click.echo(qr_text(url, colour=True))
         return
     if words["role"] != "drive" and not robots:
         raise UsageError("a sheet has a card for each robot", "--role driver, or without --sheet")
-    listed = {robot["name"] or robot["address"]: robot["address"] for robot in ask_gateway(state, "state")["robots"]}
+    known = ask_gateway(state, "link/state", {})["robots"]
+    listed = {robot["name"] or robot["address"]: robot["address"] for robot in known}
     cards = []
     for robot in robots or sorted(listed):
         card = words | {"robots": [listed.get(robot, robot)], "name": name or robot}
-        cards.append((robot, ask_gateway(state, "link/invite", card)["url"]))
+        cards.append((robot, ask_gateway(state, "link/invite", card)["svg"]))
     write_whole(sheet, sheet_of(cards, uses).encode(), "a folder that is yours", private=True)
     talk(f"{counted(len(cards), 'card')} in {plain(sheet)}: whoever has one drives; print it, and delete it")
 
 
 def sheet_of(cards: Sequence[tuple[str, str]], uses: int) -> str:
     """Return a page with a card for each robot: its name and QR code."""
-    from phalanx.gateway.operator_desk import qr_svg  # noqa: PLC0415 - as much to import as all the rest
-
     times = "for one visitor" if uses == 1 else f"for {uses} visitors"
-    made = (f"<section><h2>{html.escape(robot)}</h2>{qr_svg(url)}<p>{times}</p></section>\n" for robot, url in cards)
+    made = (f"<section><h2>{html.escape(robot)}</h2>{svg}<p>{times}</p></section>\n" for robot, svg in cards)
     return SHEET + "".join(made)
 
 

@@ -190,14 +190,14 @@ def write_line(line: str) -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
 
-def heed_stop_words(hold: Callable[[bool], None]) -> None:
-    """Enter or `stop` on stdin holds all robots, `go` lets them go again, until stdin ends."""
+def heed_stop_words(hold: Callable[[bool], None], others: Mapping[str, Callable[[], object]] | None = None) -> None:
+    """Enter or `stop` on stdin holds all robots, `go` lets them go again, until stdin ends; so for other words."""
     # A shell's background job may not read: it is told so by an error instead of being stopped itself.
     signal.signal(signal.SIGTTIN, signal.SIG_IGN)
-    threading.Thread(target=_listen, args=(hold,), name="stop word", daemon=True).start()
+    threading.Thread(target=_listen, args=(hold, others or {}), name="stop word", daemon=True).start()
 
 
-def _listen(hold: Callable[[bool], None]) -> None:
+def _listen(hold: Callable[[bool], None], others: Mapping[str, Callable[[], object]]) -> None:
     waiting = b""
     while True:
         try:
@@ -211,7 +211,11 @@ def _listen(hold: Callable[[bool], None]) -> None:
         *lines, waiting = (waiting + said).split(b"\n")
         waiting = waiting[:LONGEST]
         for line in lines:
-            _obey(line.decode(errors="replace").strip().lower(), hold)
+            word = line.decode(errors="replace").strip().lower()
+            if act := others.get(word):
+                act()
+            else:
+                _obey(word, hold)
 
 
 def _obey(word: str, hold: Callable[[bool], None]) -> None:

@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import logging
 import os
-import re
 import sys
 from collections.abc import Callable, Coroutine, Iterator
 from contextlib import AbstractContextManager
@@ -15,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import segno
 
 from phalanx.bridges.dotbots import DotbotSwarm, DotbotUrl, parse_dotbot_url
 from phalanx.config import LinkConfig
@@ -36,6 +34,7 @@ from phalanx.world.building.floorplan import DEFAULT, load_floorplan
 from phalanx.world.missions.orders import Orders, orders_of, orders_of_files
 from phalanx.world.swarms.protected import SwarmKeys
 
+from .codes import qr_text
 from .commands.up import ROBOTS, ROBOTS_ON_MISSION
 from .credentials import kept_token, login_for, passphrase_of, read_signing_key
 from .gateway_of import default_state
@@ -47,9 +46,8 @@ from .terminal import EventLines, end_status_line, heed_stop_words, plain, statu
 log = logging.getLogger(__name__)
 
 TOUR_MISSION = "office"
+TABLET_S = 600
 Started = Callable[[Running], None]
-MANY_DIGITS = re.compile(r"([0-9]{12,})")
-BLACK, WHITE = 16, 231  # of the 256 colours: the first sixteen are the theme's and may be anything
 
 
 def up(
@@ -287,8 +285,11 @@ def _run_for(options: UpOptions, events: bool, make: Callable[[Say, Started], Co
         lines.close()
 
 
-def _heeding(gateways: list[Running]) -> Started:
-    """Return what keeps the gateways that start, and has stdin's words stop and free the robots of the newest."""
+def _heeding(gateways: list[Running], *, for_people: bool = False) -> Started:
+    """Return what keeps the gateways that start, and has stdin's words stop and free the robots of the newest.
+
+    For people `tablet` also shows a code for an operator's tablet.
+    """
 
     def hold(held: bool) -> None:
         gateways[-1].hold(held)
@@ -296,7 +297,9 @@ def _heeding(gateways: list[Running]) -> Started:
     def started(running: Running) -> None:
         gateways.append(running)
         if len(gateways) == 1:  # one reader: another one would take its words
-            heed_stop_words(hold)
+            loop = asyncio.get_running_loop()
+            tablet = partial(loop.call_soon_threadsafe, lambda: _show_tablet_code(gateways[-1]))
+            heed_stop_words(hold, {"tablet": tablet} if for_people else {})
 
     return started
 
@@ -305,7 +308,7 @@ def _run_for_people(options: UpOptions, make: Callable[[Say, Started], Coroutine
     status: list[asyncio.Task[None]] = []
     gateway: list[Running] = []
     # What else is there than a terminal was not typed for us.
-    started = _heeding(gateway) if sys.stdin.isatty() else gateway.append
+    started = _heeding(gateway, for_people=True) if sys.stdin.isatty() else gateway.append
 
     def tell(event: dict[str, Any]) -> None:
         _tell(options, event)
@@ -360,6 +363,13 @@ def _show_code(what: str, url: str) -> None:
     click.echo(f"{what}  {url}\n{qr_text(url, colour=sys.stdout.isatty(), border=1)}")
 
 
+def _show_tablet_code(running: Running) -> None:
+    """Print a code that makes a tablet an operator's."""
+    ticket = running.desk.do("invite", {"role": "operate", "valid_s": TABLET_S})
+    end_status_line()
+    _show_code("an operator's tablet, one, within ten minutes", ticket["url"])
+
+
 async def _keep_status(running: Running) -> None:
     while True:
         now = running.summary()
@@ -369,31 +379,6 @@ async def _keep_status(running: Running) -> None:
             *([] if now["connected"] else ["broker away, trying again"]),
             f"new code {minutes}:{seconds:02d}",
             *(f"{now[what]} {what}" for what in ("visitors", "refused", "robots", "commands")),
+            "tablet and Enter: a code for the operator's tablet",
         )
         await asyncio.sleep(1)
-
-
-def qr_text(url: str, border: int = 2, *, colour: bool) -> str:
-    """Return the QR code of `url`, two modules a character: with colour black on white, whatever the terminal's theme.
-
-    Without colour its light modules are drawn: right on a dark background, and most phones read it on a light one too.
-    """
-    # The pin as a number of its own takes 130 bits for 312: a code one size smaller, which fits 24 lines.
-    parts: Any = [part for part in MANY_DIGITS.split(url) if part]  # segno's types know only one part
-    rows = [list(row) for row in segno.make_qr(parts, error="l").matrix_iter(border=border)]
-    if len(rows) % 2:
-        rows.append([0] * len(rows[0]))
-    draw = _colour_cell if colour else _plain_cell
-    end = "\x1b[0m" if colour else ""
-    return "\n".join(
-        "".join(draw(bool(top), bool(bottom)) for top, bottom in zip(upper, lower, strict=True)) + end
-        for upper, lower in zip(rows[::2], rows[1::2], strict=True)
-    )
-
-
-def _colour_cell(top: bool, bottom: bool) -> str:
-    return f"\x1b[38;5;{BLACK if top else WHITE};48;5;{BLACK if bottom else WHITE}m▀"
-
-
-def _plain_cell(top: bool, bottom: bool) -> str:
-    return (" " if bottom else "▄") if top else ("▀" if bottom else "█")

@@ -6,7 +6,7 @@ import asyncio
 import logging
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from phalanx.errors import Late, Unknown, UsageError
@@ -70,6 +70,7 @@ class Gateway:
     Args:
         say: gets events of shields and missions.
         is_driven: returns whether a session's visitor has a robot: who is nobody's visitor must not command it.
+        drivers: returns the names of those visitors, by robot.
     """
 
     def __init__(
@@ -78,6 +79,7 @@ class Gateway:
         *links: Link,
         say: Callable[[dict[str, Any]], None] = lambda _: None,
         is_driven: Callable[[str], bool] = lambda _: False,
+        drivers: Callable[[], Mapping[str, str]] = dict,
     ) -> None:
         self._is_driven = is_driven
         # Those that carry small frames are in mode qrkey: pages of the older words may listen there.
@@ -85,7 +87,8 @@ class Gateway:
         self._whole = [link for link in links if link.frame_bytes is None]
         self._answer_bytes = min((link.answer_bytes for link in links), default=0)
         self.visitors = Visitors()
-        self.drivers = Drivers()
+        self.drivers = Drivers(drivers)
+        self._routes_by_code: set[str] = set()  # robots
         self._watchers: list[Callable[[dict[str, Any]], None]] = []
         self._told = Told()
         self._frames = Frames(min((link.frame_bytes or 0 for link in self._small), default=None))
@@ -116,7 +119,7 @@ class Gateway:
             link.on_request(vocabulary.REQUEST_LIT)(lambda _: self._shared("lit", missions.lit))
 
     def watch(self, tell: Callable[[dict[str, Any]], None]) -> Callable[[], None]:
-        """`tell` is told, past the broker, what draws the swarm, and every frame from then on; the result ends it."""
+        """Call `tell` with the swarm as it is, and with every state update from then on; the result ends it."""
         # In the words in which visitors are answered.
         answers: dict[int, Any] = {vocabulary.REQUEST_AREA: self._area(), vocabulary.REQUEST_ROBOTS: self._list(True)}
         if self.missions:
@@ -139,6 +142,8 @@ class Gateway:
             # Sessions have asked who drives. The shared code says nobody's name, and has no lease of its own.
             if command.by is None and self._is_driven(address):
                 raise Busy("a visitor of a session drives this robot")
+            if command.by is not None:
+                self._end_route_by_code(address)
             if command.is_stop:
                 self.brakes.stop(address)
             else:
@@ -180,6 +185,14 @@ class Gateway:
             self.brakes.refuse_if_held()
         self.swarm.follow(address, route.points, route.threshold_mm)
         self.brakes.follows_a_route(address)
+        if command.by is None:
+            self._routes_by_code.add(address)
+
+    def _end_route_by_code(self, address: str) -> None:
+        """End what the shared code had a robot follow: somebody has it now. Raises: what a driver raises."""
+        if address in self._routes_by_code:
+            self.brakes.drive(address, 0, 0)  # not a stop, which a swarm may carry out after the command that follows
+            self._routes_by_code.discard(address)
 
     def _clear_history(self, address: str, command: Command) -> None:
         self._refuse_late(command)

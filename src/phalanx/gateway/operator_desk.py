@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from typing import Any
 
@@ -24,13 +24,14 @@ from .brakes import Brakes
 from .payloads import check_words
 from .session_link import SessionLink, now
 
-PAGE = 0  # who does it: the operator's page, or a terminal, of this machine
+PAGE = 0  # who does it: a terminal of this machine
 VALID_S = 7 * 24 * 3600  # a ticket, if it does not say for how long
 VALID_MOST_S = 366 * 24 * 3600
 USES_MOST = 1000
 ROLES = {role.name.lower(): role for role in Role}
 
 Act = Callable[[dict[str, Any], int], dict[str, Any] | None]
+Slow = Callable[[dict[str, Any]], Awaitable[dict[str, Any]]]
 
 
 def refuse_revival(robot: str) -> None:
@@ -40,6 +41,10 @@ def refuse_revival(robot: str) -> None:
 
 class OperatorDesk:
     """Answers operators' requests.
+
+    Attributes:
+        acts: requests that are answered at once, by name; others may add theirs.
+        slow: those that take their time, and leave no line in the trail.
 
     Args:
         page_url: where visitors find the page.
@@ -59,7 +64,8 @@ class OperatorDesk:
         self._revive_robot = revive
         self._link, self._swarm, self._brakes, self._page_url, self._hold = link, swarm, brakes, page_url, hold
         self._qr = ("", "")
-        self._acts: dict[str, Act] = {
+        self.slow: dict[str, Slow] = {}
+        self.acts: dict[str, Act] = {
             "visitors": self._list,
             "remove": self._remove,
             "everybody_out": self._everybody_out,
@@ -83,13 +89,20 @@ class OperatorDesk:
 
         Raises: Unknown: no such request or visitor; BadPayload; NotAllowed: no such robot; UsageError.
         """
-        act = self._acts.get(request)
+        act = self.acts.get(request)
         if act is None:
             raise Unknown(f"no request {request[:64]!r}")
         return act(check_words(words), by) or {}
 
-    def operate(self, request: str, words: dict[str, Any], by: int) -> dict[str, Any]:
+    async def ask(self, request: str, words: Any) -> dict[str, Any]:
+        """Answer a request of a terminal. Raises: as `do`, and what those raise that take their time."""
+        slow = self.slow.get(request)
+        return await slow(check_words(words)) if slow else self.do(request, words)
+
+    def operate(self, request: str, words: dict[str, Any], by: int) -> dict[str, Any] | Awaitable[dict[str, Any]]:
         """Answer a visitor's request, as `SessionLink` asks. Raises: PeerError, whatever is wrong with it."""
+        if slow := self.slow.get(request):
+            return slow(words)
         try:
             return self.do(request, words, by)
         except UsageError as error:
@@ -142,9 +155,9 @@ class OperatorDesk:
         self._stop_robots(driven)
 
     def _everybody_out(self, _: dict[str, Any], by: int) -> None:
-        gone = {each.id for each in self._link.server.visitors} - {by}
+        gone = {each.id for each in self._link.server.visitors if each.role is not Role.OPERATE}
         driven = self._driven(gone)
-        events = self._link.operations.everybody_out(now(), keep=by)
+        events = self._link.operations.everybody_out(now())
         self._link.trail.write("everybody_out", visitors=sorted(gone), by=by, durable=True)
         self._link.carry(events)
         self._stop_robots(driven)
@@ -197,6 +210,7 @@ class OperatorDesk:
     def _give(self, words: dict[str, Any], by: int) -> None:
         visitor, robot = self._visitor(words), self._robot(words.get("robot"))
         self._link.carry(self._link.operations.give(robot, visitor, now()))
+        self._stop_robots([robot])
         self._link.trail.write("given", visitor=visitor, robot=robot, by=by)
 
     def _take(self, words: dict[str, Any], by: int) -> None:
@@ -231,7 +245,9 @@ class OperatorDesk:
         self._link.server.door.add_ticket(Ticket(secret, role, uses, unix_s + valid_s, name, named), unix_s)
         words = {"role": role.name.lower(), "uses": uses, "valid_s": valid_s, "name": name, "robots": sorted(named)}
         self._link.trail.write("invited", **words, ticket=secret.id.hex(), by=by)
-        return {"url": self._page_url + "#" + replace(self._link.invitation, secret=secret).fragment()}
+        page = self._page_url.rstrip("/") + "/operator/" if role is Role.OPERATE else self._page_url
+        url = page + "#" + replace(self._link.invitation, secret=secret).fragment()
+        return {"url": url, "svg": qr_svg(url)}
 
     def _stop(self, *, held: bool, by: int) -> None:
         self._hold(held)

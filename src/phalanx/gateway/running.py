@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 
+from phalanx.crypto.jwe import encode_base64url
 from phalanx.errors import Unknown
 from phalanx.link.messages import Rejected
+from phalanx.link.session.errors import Busy
 from phalanx.net.server import Happening
 from phalanx.robot import Swarm
 from phalanx.robot.swarm import SteppedSwarm
@@ -42,6 +44,8 @@ class Running:
         was_held: all robots were stopped when the gateway before ended.
 
     Args:
+        page_url: where visitors find the page.
+        link_url: where a page of this machine finds the websocket.
         shared: mode qrkey, if it is served as well; then its code is the one that is shown.
         broker: that visitors are served at.
         static: the gateway's key, of which the projector's token is derived.
@@ -51,6 +55,7 @@ class Running:
         self,
         options: UpOptions,
         page_url: str,
+        link_url: str,
         link: SessionLink,
         swarm: Swarm,
         say: Say,
@@ -59,11 +64,13 @@ class Running:
         *,
         static: X25519PrivateKey,
     ) -> None:
-        self.page_url = page_url
+        self.page_url, self._link_url = page_url, link_url
         self.link, self.shared, self._broker = link, shared, broker
         links: list[Link] = [link, *([shared.server] if shared else [])]
-        self.gateway = Gateway(swarm, *links, say=say, is_driven=link.is_driven)
+        self.gateway = Gateway(swarm, *links, say=say, is_driven=link.is_driven, drivers=link.drivers)
         self.desk = OperatorDesk(link, swarm, self.gateway.brakes, page_url, self.hold, self.revive)
+        self.desk.acts |= {"state": lambda *_: self.state(), "compromise": self._compromise, "where": self._where}
+        self.desk.slow["rotate"] = self._rotate
         self._options = options
         self.projector = Projector(self, projector_token(static), options.wifi, unreachable=options.unreachable)
         self._loop = asyncio.get_running_loop()
@@ -125,6 +132,7 @@ class Running:
         robots = self.gateway.swarm.robots()
         names = {robot.address: robot.name for robot in robots}
         link = {vocabulary.Status.ACTIVE: "ok", vocabulary.Status.INACTIVE: "quiet", vocabulary.Status.LOST: "lost"}
+        drivers = self.gateway.drivers.in_list()
         door, sessions = self.link.server.door, self.desk.visitors()
         return {
             "mode": "qrkey" if shared else "session",
@@ -157,7 +165,7 @@ class Running:
                     "last_seen_s": round(now_s - robot.heard_at_s, 1),
                     "rgb_led": vocabulary.tell_led(robot.led),
                     "link": link[vocabulary.status(robot, now_s)],
-                    "drivers": self.gateway.drivers.of(robot.address, uptime_s),
+                    "drivers": drivers.get(robot.address, {}).get("drivers", []),
                 }
                 for robot in robots
             ],
@@ -169,11 +177,15 @@ class Running:
             "rejected": dict(self.rejected),
         }
 
-    def compromise(self, address: str, attack: str) -> None:
+    def _compromise(self, words: dict[str, Any], _: int) -> None:
         """Have a robot lie. Raises: Unknown: see `ShieldWatch.compromise`; or robots have no shields."""
         if self.gateway.shields is None:
             raise Unknown("these robots do not audit each other: nothing would stop it")
-        self.gateway.shields.compromise(address, attack)
+        self.gateway.shields.compromise(str(words.get("address")), str(words.get("attack")))
+
+    def _where(self, *_: object) -> dict[str, Any]:
+        """Return where a page of this machine finds the link, and the swarm's public key."""
+        return {"link": self._link_url, "static": encode_base64url(self.link.static).decode()}
 
     def revive(self, address: str) -> None:
         """Have a stopped robot begin anew. Raises: Unknown, UsageError: see `ShieldWatch.revive`."""
@@ -191,10 +203,12 @@ class Running:
         with contextlib.suppress(RuntimeError):  # it has ended
             self._loop.call_soon_threadsafe(self._say, {"event": "held" if held else "released"})
 
-    async def rotate(self) -> bool:
-        """Change the code now; return whether that was done: in mode qrkey not while two are accepted."""
+    async def _rotate(self, _: dict[str, Any]) -> dict[str, Any]:
+        """Change the code that is shown now. Raises: Busy: in mode qrkey, while two are accepted."""
         self.desk.do("new_code", {})
-        return await self.shared.server.rotate() if self.shared else True
+        if self.shared and not await self.shared.server.rotate():
+            raise Busy("the code has just changed; the one before it has to end first")
+        return {}
 
     async def run(self) -> None:
         """Let the world turn, tell visitors, report refusals, until cancelled."""
@@ -221,7 +235,7 @@ class Running:
         here = [
             {"id": each["name"], "last_seen_s": each["silent_s"], "requests": 0, "visitor": each["visitor"]}
             for each in sessions
-            if each["present"]
+            if each["present"] and each["role"] != "operate"
         ]
         shared = self.gateway.visitors
         return here + [

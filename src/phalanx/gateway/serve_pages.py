@@ -1,6 +1,7 @@
-"""The two pages over HTTP. The visitors' page is plain files and knows no secret; the operator's asks for a token.
+"""The operator's page on this machine: its stop, and tickets for the link, for whoever has the token.
 
-Only `OperatorPages` may answer with a pin, and it listens on loopback only.
+The stop waits neither for a transport nor for the gateway's event loop. All else the page does as a client of the link,
+as on a tablet, where the front end serves it.
 """
 
 from __future__ import annotations
@@ -17,28 +18,26 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from aiohttp import web
 
 from phalanx.errors import PeerError, Unavailable, UsageError
-from phalanx.net.site import COMMON_HEADERS, Handler, Site
-
-from .missions.desk import TEXT_MAX_BYTES, MissionDesk, parse_profile
+from phalanx.net.site import COMMON_HEADERS, Site
 
 if TYPE_CHECKING:
-    from .projector import Projector
     from .running import Running
 
 PAGES = Path(__file__).parent / "pages"
 OPERATORS = 200  # connections
-FRAMES_WAITING = 100
+UPDATES_WAITING = 100  # of a projector; then it begins anew
+REQUEST_BYTES = 32 * 1024  # of a mission, as JSON
 HEALTHY_S, HEALTH_FOR_S = 1.0, 0.2  # within which a gateway that is well answers itself; for how long that is true
 
 Told = TypeVar("Told")
 
-_BASE_POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; "
-    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'; connect-src 'self'"
 )
-# Visitors reach the gateway by websocket, and in mode qrkey a broker, wherever it is; 'self' has the swarm's key.
-VISITOR_POLICY = f"{_BASE_POLICY}; img-src 'self' data:; connect-src 'self' ws: wss:"
-OPERATOR_POLICY = f"{_BASE_POLICY}; img-src 'self' data: blob:; connect-src 'self'"
+VIEW_POLICY = _POLICY
+# They reach the gateway by websocket, and in mode qrkey a broker, wherever it is; 'self' has the swarm's key.
+PAGE_POLICY = f"{_POLICY} ws: wss:"
 
 
 def pages_are_built(*pages: str) -> bool:
@@ -47,7 +46,7 @@ def pages_are_built(*pages: str) -> bool:
 
 
 class OperatorPages(Site):
-    """The operator's page, on loopback, and its data for whoever has the token, as `Authorization: Bearer`.
+    """The operator's page, on loopback, and its requests for whoever has the token, as `Authorization: Bearer`.
 
     `hold` of what is `running` is called in whatever thread this is served; all else in the event loop in which this is
     made.
@@ -55,76 +54,23 @@ class OperatorPages(Site):
 
     port_option = "--operator-port"
 
-    def __init__(
-        self,
-        token: str,
-        running: Running,
-        desk: MissionDesk | None = None,
-        port: int = 0,
-        projector: Projector | None = None,
-    ) -> None:
+    def __init__(self, token: str, running: Running, port: int = 0) -> None:
         self._gateways = asyncio.get_running_loop()
         self._token = token
         self._running = running
-        self._projector = projector
-        self._desk = desk
         self._asking: asyncio.Future[bool] | None = None
         self._asked_at_s = 0.0
-        # As JSON a text may be twice as long as it is.
-        longest = 2 * TEXT_MAX_BYTES + 1024 if desk else 4096
-        super().__init__(PAGES / "operator", OPERATOR_POLICY, port, connections=OPERATORS, longest=longest)
+        super().__init__(PAGES / "operator", PAGE_POLICY, port, connections=OPERATORS, longest=REQUEST_BYTES)
 
     def _add_routes(self) -> None:
         routes = self.app.router
         routes.add_get("/healthz", self._tell_health)
-        routes.add_get("/api/state", self._told(lambda: _soon(self._running.state)))
-        routes.add_get("/api/frames", self._tell_frames)
-        if projector := self._projector:
-            routes.add_get("/projector", self._show_projector)
-            routes.add_get("/api/projector/frames", self._tell_frames)
-            routes.add_get("/api/projector", self._told(lambda: _soon(projector.state)))
-        routes.add_post("/api/compromise", self._asked_with(self._do_compromise, refused=404))
+        routes.add_get("/projector", self._show_projector)
+        routes.add_get("/api/projector", self._tell_projector)
+        routes.add_get("/api/projector/frames", self._tell_frames)
         routes.add_post("/api/stop", self._do_hold)
         routes.add_post("/api/go", self._do_hold)
-        routes.add_post("/api/rotate", self._do_rotate)
-        routes.add_post("/api/link/{request}", self._do_with_visitors)
-        if desk := self._desk:
-            routes.add_get("/api/mission/world", self._told(desk.world))
-            routes.add_get("/api/mission/job", self._told(lambda: _soon(desk.job)))
-            routes.add_post("/api/mission/read", self._asked_with(lambda words: desk.read(_text(words, "mission"))))
-            routes.add_post("/api/mission/compile", self._asked_with(self._do_compile))
-            routes.add_post(
-                "/api/mission/send", self._asked_with(lambda words: _soon(lambda: desk.send(_text(words, "id"))))
-            )
-
-    def _told(self, tell: Callable[[], Coroutine[Any, Any, dict[str, Any]]]) -> Handler:
-        """Return a handler of GETs, answered by the gateway."""
-
-        async def handle(request: web.Request) -> web.Response:
-            return self._stranger(request) or _answer(await self._at_the_gateway(tell()))
-
-        return handle
-
-    def _asked_with(
-        self, act: Callable[[Any], Coroutine[Any, Any, dict[str, Any] | None]], *, refused: int = 409
-    ) -> Handler:
-        """Return a handler of POSTs: it says in a line what went wrong, with a hint of what to do about it."""
-
-        async def handle(request: web.Request) -> web.Response:
-            if stranger := self._stranger(request):
-                return stranger
-            try:
-                words = json.loads(await request.read())  # JSON is UTF-8, whatever charset is said
-                done = await self._at_the_gateway(act(words))
-                return _answer(done or {})
-            except (UsageError, Unavailable) as error:
-                return _answer({"error": str(error), "hint": error.hint}, 400)
-            except PeerError as error:
-                return _answer({"error": str(error), "hint": ""}, refused)
-            except (ValueError, KeyError, TypeError, RecursionError):
-                return _answer({"error": "that is not what this page asks", "hint": "reload the page"}, 400)
-
-        return handle
+        routes.add_post("/api/link/{request}", self._do_ask)
 
     async def _show_projector(self, _: web.Request) -> web.StreamResponse:
         page = PAGES / "operator" / "projector.html"
@@ -146,8 +92,12 @@ class OperatorPages(Site):
                 turns = True
         return _answer({"turns": turns, "broker": connected}, 200 if connected else 503)
 
+    async def _tell_projector(self, request: web.Request) -> web.Response:
+        """Answer what the projector shows beside the swarm."""
+        return self._stranger(request) or _answer(await self._at_the_gateway(_soon(self._running.projector.state)))
+
     async def _tell_frames(self, request: web.Request) -> web.StreamResponse:
-        """What draws the swarm, a JSON object a line, until somebody hangs up; the page then asks again."""
+        """Send state updates of the swarm, a JSON object a line, until the projector hangs up; it then asks again."""
         if stranger := self._stranger(request):
             return stranger
         lines: asyncio.Queue[dict[str, Any] | None] = asyncio.Queue()
@@ -155,8 +105,8 @@ class OperatorPages(Site):
 
         def put(words: dict[str, Any]) -> None:
             # Whoever reads too slowly begins anew: the robots of a minute ago are no use.
-            if lines.qsize() <= FRAMES_WAITING:
-                lines.put_nowait(words if lines.qsize() < FRAMES_WAITING else None)
+            if lines.qsize() <= UPDATES_WAITING:
+                lines.put_nowait(words if lines.qsize() < UPDATES_WAITING else None)
 
         response = web.StreamResponse(headers=COMMON_HEADERS | {"Content-Type": "application/x-ndjson"})
         watch = self._running.gateway.watch
@@ -169,21 +119,19 @@ class OperatorPages(Site):
             _soon_at(self._gateways, end)
         return response
 
-    async def _do_with_visitors(self, request: web.Request) -> web.StreamResponse:
-        """Do what operators do with visitors, invitations and robots (docs/spec/vocabulary.md#over-a-session)."""
-        name = request.match_info["request"]
-
-        async def act(words: Any) -> dict[str, Any]:
-            return self._running.desk.do(name, words)
-
-        return await self._asked_with(act)(request)
-
-    async def _do_rotate(self, request: web.Request) -> web.Response:
+    async def _do_ask(self, request: web.Request) -> web.StreamResponse:
+        """Answer an operator's request (docs/spec/vocabulary.md#over-a-session), or say in a line what is wrong."""
         if stranger := self._stranger(request):
             return stranger
-        if await self._at_the_gateway(self._running.rotate()):
-            return _answer({})
-        return _answer({"error": "the code has just changed; the one before it has to end first"}, 409)
+        try:
+            words = json.loads(await request.read())  # JSON is UTF-8, whatever charset is said
+            return _answer(await self._at_the_gateway(self._running.desk.ask(request.match_info["request"], words)))
+        except (UsageError, Unavailable) as error:
+            return _answer({"error": str(error), "hint": error.hint}, 400)
+        except PeerError as error:
+            return _answer({"error": str(error), "hint": ""}, 409)
+        except (ValueError, RecursionError):
+            return _answer({"error": "that is not what this page asks", "hint": "reload the page"}, 400)
 
     async def _do_hold(self, request: web.Request) -> web.Response:
         if stranger := self._stranger(request):
@@ -194,19 +142,11 @@ class OperatorPages(Site):
     async def _at_the_gateway(self, job: Coroutine[Any, Any, Told]) -> Told:
         return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(job, self._gateways))
 
-    async def _do_compromise(self, words: Any) -> None:
-        self._running.compromise(str(words["address"]), str(words["attack"]))
-
-    async def _do_compile(self, words: Any) -> None:
-        assert self._desk is not None, "or there is no such route"
-        self._desk.compile(_text(words, "mission"), parse_profile(words["profile"]))
-
     def _stranger(self, request: web.Request) -> web.Response | None:
         """Return a refusal for whoever has not the token, which no cookie carries, or comes from another page."""
         given = request.headers.get("Authorization", "").encode(errors="replace")
         # The projector's token opens what the projector shows, and nothing else.
-        is_shown = self._projector is not None and request.path.startswith("/api/projector")
-        token = self._projector.token if self._projector and is_shown else self._token
+        token = self._running.projector.token if request.path.startswith("/api/projector") else self._token
         if not hmac.compare_digest(given, f"Bearer {token}".encode()):
             return _answer({"error": "open the operator link that the gateway printed"}, 401)
         if _is_foreign(request):
@@ -229,13 +169,6 @@ def _soon_at(loop: asyncio.AbstractEventLoop, job: Callable[..., None], *words: 
 
 async def _soon(job: Callable[[], Told]) -> Told:
     return job()
-
-
-def _text(words: Any, key: str) -> str:
-    text = words[key]
-    if not isinstance(text, str):
-        raise TypeError(key)
-    return text
 
 
 def _answer(words: dict[str, Any], status: int = 200) -> web.Response:

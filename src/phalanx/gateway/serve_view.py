@@ -12,7 +12,7 @@ from aiohttp import web
 
 from phalanx.net.site import Site
 
-from .serve_pages import OPERATOR_POLICY, PAGES
+from .serve_pages import PAGES, VIEW_POLICY
 
 CONNECTIONS = 50
 AT_ONCE_BYTES = 1 << 21
@@ -26,7 +26,7 @@ class ViewPages(Site):
         self._lines: list[bytes] = []
         self._ended = False
         self._run = secrets.token_hex(8)  # a page that was left open shows another
-        super().__init__(PAGES / "viewer", OPERATOR_POLICY, port, connections=CONNECTIONS)
+        super().__init__(PAGES / "viewer", VIEW_POLICY, port, connections=CONNECTIONS)
 
     def put(self, words: dict[str, Any] | None) -> None:
         """The next line."""

@@ -11,7 +11,7 @@ import logging
 import os
 import time
 from collections import Counter, deque
-from collections.abc import AsyncIterator, Callable, Iterable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -68,7 +68,7 @@ _REASONS: dict[type[PeerError], Reason] = {
 }
 Say = Callable[[dict[str, Any]], None]
 # What a visitor may ask beside what the gateway answers: its name, its words; the visitor that asks.
-Operate = Callable[[str, dict[str, Any], int], dict[str, Any]]
+Operate = Callable[[str, dict[str, Any], int], dict[str, Any] | Awaitable[dict[str, Any]]]
 
 
 class SessionLink:
@@ -76,6 +76,7 @@ class SessionLink:
 
     Attributes:
         server: all sessions.
+        static: the swarm's public key.
         operations: what operators do; `carry` what they return.
         counters: commands, requests and notifications.
         say: gets events: joined, left, command, refused.
@@ -108,7 +109,7 @@ class SessionLink:
         self.say: Say = lambda _: None
         self.operate: Operate | None = None
         self.trail = trail
-        self._static = keys.static.public_key().public_bytes_raw()
+        self.static = keys.static.public_key().public_bytes_raw()
         self._ways = Ways(front, broker)
         self._robots = robots
         self._commands: dict[str, Callable[[Command], Any]] = {}
@@ -116,6 +117,7 @@ class SessionLink:
         # Of each connection one of each name may wait, so that many who ask without end refuse nobody else's.
         self._answers = Answers[Requested](self._answer, len(vocabulary.REQUEST_NAMES) * self.config.connections_max)
         self._encoded: dict[str, tuple[SharedAnswer, bytes]] = {}  # by the request's name
+        self._operating: set[asyncio.Task[None]] = set()
         self._lengths: deque[int] = deque(maxlen=EQUAL_TICKS)  # of updates
 
     @property
@@ -132,7 +134,7 @@ class SessionLink:
     def invitation(self) -> Invitation:
         """Return the invitation of the open code."""
         mqtt = self._ways.broker.mqtt if self._ways.broker else 0
-        return Invitation(self._static, self.server.door.code, self.config.broker, self.config.root, mqtt)
+        return Invitation(self.static, self.server.door.code, self.config.broker, self.config.root, mqtt)
 
     def on_command(self, name: str, /) -> Callable[[Callable[[Command], Any]], Any]:
         """Decorate the handler of a command."""
@@ -312,8 +314,13 @@ class SessionLink:
             return
         try:
             if request.name not in self._requests:
-                self.carry(self.server.reply(request.visitor, request.number, self._operated(known, request)))
-                self.counters["requests"] += 1
+                answer = self._operated(known, request)
+                if isinstance(answer, dict):
+                    self._reply(request, encode_json(answer))
+                else:
+                    task = asyncio.ensure_future(self._settle(request, answer))
+                    self._operating.add(task)
+                    task.add_done_callback(self._operating.discard)
                 return
             if len(request.payload) > ASKED_BYTES:
                 raise TooMany(f"a request of {len(request.payload)} bytes, limit {ASKED_BYTES}")
@@ -325,11 +332,17 @@ class SessionLink:
         except UsageError as error:
             self._refuse_request(request, BadPayload(str(error)))
 
+    def _reply(self, request: Requested, payload: bytes) -> None:
+        self.carry(self.server.reply(request.visitor, request.number, payload))
+        self.counters["requests"] += 1
+
     async def _answer(self, request: Requested) -> None:
+        await self._settle(request, self._answered(request))
+
+    async def _settle(self, request: Requested, answer: Awaitable[bytes | dict[str, Any]]) -> None:
         try:
-            payload = await self._answered(request)
-            self.carry(self.server.reply(request.visitor, request.number, payload))
-            self.counters["requests"] += 1
+            payload = await answer
+            self._reply(request, payload if isinstance(payload, bytes) else encode_json(payload))
         except PeerError as error:
             self._refuse_request(request, error)
         except UsageError as error:
@@ -349,13 +362,13 @@ class SessionLink:
             self._encoded[request.name] = data, encoded
         return encoded
 
-    def _operated(self, visitor: Visitor, request: Requested) -> bytes:
-        """Answer an operator at once: its stop waits behind nobody's requests."""
+    def _operated(self, visitor: Visitor, request: Requested) -> dict[str, Any] | Awaitable[dict[str, Any]]:
+        """Answer an operator past the queue: its stop waits behind nobody's requests."""
         if self.operate is None:
             raise Unknown("no such request")
         if visitor.role is not Role.OPERATE:
             raise NotAllowed("a request of operators")
-        return encode_json(self.operate(request.name, request_words(request.payload), visitor.id))
+        return self.operate(request.name, request_words(request.payload), visitor.id)
 
     def _refuse_request(self, request: Requested, error: PeerError) -> None:
         reason = self._reject(error)
@@ -371,6 +384,10 @@ class SessionLink:
     def is_driven(self, robot: str) -> bool:
         """Return whether a visitor drives a robot now, or has it assigned."""
         return self.server.assignment.driver_of(robot, now().ms) is not None
+
+    def drivers(self) -> dict[str, str]:
+        """Return the name of the visitor that has each robot which somebody has now."""
+        return {robot: self.name_of(visitor) for robot, visitor in self.server.assignment.drivers(now().ms).items()}
 
     def name_of(self, visitor: int) -> str:
         """Return a visitor's nickname, or "" if it was removed."""

@@ -128,7 +128,7 @@ async def show_audits(running: Running) -> None:
     running.projector.caption = AUDITS
     await asyncio.sleep(2 * SETTLE_S)
     robot = running.gateway.swarm.robots()[0]
-    running.compromise(robot.address, ATTACK)
+    running.desk.do("compromise", {"address": robot.address, "attack": ATTACK})
     running.projector.caption = f"{robot.name} lies now. Watch its neighbours find out."
 
     await _until(shields, robot.address, stopped=True)

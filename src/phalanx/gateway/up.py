@@ -29,12 +29,13 @@ from phalanx.net.site import beside
 from phalanx.robot import Swarm
 from phalanx.robot.on_mission import OnMission
 from phalanx.robot.swarm import Revivable
+from phalanx.wire.sessions import LINK_PATH
 
 from .at_broker import AtBroker
-from .missions.desk import MissionDesk
+from .missions.desk import MissionDesk, requests_of
 from .projector import Wifi
 from .running import Running
-from .serve_pages import PAGES, VISITOR_POLICY, OperatorPages
+from .serve_pages import PAGE_POLICY, PAGES, OperatorPages
 from .serving import for_at_most, until_connected
 from .session_link import Say, SessionLink
 from .shared_code import SharedCode
@@ -104,8 +105,16 @@ class UpOptions:
         """Return where visitors find the page, which listens at a port."""
         if self.page_url:
             return self.page_url
-        at = self.advertised
-        return f"http{'s' if self.tls else ''}://{f'[{at}]' if ':' in at else at}:{port}/"
+        return self._at(self.advertised, port)
+
+    def link_at(self, port: int) -> str:
+        """Return where a page of this machine finds the websocket: past a proxy, unless a certificate names a host."""
+        here = LOOPBACK if self.host in EVERYWHERE else self.host
+        page = self.page_at(port) if self.tls else self._at(here, port)
+        return f"ws{page.removeprefix('http').rstrip('/')}{LINK_PATH}"
+
+    def _at(self, host: str, port: int) -> str:
+        return f"http{'s' if self.tls else ''}://{f'[{host}]' if ':' in host else host}:{port}/"
 
     @property
     def unreachable(self) -> str:
@@ -166,7 +175,8 @@ async def up(
             config,
             broker=sessions,
         )
-        running = Running(options, page_url, link, robots, say, shared, at, static=kept.keys.static)
+        link_url, static = options.link_at(front.port), kept.keys.static
+        running = Running(options, page_url, link_url, link, robots, say, shared, at, static=static)
         if running.was_held:
             log.warning("all robots stay stopped, as before this start; hint: go and Enter, or the operator's page")
         desk = MissionDesk(robots) if isinstance(robots, OnMission) else None
@@ -174,7 +184,9 @@ async def up(
             stack.callback(desk.stop)
         # Before the page that has the button: a stop must not wait until a broker is reached.
         stack.enter_context(running.gateway.brakes)
-        operators = OperatorPages(token, running, desk, options.operator_port, running.projector)
+        if desk:
+            running.desk.slow |= requests_of(desk)
+        operators = OperatorPages(token, running, options.operator_port)
         operator = await stack.enter_async_context(beside(operators))
         operator_url = f"http://{LOOPBACK}:{operator.port}/#token={token}"
         stack.enter_context(kept.found_at(operator_url))
@@ -206,13 +218,14 @@ async def _front(options: UpOptions, stack: contextlib.AsyncExitStack, keys: Lin
         pages = PAGES / "visitor"
         front = Front(
             pages,
-            VISITOR_POLICY,
+            PAGE_POLICY,
             options.host,
             port,
             FrontConfig(),
             options.tls,
             options.behind_proxy,
             encode_base64url(keys.static.public_key().public_bytes_raw()).decode(),
+            PAGES / "operator",
         )
         return await stack.enter_async_context(front)
 

@@ -6,7 +6,7 @@ import hmac
 import os
 import re
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -76,9 +76,14 @@ class Visitors:
 
 
 class Drivers:
-    """Who drives which robot by joystick just now, so that two who share one know why it does not obey."""
+    """Who drives which robot, so that everybody sees it, and two who share one know why it does not obey.
 
-    def __init__(self) -> None:
+    Args:
+        assigned: returns the names of those who have robots by their sessions, by address; others drive by joystick.
+    """
+
+    def __init__(self, assigned: Callable[[], Mapping[str, str]] = dict) -> None:
+        self._assigned = assigned
         self._until: dict[str, dict[str, float]] = {}
         self._told: dict[str, list[str]] = {}
 
@@ -88,15 +93,14 @@ class Drivers:
         if by in drivers or len(drivers) < MOST_DRIVERS:
             drivers[by] = uptime_s + DRIVES_FOR_S
 
-    def of(self, address: str, uptime_s: float) -> list[str]:
-        """Who drives this robot now, by what their pages call themselves."""
-        return sorted(by for by, until in self._until.get(address, {}).items() if until > uptime_s)
-
     def news(self, number: Callable[[str], int], uptime_s: float) -> dict[str, list[Any]]:
         """`drivers` of the next frame: of each robot for which they changed."""
         now = {a: {by: until for by, until in who.items() if until > uptime_s} for a, who in self._until.items()}
         self._until = {address: who for address, who in now.items() if who}
         before, self._told = self._told, {address: sorted(who) for address, who in self._until.items()}
+        for address, name in self._assigned().items():
+            others = [by for by in self._told.get(address, ()) if by != name]
+            self._told[address] = [name, *others][:MOST_DRIVERS]
         changed = [a for a, who in self._told.items() if who != before.get(a)]
         changed += [a for a in before if a not in self._told]
         return {"drivers": [[number(address), self._told.get(address, [])] for address in changed]}

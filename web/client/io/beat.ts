@@ -26,6 +26,11 @@ export class Beat {
     this.#speaker = speaker;
   }
 
+  /** Whether slots are taken: then all that is said waits for one. */
+  get isBeating(): boolean {
+    return this.#beating !== undefined;
+  }
+
   /** Take the first slot now, unless slots are taken already. */
   start(): void {
     if (this.#beating === undefined) this.take();

@@ -6,6 +6,7 @@
 import { decodeBase64url, encodeBase64url } from "../core/base64url";
 import { checkWhere, Secret, type Where } from "../session";
 
+/** Of visitors; an operator on the same origin has another. */
 const PREFIX = "phalanx.session.";
 const HTTP_MAX_S = 3600;
 const SECRET_BYTES = 32;
@@ -31,8 +32,10 @@ export interface Stores {
 export class ResumeStore {
   readonly #storage: Storage | undefined;
   readonly #max_s: number;
+  readonly #prefix: string;
 
-  constructor({ isSecure, local, tab }: Stores) {
+  constructor({ isSecure, local, tab }: Stores, prefix = PREFIX) {
+    this.#prefix = prefix;
     this.#storage = isSecure ? local : tab;
     this.#max_s = isSecure ? Number.POSITIVE_INFINITY : HTTP_MAX_S;
   }
@@ -47,7 +50,7 @@ export class ResumeStore {
       until_s: now_s + Math.min(lifetime_s, this.#max_s),
     };
     try {
-      this.#storage?.setItem(PREFIX + encodeBase64url(fixed), JSON.stringify(words));
+      this.#storage?.setItem(this.#prefix + encodeBase64url(fixed), JSON.stringify(words));
     } catch {
       // Full or forbidden: a reload has to scan again, and nothing else is lost.
     }
@@ -55,7 +58,7 @@ export class ResumeStore {
 
   /** The secret for this swarm, unless its time is over. */
   find(fixed: Uint8Array, now_s: number): Kept | undefined {
-    return this.#read(PREFIX + encodeBase64url(fixed), now_s)?.kept;
+    return this.#read(this.#prefix + encodeBase64url(fixed), now_s)?.kept;
   }
 
   /** Of the swarm that was visited last on this origin. */
@@ -65,7 +68,7 @@ export class ResumeStore {
   }
 
   forget(fixed: Uint8Array): void {
-    this.#remove(PREFIX + encodeBase64url(fixed));
+    this.#remove(this.#prefix + encodeBase64url(fixed));
   }
 
   #read(key: string, now_s: number): { readonly kept: Kept; readonly kept_s: number } | undefined {
@@ -75,7 +78,7 @@ export class ResumeStore {
       const words = JSON.parse(text) as Readonly<Record<string, unknown>>;
       const { kept_s, until_s, name, tab } = words;
       const secret = bytesOf(words["secret"]);
-      const fixed = bytesOf(key.slice(PREFIX.length));
+      const fixed = bytesOf(key.slice(this.#prefix.length));
       const at = words["at"] as Where;
       checkWhere(at);
       const isTime = typeof kept_s === "number" && typeof until_s === "number";
@@ -94,7 +97,7 @@ export class ResumeStore {
     try {
       const { length } = this.#storage ?? { length: 0 };
       const all = Array.from({ length }, (_, i) => this.#storage?.key(i) ?? "");
-      return all.filter((key) => key.startsWith(PREFIX));
+      return all.filter((key) => key.startsWith(this.#prefix));
     } catch {
       return [];
     }

@@ -10,7 +10,7 @@ import { NO_VISIT, type OverReason, type Visit } from "../visit";
 import type { BrokerState } from "../watch";
 import { Beat } from "./beat";
 import type { ResumeStore } from "./resume_store";
-import { type Transport, type TransportEvent, Unanswered, type Waiting } from "./transport";
+import { Refused, type Transport, type TransportEvent, Unanswered, type Waiting } from "./transport";
 import { REFUSED_LOGIN, type Way, WebsocketWay } from "./websocket_way";
 
 /** Who wants to join which swarm, and where. */
@@ -34,6 +34,8 @@ const RETRY_MS = [300, 1000, 2000, 4000];
 const SAID_INVALID = ["unknown_secret", "not_authentic"];
 const SAID_TOO_MANY = ["tries_used_up", "too_many"];
 const REFUSALS = 2;
+/** A request with more is longer than a command, and shows anyway. */
+const SHORT_BYTES = 64;
 
 export class SessionConnection implements Transport {
   readonly isPaced = true;
@@ -58,6 +60,7 @@ export class SessionConnection implements Transport {
   #session: Session | undefined;
   #state: BrokerState = "connecting";
   #visit: Visit = NO_VISIT;
+  #asked = 0;
   #isHidden = false;
   /** Whose the stored secret is: the tab's that used it last. */
   readonly #tab = bytesToHex(randomBytes(8));
@@ -113,15 +116,40 @@ export class SessionConnection implements Transport {
   request(request: number, _more?: JsonObject, timeout_ms = 3000): Promise<Json> {
     const name = REQUESTS[request];
     if (name === undefined) throw new UsageError(`no request ${request}`);
+    return this.#ask(name, new Uint8Array(0), timeout_ms, request);
+  }
+
+  /** The data of the answer to an operator's request. @throws Refused, Unanswered (the promise) */
+  ask(name: string, words: object = {}, timeout_ms = 3000): Promise<Json> {
+    return this.#ask(name, utf8ToBytes(JSON.stringify(words)), timeout_ms);
+  }
+
+  #ask(name: string, payload: Uint8Array, timeout_ms: number, request?: number): Promise<Json> {
     return new Promise((resolve, reject) => {
       if (this.#session?.isJoined !== true) {
         reject(new Unanswered("not connected"));
         return;
       }
-      const { number, event } = this.#session.request(name, new Uint8Array(0), performance.now());
-      const timer = setTimeout(() => this.#settle(number)?.reject(new Unanswered(`no answer within ${timeout_ms} ms`)), timeout_ms);
-      this.#waiting.set(number, { request, resolve, reject, timer });
-      this.#carry([event]);
+      const session = this.#session;
+      let number: number | undefined;
+      const timer = setTimeout(() => {
+        if (number !== undefined) this.#waiting.delete(number);
+        reject(new Unanswered(`no answer within ${timeout_ms} ms`));
+      }, timeout_ms);
+      const send = () => {
+        const asked = session.request(name, payload, performance.now());
+        number = asked.number;
+        this.#waiting.set(number, { request, resolve, reject, timer });
+        this.#carry([asked.event]);
+      };
+      this.#asked += 1;
+      const inASlot = { robot: "", name: `${name} ${this.#asked}`, payload, stop: false, ask: send };
+      // An operator's stop waits for nothing, and everybody sees the robots stand still.
+      if (payload.length > SHORT_BYTES || name === "stop" || !this.#beat.isBeating) send();
+      else if (!this.#beat.slots.put(inASlot)) {
+        clearTimeout(timer);
+        reject(new Unanswered("too much waits to be sent"));
+      }
     });
   }
 
@@ -254,7 +282,8 @@ export class SessionConnection implements Transport {
   #say(command: Command | undefined, now_ms: number): void {
     const session = this.#session;
     if (session === undefined) return;
-    if (command) this.#carry([session.command(command.robot, command.name, command.payload, now_ms, command.stop)]);
+    if (command?.ask) command.ask();
+    else if (command) this.#carry([session.command(command.robot, command.name, command.payload, now_ms, command.stop)]);
     else this.#carry([session.alive(now_ms)]);
   }
 
@@ -311,12 +340,13 @@ export class SessionConnection implements Transport {
     const waiting = this.#settle(number);
     if (waiting === undefined) return;
     waiting.resolve(data);
-    this.#emit({ kind: "replied", timestamp_s: 0, request: waiting.request, data });
+    const { request } = waiting;
+    if (request !== undefined) this.#emit({ kind: "replied", timestamp_s: 0, request, data });
   }
 
   #refused(number: number, reason: Reason): void {
     if (number === 0) this.#show({ refused: { reason, at_ms: performance.now() } });
-    else this.#settle(number)?.reject(new Unanswered(`refused: ${reason}`));
+    else this.#settle(number)?.reject(new Refused(reason));
   }
 
   #ended(reason: Extract<SessionEvent, { kind: "ended" }>["reason"]): void {

@@ -2,6 +2,7 @@
 
 import type { Json, JsonObject } from "../core/json";
 import type { LinkEvent } from "../core/link";
+import type { Reason } from "../session";
 import type { Visit } from "../visit";
 import type { BrokerState } from "../watch";
 
@@ -38,7 +39,8 @@ export interface Transport {
 
 /** A request that waits for its answer. */
 export interface Waiting {
-  readonly request: number;
+  /** One of those that say what the swarm is; undefined: another. */
+  readonly request: number | undefined;
   readonly resolve: (data: Json) => void;
   readonly reject: (error: Error) => void;
   readonly timer: ReturnType<typeof setTimeout>;
@@ -46,5 +48,16 @@ export interface Waiting {
 
 /** No answer: there is no connection, the swarm did not answer in time or refused, or the connection was closed. */
 export class Unanswered extends Error {
-  override readonly name = "Unanswered";
+  override readonly name: string = "Unanswered";
+}
+
+/** The swarm answered that it will not. */
+export class Refused extends Unanswered {
+  override readonly name = "Refused";
+  readonly reason: Reason;
+
+  constructor(reason: Reason) {
+    super(`refused: ${reason}`);
+    this.reason = reason;
+  }
 }

@@ -15,6 +15,8 @@ export interface Command {
   readonly name: string;
   readonly payload: Uint8Array;
   readonly stop: boolean;
+  /** A request in place of a command: sends it when its slot has come. */
+  readonly ask?: () => void;
 }
 
 /** What one visitor says next. */

@@ -1,6 +1,8 @@
 // What the editor asks of the gateway, each answer checked once here: a building, a mission read from YAML, a mission
 // compiled and audited, robots that begin it.
 
+import { UsageError } from "../../client";
+import type { Station } from "../station";
 import type { Draft, Place, Site, Words } from "./draft";
 
 export interface World {
@@ -59,10 +61,10 @@ const ANSWER_WITHIN_MS = 20_000;
 
 /** All of them: @throws Trouble. */
 export class Desk {
-  readonly #token: string;
+  readonly #station: Station;
 
-  constructor(token: string) {
-    this.#token = token;
+  constructor(station: Station) {
+    this.#station = station;
   }
 
   async world(): Promise<World> {
@@ -85,30 +87,18 @@ export class Desk {
     await this.#ask("send", { id });
   }
 
-  async #ask(what: string, words?: object): Promise<unknown> {
-    let answer: Response;
+  async #ask(what: string, words: object = {}): Promise<unknown> {
     let said: unknown;
     try {
-      answer = await fetch(`/api/mission/${what}`, {
-        method: words ? "POST" : "GET",
-        headers: { Authorization: `Bearer ${this.#token}`, ...(words && { "Content-Type": "application/json" }) },
-        ...(words && { body: JSON.stringify(words) }),
-        cache: "no-store",
-        credentials: "omit",
-        redirect: "error",
-        signal: AbortSignal.timeout(ANSWER_WITHIN_MS),
-      });
-      said = await answer.json().catch(() => undefined);
-    } catch {
+      said = await this.#station.ask(`mission_${what}`, words, ANSWER_WITHIN_MS);
+    } catch (error) {
+      if (error instanceof UsageError) throw new Trouble("The mission is too long for this page.", "phalanx mission build takes it");
       throw new Trouble("The gateway does not answer.");
     }
-    if (answer.ok) return said;
-    if (answer.status === 413) throw new Trouble("The mission is too long for this page.", "phalanx mission build takes it");
-    const { error, hint } = isRecord(said) ? said : {};
-    throw new Trouble(
-      typeof error === "string" ? error : `The gateway answered ${answer.status}.`,
-      typeof hint === "string" ? hint : "",
-    );
+    // Of a job that failed, the job says so itself.
+    if (isRecord(said) && typeof said["error"] === "string" && said["state"] === undefined)
+      throw new Trouble(said["error"], typeof said["hint"] === "string" ? said["hint"] : "");
+    return said;
   }
 }
 

@@ -4,6 +4,8 @@
 import { act } from "react";
 import { createRoot, type Root } from "react-dom/client";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
+import { type Json, NO_SWARM, NO_VISIT, Refused, Unanswered, UsageError } from "../../client";
+import type { Station } from "../station";
 import { Editor } from "./editor";
 
 const WORLD = {
@@ -26,9 +28,18 @@ const COMPILED = {
   unseen: ["door1"],
 };
 
-type Answer = () => Response | Promise<Response>;
+type Answer = () => unknown;
 let answers: Record<string, Answer> = {};
-let asked: { readonly what: string; readonly init: RequestInit }[] = [];
+let asked: { readonly what: string; readonly words: object }[] = [];
+const station: Station = {
+  source: { view: { swarm: NO_SWARM, health: { state: "live" }, visit: NO_VISIT }, subscribe: () => () => {} },
+  hold: () => Promise.resolve(undefined),
+  ask: (name, words = {}) => {
+    const what = name.replace("mission_", "");
+    asked.push({ what, words });
+    return Promise.resolve().then(answers[what] ?? (() => Promise.reject(new Refused("unknown")))) as Promise<Json>;
+  },
+};
 let root: Root | undefined;
 
 beforeEach(async () => {
@@ -36,16 +47,11 @@ beforeEach(async () => {
   vi.useFakeTimers();
   asked = [];
   answers = {
-    world: () => Response.json(WORLD),
-    compile: () => Response.json({}),
-    job: () => Response.json(COMPILED),
-    send: () => Response.json({}),
+    world: () => WORLD,
+    compile: () => ({}),
+    job: () => COMPILED,
+    send: () => ({}),
   };
-  vi.stubGlobal("fetch", (url: string, init: RequestInit) => {
-    const what = url.replace("/api/mission/", "");
-    asked.push({ what, init });
-    return Promise.resolve().then(answers[what] ?? (() => new Response("", { status: 404 })));
-  });
 });
 
 afterEach(() => {
@@ -57,7 +63,7 @@ afterEach(() => {
 
 async function open(): Promise<void> {
   root = createRoot(document.body.appendChild(document.createElement("div")));
-  await act(async () => root?.render(<Editor token="t0ken" running={undefined} />));
+  await act(async () => root?.render(<Editor station={station} running={undefined} />));
   await pass(0);
 }
 
@@ -74,26 +80,25 @@ async function press(id: string): Promise<void> {
 }
 
 describe("the mission editor", () => {
-  it("sends what was drawn with the token in a header, tells how far the compiler is, and what a file is worth", async () => {
+  it("sends what was drawn, tells how far the compiler is, and what a file is worth", async () => {
     await open();
     await press("add-site");
     expect((part("send") as HTMLButtonElement).disabled).toBe(true);
-    answers["job"] = () => Response.json({ state: "compiling", done: 3, of: 9 });
+    answers["job"] = () => ({ state: "compiling", done: 3, of: 9 });
     await press("compile");
     const compile = asked.find(({ what }) => what === "compile");
-    expect(compile?.init).toMatchObject({ method: "POST", headers: { Authorization: "Bearer t0ken" } });
-    const body = JSON.parse(compile?.init.body as string) as { mission: string; profile: string };
+    const body = compile?.words as { mission: string; profile: string };
     expect(body.profile).toBe("sealed");
     expect(body.mission).toContain('"door1": {see: {doorway: [5, 3], facing: 90}, width: 1.2}');
     await pass(300);
     expect(part("mission-status")?.textContent).toBe("Compiling: 3 of 9 locks");
-    answers["job"] = () => Response.json(COMPILED);
+    answers["job"] = () => COMPILED;
     await pass(300);
     expect(part("audit")?.textContent).toContain("door1too near2782.78 s9.93 ms170 ms");
     expect(part("audit")?.textContent).toContain("All that can be guessednothingnothing");
     expect(part("audit")?.textContent).toContain("door1: the building shows no such landmark");
     await press("send");
-    expect(asked.at(-1)?.init.body).toBe(JSON.stringify({ id: COMPILED.id }));
+    expect(asked.at(-1)?.words).toEqual({ id: COMPILED.id });
     expect(part("mission-status")?.textContent).toBe("Sent.");
     expect((part("send") as HTMLButtonElement).disabled).toBe(true);
   });
@@ -114,12 +119,11 @@ describe("the mission editor", () => {
     await open();
     const trouble = () => part("mission-trouble")?.textContent;
     for (const [what, answer, said] of [
-      ["compile", () => Response.json({ error: "no such profile", hint: "sealed or paper" }, { status: 400 }), "no such profileHint: sealed or paper"],
-      ["compile", () => new Response("", { status: 413 }), "The mission is too long for this page.Hint: phalanx mission build takes it"],
-      ["compile", () => new Response("<html>", { status: 500 }), "The gateway answered 500."],
-      ["compile", () => Promise.reject(new TypeError("failed to fetch")), "The gateway does not answer."],
-      ["job", () => Response.json({ state: "failed", error: "no start", hint: "mark one" }), "no startHint: mark one"],
-      ["job", () => Response.json({ state: "compiled" }), "Gateway and page are of different versions.Hint: reload this page"],
+      ["compile", () => ({ error: "no such profile", hint: "sealed or paper" }), "no such profileHint: sealed or paper"],
+      ["compile", () => Promise.reject(new UsageError("too long")), "The mission is too long for this page.Hint: phalanx mission build takes it"],
+      ["compile", () => Promise.reject(new Unanswered("no answer")), "The gateway does not answer."],
+      ["job", () => ({ state: "failed", error: "no start", hint: "mark one" }), "no startHint: mark one"],
+      ["job", () => ({ state: "compiled" }), "Gateway and page are of different versions.Hint: reload this page"],
     ] as const) {
       const before = answers[what];
       answers[what] = answer;
@@ -132,7 +136,7 @@ describe("the mission editor", () => {
   });
 
   it("says so when the building cannot be had", async () => {
-    answers["world"] = () => Response.json({ ...WORLD, walls: "none" });
+    answers["world"] = () => ({ ...WORLD, walls: "none" });
     await open();
     expect(part("mission-trouble")?.textContent).toContain("different versions");
   });

@@ -2,6 +2,7 @@
 
 import { useEffect, useMemo, useReducer, useState } from "react";
 import type { RunningMission } from "../gateway_state";
+import type { Station } from "../station";
 import { type Compiled, Desk, type Job, Trouble, type World } from "./desk";
 import { type Draft, historyReducer, nearest, newDraft, nodeOf, type Place, toYaml } from "./draft";
 import { Landmarks, Ways } from "./lists";
@@ -17,8 +18,8 @@ const HELP: Readonly<Record<Tool, string>> = {
   way: "Tap one landmark of the mission, then the next.",
 };
 
-export function Editor({ token, running }: { readonly token: string; readonly running: RunningMission | undefined }) {
-  const desk = useMemo(() => new Desk(token), [token]);
+export function Editor({ station, running }: { readonly station: Station; readonly running: RunningMission | undefined }) {
+  const desk = useMemo(() => new Desk(station), [station]);
   const [world, setWorld] = useState<World>();
   const [trouble, setTrouble] = useState<Trouble>();
   useEffect(() => {

@@ -28,8 +28,8 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
     "--scenario",
     "protocol",
     help="What simulated robots do while nobody drives them: exploration, patrol, perimeter or tracking"
-    " (docs/guides/protocols.md); none: stand still, and avoid nobody.  [default: patrol, of at most 40 robots that audit each"
-    " other]",
+    " (docs/guides/protocols.md); none: stand still, and avoid nobody.  [default: patrol, of at most 40 robots that"
+    " audit each other]",
     metavar="NAME",
 )
 @option(

@@ -7,17 +7,18 @@ far they are. One mission at a time: a new one takes the place of that being com
 from __future__ import annotations
 
 import asyncio
+import inspect
 import logging
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
-from phalanx.errors import PhalanxError, Unknown, UsageError
+from phalanx.errors import BadPayload, PhalanxError, Unknown, UsageError
 from phalanx.mission import BuildOptions, Landmark, Mission, Node, Profile, build
 from phalanx.mission.authoring.document import WrittenMission
 from phalanx.mission.authoring.findable import apart_in
@@ -28,7 +29,7 @@ from phalanx.robot.on_mission import OnMission
 
 log = logging.getLogger(__name__)
 
-TEXT_MAX_BYTES = 256 * 1024
+TEXT_MAX_BYTES = 15 * 1024  # in a request of a session
 # Each is a slow hash of about 10 ms: half a minute of two cores.
 LOCKS_MAX = 5000
 # Of YAML: with them a few lines stand for a list without an end.
@@ -161,6 +162,37 @@ def parse_profile(word: object) -> Profile:
     if isinstance(word, str) and word.upper() in Profile.__members__:
         return Profile[word.upper()]
     raise UsageError("no such profile", "sealed or paper")
+
+
+def requests_of(desk: MissionDesk) -> dict[str, Callable[[dict[str, Any]], Awaitable[dict[str, Any]]]]:
+    """Return the requests of operators that a desk answers; what went wrong is an answer in words."""
+
+    def asked(act: Callable[[dict[str, Any]], Any]) -> Callable[[dict[str, Any]], Awaitable[dict[str, Any]]]:
+        async def answer(words: dict[str, Any]) -> dict[str, Any]:
+            try:
+                done = act(words)
+                return (await done if inspect.isawaitable(done) else done) or {}
+            except PhalanxError as error:
+                return {"error": str(error), "hint": getattr(error, "hint", "")}
+
+        return answer
+
+    return {
+        "mission_world": asked(lambda _: desk.world()),
+        "mission_job": asked(lambda _: desk.job()),
+        "mission_read": asked(lambda words: desk.read(_text(words, "mission"))),
+        "mission_compile": asked(
+            lambda words: desk.compile(_text(words, "mission"), parse_profile(words.get("profile")))
+        ),
+        "mission_send": asked(lambda words: desk.send(_text(words, "id"))),
+    }
+
+
+def _text(words: dict[str, Any], key: str) -> str:
+    text = words.get(key)
+    if not isinstance(text, str):
+        raise BadPayload(f"{key!r} is a text")
+    return text
 
 
 def _written(text: str) -> WrittenMission:

@@ -124,6 +124,14 @@ class Assignment:
         hold = self._robots.get(robot)
         return hold.visitor if hold and (hold.until_ms is None or now_ms < hold.until_ms) else None
 
+    def drivers(self, now_ms: int) -> dict[str, int]:
+        """Return who drives each robot that somebody drives now."""
+        return {
+            robot: hold.visitor
+            for robot, hold in self._robots.items()
+            if hold and (hold.until_ms is None or now_ms < hold.until_ms)
+        }
+
     def robot_of(self, visitor: int) -> str | None:
         """Return the first robot that a visitor drives or is assigned to."""
         return min(self._of.get(visitor, ()), default=None)

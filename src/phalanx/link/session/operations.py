@@ -34,9 +34,9 @@ class Operations:
         self._server.door.new_code(now.ms)
         return self._out({visitor}, EndReason.REMOVED, now)
 
-    def everybody_out(self, now: Now, keep: int = 0) -> list[ServerEvent]:
-        """Remove all visitors but `keep`, the operator who does it, and change the code. Tickets stay valid."""
-        gone = {each.id for each in self._server.visitors} - {keep}
+    def everybody_out(self, now: Now) -> list[ServerEvent]:
+        """Remove all visitors but operators, whom no code admits, and change the code. Tickets stay valid."""
+        gone = {each.id for each in self._server.visitors if each.role is not Role.OPERATE}
         self._server.visitors.remove(gone, approval=True)
         self._server.door.new_code(now.ms)
         return self._out(gone, EndReason.NEW_CODE, now)

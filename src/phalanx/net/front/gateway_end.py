@@ -79,6 +79,7 @@ class Front:
         tls: certificate and key, PEM; else plain http.
         behind_proxy: the last entry of X-Forwarded-For is a client's address.
         key: the swarm's public key, as the page asks for it at `/link-key`.
+        operator: folder of the operator's page, served below `/operator/`.
     """
 
     def __init__(
@@ -91,12 +92,14 @@ class Front:
         tls: tuple[Path, Path] | None = None,
         behind_proxy: bool = False,
         key: str = "",
+        operator: Path | None = None,
     ) -> None:
         self.port = port
         self.restarts = -1
         self._host = host
         self._limits = limits
-        self._words = (str(pages), policy, json.dumps(asdict(limits)), json.dumps(bool(behind_proxy)), key)
+        limits_json, proxy_json = json.dumps(asdict(limits)), json.dumps(bool(behind_proxy))
+        self._words = (str(pages), str(operator or ""), policy, limits_json, proxy_json, key)
         self._tls = tuple(map(str, tls or ()))
         self._pipe: Pipe | None = None
         self._listening: socket.socket | None = None

@@ -1,4 +1,4 @@
-"""The visitors' page and the websocket at `/link`, on one port."""
+"""The visitors' and the operator's page, and the websocket at `/link`, on one port."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from .newcomers import Newcomers
 from .turns import Turns
 
 LINK_KEY = f"{LINK_PATH}-key"
+OPERATOR_PATH = "/operator/"
 FORWARDED = "X-Forwarded-For"
 SWEEP_S, FORGET_S = 0.25, 1.0
 REQUESTS_AT_ONCE = 32.0
@@ -88,7 +89,7 @@ class InMemory:
 
 
 class FrontSite(Site):
-    """The visitors' page, with the websocket."""
+    """The pages, with the websocket."""
 
     def __init__(
         self,
@@ -101,8 +102,9 @@ class FrontSite(Site):
         tls: ssl.SSLContext | None = None,
         behind_proxy: bool = False,
         key: str = "",
+        operator: Path | None = None,
     ) -> None:
-        self._limits, self._behind_proxy, self._key = limits, behind_proxy, key
+        self._limits, self._behind_proxy, self._key, self._operator = limits, behind_proxy, key, operator
         self._newcomers = Newcomers(limits, lambda address: self._charge(address, limits.cost_of_silence))
         self.links = Links(limits, self._newcomers, first, self._admitted, self._refused)
         now_s = time.monotonic()
@@ -125,11 +127,14 @@ class FrontSite(Site):
         self.app.router.add_get(LINK_KEY, self._tell_key)
 
     def _add_files(self, folder: Path) -> None:
-        for path in folder.rglob("*"):
-            if path.is_file():
-                self.app.router.add_get(f"/{path.relative_to(folder).as_posix()}", InMemory(path))
-        index = folder / "index.html"
-        self.app.router.add_get("/", InMemory(index) if index.is_file() else self._index)
+        for root, pages in (("/", folder), (OPERATOR_PATH, self._operator)):
+            if pages is None:
+                continue
+            for path in pages.rglob("*"):
+                if path.is_file():
+                    self.app.router.add_get(f"{root}{path.relative_to(pages).as_posix()}", InMemory(path))
+            index = pages / "index.html"
+            self.app.router.add_get(root, InMemory(index) if index.is_file() else self._index)
 
     def _admitted(self, connection: Connection) -> None:
         self._seats.know(connection)

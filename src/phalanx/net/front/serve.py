@@ -1,8 +1,9 @@
 """The front end's process.
 
-Started by `gateway_end.py`: `python -m phalanx.net.front.serve PARENT PIPE DOOR FIRST PAGES POLICY LIMITS PROXY
-PUBLIC [CERT KEY]`: whose child it is; the numbers of its socket to the gateway and of one that listens; the number of
-its first connection; the page; limits, and whether it is behind a proxy, as JSON; the swarm's public key; PEM files.
+Started by `gateway_end.py`: `python -m phalanx.net.front.serve PARENT PIPE DOOR FIRST PAGES OPERATOR POLICY LIMITS
+PROXY PUBLIC [CERT KEY]`: whose child it is; the numbers of its socket to the gateway and of one that listens; the
+number of its first connection; the pages; limits, and whether it is behind a proxy, as JSON; the swarm's public key;
+PEM files.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ NICE = 5
 
 async def serve(words: list[str]) -> None:
     """Serve until the gateway's end of the pipe is closed, or SIGTERM."""
-    pipe_number, door_number, first, pages, policy, limits_json, proxy_json, public, *files = words
+    pipe_number, door_number, first, pages, operator, policy, limits_json, proxy_json, public, *files = words
     limits = FrontConfig(**json.loads(limits_json))
     allow_files(4 * FILES_EACH * limits.connections_max)
     over = asyncio.Event()
@@ -48,6 +49,7 @@ async def serve(words: list[str]) -> None:
         tls=tls_context(*files) if files else None,
         behind_proxy=json.loads(proxy_json),
         key=public,
+        operator=Path(operator) if operator else None,
     )
     pipe = site.links.pipe = Pipe(FROM_GATEWAY_BYTES, site.links.on_message, lambda _: over.set())
     await loop.create_unix_connection(lambda: pipe, sock=socket.socket(fileno=int(pipe_number)))

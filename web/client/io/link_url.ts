@@ -1,8 +1,8 @@
 // Where the websocket of this page's swarm is.
 
 /** The websocket beside this page, also below a path of a reverse proxy. */
-export function linkUrl(href: string): string {
-  const url = new URL("link", href);
+export function linkUrl(href: string, path = "link"): string {
+  const url = new URL(path, href);
   url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
   url.hash = "";
   url.search = "";

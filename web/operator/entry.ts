@@ -1,0 +1,106 @@
+// How this page gets onto the link: with a ticket that was scanned, with the token of the link that the gateway printed on
+// this machine, or as who it was before a reload.
+
+import { useCallback, useEffect, useState } from "react";
+import {
+  BadInvitation,
+  browserStores,
+  DIRECT,
+  decodeBase64url,
+  type Kept,
+  linkUrl,
+  parseInvitation,
+  ResumeStore,
+  type Secret,
+  type SessionTo,
+} from "../client";
+import { Local, WrongToken } from "./local";
+import { dropToken, takeToken } from "./token";
+
+/** Where the websocket is, seen from where the front end serves this page. */
+const ABOVE = "../link";
+const AGAIN_MS = 1000;
+
+/** Of this origin; visitors' are others. */
+export const resumeStore = new ResumeStore(browserStores(), "phalanx.operator.");
+
+export type Entry =
+  | { readonly kind: "asking"; readonly tries: number }
+  /** `refused`: of a token or ticket that is not valid. */
+  | { readonly kind: "none"; readonly refused: boolean }
+  | { readonly kind: "session"; readonly to: SessionTo; readonly local: Local | undefined };
+
+/** The way in, and a function that looks for another. */
+export function useEntry(): readonly [Entry, () => void] {
+  const [entry, setEntry] = useState<Entry>({ kind: "asking", tries: 0 });
+  const [round, setRound] = useState(0);
+  const again = useCallback(() => setRound((before) => before + 1), []);
+
+  useEffect(() => {
+    // A new link pasted into this tab changes only the fragment, and loads nothing.
+    window.addEventListener("hashchange", again);
+    return () => window.removeEventListener("hashchange", again);
+  }, [again]);
+
+  useEffect(() => {
+    let timer: number | undefined;
+    let isOver = false;
+    const enter = async (tries: number) => {
+      const found = await find(round > 0);
+      if (isOver) return;
+      if (found === undefined) {
+        setEntry({ kind: "asking", tries: tries + 1 });
+        timer = window.setTimeout(() => void enter(tries + 1), AGAIN_MS);
+      } else setEntry(found);
+    };
+    void enter(0);
+    return () => {
+      isOver = true;
+      window.clearTimeout(timer);
+    };
+  }, [round]);
+  return [entry, again];
+}
+
+/** Undefined: the gateway does not answer. `isAgain`: what was kept has failed. */
+async function find(isAgain: boolean): Promise<Entry | undefined> {
+  const ticket = takeTicket();
+  if (ticket === "bad") return { kind: "none", refused: true };
+  if (ticket) return session(linkUrl(window.location.href, ABOVE), ticket.fixed, ticket.secret, undefined);
+  const token = takeToken();
+  if (token !== undefined) return await here(new Local(token));
+  const kept: Kept | undefined = resumeStore.newest(Date.now() / 1000);
+  if (kept) return session(linkUrl(window.location.href, ABOVE), kept.fixed, undefined, undefined);
+  return { kind: "none", refused: isAgain };
+}
+
+async function here(local: Local): Promise<Entry | undefined> {
+  try {
+    const where = await local.where();
+    const fixed = decodeBase64url(new TextEncoder().encode(where.fixed));
+    if (fixed === undefined) return { kind: "none", refused: true };
+    const kept = resumeStore.find(fixed, Date.now() / 1000);
+    return session(where.link, fixed, kept ? undefined : await local.ticket(), local);
+  } catch (error) {
+    if (!(error instanceof WrongToken)) return undefined;
+    dropToken();
+    return { kind: "none", refused: true };
+  }
+}
+
+function session(url: string, fixed: Uint8Array, invitation: Secret | undefined, local: Local | undefined): Entry {
+  return { kind: "session", to: { url, at: DIRECT, fixed, invitation, name: "" }, local };
+}
+
+/** From the address, which is cleaned: that bar may be on a projector. */
+function takeTicket(): { readonly fixed: Uint8Array; readonly secret: Secret } | "bad" | undefined {
+  const { hash, pathname, search } = window.location;
+  if (!hash.startsWith("#j=")) return undefined;
+  window.history.replaceState(null, "", pathname + search);
+  try {
+    return parseInvitation(hash);
+  } catch (error) {
+    if (!(error instanceof BadInvitation)) throw error;
+    return "bad";
+  }
+}
