@@ -29,6 +29,7 @@ from phalanx.cli.main import phalanx
 from phalanx.config import LinkConfig
 from phalanx.crypto import jwe
 from phalanx.gateway import vocabulary
+from phalanx.gateway.missions.desk import requests_of
 from phalanx.gateway.operator_desk import OperatorDesk
 from phalanx.link import Pin, QrkeyClient, QrUrl, derive_epoch, pin, topics
 from phalanx.link.rotation import State
@@ -395,9 +396,10 @@ def test_the_vocabulary_is_the_code_s():
     text = (DOCS / "spec" / "vocabulary.md").read_text()
     by_number, over_a_session = text.split("## Over a session")
     assert [row[0] for row in table(by_number, "request")] == ["0", "1"]
-    acts = OperatorDesk(None, None, None, "", print)._acts
+    acts = OperatorDesk(None, None, None, "", print).acts
+    of_gateways = ["state", "where", "compromise", "rotate"]
     names = [name for row in table(over_a_session, "request") for name in row[0].replace("`", "").split(", ")]
-    assert names == [*vocabulary.REQUEST_NAMES.values(), *acts]
+    assert names == [*vocabulary.REQUEST_NAMES.values(), *acts, *of_gateways, *requests_of(None)]
     assert (vocabulary.REQUEST_ROBOTS, vocabulary.REQUEST_AREA) == (0, 1)
     numbers = {int(row[0].split()[0]) for row in table(text, "cmd")}
     assert numbers == {notice.value for notice in vocabulary.Notice} | {255}

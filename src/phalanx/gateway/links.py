@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Protocol
 
+from phalanx.errors import PeerError
 from phalanx.link import Command, Request
+from phalanx.net.server import handler_failed
 
 
 class Link(Protocol):
@@ -30,3 +32,13 @@ class Link(Protocol):
 
     async def notify(self, payload: dict[str, Any], /) -> bool:
         """Send a notification to all visitors; return whether it was sent. Raises: UsageError: it is too long."""
+
+
+def call_now(handler: Callable[[Command], Any], command: Command) -> None:
+    """Call a handler of commands, which is a plain function here. Raises: PeerError, and HandlerFailed for others."""
+    try:
+        handler(command)
+    except PeerError:
+        raise
+    except Exception as error:
+        raise handler_failed(handler, error) from error

@@ -38,11 +38,12 @@ from phalanx.link.session.visitors import Visitor
 from phalanx.link.topics import CommandTopic
 from phalanx.net.answers import Answers
 from phalanx.net.front import Closed, Event, Opened, Received
-from phalanx.net.server import call_handler, handler_failed
+from phalanx.net.server import call_handler
 from phalanx.net.session_broker import KNOCKS, SessionBroker
 from phalanx.net.session_store import LinkKeys
 
 from . import vocabulary
+from .links import call_now
 from .payloads import parse_payload, request_words
 from .trail import Trail
 from .ways import FrontEnd, Ways
@@ -54,7 +55,7 @@ LOOK_EVERY = 10  # ticks, for robots that came or left
 ASKED_BYTES = 256  # words of a visitor's request, while it waits
 CLOSING_S = 0.1  # for what was said last to leave
 # An update without news must not be shorter than one in which a robot moves: spaces make up for it. Every robot's place
-# is in one of ten updates. Longer ones are not made equal: they have so many robots that one does not show.
+# is in one of ten updates. Of longer ones one robot does not show.
 EQUAL_TICKS, EQUAL_BYTES = 100, 2040
 _REASONS: dict[type[PeerError], Reason] = {
     BadPayload: Reason.BAD,
@@ -115,7 +116,8 @@ class SessionLink:
         self._commands: dict[str, Callable[[Command], Any]] = {}
         self._requests: dict[str, Callable[[Request], Any]] = {}
         # Of each connection one of each name may wait, so that many who ask without end refuse nobody else's.
-        self._answers = Answers[Requested](self._answer, len(vocabulary.REQUEST_NAMES) * self.config.connections_max)
+        most = len(vocabulary.REQUEST_NAMES) * self.config.connections_max
+        self._answers = Answers[Requested](lambda each: self._settle(each, self._answered(each)), most)
         self._encoded: dict[str, tuple[SharedAnswer, bytes]] = {}  # by the request's name
         self._operating: set[asyncio.Task[None]] = set()
         self._lengths: deque[int] = deque(maxlen=EQUAL_TICKS)  # of updates
@@ -336,9 +338,6 @@ class SessionLink:
         self.carry(self.server.reply(request.visitor, request.number, payload))
         self.counters["requests"] += 1
 
-    async def _answer(self, request: Requested) -> None:
-        await self._settle(request, self._answered(request))
-
     async def _settle(self, request: Requested, answer: Awaitable[bytes | dict[str, Any]]) -> None:
         try:
             payload = await answer
@@ -398,13 +397,3 @@ class SessionLink:
 def now() -> Now:
     """Return the time, as sessions are told it."""
     return Now(time.monotonic_ns() // 1_000_000, int(time.time()))
-
-
-def call_now(handler: Callable[[Command], Any], command: Command) -> None:
-    """Call a handler of commands, which is a plain function here. Raises: PeerError, and HandlerFailed for others."""
-    try:
-        handler(command)
-    except PeerError:
-        raise
-    except Exception as error:
-        raise handler_failed(handler, error) from error
