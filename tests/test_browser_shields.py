@@ -110,7 +110,7 @@ def test_arcs_show_vouchers_a_refusal_flashes_and_the_liar_goes_grey(browser, tm
 
 def test_a_stopped_robot_is_let_go_by_the_thumb_that_drives_it(browser, tmp_path):
     with (
-        a_gateway("--defence", "hardened") as (up, ready),
+        a_gateway("--defence", "hardened", "--scenario", "none") as (up, ready),
         a_page(browser, BUZZED, **PHONE) as phone,
         a_page(browser, viewport={"width": 1280, "height": 900}) as desk,
     ):
