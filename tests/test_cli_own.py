@@ -270,7 +270,7 @@ class TestAttack:
                 "lies.py: TypeError: Brake.send_output()",
             ),
             (
-                {"    def put": "    period_ms = 'x'\n    def put"},
+                {"    def send_output": "    period_ms = 'x'\n    def send_output"},
                 "lies.py:Brake",
                 "period_ms of Brake in lies.py is 'x'",
             ),
