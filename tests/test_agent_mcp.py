@@ -1,4 +1,4 @@
-"""A language-model agent as a visitor: the MCP server of the examples, over stdio, at a gateway with its swarm."""
+"""A language-model agent as a visitor: the MCP server of the examples, at a gateway with its swarm."""
 
 from __future__ import annotations
 
@@ -29,6 +29,8 @@ from test_gateway_sessions import serving
 pytestmark = pytest.mark.waits
 ROOT = Path(__file__).parent.parent
 AGENT = ROOT / "examples" / "agent_mcp.py"
+sys.path.append(str(AGENT.parent))
+import agent_mcp  # noqa: E402
 
 
 def ticket(link, **more):
@@ -40,7 +42,15 @@ def ticket(link, **more):
 
 @asynccontextmanager
 async def agent(url, folder):
-    """The MCP server as a host starts it, and the client of the `mcp` package."""
+    """The MCP server, in this process, and the client of the `mcp` package."""
+    async with Client(url, secret_file=folder / "ticket.session") as visitor:
+        async with McpClient(agent_mcp.make_server(agent_mcp.Agent(visitor))) as client:
+            yield client
+
+
+@asynccontextmanager
+async def started_agent(url, folder):
+    """The MCP server as a host starts it, over stdio: two seconds of a processor."""
     (folder / "ticket").write_text(url)
     env = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     server = StdioServerParameters(command=sys.executable, args=[str(AGENT), str(folder / "ticket")], env=env)
@@ -173,8 +183,8 @@ async def test_a_host_that_starts_the_server_again_resumes_the_same_visitor(tmp_
     swarm = Dotbots(1, 1, time.time)
     async with serving(swarm) as link:
         url = ticket(link, name="Claude")
-        for _ in range(2):
-            async with agent(url, tmp_path) as client:
+        for begun in (started_agent, agent):
+            async with begun(url, tmp_path) as client:
                 await call(client, "list_robots")
                 assert [(each.id, each.name) for each in link.server.visitors] == [(1, "Claude")]
 

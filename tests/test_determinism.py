@@ -113,11 +113,11 @@ def test_a_controller_that_is_advised_hears_of_it_and_nobody_else():
 
 def test_what_is_done_with_advice_is_compared(checked):
     heeds = "def on_advice(self, advice):\n        self.heard = random.random()\n\n    def on_recv"
-    assert PROCESSES in failed(checked({"def on_recv": heeds}, first_here))
+    assert PROCESSES in failed(checked({"def on_recv": heeds}, here))
     whole = "def on_advice(self, advice):\n        self.heard = len(advice)\n\n    def on_recv"
     assert failed(checked({"def on_recv": whole}, first_here)) == {}
     refuses = "def on_advice(self, advice):\n        advice[8]\n\n    def on_recv"
-    assert "on_advice raises" in failed(checked({"def on_recv": refuses}, first_here))[RAISES]
+    assert "on_advice raises" in failed(checked({"def on_recv": refuses}, here))[RAISES]
 
 
 def test_so_is_the_one_that_the_others_are_made_from(checked):
