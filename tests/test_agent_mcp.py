@@ -12,9 +12,6 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
-from mcp.client import Client as McpClient
-from mcp.client.stdio import StdioServerParameters
-from mcp.shared.exceptions import MCPError
 
 from conftest import eventually
 from injected_agent import OPERATORS, attempts, raw_commands
@@ -29,8 +26,6 @@ from test_gateway_sessions import serving
 pytestmark = pytest.mark.waits
 ROOT = Path(__file__).parent.parent
 AGENT = ROOT / "examples" / "agent_mcp.py"
-sys.path.append(str(AGENT.parent))
-import agent_mcp  # noqa: E402
 
 
 def ticket(link, **more):
@@ -40,9 +35,17 @@ def ticket(link, **more):
     return f"http://127.0.0.1:{link.port}/#{Invitation(link.invitation.static, secret).fragment()}"
 
 
+@pytest.fixture(autouse=True)
+def examples(monkeypatch):
+    monkeypatch.syspath_prepend(str(AGENT.parent))
+
+
 @asynccontextmanager
 async def agent(url, folder):
-    """The MCP server, in this process, and the client of the `mcp` package."""
+    """The MCP server, in this process, and the client of the `mcp` package, which takes two seconds to import."""
+    import agent_mcp
+    from mcp.client import Client as McpClient
+
     async with Client(url, secret_file=folder / "ticket.session") as visitor:
         async with McpClient(agent_mcp.make_server(agent_mcp.Agent(visitor))) as client:
             yield client
@@ -50,7 +53,10 @@ async def agent(url, folder):
 
 @asynccontextmanager
 async def started_agent(url, folder):
-    """The MCP server as a host starts it, over stdio: two seconds of a processor."""
+    """The MCP server as a host starts it, over stdio."""
+    from mcp.client import Client as McpClient
+    from mcp.client.stdio import StdioServerParameters
+
     (folder / "ticket").write_text(url)
     env = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     server = StdioServerParameters(command=sys.executable, args=[str(AGENT), str(folder / "ticket")], env=env)
@@ -60,6 +66,8 @@ async def started_agent(url, folder):
 
 async def call(client, tool, **arguments):
     """What a tool says; PermissionError: what it was refused for."""
+    from mcp.shared.exceptions import MCPError
+
     try:
         result = await client.call_tool(tool, arguments)
     except MCPError as error:
