@@ -98,7 +98,10 @@ def wait_until(condition, timeout_s: float = 10):
 
 
 def barriers(page, *rules: str) -> list[str]:
-    """What axe finds on the page as it is, by all rules or these: what keeps people who see, hear or move otherwise from using it."""
+    """What axe finds on the page as it is: what keeps people from using it who see, hear or move otherwise.
+
+    Of all rules, or of these alone.
+    """
     page.evaluate("source => { if (!window.axe) window.eval(source); }", AXE.read_text())
     asked = {"resultTypes": ["violations"]} | ({"runOnly": [*rules]} if rules else {})
     found = page.evaluate("asked => axe.run(document, asked)", asked)["violations"]

@@ -121,7 +121,7 @@ def test_what_is_done_with_advice_is_compared(checked):
 
 
 def test_so_is_the_one_that_the_others_are_made_from(checked):
-    assert failed(checked({})) == {}
+    assert failed(checked({}, here)) == {}
 
 
 @pytest.mark.parametrize(
@@ -243,7 +243,7 @@ def test_so_is_the_one_that_the_others_are_made_from(checked):
 )  # fmt: skip
 def test_it_is_found_where_it_differs(checked, change, where, place):
     # What one process of several lives shows needs no other.
-    alone = PROCESSES not in where and COMPILED not in where
+    alone = BESIDE in where or not where & {PROCESSES, COMPILED}
     by_place = "{'" in str(change) or "id(self)" in str(change)  # in memory, or in a set by a hash: of processes alike
     report = checked(change, here if alone else check._process if by_place else first_here)
     found = failed(report)
