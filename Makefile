@@ -17,11 +17,16 @@ KERNELS := $(shell find phalanx_compiler src/phalanx -name __pycache__ -prune -o
 TESTS := $(wildcard tests/*.py tests/*/*.py)
 # To read all other files takes longer than some of these tests.
 marked = $(shell grep -ls 'mark\.$(1)\b' tests/test_*.py tests/*/test_*.py)
+# Where everything waits: to read these files takes whoever computes a second.
+ALL_WAIT := $(shell grep -lsE '^pytestmark = .*mark\.waits\b' tests/test_*.py tests/*/test_*.py)
 # What only computes has what is left of the processor by those that wait for somebody, and have limits for it.
 LEFT_OVER := chrt --idle 0
 # A process per processor: each collects all tests, and sets up for itself what the tests of a file share.
-COMPUTES := -m "not waits and not alone and not long" --numprocesses $(shell nproc) --dist worksteal
-WAITS := -m "waits and not alone and not long" $(call marked,waits) --numprocesses 3 --dist loadfile
+COMPUTES := -m "not waits and not alone and not long" $(ALL_WAIT:%=--ignore=%) --numprocesses $(shell nproc) --dist worksteal
+# Browsers take longest, though their files have few tests: begun last, one of them would go on alone.
+BROWSERS := $(call marked,browser)
+WAITS := -m "waits and not alone and not long" $(BROWSERS) $(filter-out $(BROWSERS),$(call marked,waits)) \
+	--numprocesses 3 --dist loadfile --no-loadscope-reorder
 # Two of them beside each other have a core each: what has idle time gives it back at once.
 ALONE := -m "alone and not long" $(call marked,alone) --numprocesses 2 --dist worksteal
 DEMO ?=
@@ -182,7 +187,7 @@ collected = $(BIN)/python -m pytest --collect-only -q $(1) >$@-said || { tail -4
 	@touch $@
 
 .venv/tests: .venv/tests-that-wait
-	@$(call collected)
+	@$(call collected,$(ALL_WAIT:%=--ignore=%))
 	@touch $@
 
 test-computes: ready-dev .venv/tests

@@ -1,4 +1,4 @@
-"""A language-model agent as a visitor: the MCP server of the examples, over stdio, at a gateway with its swarm."""
+"""A language-model agent as a visitor: the MCP server of the examples, at a gateway with its swarm."""
 
 from __future__ import annotations
 
@@ -12,9 +12,6 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
-from mcp.client import Client as McpClient
-from mcp.client.stdio import StdioServerParameters
-from mcp.shared.exceptions import MCPError
 
 from conftest import eventually
 from injected_agent import OPERATORS, attempts, raw_commands
@@ -38,9 +35,28 @@ def ticket(link, **more):
     return f"http://127.0.0.1:{link.port}/#{Invitation(link.invitation.static, secret).fragment()}"
 
 
+@pytest.fixture(autouse=True)
+def examples(monkeypatch):
+    monkeypatch.syspath_prepend(str(AGENT.parent))
+
+
 @asynccontextmanager
 async def agent(url, folder):
-    """The MCP server as a host starts it, and the client of the `mcp` package."""
+    """The MCP server, in this process, and the client of the `mcp` package, which takes two seconds to import."""
+    import agent_mcp
+    from mcp.client import Client as McpClient
+
+    async with Client(url, secret_file=folder / "ticket.session") as visitor:
+        async with McpClient(agent_mcp.make_server(agent_mcp.Agent(visitor))) as client:
+            yield client
+
+
+@asynccontextmanager
+async def started_agent(url, folder):
+    """The MCP server as a host starts it, over stdio."""
+    from mcp.client import Client as McpClient
+    from mcp.client.stdio import StdioServerParameters
+
     (folder / "ticket").write_text(url)
     env = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     server = StdioServerParameters(command=sys.executable, args=[str(AGENT), str(folder / "ticket")], env=env)
@@ -50,6 +66,8 @@ async def agent(url, folder):
 
 async def call(client, tool, **arguments):
     """What a tool says; PermissionError: what it was refused for."""
+    from mcp.shared.exceptions import MCPError
+
     try:
         result = await client.call_tool(tool, arguments)
     except MCPError as error:
@@ -173,8 +191,8 @@ async def test_a_host_that_starts_the_server_again_resumes_the_same_visitor(tmp_
     swarm = Dotbots(1, 1, time.time)
     async with serving(swarm) as link:
         url = ticket(link, name="Claude")
-        for _ in range(2):
-            async with agent(url, tmp_path) as client:
+        for begun in (started_agent, agent):
+            async with begun(url, tmp_path) as client:
                 await call(client, "list_robots")
                 assert [(each.id, each.name) for each in link.server.visitors] == [(1, "Claude")]
 

@@ -81,6 +81,7 @@ def test_each_limit_has_its_rows_and_each_row_a_number(report, section, least, w
         assert any(word in row["what"] for row in rows), word
 
 
+@pytest.mark.long
 def test_the_swarm_was_really_watched(report):
     rows = {row["what"]: row for row in report["rows"]}
     # Nobody sees more of a swarm than it tells, but for a tick on either edge of the two seconds.

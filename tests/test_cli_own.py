@@ -8,6 +8,7 @@ import subprocess
 import pytest
 
 from conftest import PHALANX, ROOT
+from phalanx.lab.determinism import check
 from phalanx.scenarios.attack_spec import parse_attack
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attacks, mistakes_in
@@ -69,7 +70,8 @@ class TestController:
         _, out, _ = phalanx("sim", "run", "flock-12", *QUICK)
         assert "distance to the goal" in out
 
-    def test_what_it_prints_is_talk_and_no_data(self, phalanx, mine):
+    def test_what_it_prints_is_talk_and_no_data(self, phalanx, mine, monkeypatch):
+        monkeypatch.setattr(check, "OTHERS", 1)
         words = mine("print('at first')\n" + WHOLE.replace("return []", "print('at work'); return []"))
         checked = ("sim", "check", words, "--json")
         attacked = ("attack", "run", "hijack:robot=2,at=1", *QUICK, "--controller", words, "--json")

@@ -11,6 +11,7 @@ import sys
 import pytest
 
 from phalanx.attacks import IN_SWARMS
+from phalanx.cli.main import run_command
 from phalanx.config.builtin import built_in
 from phalanx.robot.adversary.registry import attacks
 from phalanx.scenarios.scenario import PROTOCOLS
@@ -41,11 +42,22 @@ def told(shell, *words: str, **said: str) -> list[str]:
     return done.stdout.splitlines()
 
 
-def offered(shell, line: str) -> list[str]:
-    """What is offered for the last word of a command line."""
-    words = line.split(" ")
-    said = {"COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1), "_PHALANX_COMPLETE": "bash_complete"}
-    return [words.partition(",")[2] for words in told(shell, "phalanx", **said) if words.startswith("plain,")]
+@pytest.fixture
+def offered(shell, monkeypatch, capsys):
+    """What is offered for the last word of a command line, asked in this process."""
+    monkeypatch.chdir(shell[0])
+    monkeypatch.setenv("_PHALANX_COMPLETE", "bash_complete")
+
+    def ask(line: str) -> list[str]:
+        monkeypatch.setenv("COMP_WORDS", line)
+        monkeypatch.setenv("COMP_CWORD", str(len(line.split(" ")) - 1))
+        with pytest.raises(SystemExit, match="0"):
+            run_command([])
+        out, err = capsys.readouterr()
+        assert not err
+        return [words.partition(",")[2] for words in out.splitlines() if words.startswith("plain,")]
+
+    return ask
 
 
 @pytest.mark.parametrize(
@@ -67,33 +79,33 @@ def offered(shell, line: str) -> list[str]:
         ("phalanx up --defence ", ["hardened", "none", "paper"], []),
     ],
 )
-def test_names_and_files_are_offered(shell, line, names, files):
-    assert sorted(offered(shell, line)) == sorted([*names, *files])
+def test_names_and_files_are_offered(offered, line, names, files):
+    assert sorted(offered(line)) == sorted([*names, *files])
 
 
-def test_what_is_begun_is_ended(shell):
-    assert offered(shell, "phalanx sim run bti") == ["bti-fig2", "bti-fig8", "bti-fig9"]
-    assert offered(shell, "phalanx sim run more/") == ["more/other.yaml"]
-    assert offered(shell, "phalanx sim run ./m") == ["./mine.yaml"]
-    assert offered(shell, "phalanx attack run spo") == ["spoof", "spoof-scan"]
+def test_what_is_begun_is_ended(offered):
+    assert offered("phalanx sim run bti") == ["bti-fig2", "bti-fig8", "bti-fig9"]
+    assert offered("phalanx sim run more/") == ["more/other.yaml"]
+    assert offered("phalanx sim run ./m") == ["./mine.yaml"]
+    assert offered("phalanx attack run spo") == ["spoof", "spoof-scan"]
 
 
-def test_behind_a_file_its_classes_are_offered_and_it_is_not_run(shell):
+def test_behind_a_file_its_classes_are_offered_and_it_is_not_run(shell, offered):
     here, _ = shell
     (here / "mine.py").write_text("class Mine: pass\nclass Min(Mine): pass\nclass _Not: pass\nraise SystemExit(3)")
     (here / "bad.py").write_text("class")
     both = ["mine.py:Min", "mine.py:Mine"]
     for words in ("sim check", "sim run flock-12 --controller", "sim run flock-12 --attack", "attack run"):
-        assert sorted(offered(shell, f"phalanx {words} mine.py")) == both, "bash ends a word before a colon"
-        assert sorted(offered(shell, f"phalanx {words} mine.py:M")) == both
-    assert offered(shell, "phalanx sim check mine.py:Mine") == ["mine.py:Mine"]
-    assert offered(shell, "phalanx sim check bad.py") == ["bad.py"]
+        assert sorted(offered(f"phalanx {words} mine.py")) == both, "bash ends a word before a colon"
+        assert sorted(offered(f"phalanx {words} mine.py:M")) == both
+    assert offered("phalanx sim check mine.py:Mine") == ["mine.py:Mine"]
+    assert offered("phalanx sim check bad.py") == ["bad.py"]
 
 
-def test_commands_are_offered_and_the_shell_offers_other_files(shell):
-    assert offered(shell, "phalanx si") == ["sim"]
-    assert offered(shell, "phalanx sim ") == ["check", "list", "run", "schema", "view"]
-    assert {"bti-fig8", "link-fig4", "mission-fig10"} <= set(offered(shell, "phalanx reproduce "))
+def test_commands_are_offered_and_the_shell_offers_other_files(shell, offered):
+    assert offered("phalanx si") == ["sim"]
+    assert offered("phalanx sim ") == ["check", "list", "run", "schema", "view"]
+    assert {"bti-fig8", "link-fig4", "mission-fig10"} <= set(offered("phalanx reproduce "))
     said = {"COMP_WORDS": "phalanx sim run no", "COMP_CWORD": "3", "_PHALANX_COMPLETE": "bash_complete"}
     assert told(shell, "phalanx", **said) == ["file,no"]
 

@@ -133,9 +133,9 @@ class TestAHostileBroker:
         flood.start()
         try:
             async with Server(f"ws://127.0.0.1:{listening.getsockname()[1]}/mqtt"):
-                await asyncio.sleep(0.5)
+                await asyncio.sleep(0.2)
                 turns = Turns()
-                await asyncio.sleep(1)
+                await asyncio.sleep(0.4)
                 assert turns.longest_s < 0.05
         finally:
             over.set()

@@ -113,15 +113,15 @@ def test_a_controller_that_is_advised_hears_of_it_and_nobody_else():
 
 def test_what_is_done_with_advice_is_compared(checked):
     heeds = "def on_advice(self, advice):\n        self.heard = random.random()\n\n    def on_recv"
-    assert PROCESSES in failed(checked({"def on_recv": heeds}, first_here))
+    assert PROCESSES in failed(checked({"def on_recv": heeds}, here))
     whole = "def on_advice(self, advice):\n        self.heard = len(advice)\n\n    def on_recv"
     assert failed(checked({"def on_recv": whole}, first_here)) == {}
     refuses = "def on_advice(self, advice):\n        advice[8]\n\n    def on_recv"
-    assert "on_advice raises" in failed(checked({"def on_recv": refuses}, first_here))[RAISES]
+    assert "on_advice raises" in failed(checked({"def on_recv": refuses}, here))[RAISES]
 
 
 def test_so_is_the_one_that_the_others_are_made_from(checked):
-    assert failed(checked({})) == {}
+    assert failed(checked({}, here)) == {}
 
 
 @pytest.mark.parametrize(
@@ -243,7 +243,7 @@ def test_so_is_the_one_that_the_others_are_made_from(checked):
 )  # fmt: skip
 def test_it_is_found_where_it_differs(checked, change, where, place):
     # What one process of several lives shows needs no other.
-    alone = PROCESSES not in where and COMPILED not in where
+    alone = BESIDE in where or not where & {PROCESSES, COMPILED}
     by_place = "{'" in str(change) or "id(self)" in str(change)  # in memory, or in a set by a hash: of processes alike
     report = checked(change, here if alone else check._process if by_place else first_here)
     found = failed(report)

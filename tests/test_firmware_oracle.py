@@ -286,7 +286,7 @@ class BothPaper(Both):
 
 
 RUNS = settings(
-    max_examples=50,
+    max_examples=20,
     stateful_step_count=50,
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow],
@@ -300,6 +300,16 @@ class TestBound(BothBound.TestCase):
 
 class TestPaper(BothPaper.TestCase):
     settings = RUNS
+
+
+@pytest.mark.long
+class TestMoreOfBound(BothBound.TestCase):
+    settings = settings(RUNS, max_examples=100)
+
+
+@pytest.mark.long
+class TestMoreOfPaper(BothPaper.TestCase):
+    settings = settings(RUNS, max_examples=100)
 
 
 def test_limits_have_the_order_of_the_c_struct():

@@ -1057,6 +1057,7 @@ def made_in_loops(n: int) -> float:
     return total
 
 
+@given((0,), (3,), (6,), only=True)
 @kernel
 def made_elsewhere(n: int) -> float:
     total = 0.0

@@ -31,13 +31,13 @@ CASES = [
         "scenario",
         {"scenario": "flock-12", "duration_s": 3, "controller": "guard", "planner": "examples/guarded.py:Ramming"},
     ),
-    ("attack", {"attack": "spoof", "at_s": 0.5, "defence": "paper", "duration_s": 3, "scenario": "flock-12"}),
+    ("attack", {"attack": "spoof", "at_s": 0.5, "defence": "paper", "duration_s": 1.5, "scenario": "flock-12"}),
     *[("scenario", {"scenario": each, "duration_s": 1}) for each in ("patrol", "perimeter", "exploration", "tracking")],
     ("demo", {"robots": 12, "duration_s": 4, "attack": "hijack", "at_s": 2.0}),
     ("dotbots", {"robots": 3, "duration_s": 1}),
     (
         "mission",
-        {"mission": "office", "profile": "paper", "defence": "none", "robots": 2, "duration_s": 3, "people": 3},
+        {"mission": "office", "profile": "paper", "defence": "none", "robots": 2, "duration_s": 2, "people": 3},
     ),
 ]
 calls: Counter[str] = Counter()

@@ -13,11 +13,11 @@ from programs import functions
 
 from phalanx_compiler.value_types import signature_of
 
-PROGRAMS, INPUTS = 60, 12
+INPUTS = 12
 
 
-def compare(seed, folder):
-    module = load(functions(seed, PROGRAMS), folder, "programs")
+def compare(seed, folder, programs):
+    module = load(functions(seed, programs), folder, "programs")
     kernels = [each for each in kernels_of(module) if each.__name__.startswith("f")]
     made = compiled(kernels, folder, "-O1", "-w")
     draw = random.Random(seed)
@@ -41,11 +41,11 @@ SLOW = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
 @settings(max_examples=2, phases=WITHOUT_SHRINKING, suppress_health_check=SLOW)
 @given(st.integers(0, 2**40))
 def test_random_programs_do_the_same_compiled(tmp_path, seed):
-    compare(seed, tmp_path)
+    compare(seed, tmp_path, 30)
 
 
 @pytest.mark.long
 @settings(max_examples=40, phases=WITHOUT_SHRINKING, suppress_health_check=SLOW)
 @given(st.integers(0, 2**40))
 def test_many_random_programs_do_the_same_compiled(tmp_path, seed):
-    compare(seed, tmp_path)
+    compare(seed, tmp_path, 60)

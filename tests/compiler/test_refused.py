@@ -355,9 +355,7 @@ def test_kernels_of_one_name_in_several_modules_are_two(tmp_path):
 
 def test_the_build_prints_one_line_and_a_hint(tmp_path):
     package = tmp_path / "src" / "phalanx"
-    shutil.copytree(
-        ROOT / "src" / "phalanx", package, ignore=shutil.ignore_patterns("pages", "*kernels*.so", "__pycache__")
-    )
+    shutil.copytree(ROOT / "src" / "phalanx", package, ignore=shutil.ignore_patterns("pages", "*kernels*.so"))
     (package / "wrong.py").write_text(
         "from .kernel import (\n    kernel,\n)\n\n\n@kernel\ndef wrong(x: int) -> int:\n    return [x]\n"
     )
