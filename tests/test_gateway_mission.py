@@ -28,7 +28,7 @@ from phalanx.net import QrkeyClient
 from phalanx.robot.on_mission import Completed, Decoded, NotValidated, OnMission, drift_of
 from phalanx.robot.swarm import AuditedSwarm
 from phalanx.world.building.floorplan import load_floorplan
-from phalanx.world.missions.live import Moment, Standing
+from phalanx.world.missions.live import Moment, RobotTruth
 from phalanx.world.missions.orders import orders_of
 from phalanx.world.swarms.mission import MOST_ROBOTS, MissionSwarm, ShieldedMissionSwarm
 
@@ -83,7 +83,7 @@ class Silent(MissionSwarm):
         return False
 
     def say(self, *news, phases=("seeking", "seeking"), at=((1.5, 3.0), (1.5, 3.0)), drift=(0, 0, 0)):
-        standing = tuple(Standing(*place, 0.0, phase, "", drift=drift) for phase, place in zip(phases, at))
+        standing = tuple(RobotTruth(*place, 0.0, phase, "", drift=drift) for phase, place in zip(phases, at))
         self._take(Moment(standing, news))
 
 
@@ -106,7 +106,7 @@ class TestSwarm:
         assert [swarm.to_area(*place).y_mm for place in ((0.0, 6.0), (0.0, 0.0))] == [0.0, 6000.0]
         assert min(swarm.walls_mm()) == [0, 0, 0, 6000]
         for heading in range(0, 360, 15):
-            swarm._standing[0] = Standing(1.0, 1.0, math.radians(heading), "seeking", "")
+            swarm._standing[0] = RobotTruth(1.0, 1.0, math.radians(heading), "seeking", "")
             robot = swarm.robots()[0]
             nose = math.radians(robot.direction_deg)
             # (-sin, cos) with y down is where the robot looks, (cos, -sin) of its heading.
@@ -152,7 +152,7 @@ class TestSwarm:
         assert (swarm.progress().left, list(swarm.lit()), list(swarm.news())) == (2, [], [])
         assert swarm.robots()[0].at.x_mm == 1500
         assert len(swarm.robots()[0].history) == 0
-        old = (1, Moment((Standing(4.0, 3.0, 0.0, "done", ""),) * 2, (Completed(0),)))
+        old = (1, Moment((RobotTruth(4.0, 3.0, 0.0, "done", ""),) * 2, (Completed(0),)))
         swarm.poll, swarm.recv = iter([True, False]).__next__, lambda: old
         assert {robot.at.x_mm for robot in swarm.robots()} == {1500}
         assert swarm.progress().completed == 0

@@ -13,12 +13,12 @@ import pytest
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.mission import BuildOptions, Experience, Kind, Phase, Profile, State, Walker, build
-from phalanx.mission.authoring.survey import begun_at as begun_in
+from phalanx.mission.authoring.survey import with_start as begun_in
 from phalanx.mission.authoring.survey import most_spacious_start, survey
 from phalanx.mission.landmarks import extract, landmarks_of
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.landmarks.scan import beam_table
-from phalanx.mission.walk.fix import begun_at, fixed, wheels_of
+from phalanx.mission.walk.fix import fixed, initial_belief, wheels_of
 from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.world.building.floorplan import MAPS, load_floorplan
 from phalanx.world.building.odometry import DiffDrive, Odometry, OdometryNoise
@@ -45,7 +45,7 @@ class Robot:
         self.random = np.random.default_rng(seed)
         self.drive = DiffDrive(plan, plan.start)
         self.odometry = Odometry(plan.start, OdometryNoise(0.03, 0.05), self.random)
-        self.belief = begun_at(CONFIG, plan.start)
+        self.belief = initial_belief(CONFIG, plan.start)
         self.lidar = Lidar(plan.walls)
         self.sensors = Sensors(self.lidar.config)
         self.beams = beam_table(self.lidar.config.angle_min_rad, self.lidar.config.angle_increment_rad, 1080)

@@ -9,11 +9,11 @@ import numpy as np
 from worlds import CHEAP, built, draws
 
 from phalanx.attacks.missions.cheat import DriveDark
+from phalanx.lab.scorecard import team_trial
 from phalanx.lab.scorecard.team_trial import ELSEWHERE_M, LOBBY, STORE, STORE_WALL
 from phalanx.mission import Action, BuildOptions, Draft, Position, Profile, Walker, build
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.walk.state import Keyring
-from phalanx.papers.missions import team
 from phalanx.robot.adversary.mission_cheat import CheatPlan, MissionCheat
 from phalanx.robot.controllers.mission.controller import Assignment, Missions
 from phalanx.robot.controllers.mission.readings import Sensors
@@ -34,7 +34,7 @@ ROBOTS = 5
 @cache
 def errand(profile: Profile):
     """Built: start, lobby (inspect), store (pick; final)."""
-    return built(team.errand(PLAN, CHEAP if profile is Profile.SEALED else None, POOL), profile)
+    return built(team_trial.errand(PLAN, CHEAP if profile is Profile.SEALED else None, POOL), profile)
 
 
 @cache

@@ -11,7 +11,7 @@ from phalanx.cli.mission.files import read_plain
 from phalanx.config.lidar import LidarConfig
 from phalanx.mission import Action, BuildOptions, Draft, Landmark, Position, Profile, Sensor, build
 from phalanx.mission.authoring import free
-from phalanx.mission.authoring.findable import apart_in, once
+from phalanx.mission.authoring.findable import apart_in, without_duplicates
 from phalanx.mission.authoring.survey import survey
 from phalanx.mission.landmarks import FloorPlan, floorplan_of_yaml
 from phalanx.mission.landmarks.sites import landmarks_of
@@ -177,7 +177,7 @@ def test_one_thing_is_one_node():
     """In drawn:562 two cupboards touch each other: their corner was two nodes, and robots never found the second."""
     things = [thing for node in survey(load_floorplan("drawn:562")).nodes for alias in node.see for thing in alias]
     corners = [thing for thing in things if isinstance(thing, Landmark)]
-    assert len(once(corners)) == len(corners) > 20
+    assert len(without_duplicates(corners)) == len(corners) > 20
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from phalanx.mission.walk.fix import fits, sighting
 from phalanx.mission.walk.search import doubt_in, is_around, placed, region
 from phalanx.mission.walk.search_sealed import cells_that_fit
 from phalanx.mission.walk.searched import spiral
-from phalanx.papers.missions.fig8c import plainly
+from phalanx.papers.missions.fig8c import use_plain_hash
 
 
 def cells_around(shape, coding, doubt, landmark, centre, offset):
@@ -38,7 +38,7 @@ def test_the_compiled_and_the_plain_search_walk_alike():
     mission = corridor(4)
     config = MissionConfig(tolerance_m=0.3)
     compiled = list(walk(mission, walker_of(built(mission, Profile.PAPER), config), steps_each=3))
-    with plainly():
+    with use_plain_hash():
         assert list(walk(mission, walker_of(built(mission, Profile.PAPER), config), steps_each=3)) == compiled
 
 
