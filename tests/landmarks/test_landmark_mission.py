@@ -13,8 +13,8 @@ import pytest
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.mission import BuildOptions, Experience, Kind, Phase, Profile, State, Walker, build
-from phalanx.mission.authoring.survey import with_start as begun_in
 from phalanx.mission.authoring.survey import most_spacious_start, survey
+from phalanx.mission.authoring.survey import with_start as begun_in
 from phalanx.mission.landmarks import extract, landmarks_of
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.landmarks.scan import beam_table
