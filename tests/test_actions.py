@@ -87,7 +87,7 @@ def test_whatever_a_controller_puts_out_in_one_step_fits_into_the_buffer(swarm, 
 
 
 class Asking:
-    """A robot with a fragment of a request in `work.frame`, of which nothing has gone out."""
+    """A robot with a fragment of a request in `work.packet`, of which nothing has gone out."""
 
     def __init__(self) -> None:
         self.run = Run(Scenario(robots=6, grid_step_m=16.0, duration_s=16.0, bti=BtiConfig(f_max=1)))
@@ -98,7 +98,7 @@ class Asking:
         self.now_ms = int(clock_ms(self.world, ME))
         rounds.begin_round(self.fleet, ME, self.now_ms)
         self.length = int(handlers.next_fragment(self.fleet, ME, self.work, self.now_ms))
-        self.fragment = self.work.frame[: self.length].tobytes()
+        self.fragment = self.work.packet[: self.length].tobytes()
         assert request.is_fragment(row(self.fragment), self.length)
         assert self.is_under_way
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import unicodedata
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from phalanx.link.session import Role
@@ -157,6 +157,7 @@ def test_no_two_visitors_look_the_same(wishes):
 
 
 @given(st.text(max_size=60))
+@example("¯0")
 def test_what_is_kept_is_kept_again(wish):
     kept = clean_nickname(wish)
     assert len(kept) <= 32

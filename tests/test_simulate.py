@@ -289,7 +289,7 @@ class TestCautions:
     def test_that_liars_may_fill_the_channel_with_the_audits_of_others(self):
         hub = Scenario(robots=33, hub=26, grid_step_m=6, bti=BtiConfig(f_max=12, t_audit_ms=2000))
         words, _ = cautions(hub)
-        assert "if f_max liars fill their logs, audits want 79% of the channel" in words
+        assert "if f_max compromised robots fill their logs, audits want 79% of the channel" in words
         assert cautions(replace(hub, robots=19, hub=12, n_max=None, bti=BtiConfig(f_max=5, t_audit_ms=2000))) == []
         crowd = Scenario(robots=60, grid_step_m=4, bti=BtiConfig(f_max=3))
         assert cautions(crowd) == []

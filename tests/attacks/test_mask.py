@@ -92,16 +92,6 @@ def test_liars_who_have_others_answer_stop_nobody_either(attack, seeds):
         assert stopped(run) == 0, f"seed {seed}"
 
 
-@pytest.mark.parametrize("t_val_ms, alone", [(6000, [20]), (8000, [])])
-def test_a_t_val_of_a_round_and_a_half_lets_liars_that_audit_nobody_stop_one(t_val_ms, alone):
-    """Below 2 T_audit P2 promises nothing: see docs/promises.md."""
-    made = star(5, 65, "refuse-to-audit")
-    liars = tuple(replace(each, at_s=8.0) for each in made.attacks)
-    run = Run(replace(made, duration_s=27.0, bti=BtiConfig(f_max=5, t_val_ms=t_val_ms), attacks=liars))
-    run.advance(27.0)
-    assert run.summary()["correct_in_safe_mode"] == alone
-
-
 def test_where_nobody_answers_they_starve_most_of_a_hub(monkeypatch):
     made = star(2, 0)
     assert stopped(run_with(monkeypatch, replace(made, duration_s=11.0), DEAF)) >= 8
@@ -193,8 +183,8 @@ def test_it_repeats_seek_at_random_times_until_it_has_its_tokens():
         robot.round_due(listened=True)
         said_ms = [now_ms for now_ms in range(at_ms, at_ms + ROUND_MS, 10) if seeks_now(robot, now_ms)]
         gaps_ms = np.diff([at_ms, *said_ms])
-        assert (gaps_ms >= ROUND_MS // 8).all()
-        assert (gaps_ms <= ROUND_MS // 4 + 10).all()
+        assert (gaps_ms >= ROUND_MS >> seeking.UNANSWERED).all(), "nobody answers"
+        assert (gaps_ms <= (ROUND_MS >> seeking.UNANSWERED - 1) + 10).all()
         moments |= {at_ms, *said_ms}
         robot.robot.got = robot.config.f_max + 1
         assert not sent(robot.event(handlers.on_retry, at_ms + 10 * ROUND_MS, 0))

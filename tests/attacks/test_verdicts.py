@@ -111,7 +111,7 @@ def test_f_max_plus_two_compromised_robots_keep_each_other_alive():
 @pytest.mark.parametrize("name", ["frame-flood", "covert-talk"])
 def test_a_flood_pours_what_its_bucket_has_for_ever_and_where_there_is_none_many_times_that(name):
     (limited,), (free,) = attacked(name, "hardened").airtime, attacked(name, "paper").airtime
-    assert 0.9 * limited.bucket_s < limited.used_s <= limited.bucket_s
+    assert 0.85 * limited.bucket_s < limited.used_s <= limited.bucket_s
     assert free.used_s > 10 * limited.bucket_s
 
 

@@ -146,7 +146,7 @@ def test_a_mission_too_large_to_show_is_refused_in_words():
         BtiConfig(state_bytes=70_000)
     with pytest.raises(UsageError, match="evidence"):
         BtiConfig(evidence_max_bytes=2000)
-    with pytest.raises(UsageError, match="frames"):
+    with pytest.raises(UsageError, match="packets"):
         BtiConfig(evidence_max_bytes=2000, evidence_bytes_per_s=20_000)
 
 

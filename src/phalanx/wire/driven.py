@@ -63,5 +63,9 @@ WHEELS_MEMORY = record(
     "count u8: of points left of the route",
     "route rest: as many waypoints",
 )
+ROBOT_NEARBY = record(
+    "robot_nearby: a robot that a driven one senses; a reading ends with four",
+    "x_mm y_mm i16: from its middle; 0: none",
+)
 ORDERS = (ORDER, ORDER_WHEELS, ORDER_LED, ORDER_ROUTE, WAYPOINT)
-REMEMBERED = (WHEELS_MEMORY, SIGNER)
+REMEMBERED = (WHEELS_MEMORY, SIGNER, ROBOT_NEARBY)

@@ -16,7 +16,7 @@ from phalanx.robot.adversary.harm import ASTRAY
 from phalanx.robot.adversary.liar import Liar
 from phalanx.robot.controllers.python_controller import Controller
 from phalanx.scenarios.scenario import Scenario
-from phalanx.world.radio.channel import AUDIT_BROADCAST, AUDIT_UNICAST, BYTES, SENT
+from phalanx.world.radio.channel import AIRTIME_US, AUDIT_BROADCAST, AUDIT_UNICAST
 from phalanx.world.scenarios.play import play
 from phalanx.world.scenarios.run import Run
 
@@ -77,7 +77,7 @@ class Stop:
 
 
 class Sent(NamedTuple):
-    """Airtime a robot has used until `at_s`: of its AUDIT packets, each counted once; and of all transmissions."""
+    """Airtime a robot has used until `at_s`: of its AUDIT packets, and of all; retries count."""
 
     at_s: float
     audit_s: float
@@ -90,7 +90,7 @@ class Airtime:
 
     robot: int
     seconds: float  # from the last quarter of a second before it lied to the end, or to Safe Mode
-    used_s: float  # airtime, as a-nodes count it: each frame once
+    used_s: float  # retries count
     bucket_s: float  # a full bucket, and what has flowed in since
     on_air_s: float  # all tries of all its packets
 
@@ -149,14 +149,8 @@ def stop_bound_s(scenario: Scenario, *, output_missing: bool) -> float | None:
 
 def sent(run: Run, i: int) -> Sent:
     """Return the airtime robot `i` has used so far. Source: docs/spec/rebound-nodes.md (limits)."""
-    limits, counts = limits_of(run.scenario.bti, run.scenario.radio), run.world.air.counts[i]
-    ns_per_byte = {
-        AUDIT_BROADCAST: limits.airtime_ns_per_byte_broadcast,
-        AUDIT_UNICAST: limits.airtime_ns_per_byte_unicast,
-    }
-    packets_us = sum(int(counts[row, SENT]) for row in ns_per_byte) * limits.airtime_fixed_us
-    bytes_us = sum(int(counts[row, BYTES]) * ns / MS for row, ns in ns_per_byte.items())
-    return Sent(run.now_s, (packets_us + bytes_us) / US, float(run.airtime_s[i]))
+    audit_us = sum(int(run.world.air.counts[i, row, AIRTIME_US]) for row in (AUDIT_BROADCAST, AUDIT_UNICAST))
+    return Sent(run.now_s, audit_us / US, float(run.airtime_s[i]))
 
 
 def airtime_since(run: Run, i: int, before: Sent) -> Airtime:

@@ -45,7 +45,7 @@ def clean_nickname(wish: str) -> str:
             kept += str(unicodedata.decimal(each))
         elif kind == "Zs":
             kept += " "
-        elif (marks <= MARKS_IN_A_ROW and (kept or not marks) and _is_letter(each, kind)) or _is_sign(each):
+        elif (marks <= MARKS_IN_A_ROW and (kept.strip() or not marks) and _is_letter(each, kind)) or _is_sign(each):
             kept += each
     kept = " ".join(kept.split())[:NICKNAME_CHARACTERS].strip()
     return kept if any(looks(kept)) else ""

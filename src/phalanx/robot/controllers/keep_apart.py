@@ -7,15 +7,14 @@ is too near, whoever drives it; by itself, or on a route, it goes around. Replay
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Iterator, Sequence
 
 from phalanx.robot.follow import percent
+from phalanx.wire.driven import ROBOT_NEARBY
 
 SEEN = 4  # nearest robots in a reading
 RANGE_MM = 450.0
-_FORM = struct.Struct("<hh")  # to the right and down, mm
-NEAR_BYTES = SEEN * _FORM.size
+NEAR_BYTES = SEEN * ROBOT_NEARBY.size
 # Distances between middles. A body has 80 mm; in the 0.1 s of a control step two robots come 60 mm nearer.
 STOP_MM, SLOW_MM = 130.0, 240.0
 BESIDE_MM = 95.0  # a robot so far to the side of the way is passed
@@ -28,7 +27,7 @@ def encode_near(at_m: tuple[float, float], others_m: Sequence[tuple[float, float
     """Return the end of a reading: the nearest of `others_m` within range, nearest first."""
     offsets = [((x - at_m[0]) * 1000, (y - at_m[1]) * 1000) for x, y in others_m]
     near = sorted((dx * dx + dy * dy, dx, dy) for dx, dy in offsets)[:SEEN]
-    seen = [_FORM.pack(round(dx), round(dy)) for squared, dx, dy in near if squared <= RANGE_MM * RANGE_MM]
+    seen = [ROBOT_NEARBY.form.pack(round(dx), round(dy)) for squared, dx, dy in near if squared <= RANGE_MM * RANGE_MM]
     return b"".join(seen).ljust(NEAR_BYTES, b"\0")
 
 
@@ -36,7 +35,7 @@ def decode_near(near: bytes) -> list[Offset]:
     """Return the places of robots nearby relative to this one, mm; whatever is no such has none."""
     if len(near) != NEAR_BYTES:
         return []
-    return [(float(dx), float(dy)) for dx, dy in _FORM.iter_unpack(near) if dx or dy]
+    return [(float(dx), float(dy)) for dx, dy in ROBOT_NEARBY.form.iter_unpack(near) if dx or dy]
 
 
 def go_around(goal_mm: Offset, near_mm: Sequence[Offset]) -> Offset:
