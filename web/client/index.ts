@@ -1,6 +1,7 @@
 // The library's surface: protocol, connection, hooks, and the vocabulary of swarms.
 
-export * from "./core";
+export { UsageError } from "./core/errors";
+export type { Json, JsonObject } from "./core/json";
 export { MOST_ROBOTS } from "./frame";
 export {
   BadInvitation,

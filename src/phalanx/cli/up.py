@@ -256,8 +256,13 @@ def _tell(options: UpOptions, event: dict[str, Any]) -> None:
         case "ready":
             status_line("")
             click.echo(f"operator  {event['operator_url']}")
+            if options.qrkey and not options.frontend:
+                click.echo(f"programs  {event['qrkey_url']}")
             alone = options.host in ("127.0.0.1", "localhost")
             _show_code("visitors (phones need --host 0.0.0.0)" if alone else "visitors", event["qr_url"])
+        case "rotation" if options.qrkey and not options.frontend and "qrkey_url" in event:
+            end_status_line()
+            click.echo(f"programs  {event['qrkey_url']}")
         case "rotation":
             end_status_line()
             click.echo("a new code; the old one works for a while yet")

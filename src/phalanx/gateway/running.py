@@ -39,7 +39,7 @@ class Running:
         was_held: all robots were stopped when the gateway before ended.
 
     Args:
-        shared: mode qrkey, if it is served as well; then its code is the one that is shown.
+        shared: mode qrkey, if it is served as well; with a page of its own its code is the one that is shown.
         broker: that visitors are served at.
     """
 
@@ -59,6 +59,7 @@ class Running:
         self.gateway = Gateway(swarm, *links, say=say, is_driven=link.is_driven)
         self.desk = OperatorDesk(link, swarm, self.gateway.brakes, page_url, self.hold)
         self._options = options
+        self._shown = shared if options.frontend else None
         self._loop = asyncio.get_running_loop()
         self._say = say
         self._started_at_s = time.monotonic()
@@ -75,7 +76,7 @@ class Running:
     @property
     def qr_url(self) -> str:
         """Return what the QR code says now."""
-        return self.shared.qr_url if self.shared else self.desk.code_url
+        return self._shown.qr_url if self._shown else self.desk.code_url
 
     @property
     def connected(self) -> bool:
@@ -107,21 +108,21 @@ class Running:
     def state(self) -> dict[str, Any]:
         """Return everything that the operator's page shows. Has the code in it."""
         now_s, uptime_s = time.time(), time.monotonic()
-        shared, config = self.shared, self.link.config
+        shown, config = self._shown, self.link.config
         robots = self.gateway.swarm.robots()
         names = {robot.address: robot.name for robot in robots}
         link = {vocabulary.Status.ACTIVE: "ok", vocabulary.Status.INACTIVE: "quiet", vocabulary.Status.LOST: "lost"}
         door, sessions = self.link.server.door, self.desk.visitors()
         return {
-            "mode": "qrkey" if shared else "session",
+            "mode": "qrkey" if shown else "session",
             "held": self.gateway.brakes.held,
             "page_url": self._options.frontend or self.page_url,
             "qr_url": self.qr_url,
             "qr_svg": self.desk.qr_svg(self.qr_url),
             "rotates_in_s": round(self._rotates_in_s(), 1),
-            "rotate_s": shared.server.config.rotate_s if shared else config.code_ms / 1000,
-            "overlap_s": shared.server.config.overlap_s if shared else config.code_overlap_ms / 1000,
-            "overlapping": shared.server.overlapping if shared else door.overlaps(now().ms),
+            "rotate_s": shown.server.config.rotate_s if shown else config.code_ms / 1000,
+            "overlap_s": shown.server.config.overlap_s if shown else config.code_overlap_ms / 1000,
+            "overlapping": shown.server.overlapping if shown else door.overlaps(now().ms),
             "uptime_s": round(uptime_s - self._started_at_s, 1),
             "broker": self._broker.state() if self._broker else DIRECT,
             "visitors": self._visitors(sessions, uptime_s),
@@ -150,7 +151,7 @@ class Running:
             "unprotected": self.gateway.unprotected,
             "mission": self.gateway.missions.state() if self.gateway.missions else None,
             "counters": {key: self._count(key) for key in ("commands", "requests", "notifications", "knocks")}
-            | {"reconnects": shared.server.reconnects if shared else 0},
+            | {"reconnects": self.shared.server.reconnects if self.shared else 0},
             "rejected": dict(self.rejected),
         }
 
@@ -173,7 +174,7 @@ class Running:
     async def rotate(self) -> bool:
         """Change the code now; return whether that was done: in mode qrkey not while two are accepted."""
         self.desk.do("new_code", {})
-        return await self.shared.server.rotate() if self.shared else True
+        return await self._shown.server.rotate() if self._shown else True
 
     async def run(self) -> None:
         """Let the world turn, tell visitors, report refusals, until cancelled."""
@@ -190,7 +191,7 @@ class Running:
                 task.cancel()
 
     def _rotates_in_s(self) -> float:
-        return self.shared.server.rotates_in_s if self.shared else self.link.server.door.left_ms(now().ms) / 1000
+        return self._shown.server.rotates_in_s if self._shown else self.link.server.door.left_ms(now().ms) / 1000
 
     def _count(self, what: str) -> int:
         return self.link.counters[what] + (self.shared.count(what) if self.shared else 0)
@@ -227,7 +228,7 @@ class Running:
 
     def _on_session(self, event: dict[str, Any]) -> None:
         if event["event"] == "rotation":
-            if self.shared:
+            if self._shown:
                 return  # another code is shown
             event = event | {"qr_url": self.qr_url}
         self._say(event)
@@ -241,4 +242,6 @@ class Running:
             return
         if isinstance(said, Rejected):
             self._told[said.reason] = event["count"]
+        if event["event"] == "rotation" and self._shown:
+            event["qr_url"] = self.qr_url
         self._say(event)

@@ -4,7 +4,7 @@
 
 import { bytesToHex, randomBytes, utf8ToBytes } from "@noble/hashes/utils.js";
 import { PeerError, UsageError } from "../core/errors";
-import { type Json, type JsonObject, parseJson } from "../core/json";
+import { type Json, parseJson } from "../core/json";
 import { type Command, type Reason, type Secret, Session, type SessionEvent, type Where } from "../session";
 import { NO_VISIT, type OverReason, type Visit } from "../visit";
 import type { BrokerState } from "../watch";
@@ -36,7 +36,6 @@ const SAID_TOO_MANY = ["tries_used_up", "too_many"];
 const REFUSALS = 2;
 
 export class SessionConnection implements Transport {
-  readonly isPaced = true;
   readonly #to: SessionTo;
   readonly #store: ResumeStore;
   readonly #listeners = new Set<(event: TransportEvent) => void>();
@@ -73,10 +72,6 @@ export class SessionConnection implements Transport {
     this.#connect();
   }
 
-  get name(): string {
-    return this.#visit.name;
-  }
-
   get state(): BrokerState {
     return this.#state;
   }
@@ -95,7 +90,7 @@ export class SessionConnection implements Transport {
     return () => this.#listeners.delete(listener);
   }
 
-  command(address: string, _application: string, name: string, payload: unknown): boolean {
+  command(address: string, name: string, payload: unknown): boolean {
     if (this.#session?.hasSeen !== true || !this.#session.isJoined) return false;
     const stop = name === "move_raw" && isRest(payload);
     const command = { robot: address, name, payload: utf8ToBytes(JSON.stringify(payload)), stop };
@@ -110,7 +105,7 @@ export class SessionConnection implements Transport {
     return true;
   }
 
-  request(request: number, _more?: JsonObject, timeout_ms = 3000): Promise<Json> {
+  request(request: number, timeout_ms = 3000): Promise<Json> {
     const name = REQUESTS[request];
     if (name === undefined) throw new UsageError(`no request ${request}`);
     return new Promise((resolve, reject) => {
@@ -285,7 +280,7 @@ export class SessionConnection implements Transport {
         if (event.standing.robot !== "") this.#beat.start();
         return;
       case "updated":
-        this.#read(event.state, (payload) => this.#emit({ kind: "notified", timestamp_s: 0, payload }));
+        this.#read(event.state, (payload) => this.#emit({ kind: "notified", payload }));
         return;
       case "replied":
         this.#read(event.payload, (data) => this.#reply(event.number, data));
@@ -311,7 +306,7 @@ export class SessionConnection implements Transport {
     const waiting = this.#settle(number);
     if (waiting === undefined) return;
     waiting.resolve(data);
-    this.#emit({ kind: "replied", timestamp_s: 0, request: waiting.request, data });
+    this.#emit({ kind: "replied", request: waiting.request, data });
   }
 
   #refused(number: number, reason: Reason): void {
