@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from chromium import a_page, badge, barriers_in_both_schemes, choose, insecure, wait_until
+from chromium import a_page, badge, barriers_in_both_schemes, choose, insecure, join, wait_until
 from conftest import a_gateway
 from phalanx.cli.gateway_of import ask_gateway
 from ports import free_port
@@ -21,7 +21,7 @@ TABLET = {"viewport": {"width": 820, "height": 1180}, "has_touch": True}
 
 @pytest.fixture
 def gateway(state):
-    with a_gateway("--robots", "6", "--seed", "4", qrkey=False) as (up, ready):
+    with a_gateway("--robots", "6", "--seed", "4") as (up, ready):
         yield up, ready
 
 
@@ -31,12 +31,6 @@ def ask(request: str, **words):
 
 def visitors() -> dict[str, dict]:
     return {each["name"]: each for each in ask("visitors")["visitors"]}
-
-
-def join(page, url: str, name: str) -> None:
-    page.goto(insecure(url))
-    page.get_by_test_id("nickname").fill(name)
-    page.get_by_test_id("join").click()
 
 
 @contextmanager
