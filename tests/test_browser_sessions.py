@@ -180,7 +180,7 @@ def test_a_picture_is_painted_before_stylesheet_and_script_are_there(browser, ga
 def test_a_tablet_is_an_operators_by_a_ticket_of_one_use_also_after_a_reload_and_a_restart(browser, state):
     options = ("--robots", "6", "--seed", "4", "--port", str(free_port()))
     with a_page(browser, **TABLET) as tablet:
-        with a_gateway(*options, qrkey=False) as (up, _):
+        with a_gateway(*options) as (up, _):
             url = insecure(ask("invite", role="operate", name="Tablet")["url"])
             tablet.goto(url)
             tablet.get_by_label("Map with 6 robots").wait_for()
@@ -199,7 +199,7 @@ def test_a_tablet_is_an_operators_by_a_ticket_of_one_use_also_after_a_reload_and
                 thief.get_by_text("is not valid, or has been used").wait_for()
             up.stop()
         tablet.get_by_test_id("banner").wait_for()
-        with a_gateway(*options, qrkey=False) as (up, _):
+        with a_gateway(*options) as (up, _):
             tablet.get_by_test_id("banner").wait_for(state="detached")
             tablet.get_by_test_id("stop-all").click()
             up.wait_for("held")

@@ -116,7 +116,7 @@ describe("names", () => {
     fillText: (name: string, x: number, y: number) => drawn.push({ name, x, y }),
   } as unknown as CanvasRenderingContext2D;
   const room = { width: WIDTH, height: HEIGHT, buttons: 2 };
-  const robot = (i: number) => ({ address: `A${i}`, name: `Name${i}` }) as Robot;
+  const robot = (i: number) => ({ address: `A${i}`, name: `Name${i}`, drivers: [] as readonly string[] }) as Robot;
 
   function draw(at: readonly Point[], selected?: string, names = new Names()) {
     drawn.length = 0;
