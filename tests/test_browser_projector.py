@@ -28,10 +28,10 @@ def codes_in(page, path) -> set[str]:
         return {found.text for found in zxingcpp.read_barcodes(picture)}
 
 
-def status(url: str, token: str) -> int:
+def status(url: str, token: str, body: bytes | None = None) -> int:
     try:
         with urllib.request.urlopen(
-            urllib.request.Request(url, headers={"Authorization": f"Bearer {token}"})
+            urllib.request.Request(url, body, headers={"Authorization": f"Bearer {token}"})
         ) as answer:
             return answer.status
     except urllib.error.HTTPError as error:
@@ -60,11 +60,8 @@ def test_visitors_see_the_way_in_and_it_comes_back_with_the_gateway(browser, tmp
                 phone.goto(insecure(ready["qr_url"]))
                 phone.get_by_role("button", name="Join").click()
                 wall.get_by_text("1 visitor", exact=True).wait_for()
-            assert [status(f"{page}api/{what}", projector) for what in ("projector", "state", "frames")] == [
-                200,
-                401,
-                401,
-            ]
+            assert [status(f"{page}api/{what}", projector) for what in ("projector", "projector/frames")] == [200] * 2
+            assert [status(f"{page}api/{what}", projector, b"{}") for what in ("stop", "link/state")] == [401] * 2
             assert status(f"{page}api/projector", "0" * 32) == 401
             operator = ready["operator_url"].split("#token=")[1]
             shown = json.dumps(wall.evaluate("document.body.innerText")) + wall.content()

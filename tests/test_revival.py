@@ -66,11 +66,11 @@ def test_only_one_that_is_stopped_is_revived():
         swarm.revive("0" * 16)
 
 
-def asked(ready: dict, what: str, words: dict | None = None) -> tuple[int, dict]:
-    """The answer to a question of the operator's page."""
+def asked(ready: dict, what: str, **words: str) -> tuple[int, dict]:
+    """Return the answer to an operator's request, asked on this machine."""
     page, token = ready["operator_url"].split("#token=")
-    body = None if words is None else json.dumps(words).encode()
-    request = urllib.request.Request(f"{page}api/{what}", body, {"Authorization": f"Bearer {token}"})
+    body = json.dumps(words).encode()
+    request = urllib.request.Request(f"{page}api/link/{what}", body, {"Authorization": f"Bearer {token}"})
     try:
         with urllib.request.urlopen(request, timeout=10) as answer:
             return answer.status, json.load(answer)
@@ -96,7 +96,7 @@ def test_by_hand_and_by_itself_at_a_gateway(tmp_path):
         robot = asked(ready, "state")[1]["robots"][0]
         refused = revive(robot["name"], state)
         assert (refused.returncode, "is not stopped" in refused.stderr) == (2, True), refused.stderr
-        assert asked(ready, "compromise", {"address": robot["address"], "attack": "hijack"})[0] == 200
+        assert asked(ready, "compromise", address=robot["address"], attack="hijack")[0] == 200
         assert up.wait_for("safe_mode")["address"] == robot["address"]
         done = revive(robot["name"], state)
         assert (done.returncode, "begins anew" in done.stdout) == (0, True), done.stderr
@@ -105,7 +105,7 @@ def test_by_hand_and_by_itself_at_a_gateway(tmp_path):
         assert asked(ready, "state")[1]["shields"]["robots"][robot["address"]]["lie"] is None
     assert '"event":"revived"' in (state / "trail.jsonl").read_text().replace(" ", "")
     with a_gateway("--defence", "hardened", "--robots", "6", "--revive", "1") as (up, ready):
-        assert asked(ready, "compromise", {"address": robot["address"], "attack": "hijack"})[0] == 200
+        assert asked(ready, "compromise", address=robot["address"], attack="hijack")[0] == 200
         assert up.wait_for("revived")["address"] == robot["address"]
 
 

@@ -15,7 +15,7 @@ export class Live implements SwarmSource {
   readonly #ended = new AbortController();
   #view: SwarmView = { swarm: NO_SWARM, health: { state: "connecting", broker: "away" }, visit: NO_VISIT };
 
-  constructor(token: string, path = "/api/frames") {
+  constructor(token: string, path: string) {
     this.#token = token;
     this.#path = path;
     void this.#run();
@@ -87,7 +87,7 @@ export class Live implements SwarmSource {
 }
 
 /** The live swarm, for as long as the component lives. */
-export function useLive(token: string, path = "/api/frames"): Live | undefined {
+export function useLive(token: string, path: string): Live | undefined {
   const [live, setLive] = useState<Live>();
   useEffect(() => {
     const opened = new Live(token, path);

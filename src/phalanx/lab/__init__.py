@@ -1,1 +1,1 @@
-"""What researchers do around robots: sweeps, scorecards, arenas, buildings by chance, captured missions."""
+"""Tools of researchers around robots: sweeps, scorecards, arenas, buildings by chance, captured missions."""

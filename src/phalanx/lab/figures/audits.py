@@ -87,7 +87,7 @@ def _line(
 
 
 def _footer(table: Table) -> str:
-    """What stands below the picture."""
+    """Return the text below the picture."""
     seeds = {case.rpartition(";")[2] for case in table.cases}
     runs = f"median and 5 to 95 % of {len(seeds)} seeds; hollow: what the paper's text gives, and sums it makes"
     return f"{runs}\nphalanx {table.version}"

@@ -86,7 +86,7 @@ def check_work(protocol: str, robots: int) -> None:
 
 
 class NearLooks:
-    """What a stage has robots see, and behind it the robots nearby, where they were at their own last reading."""
+    """Return what a stage shows a robot, then the robots nearby, each where it was at its own last reading."""
 
     def __init__(self, stage: Stage, starts_m: Sequence[Point]) -> None:
         self._stage, self._at_m = stage, dict(enumerate(starts_m, 1))
