@@ -25,19 +25,18 @@ def gateway():
 
 
 class TestOperator:
-    def test_its_code_scans_its_numbers_move_and_the_token_is_gone_from_the_address(self, browser, gateway, tmp_path):
-        _, ready = gateway
-        with a_page(browser, **PROJECTOR) as page:
+    def test_its_code_scans_its_numbers_move_and_the_token_is_gone_from_the_address(self, browser, tmp_path):
+        with a_gateway() as (_, ready), a_page(browser, **PROJECTOR) as page:
             page.goto(ready["operator_url"])
             page.get_by_test_id("fleet-table").get_by_text("Lou").wait_for()
             assert "token" not in page.url
             picture = tmp_path / "operator.png"
             page.screenshot(path=picture)
             assert qr_in(picture) == ready["qr_url"]
-            assert ready["pin"] not in page.locator("body").inner_text()
+            assert ready["qr_url"].partition("#")[2] not in page.locator("body").inner_text()
             assert not barriers(page)
             with a_page(browser) as visitor:
-                join(visitor, ready["session_url"], "Grace")
+                join(visitor, ready["qr_url"], "Grace")
                 badge(visitor, "live")
                 choose(visitor, "Ada")
                 visitor.get_by_test_id("joystick").focus()
@@ -48,7 +47,7 @@ class TestOperator:
                 )
                 visitor.keyboard.up("KeyW")
                 visitor.close(run_before_unload=True)
-                page.locator("[data-present=true]").wait_for(state="detached")
+                page.locator("[data-present=true]", has_text="Grace").wait_for(state="detached")
             page.reload()
             page.get_by_test_id("fleet-table").get_by_text("Lou").wait_for()
 
