@@ -65,6 +65,8 @@ class TestUp:
                 "broker_port",
                 "broker_ws_port",
                 "operator_url",
+                "projector_url",
+                "unreachable",
             }
             assert json.loads(up.out[0])["event"] == "ready", "ready is the first event"
             assert re.fullmatch("[0-9]{39}", ready["pin"])
