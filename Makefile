@@ -51,8 +51,8 @@ NEEDS += arm-none-eabi-gcc=gcc-arm-none-eabi mipsel-linux-gnu-gcc=gcc-mipsel-lin
 endif
 
 .PHONY: help setup setup-dev ready ready-dev tools-dev demo test lint lint-python lint-web test-firmware test-web test-python \
-	test-computes test-waits test-real test-alone \
-	test-in-time test-waits-alone check-long coverage bench docs release clean
+	test-computes test-waits test-alone \
+	test-waits-alone check-long coverage bench docs release clean
 
 help:
 	@echo "make demo    run a swarm, and drive it from a phone"
@@ -148,7 +148,7 @@ demo: setup
 	@$(BIN)/phalanx up --host 0.0.0.0 $(DEMO)
 
 test:
-	@$(TOGETHER)=10 test-in-time test-computes lint docs test-firmware test-web
+	@$(TOGETHER)=10 test-waits-alone test-computes lint docs test-firmware test-web
 
 lint: lint-python lint-web
 
@@ -164,10 +164,6 @@ lint-python: .venv/dev
 lint-web: web/node_modules/.installed
 	cd web && $(LEFT_OVER) npm run --silent lint
 	cd web && $(LEFT_OVER) npm run --silent types
-
-# Pages in the real browser wait for news of a swarm: they are never without a turn for a second.
-test-real: tools-dev
-	cd web && npm run --silent test:real
 
 test-web: tools-dev
 	cd web && $(LEFT_OVER) npm run --silent test
@@ -199,10 +195,6 @@ test-waits: ready-dev .venv/tests-that-wait
 test-alone: setup-dev
 	$(BIN)/python -m pytest --durations=10 $(ALONE)
 
-# Both have limits in real time. What only computes has idle time beside them, and none that they want.
-test-in-time: test-waits test-real
-	@$(MAKE) --no-print-directory test-alone
-
 test-waits-alone: test-waits
 	@$(MAKE) --no-print-directory test-alone
 
@@ -220,7 +212,7 @@ coverage: setup-dev .venv/coverage
 bench: setup-dev
 	$(BIN)/python benchmarks/bench_bti.py
 	$(BIN)/python benchmarks/bench_radio.py
-	$(BIN)/python benchmarks/bench_link.py --soak-minutes 10
+	$(BIN)/python benchmarks/bench_link.py
 	$(BIN)/python benchmarks/bench_wheels.py
 	$(BIN)/python benchmarks/bench_thousand.py
 	$(BIN)/python benchmarks/bench_attacks.py

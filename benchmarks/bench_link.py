@@ -1,6 +1,6 @@
 """What the link costs, against limits measured in the same run.
 
-    python benchmarks/bench_link.py [--soak-minutes 10] [--quick] [--json]
+    python benchmarks/bench_link.py [--quick] [--json]
 
 Times differ between machines and from minute to minute; ratios of two things measured in turn hardly do. Ends with 1
 if a limit is exceeded.
@@ -17,7 +17,6 @@ import platform
 import sys
 
 from bench_codec import bench_codec
-from bench_fleet import FULL, QUICK, bench_fleet
 from bench_latency import bench_latency
 from bench_tick import bench_tick
 from rows import Row, print_table
@@ -25,7 +24,7 @@ from rows import Row, print_table
 SWARMS = (12, 100, 1000)
 
 
-def measure(quick: bool, soak_s: float) -> list[Row]:
+def measure(quick: bool) -> list[Row]:
     def say(what: str) -> None:
         print(f"{what} …", file=sys.stderr, flush=True)
 
@@ -36,20 +35,16 @@ def measure(quick: bool, soak_s: float) -> list[Row]:
     say("ticks")
     for robots in SWARMS:
         rows += bench_tick(robots, *(2, 3) if quick else (9, 50))
-    rows += asyncio.run(bench_fleet(QUICK if quick else FULL, soak_s, say))
     return sorted(rows, key=lambda row: row.section or 9)
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="everything, tiny: seconds, coarse, and no verdict")
-    parser.add_argument(
-        "--soak-minutes", type=float, default=1.0, help="how long the large swarm runs; 10 judges memory"
-    )
     parser.add_argument("--json", action="store_true", help="print JSON")
     options = parser.parse_args()
     logging.basicConfig(level=logging.ERROR)
-    rows = measure(options.quick, 2.0 if options.quick else options.soak_minutes * 60)
+    rows = measure(options.quick)
     machine = {
         "python": platform.python_version(),
         "machine": platform.machine(),

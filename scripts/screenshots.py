@@ -40,7 +40,7 @@ async def main() -> None:
     ready = await next_event(gateway.stdout, "ready")
     try:
         async with QrkeyClient(str(ready["qr_url"])) as client, async_playwright() as p:
-            robots = await client.request(0, frames=True)
+            robots = await client.request(0)
             for i, robot in enumerate(robots[:8]):
                 route = {"threshold": 60, "waypoints": [corner(i, 12), corner(i + 3, 12)]}
                 await client.command(robot["address"], "waypoints", route)

@@ -33,6 +33,7 @@ COUNT = """([layer, name]) => {
   }
   return count;
 }"""
+STOP = dict.fromkeys(("left_x", "left_y", "right_x", "right_y"), 0)  # in a session it has no payload
 AXE = Path(__file__).parent.parent / "web" / "node_modules" / "axe-core" / "axe.min.js"
 BUZZED = "window.buzzed = []; navigator.vibrate = (pattern) => { window.buzzed.push(pattern); return true; };"
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
@@ -69,6 +70,14 @@ def insecure(url: str) -> str:
     return url.replace("http://127.0.0.1", f"http://{HOST}", 1)
 
 
+def join(page, url: str, name: str = "") -> None:
+    """Scan a session's code, and take this nickname or the one that is proposed."""
+    page.goto(insecure(url))
+    if name:
+        page.get_by_test_id("nickname").fill(name)
+    page.get_by_test_id("join").click()
+
+
 def badge(page, state: str, timeout_s: float = 15) -> str:
     found = page.locator(f"[data-testid=badge][data-state={state}]")
     found.wait_for(timeout=timeout_s * 1000)
@@ -85,7 +94,9 @@ def choose(page, name: str) -> None:
 
 def moves(up, address_end: str = "") -> list[dict]:
     return [
-        e["payload"] for e in up.events("command") if e["name"] == "move_raw" and e["address"].endswith(address_end)
+        e["payload"] or STOP
+        for e in up.events("command")
+        if e["name"] == "move_raw" and e["address"].endswith(address_end)
     ]
 
 

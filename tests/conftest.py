@@ -61,7 +61,9 @@ def kernel_defects():
 @pytest.fixture(autouse=True, scope="session")
 def states(tmp_path_factory):
     """A folder below which gateways keep what they keep, and not in somebody's home."""
-    return tmp_path_factory.mktemp("states")
+    folder = tmp_path_factory.mktemp("states")
+    os.environ["XDG_STATE_HOME"] = str(folder / "of modules")
+    return folder
 
 
 @pytest.fixture(autouse=True)
@@ -343,8 +345,8 @@ def child(*arguments: str, **more):
 
 
 @contextmanager
-def a_gateway(*arguments: str, qrkey: bool = True, **more):
-    """`phalanx up --events` on free ports, in mode qrkey or on direct alone; yields the child and its 'ready' event.
+def a_gateway(*arguments: str, qrkey: bool = False, **more):
+    """`phalanx up --events` on free ports, serving mode qrkey as well if asked to; yields the child and its 'ready' event.
 
     Robots do not audit each other unless asked to: most tests are about the link, and any number of them will do.
     """

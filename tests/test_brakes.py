@@ -19,7 +19,7 @@ from phalanx.errors import Held
 from phalanx.gateway import Gateway
 from phalanx.gateway.brakes import Brakes, KeptStop
 from phalanx.gateway.up import UpOptions, up
-from phalanx.net import QrkeyClient, Server
+from phalanx.net import Client, QrkeyClient, Server
 from phalanx.net.ports import is_free
 from phalanx.net.site import beside
 from phalanx.world import Dotbots
@@ -147,9 +147,9 @@ class TestWithTheBrokerDead:
                     gateway.process.stdin.flush()
 
                 async def drive_all():
-                    async with QrkeyClient(ready["qr_url"]) as visitor:
+                    async with Client(ready["qr_url"]) as visitor:
                         around = [{"x": x, "y": y} for x in (300, 1700) for y in (300, 1700)] * 8
-                        robots = await visitor.request(0, frames=True)
+                        robots = await visitor.robots()
                         async with asyncio.timeout(10):
                             while routes() != [1, 1, 1]:  # nobody confirms that a command came
                                 for robot in robots:

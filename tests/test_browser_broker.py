@@ -9,17 +9,17 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
-from chromium import a_page, badge, barriers_in_both_schemes, choose, wait_until
+from chromium import a_page, badge, barriers_in_both_schemes, choose, join, wait_until
 from conftest import a_gateway, bare_mosquitto
 from phalanx.gateway.serve_pages import PAGES
 from ports import free_port
-from test_browser_sessions import ask, join, visitors
+from test_browser_sessions import ask, visitors
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(180)]
 
 
 def test_a_phone_joins_by_a_broker_drives_stops_resumes_and_is_removed(browser, state):
-    with a_gateway("--robots", "6", "--seed", "4", "--broker", "mosquitto", qrkey=False) as (up, ready):
+    with a_gateway("--robots", "6", "--seed", "4", "--broker", "mosquitto") as (up, ready):
         with a_page(browser) as page:
             opened, loaded, sent = [], [], []
             page.on("websocket", lambda ws: opened.append(ws.url) or ws.on("framesent", lambda p: sent.append(len(p))))
@@ -66,7 +66,7 @@ def test_a_page_elsewhere_says_that_the_broker_is_lost_and_goes_on_when_it_is_ba
     with bare_mosquitto(tcp, ws, tmp_path) as (start, kill), a_web_server(PAGES) as url:
         start()
         where = ("--broker", f"mqtt://127.0.0.1:{tcp}", "--broker-ws", f"ws://127.0.0.1:{ws}/mqtt", "--page-url", url)
-        with a_gateway("--robots", "2", *where, qrkey=False) as (_, ready), a_page(browser) as page:
+        with a_gateway("--robots", "2", *where) as (_, ready), a_page(browser) as page:
             assert ready["qr_url"].startswith(f"{url}#j=")
             join(page, ready["qr_url"], "Ada")
             badge(page, "live")

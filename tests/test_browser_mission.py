@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from chromium import PHONE, a_page, badge, barriers_in_both_schemes, choose, insecure, pixels, wait_until
+from chromium import PHONE, a_page, badge, barriers_in_both_schemes, choose, join, pixels, wait_until
 from test_gateway_mission import SMALL, THROUGH, a_mission_gateway
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(600)]
@@ -34,7 +34,7 @@ def tap(desk, x_m: float, y_m: float) -> None:
 
 def test_walls_are_drawn_and_landmarks_light_up_as_they_are_decoded(browser, files, tmp_path):
     with a_mission_gateway("--world", files[0]) as (up, ready), a_page(browser, **PHONE) as phone:
-        phone.goto(insecure(ready["qr_url"]))
+        join(phone, ready["qr_url"])
         badge(phone, "live")
         assert "wait for a mission" in words(phone, "waiting")
         wait_until(lambda: pixels(phone, 0, "--wall") > 500, 15)

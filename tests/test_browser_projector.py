@@ -45,7 +45,7 @@ def test_visitors_see_the_way_in_and_it_comes_back_with_the_gateway(browser, tmp
     wifi = ("--wifi", "Museum Guests", "--wifi-password-file", str(tmp_path / "password"))
     with a_page(browser, **WALL) as wall:
         # While the gateway is away, the browser says so of each request.
-        with a_gateway(*words, *wifi, qrkey=False) as (up, ready):
+        with a_gateway(*words, *wifi) as (up, ready):
             page, projector = ready["operator_url"].split("#token=")[0], ready["projector_url"].split("#token=")[1]
             wall.goto(ready["projector_url"])
             wall.get_by_text("0 visitors").wait_for()
@@ -69,7 +69,7 @@ def test_visitors_see_the_way_in_and_it_comes_back_with_the_gateway(browser, tmp
             assert "behind" not in shown + "".join(up.out + up.err)
             wall.route("**/api/projector*", lambda route: route.abort())
             wall.get_by_text("Back in a moment").wait_for()
-        with a_gateway(*words, qrkey=False) as (_, again):
+        with a_gateway(*words) as (_, again):
             wall.unroute("**/api/projector*")
             wall.get_by_text("Back in a moment").wait_for(state="detached")
             assert codes_in(wall, tmp_path / "again.png") == {again["qr_url"]}

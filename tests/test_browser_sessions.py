@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from chromium import a_page, badge, barriers_in_both_schemes, choose, insecure, wait_until
+from chromium import a_page, badge, barriers_in_both_schemes, choose, insecure, join, wait_until
 from conftest import a_gateway
 from phalanx.cli.gateway_of import ask_gateway
 from ports import free_port
@@ -21,7 +21,7 @@ TABLET = {"viewport": {"width": 820, "height": 1180}, "has_touch": True}
 
 @pytest.fixture
 def gateway(state):
-    with a_gateway("--robots", "6", "--seed", "4", qrkey=False) as (up, ready):
+    with a_gateway("--robots", "6", "--seed", "4") as (up, ready):
         yield up, ready
 
 
@@ -31,12 +31,6 @@ def ask(request: str, **words):
 
 def visitors() -> dict[str, dict]:
     return {each["name"]: each for each in ask("visitors")["visitors"]}
-
-
-def join(page, url: str, name: str) -> None:
-    page.goto(insecure(url))
-    page.get_by_test_id("nickname").fill(name)
-    page.get_by_test_id("join").click()
 
 
 @contextmanager
@@ -186,7 +180,7 @@ def test_a_picture_is_painted_before_stylesheet_and_script_are_there(browser, ga
 def test_a_tablet_is_an_operators_by_a_ticket_of_one_use_also_after_a_reload_and_a_restart(browser, state):
     options = ("--robots", "6", "--seed", "4", "--port", str(free_port()))
     with a_page(browser, **TABLET) as tablet:
-        with a_gateway(*options, qrkey=False) as (up, _):
+        with a_gateway(*options) as (up, _):
             url = insecure(ask("invite", role="operate", name="Tablet")["url"])
             tablet.goto(url)
             tablet.get_by_label("Map with 6 robots").wait_for()
@@ -205,7 +199,7 @@ def test_a_tablet_is_an_operators_by_a_ticket_of_one_use_also_after_a_reload_and
                 thief.get_by_text("is not valid, or has been used").wait_for()
             up.stop()
         tablet.get_by_test_id("banner").wait_for()
-        with a_gateway(*options, qrkey=False) as (up, _):
+        with a_gateway(*options) as (up, _):
             tablet.get_by_test_id("banner").wait_for(state="detached")
             tablet.get_by_test_id("stop-all").click()
             up.wait_for("held")

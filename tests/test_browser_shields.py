@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from chromium import BUZZED, PHONE, a_page, badge, barriers, choose, insecure, moves, pixels, wait_until
+from chromium import BUZZED, PHONE, a_page, badge, barriers, choose, join, moves, pixels, wait_until
 from conftest import a_gateway
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(600)]
@@ -49,7 +49,7 @@ def test_arcs_show_vouchers_a_refusal_flashes_and_the_liar_goes_grey(browser, tm
         a_page(browser, **PHONE, reduced_motion="no-preference") as phone,
         a_page(browser, viewport={"width": 1280, "height": 720}, reduced_motion="no-preference") as desk,
     ):
-        phone.goto(insecure(ready["qr_url"]))
+        join(phone, ready["qr_url"])
         badge(phone, "live")
         choose(phone, "Cleo")
         shield(phone, "whole").wait_for(timeout=15_000)
@@ -114,7 +114,7 @@ def test_a_stopped_robot_is_let_go_by_the_thumb_that_drives_it(browser, tmp_path
         a_page(browser, BUZZED, **PHONE) as phone,
         a_page(browser, viewport={"width": 1280, "height": 900}) as desk,
     ):
-        phone.goto(insecure(ready["qr_url"]))
+        join(phone, ready["qr_url"])
         badge(phone, "live")
         choose(phone, "Ada")
         phone.get_by_test_id("joystick").focus()
@@ -145,14 +145,14 @@ def test_a_stopped_robot_is_let_go_by_the_thumb_that_drives_it(browser, tmp_path
 
 def test_who_wants_no_motion_sees_the_same_without_fading(browser):
     with a_gateway("--defence", "hardened") as (_, ready), a_page(browser, **PHONE) as phone:
-        phone.goto(insecure(ready["qr_url"]))
+        join(phone, ready["qr_url"])
         badge(phone, "live")
         wait_until(lambda: pixels(phone, 1, "--good") > 12 * 40, 15)
 
 
 def test_the_joystick_stays_where_it_is_whatever_the_shield_says(browser):
     with a_gateway("--defence", "hardened") as (_, ready), a_page(browser) as phone:
-        phone.goto(insecure(ready["qr_url"]))
+        join(phone, ready["qr_url"])
         badge(phone, "live")
         choose(phone, "Ada")
         heights = set()

@@ -52,11 +52,12 @@ def open_to_all(pid: int) -> set[int]:
 
 class TestUp:
     def test_ready_says_everything_and_a_visitor_can_drive(self):
-        with a_gateway("--robots", "5", "--seed", "7", fresh=True) as (up, ready):
+        with a_gateway("--robots", "5", "--seed", "7", qrkey=True, fresh=True) as (up, ready):
             assert set(ready) == {
                 "event",
                 "page_url",
                 "qr_url",
+                "qrkey_url",
                 "pin",
                 "topic",
                 "session_url",
@@ -64,18 +65,22 @@ class TestUp:
                 "broker_port",
                 "broker_ws_port",
                 "operator_url",
+                "projector_url",
+                "unreachable",
             }
             assert json.loads(up.out[0])["event"] == "ready", "ready is the first event"
             assert re.fullmatch("[0-9]{39}", ready["pin"])
-            assert ready["qr_url"].startswith(ready["page_url"] + "#")
-            assert "?" not in ready["qr_url"]
-            listed = run("link", "connect", ready["qr_url"], "--json")
+            assert ready["qr_url"] == ready["session_url"]
+            for url in (ready["qr_url"], ready["qrkey_url"]):
+                assert url.startswith(ready["page_url"] + "#")
+                assert "?" not in url
+            listed = run("link", "connect", ready["qrkey_url"], "--json")
             assert listed.returncode == 0, listed.stderr
             robots = json.loads(listed.stdout)["robots"]
             assert len(robots) == 5
             address = robots[2]["address"]
             drive = ["--drive", address, "--left", "60", "--right", "60", "--for", "1"]
-            drove = json.loads(called("link", "connect", ready["qr_url"], *drive, "--json").stdout)
+            drove = json.loads(called("link", "connect", ready["qrkey_url"], *drive, "--json").stdout)
             assert drove["from"] != drove["to"]
             assert drove["commands"] == 10
             assert up.wait_for("command") == {
@@ -87,15 +92,15 @@ class TestUp:
             # Ten commands and the stop, each told by a process that may be late.
             assert up.wait_for("command", count=11)["payload"]["left_y"] == 0, "it ends with a stop"
             name = robots[2]["name"].lower()
-            by_name = called("link", "connect", ready["qr_url"], "--drive", name, "--for", "0.1", "--json")
+            by_name = called("link", "connect", ready["qrkey_url"], "--drive", name, "--for", "0.1", "--json")
             assert json.loads(by_name.stdout)["address"] == address
             by_pin = called(
                 "link", "connect", "--pin", ready["pin"], "--broker", f"localhost:{ready['broker_port']}", "--json"
             )
             assert len(json.loads(by_pin.stdout)["robots"]) == 5
-            by_stdin = run("link", "connect", "-", "--json", input=ready["qr_url"] + "\n")
+            by_stdin = run("link", "connect", "-", "--json", input=ready["qrkey_url"] + "\n")
             assert len(json.loads(by_stdin.stdout)["robots"]) == 5
-            table = called("link", "connect", ready["qr_url"])
+            table = called("link", "connect", ready["qrkey_url"])
             assert len(table.stdout.splitlines()) == 5
 
     @pytest.mark.alone
@@ -113,7 +118,7 @@ class TestUp:
             assert not [line for line in up.err if "Traceback" in line]
 
     def test_a_gateway_that_is_killed_outright_leaves_no_broker_behind(self):
-        with a_gateway() as (up, _):
+        with a_gateway("--broker", "mosquitto") as (up, _):
             broker = children_of(up.process.pid)
             up.stop(signal.SIGKILL)
             deadline = time.monotonic() + 5
@@ -134,16 +139,16 @@ class TestUp:
                     raise TimeoutError("a socket's")
 
     def test_rotations_and_rejections_are_told(self):
-        with a_gateway("--rotate-s", "16", "--overlap-s", "1") as (up, ready):
-            wrong = called("link", "connect", ready["qr_url"], "--drive", "FFFF", "--for", "0.1")
+        with a_gateway("--rotate-s", "16", "--overlap-s", "1", qrkey=True) as (up, ready):
+            wrong = called("link", "connect", ready["qrkey_url"], "--drive", "FFFF", "--for", "0.1")
             assert (wrong.returncode, "Traceback" in wrong.stderr) == (1, False)
             assert "no robot FFFF" in wrong.stderr
             rotated = up.wait_for("rotation")
             assert rotated["pin"] != ready["pin"]
-            assert rotated["pin"] in rotated["qr_url"]
+            assert rotated["pin"] in rotated["qrkey_url"]
             # One rotation late: led on by the old epoch (ADR 0004). First, for it is the one that must not be two late.
-            assert called("link", "connect", ready["qr_url"], "--json").returncode == 0
-            assert called("link", "connect", rotated["qr_url"], "--json").returncode == 0
+            assert called("link", "connect", ready["qrkey_url"], "--json").returncode == 0
+            assert called("link", "connect", rotated["qrkey_url"], "--json").returncode == 0
             host, port = ready["broker_host"], ready["broker_port"]
             publish.single(f"/qrkey/{up.events('rotation')[-1]['topic']}/request", b"x", hostname=host, port=port)
             assert up.wait_for("rejected") == {"event": "rejected", "reason": "malformed_jwe", "count": 1}
@@ -177,7 +182,7 @@ class TestUp:
             ready = up.wait_for("ready")
             up.wait_for("held", count=2)
             assert (ready["broker_port"], ready["broker_ws_port"]) == (tcp, ws)
-            assert called("link", "connect", ready["qr_url"], "--json").returncode == 0
+            assert called("link", "connect", ready["qrkey_url"], "--json").returncode == 0
             assert up.stop() == 0
 
     def test_a_broker_that_never_comes_is_one_line_and_a_hint(self):
@@ -214,7 +219,10 @@ class TestUp:
             assert count.removeprefix("12345 ") in counts, "whole words only"
 
     def test_foreign_pages_get_the_published_form(self):
-        with a_gateway("--frontend", "https://dotbots.example/PyDotBot", "--root", "/pydotbot") as (_, ready):
+        with a_gateway("--frontend", "https://dotbots.example/PyDotBot", "--root", "/pydotbot", qrkey=True) as (
+            _,
+            ready,
+        ):
             assert ready["qr_url"].startswith("https://dotbots.example/PyDotBot?use_qrkey=true&pin=")
             listed = called("link", "connect", ready["qr_url"], "--root", "/pydotbot", "--json")
             assert len(json.loads(listed.stdout)["robots"]) == 12
@@ -236,7 +244,7 @@ class TestUp:
             assert up.stop() == 0
 
     def test_the_operators_api_asks_for_the_token_and_never_shows_it(self):
-        with a_gateway() as (_, ready):
+        with a_gateway(qrkey=True) as (_, ready):
             address, token = ready["operator_url"].split("/#token=")
             with pytest.raises(urllib.error.HTTPError) as refused:
                 urllib.request.urlopen(f"{address}/api/link/state", b"{}")
@@ -262,7 +270,7 @@ class TestUp:
         ) as up:
             ready = up.wait_for("ready")
             drive = ("--drive", "DECAFBAD00000001", "--left", "33", "--for", "0.3")
-            assert called("link", "connect", ready["qr_url"], *drive).returncode == 0
+            assert called("link", "connect", ready["qrkey_url"], *drive).returncode == 0
             up.wait_for("rotation")
             up.stop()
             log = "\n".join(up.err)
@@ -276,7 +284,7 @@ class TestUp:
         [
             ("127.0.0.1", "hardened", (), "j="),
             ("0.0.0.0", "none", (), "j="),
-            ("127.0.0.1", "none", ("--broker", "mosquitto", "--qrkey"), "v=1&pin="),
+            ("127.0.0.1", "none", ("--broker", "mosquitto", "--qrkey"), "j="),
         ],
     )
     def test_for_people_it_shows_a_code_and_the_addresses(self, host, defence, more, code):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
 import re
 import time
 from dataclasses import replace
@@ -19,10 +18,7 @@ from phalanx.gateway import Gateway, vocabulary
 from phalanx.gateway.brakes import EXPIRES_S, Joysticks
 from phalanx.gateway.gateway import TICK_S, UPDATES_PER_TICK
 from phalanx.gateway.missions.watch import MOST_THINGS, WorkWatch
-from phalanx.gateway.visitors import FORGET_AFTER_S, FORGET_OLDER_AFTER_S, LIMIT, MOST_DRIVERS, Drivers, Visitors
-from phalanx.link.envelope import encode_envelope, seal
-from phalanx.link.messages import Publish
-from phalanx.link.topics import CommandTopic, full_topic
+from phalanx.gateway.visitors import FORGET_AFTER_S, LIMIT, MOST_DRIVERS, Drivers, Visitors
 from phalanx.net import QrkeyClient, Server
 from phalanx.robot import Led, Point
 from phalanx.robot.swarm import Done
@@ -69,21 +65,11 @@ class TestJoysticks:
 class TestVisitors:
     def test_they_are_forgotten_when_they_stop_asking(self):
         visitors = Visitors()
-        visitors.asked("a", True, 0.0)
-        visitors.asked("older", False, 1.0)
-        visitors.asked("b", True, 40.0)
-        assert [v.client_id for v in visitors.present(41.0)] == ["b", "older", "a"]
-        assert [v.client_id for v in visitors.present(FORGET_AFTER_S + 1)] == ["b", "older"]
-        assert [v.client_id for v in visitors.present(FORGET_OLDER_AFTER_S + 2)] == []
-
-    def test_who_says_so_has_left_and_may_come_back(self):
-        visitors = Visitors()
-        visitors.asked("a", True, 0.0)
-        visitors.left("a")
-        visitors.left("whoever")
-        assert not visitors.present(1.0)
-        visitors.asked("a", True, 2.0)
-        assert [v.client_id for v in visitors.present(3.0)] == ["a"]
+        visitors.asked("a", 0.0)
+        visitors.asked("b", 40.0)
+        assert [v.client_id for v in visitors.present(41.0)] == ["b", "a"]
+        assert [v.client_id for v in visitors.present(FORGET_AFTER_S + 1)] == ["b"]
+        assert [v.client_id for v in visitors.present(FORGET_AFTER_S + 41)] == []
 
     def test_what_the_operators_page_calls_a_visitor_is_too_little_to_ask_in_its_place(self):
         visitors, published = Visitors(), "mqttjs_1a2b3c4d"
@@ -127,16 +113,15 @@ class TestVisitors:
     def test_inventing_names_does_not_grow_it_without_end(self):
         visitors = Visitors()
         for i in range(3 * LIMIT):
-            visitors.asked(str(i), True, 1.0)
+            visitors.asked(str(i), 1.0)
         assert len(visitors.present(1.0)) == LIMIT
 
-    def test_older_pages_are_served_for_a_while_after_they_ask(self):
+    def test_pages_are_notified_for_a_while_after_they_ask(self):
         visitors = Visitors()
-        visitors.asked("ours", True, 0.0)
-        assert not visitors.older_pages(1.0)
-        visitors.asked("theirs", False, 10.0)
-        assert visitors.older_pages(600.0)
-        assert not visitors.older_pages(611.0)
+        assert not visitors.are_there(1.0)
+        visitors.asked("theirs", 10.0)
+        assert visitors.are_there(600.0)
+        assert not visitors.are_there(611.0)
 
 
 class TestVocabulary:
@@ -192,7 +177,7 @@ class TestGateway:
             jobs = [asyncio.create_task(gateway.run()), asyncio.create_task(turn(swarm))]
             await server.wait_connected(10)
             async with QrkeyClient(server.qr()) as client:
-                robots = await client.request(0, frames=True)
+                robots = await client.request(0)
                 assert await client.request(1) == {"width": 2000, "height": 2000}
                 first = robots[0]
                 # Lower case, as some pages of PyDotBot write addresses.
@@ -289,7 +274,7 @@ class TestGateway:
                 clients = [QrkeyClient(server.qr()) for _ in range(visitors)]
                 for client in clients:
                     await client.__aenter__()
-                    await client.request(0, frames=True)
+                    await client.request(0)
                 swarm.drive(swarm.robots()[0].address, 30, -30)
                 began = time.monotonic()
                 jobs = [asyncio.create_task(gateway.run()), asyncio.create_task(turn(swarm))]
@@ -300,9 +285,11 @@ class TestGateway:
                     await client.__aexit__(None, None, None)
                 for job in jobs:
                     job.cancel()
-        assert all(5 <= rate <= 11 for rate in rates), rates
+        # Each tick two robots' news: as much for six as for one.
+        assert all(rate <= 10 * (UPDATES_PER_TICK + 1) for rate in rates), rates
+        assert rates[1] < 1.5 * rates[0]
 
-    async def test_an_older_page_gets_the_older_words_and_ours_do_not_cost_them(self, broker):
+    async def test_a_published_page_gets_its_words_and_no_state_updates(self, broker):
         swarm = Dotbots(3, 1, time.time)
         async with Server(broker.url, broker_for_visitors=broker.websocket) as server:
             gateway = Gateway(swarm, server)
@@ -316,11 +303,10 @@ class TestGateway:
                         heard.append(note)
 
                 listener = asyncio.create_task(listen())
-                await client.request(0, frames=True)
-                await asyncio.sleep(1.2)
-                assert {note["cmd"] for note in heard} == {16}
+                await asyncio.sleep(0.5)
+                assert not heard, "nobody asked"
                 await client.request(0)
-                await eventually(lambda: {1, 2, 16} <= {note["cmd"] for note in heard}, 5)
+                await eventually(lambda: {1, 2} <= {note["cmd"] for note in heard}, 5)
                 heard.clear()
                 began = time.monotonic()
                 await asyncio.sleep(1)
@@ -333,36 +319,6 @@ class TestGateway:
                 swarm.set_led(swarm.robots()[0].address, Led(7, 7, 7))
                 heard.clear()
                 await eventually(lambda: any(note["cmd"] == 1 for note in heard))
+                assert {note["cmd"] for note in heard} <= {1, 2, 4}
                 listener.cancel()
             job.cancel()
-
-
-async def test_who_has_read_no_frame_and_would_say_so_moves_nothing(broker):
-    """A broker that withholds frames could else hand out a client's words for as long as they are fresh."""
-
-    async def withheld(*_: object) -> None:
-        pass
-
-    swarm, driven = Dotbots(1, 1, time.time), []
-    swarm.drive = lambda _, left_pct, right_pct: driven.append(left_pct)
-    address = swarm.robots()[0].address
-    async with Server(broker.url, broker_for_visitors=broker.websocket) as server:
-        gateway = Gateway(swarm, server)
-        job = asyncio.create_task(gateway.run())
-        await server.wait_connected(10)
-        async with QrkeyClient(server.qr()) as client:
-            hear, client._link._on_message = client._link._on_message, withheld
-            await eventually(lambda: gateway._told.age_s(-1, time.monotonic()) > 1)
-            await client.command(address, "move_raw", {"left_y": 70, "right_y": 70})
-            await eventually(lambda: server.rejected == {"late": 1})
-            client._link._on_message = hear
-            await eventually(lambda: client._side.has_seen)
-            await client.command(address, "move_raw", {"left_y": 60, "right_y": 60})
-            await eventually(lambda: 60 in driven)
-            # Published clients, which bind nothing, are heard as before.
-            words = encode_envelope({"left_y": 50, "right_y": 50}, time.time())
-            topic = full_topic("/qrkey", server.epoch.topic, CommandTopic(address, "0", "move_raw"))
-            await client._link.send([Publish(topic, seal(words, server.epoch, os.urandom(12)))])
-            await eventually(lambda: 50 in driven)
-        job.cancel()
-    assert 70 not in driven

@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-import os
-from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from phalanx.config import LinkConfig
 from phalanx.gateway import vocabulary
-from phalanx.gateway.frames import Frames
-from phalanx.link import ClientSide, Request, ServerSide
+from phalanx.gateway.frames import Frames, tick_bytes
 from phalanx.link.envelope import encode_json
-from phalanx.link.messages import Reply
 from phalanx.robot import Led, Point
 from phalanx.world import Dotbots
 from test_gateway_places import read_places, read_route
@@ -62,9 +57,6 @@ def are_near(told, route):
     return all(abs(one[axis] - other[axis]) <= 0.6 for one, other in pairs for axis in "xy")
 
 
-FRAME_BYTES = LinkConfig().part_plaintext_bytes
-
-
 actions = st.lists(
     st.tuples(
         st.sampled_from(["drive", "follow", "led", "join", "leave", "wait", "threshold"]),
@@ -79,7 +71,7 @@ class TestFrames:
     @settings(deadline=None)
     @given(actions)
     def test_a_visitor_who_reads_frames_knows_what_the_swarm_knows(self, steps):
-        swarm, frames, uptime = Dotbots(4, 1, lambda: NOW), Frames(FRAME_BYTES), 0.0
+        swarm, frames, uptime = Dotbots(4, 1, lambda: NOW), Frames(), 0.0
         mirror = None
         for what, who, value in [("wait", 0, 0), *steps]:
             robots = swarm.robots()
@@ -105,8 +97,7 @@ class TestFrames:
             ]
             if mirror is None:
                 mirror = Mirror(told)
-            for frame in tick.frames if tick else ():
-                mirror.read(json.loads(json.dumps(frame)))
+            mirror.read(json.loads(json.dumps(tick.frame)))
             for robot in told:
                 known = mirror.robots[robot["address"]]
                 for key in ("direction", "status", "mode", "rgb_led", "waypoints_threshold"):
@@ -117,29 +108,9 @@ class TestFrames:
                 assert abs(known["battery"] - robot["battery"]) <= 0.021
             assert set(mirror.robots) == {robot["address"] for robot in told}
 
-    @pytest.mark.parametrize("root", ["/qrkey", "/" + "r" * 64 + "/" + "s" * 64])
-    def test_no_frame_or_part_makes_a_packet_that_mosquitto_would_dribble(self, root):
-        config = LinkConfig(root=root)
-        swarm, frames = Dotbots(1000, 1, lambda: NOW), Frames(config.part_plaintext_bytes)
-        server = ServerSide(config, os.urandom, 0.0)
-        frames.next(swarm.robots(), NOW, 0.0)
-        for robot in swarm.robots():
-            swarm.follow(robot.address, [Point(1234.56, 1765.43)] * 64, 60)
-        for _ in range(3):
-            swarm.join()
-        swarm.step(0.5)
-        tick = frames.next(swarm.robots(), NOW, 0.5)
-        assert len(tick.frames) > 5
-        request = Request(0, "phalanx_" + "f" * 16, {"parts": True})
-        answer = [vocabulary.tell_robot(robot, NOW, 3) for robot in swarm.robots()]
-        assert max(len(encode_json(frame)) for frame in tick.frames) <= config.part_plaintext_bytes
-        sealed = [publish for frame in tick.frames for publish in server.notify(frame, NOW)]
-        sealed += server.reply(request, answer, NOW)
-        assert max(len(publish.payload) + len(publish.topic) + 16 for publish in sealed) <= 4096
-
     @pytest.mark.parametrize(("robots", "limit_bytes"), [(10, 2044), (100, 2044), (1000, 16 * 1024 - 4)])
     def test_a_tick_is_small_whatever_was_told_to_robots_and_all_of_it_is_told_in_the_end(self, robots, limit_bytes):
-        swarm, frames = Dotbots(robots, 1, lambda: NOW), Frames(None)
+        swarm, frames = Dotbots(robots, 1, lambda: NOW), Frames()
         frames.next(swarm.robots(), NOW, 0.0)
         mirror = Mirror(
             [vocabulary.tell_robot(robot, NOW, 0) | {"n": frames.number(robot.address)} for robot in swarm.robots()]
@@ -151,9 +122,8 @@ class TestFrames:
         for n in range(1, robots + 2):
             swarm.step(0.001)  # nobody arrives meanwhile
             tick = frames.next(swarm.robots(), NOW, n / 10)
-            longest = max(longest, len(encode_json(tick.whole)) if tick else 0)
-            if tick:
-                mirror.read(json.loads(encode_json(tick.whole)))
+            longest = max(longest, len(encode_json(tick.frame)))
+            mirror.read(json.loads(encode_json(tick.frame)))
             if all(len(mirror.robots[each.address]["waypoints"]) == len(each.route) for each in swarm.robots()):
                 break
         assert limit_bytes / 4 < longest <= limit_bytes
@@ -161,12 +131,12 @@ class TestFrames:
         assert n <= 100, "robots take turns"
         # One route may be longer than a tick's share of changes, and is told all the same.
         swarm.follow(robot.address, [Point(1234.56, 1765.43)] * 64, 60)
-        mirror.read(json.loads(encode_json(frames.next(swarm.robots(), NOW, n / 10 + 0.1).whole)))
+        mirror.read(json.loads(encode_json(frames.next(swarm.robots(), NOW, n / 10 + 0.1).frame)))
         assert len(mirror.robots[robot.address]["waypoints"]) == 65
 
     def test_a_full_frame_of_large_numbers_is_no_longer_than_the_limit(self):
-        frames = Frames(FRAME_BYTES)
-        frames._seq = 10**12
+        frames = Frames()
+        frames._ticks = 10**12
         far = [
             robot._replace(at=Point(-9_999_999.0 + i % 7, 9_999_999.0 - i), direction_deg=359)
             for i, robot in enumerate(Dotbots(1000, 1, lambda: NOW).robots())
@@ -177,49 +147,28 @@ class TestFrames:
                 "walks": [[i, "seeking", 1, 2, ""] for i in range(300)],
             }
             tick = frames.next(robots, NOW, float(uptime_s), more, held=True)
-            assert max(len(encode_json(frame)) for frame in tick.frames) <= FRAME_BYTES
-            assert FRAME_BYTES - 40 < max(len(encode_json(frame)) for frame in tick.frames)
+            spare = tick_bytes(len(robots)) - len(encode_json(tick.frame))
+            assert 0 <= spare < (200 if uptime_s == 0 else 2048)
 
-    def test_an_answer_in_parts_is_the_answer(self):
-        config = LinkConfig()
-        server = ServerSide(config, os.urandom, 0.0)
-        client = ClientSide(config, os.urandom, server.epoch.pin, "c")
-        ask = client.request(0, NOW)
-        request = server.receive(ask.topic, ask.payload, NOW, 0.0)
-        data = [vocabulary.tell_robot(robot, NOW) for robot in Dotbots(100, 1, lambda: NOW).robots()]
-        said = [client.receive(publish.topic, publish.payload, NOW) for publish in server.reply(request, data, NOW)]
-        assert len(said) > 10
-        assert all(part == Reply(0, None, is_whole=False) for part in said[:-1])
-        assert said[-1] == Reply(0, data)
-        whole = server.reply(replace(request, words={}), data, NOW)
-        assert len(whole) == 1, "who does not read parts gets it in one piece"
-
-    def test_of_a_swarm_at_rest_places_are_told_once_a_second_and_something_every_300_ms(self):
-        robots = Dotbots(3, 1, lambda: NOW).robots()
-        frames = Frames(FRAME_BYTES)
-        told = [frames.next(robots, NOW, tick * 0.1) for tick in range(31)]
-        full = [tick for tick in told if tick and "places" in tick.frames[0]["data"]]
+    def test_of_a_swarm_at_rest_places_are_told_once_a_second_and_there_is_a_frame_each_tick(self):
+        robots, frames = Dotbots(3, 1, lambda: NOW).robots(), Frames()
+        told = [frames.next(robots, NOW, tick * 0.1).frame["data"] for tick in range(31)]
+        assert [data["seq"] for data in told] == list(range(31))
+        full = [data for data in told if "places" in data]
         assert len(full) in (3, 4)
-        assert all(any(told[k : k + 3]) for k in range(29)), "or pages say that there is no news"
-        assert all(len(read_places(tick.frames[0]["data"]["places"])) == 3 for tick in full)
+        assert all(len(read_places(data["places"])) == 3 for data in full)
 
-    def test_that_the_operator_holds_all_is_told_at_once_and_by_every_frame_until_it_is_over(self):
-        robots, frames = Dotbots(3, 1, lambda: NOW).robots(), Frames(FRAME_BYTES)
-        frames.next(robots, NOW, 0.0)
-        assert frames.next(robots, NOW, 0.1) is None
-        told = [frames.next(robots, NOW, 0.2 + tick * 0.1, held=tick < 20) for tick in range(25)]
-        assert told[0], "no quiet before it"
-        assert told[20]
-        said = [[frame["data"].get("held") for frame in tick.frames] for tick in told if tick]
-        assert said.count([True]) >= 6
-        assert said[-2:] == [[None], [None]]
+    def test_that_the_operator_holds_all_is_told_by_every_frame_until_it_is_over(self):
+        robots, frames = Dotbots(3, 1, lambda: NOW).robots(), Frames()
+        told = [frames.next(robots, NOW, tick * 0.1, held=2 <= tick < 5).frame["data"].get("held") for tick in range(7)]
+        assert told == [None, None, True, True, True, None, None]
 
     def test_a_robot_that_knows_no_place_does_not_silence_the_others(self):
         lost, known = Dotbots(2, 1, lambda: NOW).robots()
         nowhere = lost._replace(at=Point(math.nan, 5.0), history=[Point(1.0, math.inf), Point(1.0, 1.0)])
-        frames = Frames(FRAME_BYTES)
+        frames = Frames()
         frames.next([known], NOW, 0.0)
-        (frame,) = frames.next([known, nowhere], NOW, 1.0).frames
+        frame = frames.next([known, nowhere], NOW, 1.0).frame
         assert [number for number, *_ in read_places(frame["data"]["places"])] == [0]
         (told,) = json.loads(encode_json(frame))["data"]["joined"]
         assert told["lh2_position"] is None
@@ -228,20 +177,20 @@ class TestFrames:
 
     def test_what_could_not_be_told_is_told_at_the_next_tick(self):
         here, other = Dotbots(2, 1, lambda: NOW).robots()
-        frames = Frames(FRAME_BYTES)
+        frames = Frames()
         frames.next([here], NOW, 0.0)
         with pytest.raises(ValueError, match="JSON"):
             frames.next([here._replace(led=Led(1, 2, 3)), other._replace(threshold_mm=1, name=math.nan)], NOW, 0.1)
-        (frame,) = frames.next([here._replace(led=Led(1, 2, 3)), other], NOW, 0.2).frames
+        frame = frames.next([here._replace(led=Led(1, 2, 3)), other], NOW, 0.2).frame
         assert [robot["address"] for robot in frame["data"]["joined"]] == [other.address]
         assert [change["address"] for change in frame["data"]["changed"]] == [here.address]
 
     def test_a_cleared_history_is_told(self):
-        swarm, frames = Dotbots(1, 1, lambda: NOW), Frames(FRAME_BYTES)
+        swarm, frames = Dotbots(1, 1, lambda: NOW), Frames()
         address = swarm.robots()[0].address
         swarm.drive(address, 100, 100)
         swarm.step(0.5)
         frames.next(swarm.robots(), NOW, 0.0)
         swarm.clear_history(address)
-        (frame,) = frames.next(swarm.robots(), NOW, 0.1).frames
+        frame = frames.next(swarm.robots(), NOW, 0.1).frame
         assert frame["data"]["changed"] == [{"address": address, "history_cleared": True}]

@@ -24,7 +24,7 @@ from phalanx.gateway.missions.watch import MissionWatch
 from phalanx.mission import BuildOptions, build, plain_mission, public_key, sign
 from phalanx.mission.landmarks import floorplan_of_yaml
 from phalanx.mission.refused import AlreadyStarted, NotForUs, OutsideWindow
-from phalanx.net import QrkeyClient
+from phalanx.net import Client
 from phalanx.robot.on_mission import Completed, Decoded, NotValidated, OnMission, drift_of
 from phalanx.robot.swarm import AuditedSwarm
 from phalanx.world.building.floorplan import load_floorplan
@@ -90,8 +90,7 @@ class Silent(MissionSwarm):
 @contextmanager
 def a_mission_gateway(*arguments: str):
     """Like `a_gateway`, with robots that live missions."""
-    qrkey = ("--broker", "mosquitto", "--qrkey")
-    with child("up", "--events", "--port", "0", *qrkey, *arguments) as running:
+    with child("up", "--events", "--port", "0", *arguments) as running:
         yield running, running.wait_for("ready")
 
 
@@ -357,12 +356,12 @@ class TestUp:
         mission.write_text(THROUGH)
         with a_mission_gateway("--mission", str(mission), "--world", str(world), "--robots", "2") as (up, ready):
             up.wait_for("mission")
-            async with QrkeyClient(ready["qr_url"]) as visitor:
-                area = await visitor.request(1, frames=True)
+            async with Client(ready["qr_url"]) as visitor:
+                area = await visitor.request("area")
                 assert (area["width"], area["height"], area["walls"]) == (8000, 6000, 6)
                 assert area["mission"][1] == 2
-                assert len(await visitor.request(2, frames=True, parts=True)) == 6
-                robots = await visitor.request(0, frames=True)
+                assert len(await visitor.request("walls")) == 6
+                robots = await visitor.robots()
                 assert [len(robot["walk"]) for robot in robots] == [5, 5]
                 await visitor.command(robots[0]["address"], "move_raw", {"left_y": 50, "right_y": 50})
                 await visitor.command(robots[0]["address"], "waypoints", {"threshold": 60, "waypoints": []})
@@ -372,9 +371,9 @@ class TestUp:
                     return len([e for e in up.events("mission") if e["what"] == "completed"]) == 2
 
                 await eventually_async(completed, 60)
-                lit = await visitor.request(3, frames=True)
+                lit = await visitor.request("lit")
                 assert sorted(lit) == [[1500, 3000, ""], [5000, 3000, "doorway"]]
-                robots = await visitor.request(0, frames=True)
+                robots = await visitor.robots()
                 assert [robot["walk"][0] for robot in robots] == ["done", "done"]
                 assert robots[0]["rgb_led"] == {"red": 1, "green": 2, "blue": 3}
             await eventually(lambda: up.events("rejected"))

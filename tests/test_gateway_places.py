@@ -55,7 +55,7 @@ def test_the_committed_vectors_are_what_the_oracle_writes():
 @pytest.mark.parametrize("case", [case for case in CASES if "rows" in case], ids=lambda case: case["name"])
 def test_places_are_packed_as_the_oracle_does_it(case):
     places = Places(table(case["rows"]))
-    assert [places.piece(0, len(places))] == case["places"]
+    assert [places.told()] == case["places"]
     assert read_places(case["places"]) == [tuple(row) for row in case["read"]]
 
 
@@ -63,18 +63,16 @@ numbers = st.lists(st.integers(1, 700), max_size=60).map(lambda gaps: np.cumsum(
 near = st.integers(-30_000, 30_000)
 
 
-@given(numbers, st.data(), st.integers(1, 50))
-def test_pieces_together_tell_every_robot_exactly(them, data, most):
+@given(numbers, st.data())
+def test_every_robot_is_told_exactly(them, data):
     rows = [(n, data.draw(near), data.draw(near), data.draw(st.integers(0, 359))) for n in them]
-    places = Places(table(rows))
-    pieces = [places.piece(start, start + most) for start in range(0, len(places), most)]
-    assert read_places(pieces) == rows
+    assert read_places([Places(table(rows)).told()]) == rows
 
 
 @given(st.lists(st.tuples(st.integers(-(10**9), 10**9), st.integers(-(10**9), 10**9)), min_size=1, max_size=20))
 def test_on_a_wide_field_no_place_is_off_by_more_than_half_a_step(at):
     rows = [(n, x, y, 0) for n, (x, y) in enumerate(at)]
-    piece = Places(table(rows)).piece(0, len(rows))
+    piece = Places(table(rows)).told()
     extent = max(max(v[axis] for v in at) - min(v[axis] for v in at) for axis in (0, 1))
     assert piece[3] <= max(1, extent / 65535 + 1)
     for (_, x, y, _), (_, told_x, told_y, _) in zip(rows, read_places([piece]), strict=True):
@@ -83,15 +81,15 @@ def test_on_a_wide_field_no_place_is_off_by_more_than_half_a_step(at):
 
 def test_one_that_is_far_away_does_not_blur_where_the_others_are():
     rows = [(0, 1757, 402, 10), (1, 871, 1551, 20), (2, 9_000_000, 9_000_000, 30), (3, 900, 800, 40)]
-    told = read_places([some.piece(0, len(some)) for some in in_places(table(rows))])
+    told = read_places([some.told() for some in in_places(table(rows))])
     assert sorted(told) == rows
 
 
 def test_what_swarms_that_come_and_go_leave_out_costs_a_piece_and_no_more():
     rows = [(0, 1, 1, 0), (10**9, 2, 2, 0), (10**9 + 1200, 3, 3, 0)]
     places = in_places(table(rows))
-    assert [len(some) for some in places] == [1, 8]
-    assert read_places([some.piece(0, len(some)) for some in places]) == rows
+    assert len(places) == 2
+    assert read_places([some.told() for some in places]) == rows
 
 
 def test_nobody_is_packed_as_nothing():

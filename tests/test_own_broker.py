@@ -100,10 +100,10 @@ async def test_a_gateway_and_a_visitor_meet_there(broker, tmp_path):
     tcp, ws = broker
     (tmp_path / "login").write_text("gateway:gateway-secret\n")
     where = ("--broker", f"mqtt://127.0.0.1:{tcp}", "--broker-ws", f"ws://127.0.0.1:{ws}/mqtt")
-    with a_gateway(*where, "--broker-login", str(tmp_path / "login")) as (up, ready):
+    with a_gateway(*where, "--broker-login", str(tmp_path / "login"), qrkey=True) as (up, ready):
         assert not up.err
         async with Client(ready["session_url"]) as client:
             await client.robots()
-        drive = run("link", "connect", "-", "--drive", "Ada", "--left", "30", "--for", "0.5", input=ready["qr_url"])
+        drive = run("link", "connect", "-", "--drive", "Ada", "--left", "30", "--for", "0.5", input=ready["qrkey_url"])
         assert drive.returncode == 0, drive.stderr
         assert up.wait_for("command")["name"] == "move_raw"

@@ -21,7 +21,7 @@ from phalanx.attacks import IN_FLOCKS
 from phalanx.cli.main import run_command
 from phalanx.errors import Unknown, UsageError
 from phalanx.gateway.demo import choose_protection
-from phalanx.net import QrkeyClient
+from phalanx.net import Client
 from phalanx.robot import Led, Point
 from phalanx.robot.swarm import AuditedSwarm
 from phalanx.world.swarms.protected import MOST_ROBOTS, ProtectedSwarm, draw_places
@@ -341,29 +341,27 @@ def state_of(ready: dict) -> dict:
 class TestUp:
     async def test_a_visitor_drives_and_the_operator_compromises_and_everybody_sees_it_stopped(self):
         with a_gateway("--defence", "hardened") as (up, ready):
-            async with QrkeyClient(ready["qr_url"]) as client:
-                area = await client.request(1, frames=True)
+            async with Client(ready["qr_url"]) as client:
+                area = await client.request("area")
                 assert (area["tokens_needed"], area["t_val_ms"], area["most_waypoints"]) == (4, 10_000, 32)
-                before = {robot["address"]: robot for robot in await client.request(0, frames=True)}
+                before = {robot["address"]: robot for robot in await client.robots()}
                 driven, liar, *_ = before
                 tour = [{"x": 100 + 50 * i, "y": 900, "z": 0} for i in range(33)]
                 await client.command(driven, "waypoints", {"threshold": 50, "waypoints": tour})
                 await eventually(lambda: state_of(ready)["rejected"] == {"bad_payload": 1})
-                for _ in range(60):
-                    await client.command(driven, "move_raw", {"left_x": 0, "left_y": 60, "right_x": 0, "right_y": 50})
-                    await asyncio.sleep(0.1)
-                after = {robot["address"]: robot for robot in await client.request(0, frames=True)}
+                await client.drive(driven, 60, 50, for_s=6)
+                after = {robot["address"]: robot for robot in await client.robots()}
                 assert after[driven]["lh2_position"] != before[driven]["lh2_position"]
                 assert all(len(robot["shield"][1]) >= 4 and robot["shield"][0] == 0 for robot in after.values())
                 assert not up.events("audit")
                 assert post(ready, {"address": liar, "attack": "hijack"}) == (200, {})
                 assert up.wait_for("compromised") == {"event": "compromised", "address": liar, "attack": "hijack"}
-                assert "hijack" not in json.dumps(await client.request(0, frames=True)), "visitors are not told"
+                assert "hijack" not in json.dumps(await client.robots()), "visitors are not told"
                 refusal = await asyncio.to_thread(up.wait_for, "audit")
                 assert (refusal["auditee"], refusal["refusal"]) == (liar, "output wrong")
                 assert (await asyncio.to_thread(up.wait_for, "safe_mode"))["address"] == liar
                 await asyncio.sleep(0.3)
-                last = {robot["address"]: robot for robot in await client.request(0, frames=True)}
+                last = {robot["address"]: robot for robot in await client.robots()}
                 assert [a for a, robot in last.items() if robot["shield"][0]] == [liar]
                 auditor, refusal = last[liar]["audited"]
                 assert refusal == "output wrong", "told to who comes when all is over"
@@ -397,9 +395,9 @@ class TestUp:
 
     async def test_robots_without_a_defence_have_no_shields_and_no_such_button(self):
         with a_gateway("--robots", "4") as (_, ready):
-            async with QrkeyClient(ready["qr_url"]) as client:
-                assert "shield" not in (await client.request(0, frames=True))[0]
-                area = await client.request(1, frames=True)
+            async with Client(ready["qr_url"]) as client:
+                assert "shield" not in (await client.robots())[0]
+                area = await client.request("area")
                 assert not area.keys() & {"t_val_ms", "unprotected"}, "as was asked for: nothing to explain"
             state = state_of(ready)
             assert state["shields"] is None
@@ -407,10 +405,10 @@ class TestUp:
             assert post(ready, {"address": address, "attack": "hijack"})[0] == 404
 
     async def test_robots_that_are_too_many_to_audit_each_other_say_why(self):
-        with child("up", "--events", "--port", "0", "--robots", "101", "--broker", "mosquitto", "--qrkey") as running:
+        with child("up", "--events", "--port", "0", "--robots", "101") as running:
             ready = running.wait_for("ready")
-            async with QrkeyClient(ready["qr_url"]) as client:
-                area = await client.request(1, frames=True)
+            async with Client(ready["qr_url"]) as client:
+                area = await client.request("area")
             assert state_of(ready)["unprotected"] == area["unprotected"]
             assert running.stop() == 0
             assert any("unprotected" in line for line in running.err)
@@ -440,11 +438,11 @@ class TestUp:
     async def test_frames_alone_tell_all_that_a_page_needs(self):
         frames: list[dict] = []
         with a_gateway("--defence", "hardened") as (_, ready):
-            async with QrkeyClient(ready["qr_url"]) as client:
-                numbers = {robot["n"] for robot in await client.request(0, frames=True)}
+            async with Client(ready["qr_url"]) as client:
+                numbers = {robot["n"] for robot in await client.robots()}
 
                 async def listen():
-                    async for payload in client.notifications():
+                    async for payload in client.updates():
                         frames.append(payload["data"])
 
                 listening = asyncio.ensure_future(listen())

@@ -92,7 +92,7 @@ def revive(robot: str, state) -> subprocess.CompletedProcess:
 @pytest.mark.waits
 def test_by_hand_and_by_itself_at_a_gateway(tmp_path):
     state = tmp_path / "state"
-    with a_gateway("--defence", "hardened", "--robots", "6", "--state", str(state), qrkey=False) as (up, ready):
+    with a_gateway("--defence", "hardened", "--robots", "6", "--state", str(state)) as (up, ready):
         robot = asked(ready, "state")[1]["robots"][0]
         refused = revive(robot["name"], state)
         assert (refused.returncode, "is not stopped" in refused.stderr) == (2, True), refused.stderr
@@ -104,7 +104,7 @@ def test_by_hand_and_by_itself_at_a_gateway(tmp_path):
         until(lambda: not asked(ready, "state")[1]["shields"]["robots"][robot["address"]]["safe_mode"])
         assert asked(ready, "state")[1]["shields"]["robots"][robot["address"]]["lie"] is None
     assert '"event":"revived"' in (state / "trail.jsonl").read_text().replace(" ", "")
-    with a_gateway("--defence", "hardened", "--robots", "6", "--revive", "1", qrkey=False) as (up, ready):
+    with a_gateway("--defence", "hardened", "--robots", "6", "--revive", "1") as (up, ready):
         assert asked(ready, "compromise", address=robot["address"], attack="hijack")[0] == 200
         assert up.wait_for("revived")["address"] == robot["address"]
 

@@ -439,7 +439,7 @@ async def test_a_phone_drives_processes_and_the_operator_stops_them_all(tmp_path
             )
             while (ready := await asyncio.wait_for(events.get(), 30))["event"] != "ready":
                 pass
-            async with QrkeyClient(ready["qr_url"]) as phone:
+            async with QrkeyClient(ready["qrkey_url"]) as phone:
                 await eventually(lambda: [s.safe_mode for s in swarm.shields() if len(s.vouchers) > 1] == [False] * 3)
                 first, second, _ = swarm.robots()
                 corner = {"threshold": 60, "waypoints": [{"x": 1900, "y": 1900}]}

@@ -70,7 +70,7 @@ async def test_a_phone_drives_robots_of_ros_2_and_the_operator_stops_them(bases)
         while (ready := await asyncio.wait_for(events.get(), 30))["event"] != "ready":
             pass
         first, second = swarm.robots()
-        async with QrkeyClient(ready["qr_url"]) as phone:
+        async with QrkeyClient(ready["qrkey_url"]) as phone:
             ahead = {"left_x": 0, "left_y": 60, "right_x": 0, "right_y": 60}
 
             async def moves(nth: int) -> None:

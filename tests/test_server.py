@@ -13,9 +13,7 @@ import pytest
 from conftest import a_server, eventually, tell_until_cancelled, with_an_old_pin
 from phalanx.config import LinkConfig
 from phalanx.errors import BadPayload, Unavailable, UsageError
-from phalanx.link.client_side import FRAME
 from phalanx.net import QrkeyClient, Server, parse_broker_url
-from phalanx.net.qrkey_client import FIRST_FRAME_S
 
 pytestmark = pytest.mark.waits
 
@@ -34,34 +32,6 @@ class TestEverydayUse:
                 assert await anext(client.notifications()) == {"cmd": 1}
         assert server.counters == {"commands": 1, "requests": 1, "notifications": 1}
         assert not server.rejected
-
-    async def test_a_swarm_that_comes_late_sends_its_first_frame_before_the_first_command_goes(self, broker):
-        server = a_server(broker)
-        seen = []
-        server.on_command("go")(lambda command: seen.append(command.seen))
-        async with QrkeyClient(server.qr()) as client:
-            asked = asyncio.create_task(client.request(0))
-            await asyncio.sleep(FIRST_FRAME_S + 0.1)
-            async with server:
-                await server.wait_connected(10)
-                await asked
-                said = asyncio.create_task(client.command("AB", "go", 1))
-                await asyncio.sleep(0.3)  # as long as a gateway may take
-                assert await server.notify({"cmd": FRAME, "data": {"seq": 7}})
-                assert await said
-                await eventually(lambda: seen)
-        assert seen == [7]
-
-    async def test_a_question_that_follows_an_answer_in_parts_is_asked_at_once(self, broker):
-        server = Server(broker.url, broker_for_visitors=broker.websocket)
-        server.on_request(0)(lambda _: ["x" * 1000] * 12)
-        async with server:
-            await server.wait_connected(10)
-            async with QrkeyClient(server.qr()) as client:
-                for _ in range(3):
-                    # Less than it would wait before it asked again.
-                    assert len(await client.request(0, timeout_s=1.0)) == 12
-        assert server.counters["requests"] == 3
 
     async def test_what_is_said_before_entering_is_one_clear_error(self):
         server = Server("mqtt://127.0.0.1:1")

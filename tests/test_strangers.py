@@ -19,15 +19,11 @@ import pytest
 
 from conftest import Turns, a_gateway, a_server, bare_mosquitto, eventually, somebody
 from phalanx.cli.terminal import EventLines
-from phalanx.gateway.gateway import Gateway, Told
 from phalanx.link.envelope import encode_envelope, seal
-from phalanx.link.messages import Publish
-from phalanx.link.topics import CommandTopic, full_topic
 from phalanx.net import QrkeyClient, Server
 from phalanx.net.broker import open_broker
 from phalanx.net.front.link import frame_head
 from phalanx.net.private_file import private_folder
-from phalanx.world import Dotbots
 from ports import free_port
 from websocket_broker import BrokerEnd
 
@@ -201,55 +197,6 @@ class TestOurBroker:
 
 
 class TestLateness:
-    @pytest.mark.parametrize("pause_s", [4, pytest.param(20, marks=pytest.mark.long)])
-    async def test_what_a_paused_broker_hands_out_late_moves_nothing(self, tmp_path, pause_s):
-        tcp = free_port()
-        swarm, driven = Dotbots(1, 1, time.time), []
-        swarm.drive = lambda _, left_pct, right_pct: driven.append(left_pct)
-        address = swarm.robots()[0].address
-        with bare_mosquitto(tcp, free_port(), tmp_path) as (start, _):
-            start()
-            async with Server(f"mqtt://127.0.0.1:{tcp}") as server:
-                gateway = asyncio.create_task(Gateway(swarm, server).run())
-                await server.wait_connected(10)
-                async with QrkeyClient(server.qr(), broker=server.broker) as visitor:
-                    news = visitor.notifications()
-                    await anext(news)
-                    pid = the_process(tcp)
-                    os.kill(pid, signal.SIGSTOP)
-                    try:
-                        for speed in range(10, 20):
-                            await visitor.command(address, "move_raw", {"left_y": speed, "right_y": speed})
-                            await asyncio.sleep(0.05)
-                        # One that a published client sent, which says nothing of when.
-                        words = {"left_y": 33, "right_y": 33}
-                        plain = seal(encode_envelope(words, time.time()), server.epoch, os.urandom(12))
-                        topic = full_topic("/qrkey", server.epoch.topic, CommandTopic(address, "0", "move_raw"))
-                        await visitor._link.send([Publish(topic, plain)])
-                        await asyncio.sleep(pause_s)
-                    finally:
-                        os.kill(pid, signal.SIGCONT)
-                    await eventually(lambda: server.rejected["late"] >= 10)
-                    assert not [speed for speed in driven if 10 <= speed < 20]
-                    # Unless we were held up ourselves, which counts as waiting.
-                    await eventually(lambda: 33 in driven or server.rejected["late"] == 11)
-                    # What is sent from now on is obeyed again, as soon as frames come through.
-                    async with asyncio.timeout(20):
-                        while 50 not in driven:
-                            await asyncio.sleep(0.2)
-                            await visitor.command(address, "move_raw", {"left_y": 50, "right_y": 50})
-                gateway.cancel()
-
-    def test_by_the_frames_that_were_sent_it_is_known_how_old_a_word_must_be(self):
-        told = Told()
-        assert told.age_s(3, 100.0) == 0.0
-        for number in range(600):
-            told.sent(number, number * 0.1)
-        assert told.age_s(599, 70.0) == 0.0
-        assert told.age_s(10**9, 70.0) == 0.0
-        assert told.age_s(590, 60.0) == pytest.approx(60.0 - 59.1)
-        assert told.age_s(-1, 60.0) > 20, "before all that it remembers"
-
     async def test_the_time_for_which_the_gateway_itself_is_held_up_counts_as_waiting(self, broker):
         async with a_server(broker) as server:
             waited = []
@@ -289,7 +236,7 @@ class TestTheRest:
 
     @pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM])
     def test_a_terminal_that_closes_leaves_nothing_behind(self, number):
-        with a_gateway("--robots", "2") as (gateway, ready):
+        with a_gateway("--robots", "2", qrkey=True) as (gateway, ready):
             pid = the_process(ready["broker_port"])
             folder = Path(Path(f"/proc/{pid}/cmdline").read_text().split("\0")[2]).parent
             assert folder.exists()

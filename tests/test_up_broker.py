@@ -99,7 +99,7 @@ async def a_swarm(where=a_broker, **config):
 
 
 async def test_a_visitor_joins_by_the_code_drives_and_sees_it():
-    with a_gateway("--broker", "mosquitto", "--robots", "3", qrkey=False) as (_, ready):
+    with a_gateway("--broker", "mosquitto", "--robots", "3") as (_, ready):
         shown = parse_invitation(ready["session_url"])
         assert shown.broker.startswith("ws://127.0.0.1:")
         assert (shown.root, shown.mqtt) == ("/qrkey", 5)

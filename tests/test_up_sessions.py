@@ -82,7 +82,7 @@ async def test_the_page_and_its_websocket_are_on_one_port_and_a_robot_is_driven(
 
 
 async def test_who_was_removed_stays_removed_after_a_kill_and_who_was_not_comes_back(state):
-    with a_gateway("--robots", "2", qrkey=False) as (child, ready):
+    with a_gateway("--robots", "2") as (child, ready):
         async with visit(ready, name="Ada") as ada, visit(ready, name="Eve") as eve:
             await eventually(lambda: ada.secret and eve.secret and ada.frames)
             await ada.request("area")
@@ -90,7 +90,7 @@ async def test_who_was_removed_stays_removed_after_a_kill_and_who_was_not_comes_
             await asyncio.to_thread(ask_gateway, None, "link/remove", {"visitor": eve.visitor})
             os.kill(child.process.pid, signal.SIGKILL)
         child.wait()
-    with a_gateway("--robots", "2", qrkey=False) as (child, ready):
+    with a_gateway("--robots", "2") as (child, ready):
         static = parse_invitation(ready["qr_url"]).static
         async with visit(ready, Invitation(static, ada.secret)) as again:
             await eventually(lambda: again.frames)
@@ -115,7 +115,7 @@ async def test_the_shared_code_commands_no_robot_that_a_visitor_of_a_session_has
             await eventually(lambda: ada.frames)
             await ada.command(hers, "move_raw", {"left_y": 1, "right_y": 1})
             await eventually(lambda: ada.standing.robot == hers)
-            async with QrkeyClient(ready["qr_url"]) as page:
+            async with QrkeyClient(ready["qrkey_url"]) as page:
                 await page.command(hers, "rgb_led", red)
                 await page.command(hers.lower(), "move_raw", {"left_y": 0, "right_y": 0})
                 await page.command(other, "rgb_led", red)
@@ -127,7 +127,7 @@ async def test_the_shared_code_commands_no_robot_that_a_visitor_of_a_session_has
 
 
 async def test_a_ticket_from_the_terminal_limits_its_visitor_to_its_robot(tmp_path, state):
-    with a_gateway("--robots", "3", qrkey=False) as (_, ready):
+    with a_gateway("--robots", "3") as (_, ready):
         robots = (await asyncio.to_thread(ask_gateway, None, "link/state", {}))["robots"]
         mine, other = robots[0], robots[1]
         made = called("link", "invite", "--robot", mine["name"], "--role", "driver", "--name", "Ada")
@@ -172,8 +172,8 @@ async def test_a_ticket_from_the_terminal_limits_its_visitor_to_its_robot(tmp_pa
 
 
 def test_a_second_gateway_runs_beside_the_first_unless_it_was_given_the_same_folder(state):
-    with a_gateway(qrkey=False):
-        with a_gateway(qrkey=False) as (second, _):
+    with a_gateway():
+        with a_gateway() as (second, _):
             assert any("another gateway has" in line for line in second.err)
         refused = called("up", "--port", "0", "--defence", "none", "--state", str(state))
         assert refused.returncode == 1

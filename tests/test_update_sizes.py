@@ -72,7 +72,7 @@ shares = st.sampled_from([0.0, 0.01, 0.3, 1.0])
 @settings(deadline=None, max_examples=40)
 @given(counts, st.integers(0, 2**32), st.sampled_from([1e3, 9e4, 9e6, 2e7]), shares, shares, shares)
 def test_every_update_is_short_and_all_of_it_is_told_in_the_end(robots, seed, spread_mm, change, come, driven):
-    fleet, frames, uptime_s = Fleet(robots, seed, spread_mm), Frames(None), 0.0
+    fleet, frames, uptime_s = Fleet(robots, seed, spread_mm), Frames(), 0.0
     told = [tell_robot(each, NOW, 0) | {"n": frames.number(each.address)} for each in fleet.robots.values()]
     frames.next(list(fleet.robots.values()), NOW, uptime_s)
     mirror, drivers = Mirror(told), {}
@@ -83,10 +83,9 @@ def test_every_update_is_short_and_all_of_it_is_told_in_the_end(robots, seed, sp
         if come == 0:
             fleet.move()
         sent = frames.next(list(fleet.robots.values()), NOW, uptime_s, more, held=True)
-        if sent:
-            text = encode_json(sent.whole)
-            assert len(text) <= tick_bytes(len(fleet.robots))
-            mirror.read(json.loads(text))
+        text = encode_json(sent.frame)
+        assert len(text) <= tick_bytes(len(fleet.robots))
+        mirror.read(json.loads(text))
 
     for _ in range(5):
         fleet.change(change)
@@ -114,7 +113,7 @@ def test_every_update_is_short_and_all_of_it_is_told_in_the_end(robots, seed, sp
 
 @pytest.mark.parametrize(("robots", "padded", "most_ticks"), [(100, 2048, 45), (1000, 16 * 1024, 60)])
 def test_a_storm_of_routes_fits_two_kib_for_a_hundred_robots_and_sixteen_for_a_thousand(robots, padded, most_ticks):
-    fleet, frames = Fleet(robots, 1, 1e3), Frames(None)
+    fleet, frames = Fleet(robots, 1, 1e3), Frames()
     frames.next(list(fleet.robots.values()), NOW, 0.0)
     waiting, longest = dict.fromkeys(fleet.robots, 0), 0
     routes = [tuple(fleet.point() for _ in range(65)) for _ in range(20)]
@@ -123,7 +122,7 @@ def test_a_storm_of_routes_fits_two_kib_for_a_hundred_robots_and_sixteen_for_a_t
         fleet.move()
         for address, robot in fleet.robots.items():  # another route for each robot in each tick
             fleet.robots[address] = robot._replace(route=routes[n % 20])
-        data = frames.next(list(fleet.robots.values()), NOW, n / 10).whole
+        data = frames.next(list(fleet.robots.values()), NOW, n / 10).frame
         assert padded_size(len(encode_json(data))) <= padded
         for number, *_ in data["data"].get("routes", ()):
             longest = max(longest, n - waiting[numbers[number]])
@@ -133,15 +132,14 @@ def test_a_storm_of_routes_fits_two_kib_for_a_hundred_robots_and_sixteen_for_a_t
 
 
 def test_where_robots_are_so_far_apart_that_places_have_no_room_all_take_turns():
-    fleet, frames = Fleet(100, 1, 1e3), Frames(None)
+    fleet, frames = Fleet(100, 1, 1e3), Frames()
     known = list(fleet.robots.values())
     for k, robot in enumerate(known):  # each has a piece of its own
         frames._numbers[robot.address] = 5000 * k
     frames.next(known, NOW, 0.0)
     seen = {}
     for n in range(1, 20):
-        tick = frames.next(known, NOW, n / 10)
-        data = tick.whole if tick else {"data": {}}
+        data = frames.next(known, NOW, n / 10).frame
         assert len(encode_json(data)) <= tick_bytes(100)
         seen |= {piece[0]: n for piece in data["data"].get("places", ())}
     assert len(seen) == 100

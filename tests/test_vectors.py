@@ -14,8 +14,7 @@ from joserfc.jwk import OctKey
 from phalanx.config import LinkConfig
 from phalanx.crypto import Key, seal_jwe
 from phalanx.errors import OpenError, PeerError, PhalanxError
-from phalanx.link.envelope import Envelope, encode_envelope, open_envelope, seal
-from phalanx.link.parts import PartsInbox
+from phalanx.link.envelope import Envelope, open_envelope, seal
 from phalanx.link.pin import Epoch, Pin, derive_epoch
 from phalanx.link.qrurl import Login, parse_qr_url
 from phalanx.link.replay import ReplayCache
@@ -83,21 +82,6 @@ def test_envelopes_open_or_are_refused_for_the_right_reason(case):
         assert outcome(open_it) == "Replayed"
 
 
-@cases("bound")
-def test_what_clients_bind_into_an_envelope_is_read_again(case):
-    epoch, token = epoch_with(Key(bytes.fromhex(case["key_hex"]))), case["jwe"].encode()
-
-    def open_it() -> Envelope:
-        return open_envelope(token, epoch, case["now"], ReplayCache(9, 30), 4096)
-
-    assert outcome(open_it) == case["expect"]
-    if case["expect"] == "ok":
-        opened = open_it()
-        assert (opened.sub, opened.seen) == (case["sub"], case["seen"])
-        plaintext = encode_envelope(case["payload"], case["now"], case["sub"], case["seen"])
-        assert seal(plaintext, epoch, bytes.fromhex(case["iv_hex"])) == token
-
-
 @cases("topics")
 def test_topics_split_and_join_again(case):
     assert outcome(lambda: split_topic(case["root"], case["topic"], case["full"])) == case["expect"]
@@ -117,19 +101,6 @@ def test_replays_are_refused_and_nothing_is_forgotten_early(case):
     for i, step in enumerate(case["steps"]):
         entry = (step["epoch"], bytes.fromhex(step["iv"]), step["timestamp"], step["now"])
         assert outcome(lambda entry=entry: cache.enter(*entry)) == step["expect"], i
-
-
-@cases("parts")
-def test_answers_in_parts_arrive_whole(case):
-    inbox = PartsInbox()
-    for i, step in enumerate(case["steps"]):
-        taken = []
-        said = outcome(lambda step=step, taken=taken: taken.append(inbox.take(0, step["words"])))
-        if said == "ok":
-            said = "part" if taken[0] is None else "whole"
-        assert said == step["expect"], i
-        if said == "whole":
-            assert taken[0] == step["whole"]
 
 
 @cases("pin_message")

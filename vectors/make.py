@@ -301,34 +301,6 @@ def pin_messages() -> list[dict[str, Any]]:
     ]
 
 
-def bound() -> list[dict[str, Any]]:
-    """What clients of ours seal: bound to the topic, and to the last frame they read."""
-    cases = []
-    for name, sub, seen in (
-        ("a command before the first frame", "command/0000/DECAFBAD00000001/0/move_raw", None),
-        ("a command after frame 0", "command/0000/DECAFBAD00000001/0/move_raw", 0),
-        ("a request after many frames", "request", 2**53 - 1),
-    ):
-        words: dict[str, Any] = {"timestamp": NOW + 0.5, "payload": {"left_y": 60}, "sub": sub}
-        if seen is not None:
-            words["seen"] = seen
-        plaintext = json.dumps(words, separators=(",", ":")).encode()
-        case = {"name": name, "expect": "ok", "key_hex": KEY.hex(), "iv_hex": IV.hex(), "now": NOW + 0.5}
-        cases.append(case | {"payload": {"left_y": 60}, "sub": sub, "seen": seen, "jwe": sealed(plaintext)})
-    for key, value in (
-        ("sub", "1"),
-        ("seen", '"1"'),
-        ("seen", "-1"),
-        ("seen", "0.5"),
-        ("seen", "true"),
-        ("seen", "1e300"),
-    ):
-        text = f'{{"timestamp":1700000000,"payload":1,"{key}":{value}}}'
-        case = {"name": f"{key} {value}", "expect": "MalformedEnvelope", "key_hex": KEY.hex(), "now": NOW}
-        cases.append(case | {"jwe": sealed(text.encode())})
-    return cases
-
-
 def qrurls() -> list[dict[str, Any]]:
     pin = "0" * 38 + "7"
     ours = f"http://192.168.1.7:8080/#v=1&pin={pin}&broker=ws%3A%2F%2F192.168.1.7%3A9001%2Fmqtt&root=%2Fqrkey&mqtt=5"
@@ -410,69 +382,9 @@ def qrurls() -> list[dict[str, Any]]:
     ]
 
 
-def parts() -> list[dict[str, Any]]:
-    def step(answer: Any, part: Any, count: Any, data: Any, expect: str, **more: Any) -> dict[str, Any]:
-        words = {"request": 0, "answer": answer, "part": part, "parts": count, "data": data}
-        return {"words": words, "expect": expect, **more}
-
-    bad = {
-        "a part beyond the last": (1, 2, 2, []),
-        "a negative part": (1, -1, 2, []),
-        "no parts at all": (1, 0, 0, []),
-        "more parts than anybody needs": (1, 0, 1025, []),
-        "a fraction": (1, 0.5, 2, []),
-        "true": (True, 0, 2, []),
-        "no answer number": (None, 0, 2, []),
-        "data no list": (1, 0, 2, {"a": 1}),
-    }
-    return [
-        {
-            "name": "three parts in order",
-            "steps": [
-                step(7, 0, 3, [1, 2], "part"),
-                step(7, 1, 3, [3], "part"),
-                step(7, 2, 3, [], "whole", whole=[1, 2, 3]),
-            ],
-        },
-        {
-            "name": "out of order, one twice",
-            "steps": [
-                step(7, 1, 2, ["b"], "part"),
-                step(7, 1, 2, ["B"], "part"),
-                step(7, 0, 2, ["a"], "whole", whole=["a", "B"]),
-            ],
-        },
-        {"name": "one part is the whole", "steps": [step(1, 0, 1, [5], "whole", whole=[5])]},
-        {
-            "name": "two answers do not mix",
-            "steps": [
-                step(1, 0, 2, [1], "part"),
-                step(2, 0, 2, [10], "part"),
-                step(2, 1, 2, [11], "whole", whole=[10, 11]),
-                step(1, 1, 2, [2], "whole", whole=[1, 2]),
-            ],
-        },
-        {
-            "name": "the oldest of five unfinished answers is forgotten",
-            "steps": [
-                *(step(answer, 0, 2, [answer], "part") for answer in range(5)),
-                step(0, 1, 2, [9], "part"),
-                step(4, 1, 2, [9], "whole", whole=[4, 9]),
-            ],
-        },
-        {
-            "name": "an answer that changes its number of parts",
-            "steps": [step(1, 0, 2, [], "part"), step(1, 1, 3, [], "BadPayload")],
-        },
-        *({"name": name, "steps": [step(*words, "BadPayload")]} for name, words in bad.items()),
-    ]
-
-
 VECTORS = {
-    "parts": parts,
     "keys": keys,
     "envelope": envelopes,
-    "bound": bound,
     "topics": topics,
     "replay": replays,
     "pin_message": pin_messages,

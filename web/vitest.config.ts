@@ -1,7 +1,5 @@
 import { configDefaults, defineConfig } from "vitest/config";
 
-// A real chromium and a real broker: a script of their own.
-const REAL = "tests/real/**/*.test.ts";
 // It stands in for a module that others use as it is.
 const ALONE = "tests/session_connection.test.ts";
 // Ends what hangs, judges nothing: these run on what others leave of the machine.
@@ -17,13 +15,12 @@ export default defineConfig({
           ...PATIENT,
           name: "together",
           include: ["tests/**/*.test.{ts,tsx}", "operator/**/*.test.{ts,tsx}"],
-          exclude: [...configDefaults.exclude, ALONE, REAL],
+          exclude: [...configDefaults.exclude, ALONE],
           // To load all modules anew for each file takes longer than the tests.
           isolate: false,
         },
       },
       { test: { ...PATIENT, name: "alone", include: [ALONE] } },
-      { test: { ...PATIENT, name: "real", include: [REAL] } },
     ],
   },
 });

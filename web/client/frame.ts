@@ -118,7 +118,7 @@ export function change(robots: Map<string, Robot>, address: string, what: Partia
 }
 
 /** The trail gets a point for every `step`. */
-export function move(robots: Map<string, Robot>, address: string, position: Point | undefined, step: number): void {
+function move(robots: Map<string, Robot>, address: string, position: Point | undefined, step: number): void {
   const robot = robots.get(address);
   if (!robot || !position) return;
   const { trail } = robot;

@@ -1,8 +1,8 @@
 // The library's surface: protocol, connection, hooks, and the vocabulary of swarms.
 
-export * from "./core";
 export { decodeBase64url } from "./core/base64url";
-export { isObject } from "./core/json";
+export { UsageError } from "./core/errors";
+export { isObject, type Json, type JsonObject } from "./core/json";
 export { MOST_ROBOTS } from "./frame";
 export {
   BadInvitation,

@@ -1,7 +1,6 @@
 // A robot as the vocabulary describes it (docs/spec/vocabulary.md), read from words that may be anything.
 
 import { isObject, type Json } from "./core/json";
-import { isAddress } from "./core/topics";
 import type { Walk } from "./mission";
 import { MOST_WAYPOINTS } from "./places";
 import { readNumber, readPoint, readText } from "./reading";
@@ -23,7 +22,6 @@ export interface Robot {
   /** What frames call it. */
   readonly number: number | undefined;
   readonly name: string;
-  readonly application: string;
   readonly status: number;
   /** 0 manual, 1 following waypoints. */
   readonly mode: number;
@@ -41,10 +39,11 @@ export interface Robot {
   readonly audited: Audit | undefined;
   /** Undefined where robots live no missions. */
   readonly walk: Walk | undefined;
-  /** Who drives it by joystick: names that pages made up, or nicknames; "" for those who say none. */
+  /** Who drives it by joystick: nicknames; "" for those who say none. */
   readonly drivers: readonly string[];
 }
 
+const ADDRESS = /^[0-9A-Za-z_-]{1,64}$/;
 const LONGEST_NAME = 32;
 const MOST_DRIVERS = 4;
 /** A nickname of a session. */
@@ -53,14 +52,14 @@ const LONGEST_ON_MAP = 12;
 export const DEFAULT_THRESHOLD = 40;
 export const UNNAMED = "Robot";
 
-/** The robot in an answer to request 0, in `joined` or in notification 4. Undefined without an address. */
+/** The robot in an answer to request 0, or in `joined`. Undefined without an address. */
 export function readRobot(words: Json | undefined): Robot | undefined {
-  if (!isObject(words) || !isAddress(words["address"])) return undefined;
+  const address = isObject(words) ? words["address"] : undefined;
+  if (!isObject(words) || typeof address !== "string" || !ADDRESS.test(address)) return undefined;
   return {
-    address: words["address"],
+    address,
     number: readNumber(words["n"], 0, Number.MAX_SAFE_INTEGER),
     name: readText(words["name"], LONGEST_NAME) ?? UNNAMED,
-    application: readApplication(words["application"]),
     status: readStatus(words["status"]) ?? ACTIVE,
     mode: readMode(words["mode"]) ?? 0,
     direction: readDirection(words["direction"]),
@@ -128,11 +127,6 @@ function readPoints(words: Json | undefined, most: number): readonly Point[] | u
     if (point) points.push(point);
   }
   return points;
-}
-
-function readApplication(word: unknown): string {
-  const number = readNumber(word, 0, 999);
-  return number !== undefined && Number.isInteger(number) ? String(number) : "0";
 }
 
 /** What tells two robots of one name apart. */

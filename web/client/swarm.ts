@@ -1,16 +1,15 @@
 // The swarm as a visitor sees it: a pure reducer of answers and notifications (docs/spec/vocabulary.md).
 //
-// It reads our gateway's frames and PyDotBot's one-robot notifications, and survives anything else: a hostile or older
-// peer can make it show nonsense within bounds, never throw, and never grow without end.
+// It reads our gateway's frames, and survives anything else: a hostile peer can make it show nonsense within bounds, never
+// throw, and never grow without end.
 
 import { isObject, type Json, type JsonObject } from "./core/json";
-import { isAddress } from "./core/topics";
 import { type Missions, missionsInFrame, readMissions, readWalk, readWalls, withLit } from "./mission";
-import { change, join, lastingInFrame, list, MOST_ROBOTS, move, moveInFrame, NOTIFY_FRAME } from "./frame";
+import { change, join, lastingInFrame, list, MOST_ROBOTS, moveInFrame, NOTIFY_FRAME } from "./frame";
 import type { Said } from "./lately";
 import { readPlaces } from "./places";
-import { objectsOf, readNumber, readPoint, readText } from "./reading";
-import { type Robot, readBattery, readDirection, readRobot } from "./robot";
+import { objectsOf, readNumber, readText } from "./reading";
+import { type Robot, readRobot } from "./robot";
 import { type Audit, readShield, readTerms, readVerdict, type ShieldTerms } from "./shield";
 import { Trail } from "./trail";
 import { type Work, workInFrame } from "./work";
@@ -20,32 +19,23 @@ export const REQUEST_AREA = 1;
 export const REQUEST_WALLS = 2;
 export const REQUEST_LIT = 3;
 
-const NOTIFY_RELOAD = 1;
-const NOTIFY_UPDATE = 2;
-const NOTIFY_JOINED = 4;
-
 const LARGEST_AREA_MM = 1e7;
 /** What a server takes that says nothing else. */
 const MOST_WAYPOINTS = 64;
 // A trail point for every step of this fraction of the area's width: 10 mm of 2 m.
 const TRAIL_STEP = 0.005;
-// Positions of an older server are fractions of the side; robots can stand a little outside.
-const UNIT_SQUARE_LIMIT = 1.5;
 /** Audits are kept for as long as a map may want to show them. */
 const AUDITS_FOR_MS = 3000;
 const MOST_AUDITS = 256;
 const LONGEST_NOTE = 160;
 
-/** The ground under the swarm, in the unit of the positions. */
+/** The ground under the swarm, in millimetres. */
 export interface Area {
   readonly width: number;
   readonly height: number;
-  /** "side": an older server, that measures in sides of its square area, and thresholds in thousandths of one. */
-  readonly unit: "mm" | "side";
 }
 
-const DEFAULT_AREA: Area = { width: 2000, height: 2000, unit: "mm" };
-const UNIT_SQUARE: Area = { width: 1, height: 1, unit: "side" };
+const DEFAULT_AREA: Area = { width: 2000, height: 2000 };
 
 export interface Swarm {
   readonly robots: ReadonlyMap<string, Robot>;
@@ -56,7 +46,7 @@ export interface Swarm {
   readonly area: Area;
   /** How many points a route may have. */
   readonly mostWaypoints: number;
-  /** Whether the server answered request 1; until then the area is guessed from the positions. */
+  /** Whether the server answered request 1; until then the area is a guess. */
   readonly areaTold: boolean;
   /** Whether request 0 was ever answered: before that, robots that a frame names are no surprise. */
   readonly listed: boolean;
@@ -117,7 +107,7 @@ export type SwarmAction =
   | { readonly kind: "notified"; readonly payload: Json; readonly at_ms: number }
   /** Connected again: frames were missed, but request 0 is being asked anyway. */
   | { readonly kind: "reconnected" }
-  /** We asked a robot to forget its trail: an older server tells nobody. */
+  /** We asked a robot to forget its trail: that is not waited for. */
   | { readonly kind: "history_cleared"; readonly address: string };
 
 /** Moments (`at_ms`) are the caller's, on any clock that only goes on. */
@@ -141,11 +131,7 @@ export function swarmReducer(swarm: Swarm, action: SwarmAction): Swarm {
 function notified(swarm: Swarm, payload: Json, at_ms: number): Swarm {
   if (!isObject(payload)) return swarm;
   const { cmd, data } = payload;
-  if (cmd === NOTIFY_RELOAD) return { ...swarm, missed: swarm.missed + 1 };
-  if (cmd === NOTIFY_UPDATE) return isObject(data) ? updated(swarm, data) : swarm;
-  if (cmd === NOTIFY_JOINED) return edited(swarm, (robots) => join(robots, data));
-  if (cmd === NOTIFY_FRAME) return isObject(data) ? framed(swarm, data, at_ms) : swarm;
-  return swarm;
+  return cmd === NOTIFY_FRAME && isObject(data) ? framed(swarm, data, at_ms) : swarm;
 }
 
 function withRobots(swarm: Swarm, data: Json, at_ms: number): Swarm {
@@ -201,7 +187,7 @@ function withArea(swarm: Swarm, data: Json): Swarm {
   const missions = readMissions(data, swarm.missions);
   const unprotected = readText(data["unprotected"], LONGEST_NOTE) ?? "";
   const mostWaypoints = readNumber(data["most_waypoints"], 1, MOST_WAYPOINTS) ?? MOST_WAYPOINTS;
-  const area: Area = { width, height, unit: "mm" };
+  const area: Area = { width, height };
   return { ...swarm, area, mostWaypoints, areaTold: true, terms: readTerms(data), unprotected, missions };
 }
 
@@ -209,22 +195,6 @@ function withMap(missions: Missions, request: number, data: Json): Missions {
   if (request === REQUEST_WALLS) return { ...missions, walls: readWalls(data) ?? missions.walls };
   if (request === REQUEST_LIT) return { ...missions, lit: withLit(missions.lit, data) };
   return missions;
-}
-
-/** Notification 2: one robot, and only what it has to say. */
-function updated(swarm: Swarm, data: JsonObject): Swarm {
-  const { address } = data;
-  if (!isAddress(address)) return swarm;
-  if (!swarm.robots.has(address)) return swarm.listed ? { ...swarm, missed: swarm.missed + 1 } : swarm;
-  const direction = readDirection(data["direction"]);
-  const battery_v = readBattery(data["battery"]);
-  return edited(swarm, (robots) => {
-    move(robots, address, readPoint(data["lh2_position"]), TRAIL_STEP * swarm.area.width);
-    change(robots, address, {
-      ...(direction !== undefined && { direction }),
-      ...(battery_v !== undefined && { battery_v }),
-    });
-  });
 }
 
 function framed(swarm: Swarm, frame: JsonObject, at_ms: number): Swarm {
@@ -272,7 +242,7 @@ function edited(swarm: Swarm, edit: (robots: Map<string, Robot>) => void): Swarm
   return settled({ ...swarm, robots });
 }
 
-/** With the roster and the guessed area brought up to date. */
+/** With the roster brought up to date. */
 function settled(swarm: Swarm): Swarm {
   const { robots, roster } = swarm;
   const same =
@@ -286,19 +256,7 @@ function settled(swarm: Swarm): Swarm {
     roster: same
       ? roster
       : [...robots.values()].map(({ address, name, status }) => ({ address, name, status })).sort(byName),
-    area: swarm.areaTold ? swarm.area : guessedArea(robots),
   };
-}
-
-function guessedArea(robots: ReadonlyMap<string, Robot>): Area {
-  let placed = 0;
-  for (const { position } of robots.values()) {
-    if (!position) continue;
-    placed += 1;
-    if (Math.min(position.x, position.y) < 0 || Math.max(position.x, position.y) > UNIT_SQUARE_LIMIT)
-      return DEFAULT_AREA;
-  }
-  return placed > 0 ? UNIT_SQUARE : DEFAULT_AREA;
 }
 
 function byName(a: RosterEntry, b: RosterEntry): number {

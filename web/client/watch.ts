@@ -1,7 +1,6 @@
 // Watching over a swarm that may fall silent: when to ask request 0 again, and what to tell the visitor.
 //
-// Pure: told what happened and when, it says what is due. A phone that slept through a rotation recovers by these requests:
-// the server answers them with the pin message under the old epoch.
+// Pure: told what happened and when, it says what is due.
 
 /**
  * connecting: not yet heard of; offline: lost, and being tried again; refused: it wants a login, or another one. Of a
@@ -19,7 +18,7 @@ const LATE_WITHOUT_NETWORK_MS = 400;
 /** Nothing heard for so long: ask again. */
 const SILENCE_MS = 5000;
 const ASK_AGAIN_MS = 3000;
-// An older server says nothing while no robot moves: it must have had the time to answer before it is called silent.
+// A swarm must have had the time to answer before it is called silent.
 const GRACE_MS = 1500;
 const RESYNC_MS = 60_000;
 /**
@@ -28,8 +27,6 @@ const RESYNC_MS = 60_000;
  */
 const RESYNC_BESIDE_FRAMES_MS = 600_000;
 const RESYNC_JITTER = 1 / 6;
-/** A gateway forgets who asked nothing for 50 s. */
-const PRESENT_MS = 20_000;
 /** After a gap everybody asks: not all at once. */
 const GAP_JITTER_MS = 500;
 /** A broker that comes back finds everybody waiting; the frames go on meanwhile. */
@@ -41,8 +38,6 @@ const RECONNECT_JITTER_MS = 2000;
 const ASK_GAP_MS = 1000;
 const ASK_GAP_MOST_MS = 16_000;
 const CALM_MS = 30_000;
-/** A broker that replays an old message must not make a clock look wrong; nor one message that was held up. */
-const STALE_IN_A_ROW = 3;
 /** Connecting for longer than this counts as unreachable. */
 const PATIENCE_MS = 5000;
 
@@ -59,8 +54,6 @@ export type Health =
   | { readonly state: "silent" }
   /** Heard, but no question was ever answered: a broker may keep what we say, or what we are told, to itself. */
   | { readonly state: "unanswered" }
-  /** Positive: our clock is behind. Whole seconds. */
-  | { readonly state: "clock"; readonly skew_s: number }
   | { readonly state: "live" };
 
 export class Watch {
@@ -74,10 +67,6 @@ export class Watch {
   #everAnswered = false;
   #openSince_ms = Number.POSITIVE_INFINITY;
   #framed = false;
-  #presentAt_ms = Number.NEGATIVE_INFINITY;
-  #staleInARow = 0;
-  #staleAt_ms = Number.NEGATIVE_INFINITY;
-  #skew_s = 0;
 
   constructor(now_ms: number) {
     this.#brokerSince_ms = now_ms;
@@ -89,20 +78,17 @@ export class Watch {
     this.#broker = state;
     this.#brokerSince_ms = now_ms;
     this.#heardAt_ms = undefined;
-    this.#staleInARow = 0;
     // A question of before died with its connection: what is planned here takes its place.
     this.#answered = true;
     this.#openSince_ms = Number.POSITIVE_INFINITY;
     this.#framed = false;
     this.#askedAt_ms = Number.NEGATIVE_INFINITY;
-    this.#presentAt_ms = now_ms;
     this.#askAt_ms = state === "online" ? now_ms + (again ? chance * RECONNECT_JITTER_MS : 0) : Number.POSITIVE_INFINITY;
   }
 
   /** An authentic, fresh message came. */
   heard(now_ms: number): void {
     this.#heardAt_ms = now_ms;
-    this.#staleInARow = 0;
   }
 
   /** A numbered frame came: whatever is missed from now on will show. */
@@ -110,23 +96,10 @@ export class Watch {
     this.#framed = true;
   }
 
-  /** Request 0 is being answered: a part came. */
-  answering(now_ms: number): void {
-    this.#askedAt_ms = now_ms;
-    this.#everAnswered = true;
-  }
-
   /** Request 0 was answered: no question is open. */
   answered(): void {
     this.#answered = true;
     this.#everAnswered = true;
-  }
-
-  /** An authentic message came whose timestamp is off by `skew_s` from our clock. */
-  stale(skew_s: number, now_ms: number): void {
-    this.#staleInARow += 1;
-    this.#staleAt_ms = now_ms;
-    this.#skew_s = skew_s;
   }
 
   /** Something was missed. `chance` is in [0, 1). */
@@ -152,13 +125,6 @@ export class Watch {
     return true;
   }
 
-  /** Whether to ask for something small, because nothing was asked for a while; then it counts as asked. */
-  presenceDue(now_ms: number): boolean {
-    if (this.#broker !== "online" || now_ms - Math.max(this.#askedAt_ms, this.#presentAt_ms) < PRESENT_MS) return false;
-    this.#presentAt_ms = now_ms;
-    return true;
-  }
-
   /** `network`: whether the device says that it has any. */
   health(now_ms: number, network = true): Health {
     if (this.#broker === "over") return { state: "over" };
@@ -171,9 +137,6 @@ export class Watch {
     if (this.#broker === "connecting") {
       if (quiet_ms >= PATIENCE_MS) return { state: "offline", why: "broker" };
       return { state: "connecting", broker: "away" };
-    }
-    if (this.#staleInARow >= STALE_IN_A_ROW && now_ms - this.#staleAt_ms < SILENCE_MS + GRACE_MS) {
-      return { state: "clock", skew_s: Math.round(this.#skew_s) };
     }
     if (quiet_ms >= SILENCE_MS + GRACE_MS) return { state: "silent" };
     if (this.#framed && quiet_ms >= LATE_MS) return { state: "late" };

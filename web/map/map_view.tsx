@@ -116,7 +116,7 @@ export function MapView({
     if (key === "+" || key === "=") step(STEP);
     else if (key === "-") step(1 / STEP);
     else if (key === "0") pinch();
-    else if (routing && (key === "Enter" || key === " ")) onWaypoint?.(rounded(area, cursor ?? middleOf()));
+    else if (routing && (key === "Enter" || key === " ")) onWaypoint?.(rounded(cursor ?? middleOf()));
     else {
       const way = ARROWS[key];
       if (!way || !(routing || isZoomed)) return;

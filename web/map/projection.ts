@@ -60,18 +60,12 @@ export function toScreen({ scale, left, top }: Projection, { x, y }: Point): Poi
 /** Within the area: a tap on the margin means its edge. */
 export function toArea({ area, scale, left, top }: Projection, { x, y }: Point): Point {
   const clamp = (value: number, most: number) => Math.min(Math.max(value, 0), most);
-  return rounded(area, { x: clamp((x - left) / scale, area.width), y: clamp((y - top) / scale, area.height) });
+  return rounded({ x: clamp((x - left) / scale, area.width), y: clamp((y - top) / scale, area.height) });
 }
 
-/** As it is sent: whole millimetres, or millionths of a side. */
-export function rounded(area: Area, { x, y }: Point): Point {
-  const grain = area.unit === "mm" ? 1 : 1e6;
-  return { x: Math.round(x * grain) / grain, y: Math.round(y * grain) / grain };
-}
-
-/** A route's threshold in the area's unit of length: an older server counts it in thousandths of a side. */
-export function thresholdLength(area: Area, threshold: number): number {
-  return area.unit === "mm" ? threshold : threshold / 1000;
+/** As it is sent: whole millimetres. */
+export function rounded({ x, y }: Point): Point {
+  return { x: Math.round(x), y: Math.round(y) };
 }
 
 /** Distance between grid lines: 1, 2 or 5 times a power of ten, about a fifth of the area. */

@@ -4,7 +4,7 @@
 import { INACTIVE, LOST, type Point, type Rgb, type Robot, type Swarm } from "../client";
 import { drawLit, drawWalls } from "./building";
 import { circle } from "./circle";
-import { gridStep, type Projection, thresholdLength, toScreen } from "./projection";
+import { gridStep, type Projection, toScreen } from "./projection";
 import { crossOut, drawAudits, drawShields, RING_OFF_PX } from "./shields";
 import type { Theme } from "./theme";
 
@@ -36,10 +36,9 @@ export function shownRobots(swarm: Swarm): Robot[] {
   return [...swarm.robots.values()].filter((robot) => robot.position && (robot.status !== LOST || isStopped(robot)));
 }
 
-export function robotRadius({ area, scale }: Projection, robots: number): number {
-  const length = area.unit === "mm" ? ROBOT_MM : ROBOT_MM / 2000;
+export function robotRadius({ scale }: Projection, robots: number): number {
   const least = robots <= FEW ? LEAST_RADIUS_OF_FEW : LEAST_RADIUS;
-  return Math.min(Math.max(length * scale, least), MOST_RADIUS);
+  return Math.min(Math.max(ROBOT_MM * scale, least), MOST_RADIUS);
 }
 
 /** How far a robot and what is drawn around it reach. */
@@ -162,7 +161,7 @@ function drawRoute(
 ): void {
   const [start, ...waypoints] = points.map((point) => toScreen(p, point));
   if (!start || waypoints.length === 0) return;
-  const reach = Math.max(thresholdLength(p.area, threshold) * p.scale, 2);
+  const reach = Math.max(threshold * p.scale, 2);
   ctx.strokeStyle = theme.accent;
   ctx.fillStyle = theme.accent;
   ctx.globalAlpha = 0.16;

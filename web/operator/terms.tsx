@@ -15,7 +15,7 @@ export const TERMS = {
   everybodyOut: "Ends all sessions for good, changes the code and closes the door. Tickets stay valid.",
   remove: "Ends this session at once and for good, makes its ticket invalid, changes the code and closes the door. The same person can come back as a newcomer if you let them in.",
   broker: "The program in the network that passes messages between phones and the gateway.",
-  visitors: "Visitors of mode qrkey, who share one key: pages and programs that asked for something lately, by a name that each makes up. One that is closed disappears at once, one that lost its network within a minute.",
+  visitors: "Visitors of mode qrkey, who share one key: pages and programs that asked for something lately, by a name that each makes up. One that asks for nothing any longer disappears after two and a half minutes.",
   compromise: "Let a robot behave as if somebody had broken into its computer, to see the others find out.",
   attack: "What the robot does from then on.",
   trusted: "Two small computers on each robot that nobody can change: they write down what it sees and does, and stop it when no neighbour vouches for it any longer.",

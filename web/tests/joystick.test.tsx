@@ -58,14 +58,11 @@ describe("by touch", () => {
     expect(sent).toEqual([{ left: 100, right: 100 }]);
     await point("pointermove", 180, 100);
     await act(async () => vi.advanceTimersByTime(200));
-    expect(sent.slice(1)).toEqual([
-      { left: 100, right: -100 },
-      { left: 100, right: -100 },
-    ]);
+    expect(sent.slice(1)).toEqual(Array(3).fill({ left: 100, right: -100 }));
     await point("pointerup", 180, 100);
-    expect(sent.slice(3)).toEqual([ZERO]);
+    expect(sent.slice(4)).toEqual([ZERO]);
     await act(async () => vi.advanceTimersByTime(1000));
-    expect(sent).toHaveLength(4);
+    expect(sent).toHaveLength(5);
   });
 
   test("a second finger neither steers nor stops", async () => {
@@ -135,7 +132,8 @@ describe("by keyboard", () => {
     await key("keyup", "ArrowUp");
     await act(async () => vi.advanceTimersByTime(100));
     await key("keyup", "KeyD");
-    expect(sent).toEqual([{ left: 80, right: 80 }, { left: 100, right: 33 }, { left: 40, right: -40 }, ZERO]);
+    const changes = sent.filter(({ left }, i) => left !== sent[i - 1]?.left);
+    expect(changes).toEqual([{ left: 80, right: 80 }, { left: 100, right: 33 }, { left: 40, right: -40 }, ZERO]);
   });
 
   test("stops when the focus goes elsewhere", async () => {

@@ -9,7 +9,7 @@ import { fitArea, toArea, toScreen, zoomed } from "../map/projection";
 import { drawRobots, robotRadius, type Scene } from "../map/scene";
 import type { Theme } from "../map/theme";
 
-const MM: Area = { width: 3000, height: 2000, unit: "mm" };
+const MM: Area = { width: 3000, height: 2000 };
 const [WIDTH, HEIGHT] = [360, 340];
 const NOWHERE: Point = { x: 0, y: 0 };
 

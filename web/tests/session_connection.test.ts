@@ -346,12 +346,12 @@ describe("a lost connection", () => {
   test("says nothing of before, and refuses what is asked", async () => {
     join();
     const asked = connection.request(0);
-    connection.command(A, "0", "rgb_led", {});
-    connection.command(A, "0", "waypoints", {});
+    connection.command(A, "rgb_led", {});
+    connection.command(A, "waypoints", {});
     socket().end();
     await expect(asked).rejects.toBeInstanceOf(Unanswered);
     await expect(connection.request(0)).rejects.toBeInstanceOf(Unanswered);
-    expect(connection.command(A, "0", "rgb_led", {})).toBe(false);
+    expect(connection.command(A, "rgb_led", {})).toBe(false);
     vi.advanceTimersByTime(5000);
     socket().open();
     admitted({ ...DRIVES, robot: A });
@@ -372,7 +372,7 @@ describe("requests", () => {
     const again = connection.request(0);
     hear({ kind: "refused", number: 1, reason: "too_many" });
     await expect(again).rejects.toThrow("too_many");
-    const late = connection.request(0, {}, 100);
+    const late = connection.request(0, 100);
     vi.advanceTimersByTime(100);
     await expect(late).rejects.toBeInstanceOf(Unanswered);
   });
@@ -392,7 +392,7 @@ describe("requests", () => {
 });
 
 describe("the constant rate", () => {
-  const drive = (percent: number) => connection.command(A, "0", "move_raw", { left_y: percent, right_y: percent });
+  const drive = (percent: number) => connection.command(A, "move_raw", { left_y: percent, right_y: percent });
   const beats = () => socket().sent.filter(({ what }) => /^(move_raw|stop|alive|rgb_led|ask)/.test(what));
   const gaps = () => beats().map(({ at_ms }, i, all) => at_ms - (all[i - 1]?.at_ms ?? at_ms)).slice(1);
 

@@ -1,4 +1,4 @@
-// The reducer: both vocabularies, and whatever else a peer may say.
+// The reducer, and whatever else a peer may say.
 
 import fc from "fast-check";
 import { describe, expect, test } from "vitest";
@@ -18,7 +18,6 @@ function robot(address: string, more: object = {}) {
     address,
     n: address === A ? 1 : 2,
     name: "Ada",
-    application: 0,
     swarm: "0000",
     status: 0,
     mode: 0,
@@ -70,7 +69,6 @@ describe("answers", () => {
   test("request 0 lists the robots, request 1 gives the area", () => {
     expect(of(START)).toMatchObject({
       name: "Ada",
-      application: "0",
       direction: 90,
       position: { x: 100, y: 200 },
       led: { red: 255, green: 0, blue: 10 },
@@ -78,7 +76,7 @@ describe("answers", () => {
       battery_v: 2.9,
     });
     expect(of(START).trail.length).toBe(1);
-    expect(START.area).toEqual({ width: 3000, height: 2000, unit: "mm" });
+    expect(START.area).toEqual({ width: 3000, height: 2000 });
     expect(START.roster.map(label)).toEqual(["Ada (0001)", "Bo (0002)"]);
   });
 
@@ -203,37 +201,11 @@ describe("frames", () => {
   });
 });
 
-describe("one-robot notifications", () => {
-  test("1 asks for request 0, 2 moves a robot, 4 brings one", () => {
-    expect(play([notified(1)], START).missed).toBe(1);
-    const moved = play(
-      [notified(2, { address: A, direction: 10, lh2_position: { x: 700, y: 800, z: 0 }, battery: 2.5 })],
-      START,
-    );
-    expect(of(moved)).toMatchObject({ direction: 10, position: { x: 700, y: 800 }, battery_v: 2.5 });
-    expect(play([notified(4, robot("C"))], START).robots.size).toBe(3);
-    expect(play([notified(2, { address: "C" })], START).missed).toBe(1);
-  });
-
-  test("a null direction or position keeps what was known", () => {
-    const moved = play([notified(2, { address: A, direction: null, lh2_position: null })], START);
-    expect(of(moved)).toMatchObject({ direction: 90, position: { x: 100, y: 200 } });
-  });
-});
-
-describe("older servers", () => {
-  const fraction = (x: number, y: number) => ({ lh2_position: { x, y, z: 0 }, position_history: [], name: undefined });
-
-  test("positions within a unit square mean one, until the server tells an area or a position says otherwise", () => {
-    const unit = play([told(0, [robot(A, fraction(0.5, 0.25)), robot(B, fraction(1.2, 0))])]);
-    expect(unit.area).toEqual({ width: 1, height: 1, unit: "side" });
-    expect(label(of(unit))).toBe("Robot (0001)");
-    expect(play([notified(2, { address: A, lh2_position: { x: 1500, y: 2, z: 0 } })], unit).area.unit).toBe("mm");
-    expect(play([told(1, { width: 500, height: 400 })], unit).area).toEqual({ width: 500, height: 400, unit: "mm" });
-  });
-
-  test("without any position the area is 2000 by 2000 mm", () => {
-    expect(play([told(0, [robot(A, { lh2_position: null })])]).area).toEqual({ width: 2000, height: 2000, unit: "mm" });
+describe("before the answers", () => {
+  test("the area is 2000 by 2000 mm, and a robot without a name has one", () => {
+    const swarm = play([told(0, [robot(A, { lh2_position: null, name: undefined })])]);
+    expect(swarm.area).toEqual({ width: 2000, height: 2000 });
+    expect(label(of(swarm))).toBe("Robot (0001)");
   });
 
   test("our own clearing of a trail shows without an answer", () => {
@@ -253,7 +225,6 @@ describe("hostile peers", () => {
     {
       address,
       name: fc.oneof(fc.string({ unit: "binary" }), number),
-      application: number,
       status: number,
       mode: number,
       direction: number,

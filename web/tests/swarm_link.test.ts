@@ -2,7 +2,7 @@
 
 import { afterEach, beforeEach, describe, expect, test, vi } from "vitest";
 import { type Json, NO_VISIT, SwarmLink, type Transport } from "../client";
-import { REQUEST_AREA, REQUEST_ROBOTS } from "../client/swarm";
+import { REQUEST_ROBOTS } from "../client/swarm";
 
 const A = "DECAFBAD00000001";
 
@@ -14,10 +14,8 @@ interface Fake {
 const fake: Fake = { emit: () => {}, asked: [] };
 
 const transport: Transport = {
-  name: "fake",
   state: "connecting",
   visit: NO_VISIT,
-  isPaced: false,
   listen(listener) {
     fake.emit = listener as Fake["emit"];
     return () => {};
@@ -51,9 +49,9 @@ afterEach(() => {
 });
 
 const robot = (green: number) => ({ address: A, n: 1, name: "Ada", rgb_led: { red: 0, green, blue: 0 } });
-const list = (green: number) => fake.emit({ kind: "replied", request: 0, timestamp_s: 0, data: [robot(green)] });
+const list = (green: number) => fake.emit({ kind: "replied", request: 0, data: [robot(green)] });
 const frame = (seq: number, more: object = {}) =>
-  fake.emit({ kind: "notified", timestamp_s: 0, payload: { cmd: 16, data: { seq, ...more } } });
+  fake.emit({ kind: "notified", payload: { cmd: 16, data: { seq, ...more } } });
 const lit = (green: number) => ({ changed: [{ address: A, rgb_led: { red: 0, green, blue: 0 } }] });
 const green = () => link.view.swarm.robots.get(A)?.led?.green;
 const askedAt = (request: number) => fake.asked.filter(([, what]) => what === request).map(([at_ms]) => at_ms);
@@ -119,7 +117,7 @@ describe("a list that is slow to come", () => {
 });
 
 describe("asking", () => {
-  test("beside frames for the list after a minute and then every ten, and for the area every minute", () => {
+  test("beside frames for the list after a minute and then every ten", () => {
     let seq = 1;
     for (let minute = 0; minute < 25; minute += 1) {
       list(1);
@@ -127,7 +125,6 @@ describe("asking", () => {
     }
     const gaps = askedAt(REQUEST_ROBOTS).map((at_ms, i, all) => Math.round((at_ms - (all[i - 1] ?? 0)) / 60_000));
     expect(gaps).toEqual([0, 1, 10, 10]);
-    expect(askedAt(REQUEST_AREA).length).toBeGreaterThan(20);
   });
 
   test("a broker that comes back is not asked by everybody at once", () => {

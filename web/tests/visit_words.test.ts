@@ -45,11 +45,13 @@ describe("a visitor reads", () => {
   test("who else drives, by name in a session", () => {
     const data = [{ address: A, drivers: ["Eve", "Ada"] }];
     const swarm = swarmReducer(NO_SWARM, { kind: "replied", request: 0, data, at_ms: 0 });
-    const view = { swarm, health: { state: "live" } as const, visit: here({}) };
-    expect(othersWords(view, A, "Ada")).toBe("Eve drives it");
-    expect(othersWords({ ...view, visit: NO_VISIT }, A, "Ada")).toBe("Another visitor drives it");
-    expect(othersWords(view, A, "Bob")).toBe("2 other visitors drive it");
-    expect(othersWords(view, undefined, "Bob")).toBe("");
+    const view = { swarm, health: { state: "live" } as const, visit: { ...here({}), name: "Ada" } };
+    expect(othersWords(view, A)).toBe("Eve drives it");
+    expect(othersWords({ ...view, visit: { ...view.visit, name: "Bob" } }, A)).toBe("2 other visitors drive it");
+    expect(othersWords(view, undefined)).toBe("");
+    const nameless = [{ address: A, drivers: ["Ada", ""] }];
+    const driven = swarmReducer(NO_SWARM, { kind: "replied", request: 0, data: nameless, at_ms: 0 });
+    expect(othersWords({ ...view, swarm: driven }, A)).toBe("Another visitor drives it");
   });
 
   test("may drive with a role for it, and not while it waits or queues", () => {

@@ -71,7 +71,7 @@ export class Run {
     const moved = before.left !== left || before.right !== right || before.bottom !== bottom || before.top !== top;
     if (!moved && walls === this.#walls.length) return;
     const margin = Math.max(MARGIN * Math.max(right - left, top - bottom), LEAST_MM);
-    this.#area = { width: right - left + 2 * margin, height: top - bottom + 2 * margin, unit: "mm" };
+    this.#area = { width: right - left + 2 * margin, height: top - bottom + 2 * margin };
     this.#drawn = this.#walls.map(([ax, ay, bx, by]) => {
       const [a, b] = [this.#shown(ax, ay), this.#shown(bx, by)];
       return [a.x, a.y, b.x, b.y];
@@ -151,7 +151,6 @@ export class Run {
         address: String(number),
         number,
         name: lies.has(number) ? `${number} lies` : String(number),
-        application: "0",
         status: ACTIVE,
         mode: 0,
         direction: ((Math.atan2(-Math.cos(rad(heading)), -Math.sin(rad(heading))) * 180) / Math.PI + 360) % 360,

@@ -4,34 +4,22 @@ import { type ReactNode, useCallback, useEffect, useMemo, useState } from "react
 import {
   DIRECT,
   fetchSwarmKey,
-  type Invitation,
   type Kept,
   linkUrl,
-  type Pin,
   type Secret,
-  SessionConnection,
+  type SessionConnection,
   type SessionInvitation,
   type SessionTo,
   type SessionWhere,
-  type Transport,
   useLink,
   useSwarm,
 } from "../client";
 import { Badge, hostOf } from "./badge";
 import { Cockpit } from "./cockpit";
-import {
-  type Found,
-  forget,
-  forgetCode,
-  keep,
-  keepCode,
-  type Surroundings,
-  takeFromAddress,
-  takeKept,
-} from "./invitation_store";
+import { type Found, forgetCode, keepCode, type Surroundings, takeFromAddress, takeKept } from "./invitation_store";
 import { Join } from "./join";
 import { NoCode } from "./no_code";
-import { openQrkey, openSession, resumeStore } from "./open_link";
+import { openSession, resumeStore } from "./open_link";
 import { Over, WaitingForApproval } from "./over";
 
 const storage = sessionStorageOrNone();
@@ -41,13 +29,12 @@ type Entry =
   | { readonly kind: "none"; readonly problem?: string | undefined }
   /** A session's code was found, and a nickname is asked for. */
   | { readonly kind: "naming"; readonly code: SessionInvitation }
-  | { readonly kind: "session"; readonly to: SessionTo }
-  | { readonly kind: "qrkey"; readonly to: Invitation };
+  | { readonly kind: "session"; readonly to: SessionTo };
 
 export function App() {
   const [entry, setEntry] = useState<Entry>(() => enter(takeFromAddress(browser) ?? takeKept(browser)));
   const open = useMemo(() => opener(entry), [entry]);
-  const link = useLink<Transport>(open);
+  const link = useLink(open);
   const isSession = entry.kind === "session";
   const stage = useSwarm(link, ({ visit }) => visit.stage);
   const over = useSwarm(link, ({ visit }) => visit.over);
@@ -73,7 +60,6 @@ export function App() {
   }, []);
 
   const leave = useCallback(() => {
-    forget(browser);
     forgetCode(browser);
     setEntry((now) => {
       if (now.kind === "session") resumeStore.forget(now.to.fixed);
@@ -89,7 +75,7 @@ export function App() {
   }
 
   function again() {
-    if (link?.transport instanceof SessionConnection) link.transport.again();
+    link?.transport.again();
   }
 
   if (entry.kind === "naming") {
@@ -123,14 +109,14 @@ export function App() {
         <WaitingForApproval name={name} />
       </Frame>
     );
-  const broker = entry.kind === "qrkey" ? entry.to.broker : entry.to.at.broker;
+  const { broker } = entry.to.at;
   const where =
-    broker !== "" || entry.kind === "qrkey"
-      ? { via: "broker" as const, host: hostOf(broker), named: entry.kind === "qrkey" && entry.to.login !== undefined }
-      : { via: "direct" as const, host: hostOf(entry.to.url), named: false };
+    broker !== ""
+      ? { via: "broker" as const, host: hostOf(broker) }
+      : { via: "direct" as const, host: hostOf(entry.to.url) };
   return (
     <div className="page">
-      <Cockpit where={where} isSession={isSession} link={link} onLeave={leave} />
+      <Cockpit where={where} link={link} onLeave={leave} />
     </div>
   );
 }
@@ -162,16 +148,12 @@ function codeProblem(entry: Entry): string {
 }
 
 /** What to do with what was found: who was here before resumes, unless a ticket says more. */
-function enter({ code, to, problem }: Found): Entry {
+function enter({ code, problem }: Found): Entry {
   if (code) {
     const kept = resumeStore.find(code.fixed, Date.now() / 1000);
     if (kept && code.secret.kind === "open") return { kind: "session", to: sessionTo(code, code.fixed, code.secret, kept.name) };
     keepCode(browser, code);
     return { kind: "naming", code };
-  }
-  if (to) {
-    keep(browser, to);
-    return { kind: "qrkey", to };
   }
   const kept: Kept | undefined = problem === undefined ? resumeStore.newest(Date.now() / 1000) : undefined;
   return kept ? { kind: "session", to: sessionTo(kept.at, kept.fixed, undefined, kept.name) } : { kind: "none", problem };
@@ -181,11 +163,8 @@ function sessionTo(at: SessionWhere, fixed: Uint8Array, invitation: Secret | und
   return { url: linkUrl(location.href), at, fixed, invitation, name };
 }
 
-function opener(entry: Entry): (() => Transport | Promise<Transport>) | undefined {
-  if (entry.kind === "session") return () => openSession(entry.to);
-  if (entry.kind !== "qrkey") return undefined;
-  const onMoved = (pin: Pin) => keep(browser, entry.to, pin);
-  return () => openQrkey(entry.to, onMoved);
+function opener(entry: Entry): (() => Promise<SessionConnection>) | undefined {
+  return entry.kind === "session" ? () => openSession(entry.to) : undefined;
 }
 
 function sessionStorageOrNone(): Storage | undefined {

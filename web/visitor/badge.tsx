@@ -9,11 +9,10 @@ interface Words {
   readonly text: string;
 }
 
-/** Where the other end is: a broker, or the swarm itself. `named`: we said a login. */
+/** Where the other end is: a broker, or the swarm itself. */
 export interface Where {
   readonly via: "broker" | "direct";
   readonly host: string;
-  readonly named: boolean;
 }
 
 /** Plain words for the health of the link. `held`: the operator stopped all. */
@@ -42,8 +41,6 @@ export function badgeWords(health: Health, where: Where, robots: number, held = 
       };
     case "unanswered":
       return { state: "unanswered", text: "The swarm is heard, but does not answer. If that lasts, tell the operator." };
-    case "clock":
-      return { state: "clock", text: `Your clock is ${duration(health.skew_s)}: set it to automatic.` };
     case "live":
       if (held) return { state: "held", text: "Stopped: the operator holds all robots. Controls are off." };
       return { state: "live", text: robots === 1 ? "Live · 1 robot" : `Live · ${robots} robots` };
@@ -55,25 +52,8 @@ const OFFLINE = {
   direct: ({ host }: Where) => `No connection to the swarm at ${host}. Trying again…`,
   answer: () => "No answer from the swarm. Trying again… If that lasts, tell the operator.",
   broker: ({ host }: Where) => `Broker unreachable at ${host}. Trying again… If that lasts, scan the code again.`,
-  login: ({ host, named }: Where) =>
-    named
-      ? `Login refused: name or password is wrong for the broker at ${host}. Tell the operator.`
-      : `Login refused by the broker at ${host}: it wants a password. Tell the operator.`,
+  login: ({ host }: Where) => `Login refused by the broker at ${host}: it wants a password. Tell the operator.`,
 } as const;
-
-/** "31 s behind", "2 min ahead": how our clock differs, given how far the swarm's is ahead of it. */
-export function duration(skew_s: number): string {
-  const off = Math.abs(skew_s);
-  const [amount, unit] =
-    off < 120
-      ? [off, "s"]
-      : off < 7200
-        ? [off / 60, "min"]
-        : off < 172_800
-          ? [off / 3600, "h"]
-          : [off / 86_400, "days"];
-  return `${Math.round(amount)} ${unit} ${skew_s > 0 ? "behind" : "ahead"}`;
-}
 
 /** Host and port of a broker's URL, as people say it. */
 export function hostOf(broker: string): string {

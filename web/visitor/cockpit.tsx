@@ -16,14 +16,13 @@ import { mayDrive, refusedWords } from "./visit_words";
 
 interface Props {
   readonly where: Where;
-  readonly isSession: boolean;
   readonly link: SwarmLink | undefined;
   readonly onLeave: () => void;
 }
 
 const NO_POINTS: readonly Point[] = [];
 
-export function Cockpit({ where, isSession, link, onLeave }: Props) {
+export function Cockpit({ where, link, onLeave }: Props) {
   const [chosen, setChosen] = useState<string>();
   const [routing, setRouting] = useState(false);
   const [draft, setDraft] = useState(NO_POINTS);
@@ -39,7 +38,7 @@ export function Cockpit({ where, isSession, link, onLeave }: Props) {
   const selected = entry?.address;
   const stopped = useSwarm(link, ({ swarm }) => swarm.robots.get(selected ?? "")?.shield?.safeMode === true);
   const held = useSwarm(link, ({ swarm }) => swarm.held);
-  const drives = useSwarm(link, ({ visit }) => !isSession || mayDrive(visit));
+  const drives = useSwarm(link, ({ visit }) => mayDrive(visit));
   const name = useSwarm(link, ({ visit }) => visit.name);
   const own = useSwarm(link, ({ visit }) => visit.standing?.robot ?? "");
   const refused = useSwarm(link, ({ visit, swarm }) => refusedWords(visit, swarm.at_ms));
@@ -52,10 +51,9 @@ export function Cockpit({ where, isSession, link, onLeave }: Props) {
   const command = useCommand(link, selected);
   const sendWheels = useCallback(
     ({ left, right }: Wheels) => {
-      const by = isSession ? {} : { by: link?.name };
-      command("move_raw", { left_x: 0, left_y: left, right_x: 0, right_y: right, ...by });
+      command("move_raw", { left_x: 0, left_y: left, right_x: 0, right_y: right });
     },
-    [command, link, isSession],
+    [command],
   );
 
   // The robot that one is given.
@@ -145,7 +143,7 @@ export function Cockpit({ where, isSession, link, onLeave }: Props) {
           ) : (
               <div className="hands">
                 <div className="stick">
-                  <Joystick send={sendWheels} isPaced={link?.transport.isPaced === true} disabled={obeying === undefined} robotName={entry?.name} />
+                  <Joystick send={sendWheels} disabled={obeying === undefined} robotName={entry?.name} />
                   <p id="joystick-help" className="stick-help">
                     Hold to drive, let go to stop.
                     <span className="keys-help">

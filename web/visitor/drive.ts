@@ -1,6 +1,6 @@
 // From a held stick to wheel commands: the page's half of the rule that a robot nobody drives stands still.
 //
-// While held, a command every 100 ms; on release exactly one zero. The gateway's half: 300 ms after the last it stops.
+// While held, a command at each change and every 100 ms; on release exactly one zero. The gateway's half: 300 ms after the last it stops.
 
 export interface Stick {
   /** -1 left … 1 right. */
@@ -64,22 +64,19 @@ export function stickOfKeys(held: ReadonlySet<string>): Stick | undefined {
 /** Drives one robot. */
 export class Drive {
   readonly #send: (wheels: Wheels) => void;
-  readonly #sendsChanges: boolean;
   #stick: Stick | undefined;
   #repeating: ReturnType<typeof setInterval> | undefined;
 
-  /** `sendsChanges`: send each change of the stick at once, beside the command every 100 ms. */
-  constructor(send: (wheels: Wheels) => void, sendsChanges = false) {
+  /** What is sent waits for a slot of the constant rate: of many changes within one the newest counts. */
+  constructor(send: (wheels: Wheels) => void) {
     this.#send = send;
-    this.#sendsChanges = sendsChanges;
   }
 
   /** The stick is held here, from now until the next hold() or release(). */
   hold(stick: Stick): void {
     this.#stick = stick;
-    if (this.#repeating === undefined || this.#sendsChanges) this.#send(wheels(stick));
-    if (this.#repeating !== undefined) return;
-    this.#repeating = setInterval(() => {
+    this.#send(wheels(stick));
+    this.#repeating ??= setInterval(() => {
       if (this.#stick) this.#send(wheels(this.#stick));
     }, DRIVE_EVERY_MS);
   }

@@ -11,13 +11,11 @@ const TRAVEL = 0.62;
 interface Props {
   /** Identity stands for the robot: another function is another robot, and the first one is stopped. */
   readonly send: (wheels: Wheels) => void;
-  /** What is sent waits for a slot, so that each change may be sent at once. */
-  readonly isPaced?: boolean;
   readonly disabled: boolean;
   readonly robotName: string | undefined;
 }
 
-export function Joystick({ send, isPaced = false, disabled, robotName }: Props) {
+export function Joystick({ send, disabled, robotName }: Props) {
   const [stick, setStick] = useState<Stick>(CENTRE);
   const drive = useRef<Drive>(undefined);
   const pointer = useRef<number>(undefined);
@@ -25,7 +23,7 @@ export function Joystick({ send, isPaced = false, disabled, robotName }: Props) 
 
   // At once: an effect that comes a frame later would let go of what was pressed in between.
   useLayoutEffect(() => {
-    const driving = new Drive(send, isPaced);
+    const driving = new Drive(send);
     drive.current = driving;
     const stop = () => {
       keys.current.clear();
@@ -45,7 +43,7 @@ export function Joystick({ send, isPaced = false, disabled, robotName }: Props) 
       window.removeEventListener("blur", stop);
       stop();
     };
-  }, [send, isPaced]);
+  }, [send]);
 
   useEffect(() => {
     if (!disabled) return;

@@ -3,7 +3,6 @@
 import { useEffect, useState } from "react";
 import { type Swarm, type SwarmLink, shortName } from "../client";
 import { buzz } from "./buzz";
-import { thresholdLength } from "../map/projection";
 
 const SAID_FOR_MS = 6000;
 /** A robot rolls on a little after it has arrived. */
@@ -45,7 +44,7 @@ export function newsOf(before: Swarm, now: Swarm, address: string): string | und
   if (is.shield?.safeMode && was.shield?.safeMode === false) return `${shortName(is)} was stopped: Safe Mode`;
   const end = was.waypoints.at(-1);
   if (!end || is.waypoints.length > 0 || !is.position) return undefined;
-  const reach = ROLLS_ON * thresholdLength(now.area, was.threshold);
+  const reach = ROLLS_ON * was.threshold;
   const left = Math.hypot(is.position.x - end.x, is.position.y - end.y);
   return left <= reach ? `${shortName(is)} has arrived` : undefined;
 }

@@ -75,7 +75,7 @@ function About({ link, selected }: { readonly link: SwarmLink | undefined; reado
     if (robot.walk) return [status, robot.walk.phase].filter(Boolean).join(" · ");
     return [status, place, mode, battery].filter(Boolean).join(" · ") || "ready";
   });
-  const others = useSwarm(link, (view) => othersWords(view, selected, link?.name ?? ""));
+  const others = useSwarm(link, (view) => othersWords(view, selected));
   const standing = useStanding(link);
   return (
     <p className="about" data-testid="about">
@@ -96,13 +96,13 @@ function About({ link, selected }: { readonly link: SwarmLink | undefined; reado
   );
 }
 
-/** Who else drives a robot; "" if nobody does. Nicknames of a session are worth reading, those of mode qrkey are made up. */
-export function othersWords({ swarm, visit }: SwarmView, address: string | undefined, me: string): string {
-  const others = driversOf(swarm, address, me);
+/** Who else drives a robot; "" if nobody does. Visitors of published pages have no names. */
+export function othersWords({ swarm, visit }: SwarmView, address: string | undefined): string {
+  const others = driversOf(swarm, address, visit.name);
   const [name = ""] = others;
   if (others.length > 1) return `${others.length} other visitors drive it`;
   if (others.length === 0) return "";
-  return visit.name !== "" && name !== "" ? `${name} drives it` : "Another visitor drives it";
+  return name !== "" ? `${name} drives it` : "Another visitor drives it";
 }
 
 /** What this visitor may do, and how long: the clock goes on between two updates. */

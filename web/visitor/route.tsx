@@ -19,7 +19,6 @@ export function routePayload(threshold: number, points: readonly Point[]) {
 }
 
 export function Route({ link, disabled, draft, onUndo, threshold, onThreshold, onStart }: Props) {
-  const unit = useSwarm(link, ({ swarm }) => (swarm.area.unit === "mm" ? "mm" : "‰ of the side"));
   const most = useSwarm(link, ({ swarm }) => swarm.mostWaypoints);
   const points = draft.length === 1 ? "1 waypoint" : `${draft.length} waypoints`;
   return (
@@ -50,11 +49,11 @@ export function Route({ link, disabled, draft, onUndo, threshold, onThreshold, o
           max="500"
           step="10"
           value={threshold}
-          aria-valuetext={`${threshold} ${unit}`}
+          aria-valuetext={`${threshold} mm`}
           onChange={(event) => onThreshold(Number(event.target.value))}
         />
         <output>
-          {threshold} {unit}
+          {threshold} mm
         </output>
       </label>
     </fieldset>

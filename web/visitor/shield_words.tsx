@@ -32,7 +32,7 @@ export function ShieldWords({ link, selected }: Props) {
 
 /** Whether what the swarm says arrives now. */
 function isHeard({ state }: Health): boolean {
-  return state === "live" || state === "clock";
+  return state === "live";
 }
 
 /** The shield's state, then lines to show, as of the newest frame: always three of a robot, or the page would jump. */

@@ -337,8 +337,13 @@ def _tell(options: UpOptions, event: dict[str, Any]) -> None:
             if options.wifi:
                 name = plain(options.wifi.ssid)
                 click.echo(f"Wi-Fi  {name}\n{qr_text(options.wifi.code, colour=sys.stdout.isatty(), border=1)}")
+            if options.qrkey and not options.frontend:
+                click.echo(f"programs  {event['qrkey_url']}")
             alone = options.host in ("127.0.0.1", "localhost")
             _show_code("visitors (phones need --host 0.0.0.0)" if alone else "visitors", event["qr_url"])
+        case "rotation" if options.qrkey and not options.frontend and "qrkey_url" in event:
+            end_status_line()
+            click.echo(f"programs  {event['qrkey_url']}")
         case "rotation":
             end_status_line()
             click.echo("a new code; the old one works for a while yet")

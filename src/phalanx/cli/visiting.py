@@ -50,7 +50,7 @@ def qrkey_visitor(qr: QrUrl, broker: BrokerUrl | None, login: Login | None, time
     client = QrkeyClient(qr, broker=broker, login=login, timeout_s=timeout_s)
 
     async def robots() -> Any:
-        return await client.request(0, timeout_s=timeout_s, frames=True)
+        return await client.request(0, timeout_s=timeout_s)
 
     async def drive(address: str, application: str, wheels_pct: tuple[int, int], for_s: float) -> int:
         sent = 0

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 
 from phalanx.errors import UsageError
 
-# MQTT header and properties, the rest of the longest topic of ours, JWE segments but the ciphertext, the envelope.
-PACKET_OVERHEAD_BYTES = 16 + 25 + 7 + 40 + 85 + 60
 _ROOT = re.compile(r"/[0-9A-Za-z_-]{1,64}(/[0-9A-Za-z_-]{1,64}){0,7}")
 
 
@@ -27,9 +25,6 @@ class LinkConfig:
     tolerance_s: float = 30.0  # largest distance between a message's timestamp and the receiver's clock
     max_to_server_bytes: int = 48 * 1024  # longest plaintext that a server reads
     max_to_client_bytes: int = 1024 * 1024  # longest plaintext that a client reads
-    # Longest MQTT packet for messages that can be split: mosquitto 2.0 sends longer ones to browsers at a few kilobytes
-    # per 100 ms.
-    part_bytes: int = 4000
     replay_capacity: int = 200_000  # messages that the replay cache remembers at once, per receiver
     knock_gap_s: float = 1.0  # at most one pin message per so many seconds for late phones
 
@@ -47,12 +42,6 @@ class LinkConfig:
                 f"overlap of {self.overlap_s:g} s is not shorter than the {self.rotate_s:g} s between pins",
                 "choose a shorter overlap or a longer rotation",
             )
-        least = {"max_to_server_bytes": 1, "max_to_client_bytes": 1, "replay_capacity": 1, "part_bytes": 1024}
-        for name, low in least.items():
-            if getattr(self, name) < low:
-                raise UsageError(f"{name} is {getattr(self, name)}", f"at least {low}")
-
-    @property
-    def part_plaintext_bytes(self) -> int:
-        """Longest payload, as JSON, that makes a packet of `part_bytes`: less topic, envelope, JWE and base64."""
-        return (self.part_bytes - len(self.root) - PACKET_OVERHEAD_BYTES) * 3 // 4
+        for name in ("max_to_server_bytes", "max_to_client_bytes", "replay_capacity"):
+            if getattr(self, name) < 1:
+                raise UsageError(f"{name} is {getattr(self, name)}", "at least 1")

@@ -1,7 +1,7 @@
 """Frames: everything that happened in one tick, for all robots at once (docs/spec/vocabulary.md).
 
-A tick has at most 2 KiB for a hundred robots and 16 KiB for a thousand, with padding; what has no room waits for a
-later one. For a broker a tick is cut into several frames, each of which can be read without the others.
+A frame has at most 2 KiB for a hundred robots and 16 KiB for a thousand, with padding; what has no room waits for a
+later one.
 """
 
 from __future__ import annotations
@@ -14,18 +14,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.link.envelope import encode_json
 from phalanx.robot import Point, Robot
 from phalanx.wire.sessions import PADDED
 
 from .outbox import KEY_BYTES, Batch, Entry, Outbox
-from .places import AROUND_CHARS, NOWHERE, RECORD_CHARS, Places, in_places, tell_route
+from .places import NOWHERE, Places, in_places, tell_route
 from .robot_changes import Slow, change_of, slow_of
 from .shields import MOST_AUDITS
 from .vocabulary import Notice, tell_robot
 
 FULL_EVERY_S = 1.0
-QUIET_S = 0.25  # with the tick that follows: a page that hears nothing for 0.8 s tells its visitor
 FRAME_BYTES = 60  # of a frame without its lists
 # Of a tick as JSON, for every so many robots. Half of it is places, if all robots move.
 UNIT_BYTES, UNIT_ROBOTS = 2048, 125
@@ -46,25 +44,19 @@ def _units(robots: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """The frames of one tick: small ones, a whole one, and what readers of the older words need."""
+    """The frame of one tick, and what readers of published words need."""
 
-    frames: tuple[dict[str, Any], ...]
+    frame: dict[str, Any]
     joined: tuple[Robot, ...]
     left: tuple[str, ...]
     changed: bool
-    whole: dict[str, Any]  # one frame
 
 
 class Frames:
-    """Compares the swarm with what visitors know, and numbers its robots.
+    """Compares the swarm with what visitors know, and numbers its robots."""
 
-    Args:
-        limit_bytes: of a small frame's JSON; None: there are no small frames.
-    """
-
-    def __init__(self, limit_bytes: int | None) -> None:
-        self._limit_bytes = limit_bytes and limit_bytes - FRAME_BYTES
-        self._seq = self._ticks = 0
+    def __init__(self) -> None:
+        self._ticks = 0
         self._numbers: dict[str, int] = {}
         self._next_number = 0
         # What visitors know of robots, and what is so now.
@@ -79,8 +71,6 @@ class Frames:
         self._rows = np.zeros((0, 4), np.int64)  # places that visitors know
         self._next_place = 0  # number of the robot whose place has waited longest
         self._full_at_s: float | None = None
-        self._said_at_s = 0.0
-        self._held = False
 
     def number(self, address: str) -> int:
         """What frames call this robot: shorter than its address, and told with it in every list of robots."""
@@ -98,8 +88,8 @@ class Frames:
         more: Mapping[str, Sequence[Any]] | None = None,
         *,
         held: bool = False,
-    ) -> Tick | None:
-        """The frames of this tick, or None if there is nothing to say and the last one is younger than `QUIET_S`.
+    ) -> Tick:
+        """Return the frame of this tick: there is one also without news, as gaps would tell who stands.
 
         Of `uptime_s`, which is monotonic, every robot's place comes once in `FULL_EVERY_S`; `more` are further lists to
         be told, by their names. `held` robots stand still by the operator's word: every frame says so.
@@ -109,28 +99,21 @@ class Frames:
         moved = rows[_differ(rows, before)]
         self._look(robots, now_s)
         self._add(more or {})
-        news_at_all = full or len(moved) or len(self._outbox) or held != self._held
-        if not news_at_all and uptime_s - self._said_at_s < QUIET_S:
-            return None
         batch, sent, places = self._within(tick_bytes(len(robots)) - FRAME_BYTES, moved, _units(len(robots)))
-        frames = []
-        if self._limit_bytes:
-            frames = [self._frame(words, held) for words in self._packed(batch.lists, places, self._limit_bytes)]
         whole: dict[str, Any] = dict(batch.lists)
         if places:
-            whole["places"] = [some.piece(0, len(some)) for some in places]
+            whole["places"] = [some.told() for some in places]
         # Last: what cannot be told now, because a driver says nonsense, is still to be told at the next tick.
         known = before[np.isin(before[:, 0], rows[:, 0]) & ~np.isin(before[:, 0], sent[:, 0])]
         self._rows = _by_number(np.concatenate([known, sent]))
         joined = tuple(self._now[each["address"]][0] for each in batch.lists.get("joined", ()))
         self._outbox.sent(batch)
-        self._held, self._said_at_s = held, uptime_s
         if full:
             self._full_at_s = uptime_s
         self._ticks += 1
-        said = _notice(self._ticks - 1, whole, held)
+        data = {"seq": self._ticks - 1, **whole} | ({"held": True} if held else {})
         changed = "changed" in whole or "routes" in whole
-        return Tick(tuple(frames), joined, tuple(whole.get("left", ())), changed, said)
+        return Tick({"cmd": int(Notice.FRAME), "data": data}, joined, tuple(whole.get("left", ())), changed)
 
     def _look(self, robots: Sequence[Robot], now_s: float) -> None:
         """Put into the outbox what of robots visitors do not know."""
@@ -249,43 +232,6 @@ class Frames:
             self._next_place = int(turns[fits - 1, 0]) + 1
         return _by_number(turns[:fits])
 
-    def nothing(self, *, held: bool) -> dict[str, Any]:
-        """Return a whole frame without news: on sessions there is one each tick, as gaps would tell who stands."""
-        self._ticks += 1
-        return _notice(self._ticks - 1, {}, held)
-
-    def _packed(
-        self, lists: Mapping[str, Sequence[Any]], places: Sequence[Places], limit_bytes: int
-    ) -> list[dict[str, Any]]:
-        """The lists in order, then the places, in as few frames as hold them; a long element has one of its own."""
-        frames: list[dict[str, Any]] = [{}]
-        used = 0
-        for key, items in lists.items():
-            for item in items:
-                size = len(encode_json(item)) + 1
-                named = 0 if key in frames[-1] else len(key) + KEY_BYTES
-                if used and used + named + size > limit_bytes:
-                    frames.append({})
-                    used, named = 0, len(key) + KEY_BYTES
-                frames[-1].setdefault(key, []).append(item)
-                used += named + size
-        for some in places:
-            told = 0
-            while told < len(some):
-                records = min(len(some) - told, (limit_bytes - AROUND_CHARS - used) // RECORD_CHARS)
-                if records > 0:
-                    frames[-1].setdefault("places", []).append(some.piece(told, told + records))
-                    told += records
-                    used += AROUND_CHARS + RECORD_CHARS * records
-                if told < len(some):
-                    frames.append({})
-                    used = 0
-        return frames
-
-    def _frame(self, words: dict[str, Any], held: bool) -> dict[str, Any]:
-        self._seq += 1
-        return _notice(self._seq - 1, words, held)
-
     def _rows_of(self, robots: Sequence[Robot]) -> NDArray[np.int64]:
         """Number, x, y (mm) and direction (degrees) of each robot, by number: (robots, 4)."""
         said = [(self.number(r.address), r.at.x_mm, r.at.y_mm, r.direction_deg) for r in robots]
@@ -293,10 +239,6 @@ class Frames:
         # A driver that knows no place says NaN: that robot stays where it was last, and the others are told.
         rows = np.rint(exact[(np.abs(exact) < NOWHERE).all(axis=1)]).astype(np.int64)
         return _by_number(rows)
-
-
-def _notice(seq: int, words: dict[str, Any], held: bool) -> dict[str, Any]:
-    return {"cmd": int(Notice.FRAME), "data": {"seq": seq, **words} | ({"held": True} if held else {})}
 
 
 def _differ(rows: NDArray[np.int64], before: NDArray[np.int64]) -> NDArray[np.bool_]:

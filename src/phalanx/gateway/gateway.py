@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -28,8 +27,8 @@ from .vocabulary import Notice
 log = logging.getLogger(__name__)
 
 TICK_S = 0.1
-# Older pages get one robot per notification: at most so many a tick, in turn. Their hook holds one message at a time
-# and drops what comes within a few milliseconds of another (seen: 50 at once, 3 delivered; 5 ms apart, all).
+# Published pages get one robot per notification: at most so many a tick, in turn. Their hook holds one message
+# and drops what comes within milliseconds of another (seen: 50 at once, 3 delivered; 5 ms apart, all).
 UPDATES_PER_TICK = 2
 APART_S = 0.01
 RELOAD_EVERY_S = 120.0
@@ -38,30 +37,6 @@ OLDER_ANSWER_BYTES = 48 * 1024  # what mosquitto 2.0 sends a browser in about a 
 TRAIL_POINTS, TRAIL_POINTS_IN_ALL = 30, 3000
 ROUTE_POINTS_IN_ALL = 3000
 LATE_S = 1.0
-REMEMBERED = 256  # frames: more than are sent in that second
-
-
-class Told:
-    """When frames were sent, and so how long ago somebody spoke who had read up to one of them.
-
-    By the gateway's own clock: whoever speaks has not yet read the next frame.
-    """
-
-    def __init__(self) -> None:
-        self._sent: deque[tuple[int, float]] = deque(maxlen=REMEMBERED)
-
-    def sent(self, number: int, uptime_s: float) -> None:
-        """Frame `number` was sent."""
-        self._sent.append((number, uptime_s))
-
-    def age_s(self, seen: int, uptime_s: float) -> float:
-        """Seconds for which a word has been under way at least, if its speaker had read frame `seen` last."""
-        age_s = 0.0
-        for number, sent_at_s in reversed(self._sent):
-            if number <= seen:
-                break
-            age_s = uptime_s - sent_at_s
-        return age_s
 
 
 class Gateway:
@@ -82,16 +57,13 @@ class Gateway:
         drivers: Callable[[], Mapping[str, str]] = dict,
     ) -> None:
         self._is_driven = is_driven
-        # Those that carry small frames are in mode qrkey: pages of the older words may listen there.
-        self._small = [link for link in links if link.frame_bytes is not None]
-        self._whole = [link for link in links if link.frame_bytes is None]
+        self._links = links
         self._answer_bytes = min((link.answer_bytes for link in links), default=0)
         self.visitors = Visitors()
         self.drivers = Drivers(drivers)
         self._routes_by_code: set[str] = set()  # robots
         self._watchers: list[Callable[[dict[str, Any]], None]] = []
-        self._told = Told()
-        self._frames = Frames(min((link.frame_bytes or 0 for link in self._small), default=None))
+        self._frames = Frames()
         self.swarm = swarm
         self.brakes = Brakes(swarm)
         self.shields = ShieldWatch(swarm, say) if isinstance(swarm, AuditedSwarm) else None
@@ -121,7 +93,7 @@ class Gateway:
     def watch(self, tell: Callable[[dict[str, Any]], None]) -> Callable[[], None]:
         """Call `tell` with the swarm as it is, and with every state update from then on; the result ends it."""
         # In the words in which visitors are answered.
-        answers: dict[int, Any] = {vocabulary.REQUEST_AREA: self._area(), vocabulary.REQUEST_ROBOTS: self._list(True)}
+        answers: dict[int, Any] = {vocabulary.REQUEST_AREA: self._area(), vocabulary.REQUEST_ROBOTS: self._list()}
         if self.missions:
             answers |= {vocabulary.REQUEST_WALLS: self.missions.walls(), vocabulary.REQUEST_LIT: self.missions.lit()}
         for number, data in answers.items():
@@ -162,17 +134,12 @@ class Gateway:
         if command.waited_s > EXPIRES_S:
             raise Late(f"waited {command.waited_s:.1f} s")
         self.brakes.drive(address, move.left_pct, move.right_pct)
-        by = move.by if command.by is None else command.by  # what a session proves, its payload does not change
-        self.drivers.drives(address, by, time.monotonic())
+        self.drivers.drives(address, command.by or "", time.monotonic())
 
     def _refuse_late(self, command: Command) -> None:
         """Whatever held it back: a broker that was paused obeys nobody's old words. Raises: Late."""
-        # Who would say which frame it had read, and says none, has read none of all that were sent.
-        seen = -1 if command.seen is None and command.bound else command.seen
-        age_s = self._told.age_s(seen, time.monotonic()) if seen is not None else 0.0
-        age_s = max(age_s, command.waited_s)
-        if age_s > LATE_S:
-            raise Late(f"{age_s:.1f} s under way")
+        if command.waited_s > LATE_S:
+            raise Late(f"waited {command.waited_s:.1f} s")
 
     def _rgb_led(self, address: str, command: Command) -> None:
         self._refuse_late(command)
@@ -199,8 +166,9 @@ class Gateway:
         self.swarm.clear_history(address)
 
     def _tell_robots(self, request: Request) -> SharedAnswer:
-        reads_frames = self._asked(request)
-        return self._shared("frames" if reads_frames else "robots", lambda: self._list(reads_frames))
+        if self._is_published(request):
+            return self._shared("published", self._published_list)
+        return self._shared("robots", self._list)
 
     def _shared(self, what: str, make: Callable[[], Any]) -> SharedAnswer:
         # Whoever asks thousands of times shall not make us build thousands of lists: the stop of a joystick waits too.
@@ -210,13 +178,14 @@ class Gateway:
             self._lately[what] = (time.monotonic(), told)
         return told
 
-    def _list(self, reads_frames: bool) -> list[dict[str, Any]]:
+    def _published_list(self) -> list[dict[str, Any]]:
+        return vocabulary.tell_robots(self.swarm.robots(), time.time(), OLDER_ANSWER_BYTES, self._answer_bytes - 1024)
+
+    def _list(self) -> list[dict[str, Any]]:
         robots, now_s = self.swarm.robots(), time.time()
-        if not reads_frames:
-            return vocabulary.tell_robots(robots, now_s, OLDER_ANSWER_BYTES, self._answer_bytes - 1024)
         # What has been driven before somebody came is worth a line on the map, not a megabyte in a large swarm.
         trail = min(TRAIL_POINTS, TRAIL_POINTS_IN_ALL // max(1, len(robots)))
-        # Nor are the routes of many: with 64 points each they were nine tenths of the answer, a part for every robot.
+        # Nor are the routes of many: with 64 points each they were nine tenths of the answer.
         with_routes = sum(len(robot.route) for robot in robots) <= ROUTE_POINTS_IN_ALL
         shields = self.shields.in_list(self._frames.number) if self.shields else {}
         walks = self.missions.in_list() if self.missions else {}
@@ -231,7 +200,7 @@ class Gateway:
         ]
 
     def _tell_area(self, request: Request) -> dict[str, Any]:
-        self._asked(request)
+        self._is_published(request)
         return self._area()
 
     def _area(self) -> dict[str, Any]:
@@ -250,15 +219,11 @@ class Gateway:
         """Why its robots do not audit each other, for people who may expect it; or ""."""
         return "" if self.shields else str(getattr(self.swarm, "unprotected", ""))
 
-    def _asked(self, request: Request) -> bool:
-        if not request.client_id:
-            return True  # of a session
-        reads_frames = request.words.get("frames") is True
-        if request.words.get("leaving") is True:
-            self.visitors.left(request.client_id)
-        else:
-            self.visitors.asked(request.client_id, reads_frames, time.monotonic())
-        return reads_frames
+    def _is_published(self, request: Request) -> bool:
+        """Return whether a client of mode qrkey asks, and note that it is there."""
+        if request.client_id:
+            self.visitors.asked(request.client_id, time.monotonic())
+        return bool(request.client_id)
 
     async def _tell(self) -> None:
         due_s = time.monotonic()
@@ -279,25 +244,21 @@ class Gateway:
         watches = [watch for watch in (self.shields, self.missions, self.work, self.drivers) if watch]
         more = {name: told for w in watches for name, told in w.news(self._frames.number, time.monotonic()).items()}
         tick = self._frames.next(robots, time.time(), time.monotonic(), more, held=self.brakes.held)
-        if tick or self._whole:
-            whole = tick.whole if tick else self._frames.nothing(held=self.brakes.held)
-            for tell in self._watchers:
-                tell(whole)
-            for link in self._whole:
-                await self._notify(link, whole)
-        for frame in tick.frames if tick else ():
-            if any([await self._notify(link, frame) for link in self._small]):
-                self._told.sent(frame["data"]["seq"], time.monotonic())
-        if self.visitors.older_pages(time.monotonic()):
-            await self._tell_older_pages(robots, tick)
+        for tell in self._watchers:
+            tell(tick.frame)
+        for link in self._links:
+            if not link.is_published:
+                await self._notify(link, tick.frame)
+        if self.visitors.are_there(time.monotonic()):
+            await self._tell_published(robots, tick)
 
-    async def _tell_older_pages(self, robots: Sequence[Robot], tick: Tick | None) -> None:
+    async def _tell_published(self, robots: Sequence[Robot], tick: Tick) -> None:
         now_s, uptime_s = time.time(), time.monotonic()
-        for robot in tick.joined if tick else ():
+        for robot in tick.joined:
             await self._tell_one(Notice.NEW_ROBOT, vocabulary.tell_robot(robot, now_s, 0))
         stale_s = uptime_s - self._reloaded_at_s
-        # A reload makes every older page ask for everything; once a second is the most they should.
-        if stale_s >= RELOAD_EVERY_S or (tick and (tick.changed or tick.left) and stale_s >= 1):
+        # A reload makes every page ask for everything; once a second is the most they should.
+        if stale_s >= RELOAD_EVERY_S or ((tick.changed or tick.left) and stale_s >= 1):
             self._reloaded_at_s = uptime_s
             await self._tell_one(Notice.RELOAD)
         for _ in range(min(UPDATES_PER_TICK, len(robots))):
@@ -306,13 +267,13 @@ class Gateway:
 
     async def _tell_one(self, notice: Notice, data: dict[str, Any] | None = None) -> None:
         await asyncio.sleep(APART_S)
-        for link in self._small:
-            await self._notify(link, {"cmd": int(notice)} | ({"data": data} if data is not None else {}))
+        for link in self._links:
+            if link.is_published:
+                await self._notify(link, {"cmd": int(notice)} | ({"data": data} if data is not None else {}))
 
-    async def _notify(self, link: Link, payload: dict[str, Any]) -> bool:
+    async def _notify(self, link: Link, payload: dict[str, Any]) -> None:
         try:
-            return await link.notify(payload)
+            await link.notify(payload)
         except UsageError as error:
             # A swarm that tells something unspeakable must not silence all the others.
             log.error("not told: %s", error)  # noqa: TRY400  # the trace says nothing more
-            return False

@@ -17,8 +17,8 @@ class Link(Protocol):
     """
 
     @property
-    def frame_bytes(self) -> int | None:
-        """Return the longest frame that it carries in one piece; None: a tick is one frame."""
+    def is_published(self) -> bool:
+        """Return whether its clients are those of the published packages, which read no state updates."""
 
     @property
     def answer_bytes(self) -> int:

@@ -19,7 +19,7 @@ from phalanx.wire.table import PASS_BY, ROBOT_PLACE, ROUTE_POINT, TURN_DEG
 
 from .vocabulary import MAX_WAYPOINTS
 
-# As JSON: a record's six bytes are eight characters, and this much stands around a piece's records.
+# As JSON: a record's six bytes are eight characters, and this much stands around them.
 RECORD_CHARS = ROBOT_PLACE.size * 4 // 3
 AROUND_CHARS = 56
 # To leave out more takes longer than to begin anew.
@@ -29,7 +29,7 @@ NOWHERE = 1e7  # mm: pages show no robot beyond
 
 
 class Places:
-    """Places to be cut into pieces. `rows` are int64 (robots, 4), by number: number, x and y in mm, whole degrees."""
+    """Places near each other. `rows` are int64 (robots, 4), by number: number, x and y in mm, whole degrees."""
 
     def __init__(self, rows: NDArray[np.int64]) -> None:
         numbers, at = rows[:, 0], rows[:, 1:3]
@@ -42,24 +42,16 @@ class Places:
         self._records["w"] = PASS_BY * TURN_DEG
         self._records["w"][robots] = (skipped % PASS_BY) * TURN_DEG + rows[:, 3] % TURN_DEG
         self._records["x"][robots], self._records["y"][robots] = np.rint((at - self._corner) / self._step_mm).T
-        passed = np.full(len(self._records), PASS_BY)
-        passed[robots] = skipped % PASS_BY + 1
-        self._next = self._first + np.cumsum(passed)
-
-    def __len__(self) -> int:
-        """How many records there are to cut."""
-        return len(self._records)
 
     @property
     def chars(self) -> int:
-        """Return the length of all of it as one piece, at most."""
+        """Return the length as JSON, at most."""
         return AROUND_CHARS + RECORD_CHARS * len(self._records)
 
-    def piece(self, start: int, stop: int) -> list[Any]:
-        """Records `start` to `stop` as one of a frame's `places`: `[number, x, y, step, records]`."""
-        first = int(self._next[start - 1]) if start else self._first
-        records = urlsafe_b64encode(self._records[start:stop].tobytes()).decode()
-        return [first, *self._corner.tolist(), self._step_mm, records]
+    def told(self) -> list[Any]:
+        """Return it as one of a frame's `places`: `[number, x, y, step, records]`."""
+        records = urlsafe_b64encode(self._records.tobytes()).decode()
+        return [self._first, *self._corner.tolist(), self._step_mm, records]
 
 
 def in_places(rows: NDArray[np.int64]) -> list[Places]:

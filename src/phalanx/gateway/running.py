@@ -46,7 +46,7 @@ class Running:
     Args:
         page_url: where visitors find the page.
         link_url: where a page of this machine finds the websocket.
-        shared: mode qrkey, if it is served as well; then its code is the one that is shown.
+        shared: mode qrkey, if it is served as well; with a page of its own its code is the one that is shown.
         broker: that visitors are served at.
         static: the gateway's key, of which the projector's token is derived.
     """
@@ -73,6 +73,7 @@ class Running:
         self.desk.slow["rotate"] = self._rotate
         self._options = options
         self.projector = Projector(self, projector_token(static), options.wifi, unreachable=options.unreachable)
+        self._shown = shared if options.frontend else None
         self._loop = asyncio.get_running_loop()
         self._say = say
         self._started_at_s = time.monotonic()
@@ -89,7 +90,7 @@ class Running:
     @property
     def qr_url(self) -> str:
         """Return what the QR code says now."""
-        return self.shared.qr_url if self.shared else self.desk.code_url
+        return self._shown.qr_url if self._shown else self.desk.code_url
 
     @property
     def connected(self) -> bool:
@@ -128,23 +129,23 @@ class Running:
     def state(self) -> dict[str, Any]:
         """Return everything that the operator's page shows. Has the code in it."""
         now_s, uptime_s = time.time(), time.monotonic()
-        shared, config = self.shared, self.link.config
+        shown, config = self._shown, self.link.config
         robots = self.gateway.swarm.robots()
         names = {robot.address: robot.name for robot in robots}
         link = {vocabulary.Status.ACTIVE: "ok", vocabulary.Status.INACTIVE: "quiet", vocabulary.Status.LOST: "lost"}
         drivers = self.gateway.drivers.in_list()
         door, sessions = self.link.server.door, self.desk.visitors()
         return {
-            "mode": "qrkey" if shared else "session",
+            "mode": "qrkey" if shown else "session",
             "held": self.gateway.brakes.held,
             "page_url": self._options.frontend or self.page_url,
             "projector": f"/projector#token={self.projector.token}",
             "qr_url": self.qr_url,
             "qr_svg": self.desk.qr_svg(self.qr_url),
             "rotates_in_s": round(self._rotates_in_s(), 1),
-            "rotate_s": shared.server.config.rotate_s if shared else config.code_ms / 1000,
-            "overlap_s": shared.server.config.overlap_s if shared else config.code_overlap_ms / 1000,
-            "overlapping": shared.server.overlapping if shared else door.overlaps(now().ms),
+            "rotate_s": shown.server.config.rotate_s if shown else config.code_ms / 1000,
+            "overlap_s": shown.server.config.overlap_s if shown else config.code_overlap_ms / 1000,
+            "overlapping": shown.server.overlapping if shown else door.overlaps(now().ms),
             "uptime_s": round(uptime_s - self._started_at_s, 1),
             "broker": self._broker.state() if self._broker else DIRECT,
             "visitors": self._visitors(sessions, uptime_s),
@@ -173,7 +174,7 @@ class Running:
             "unprotected": self.gateway.unprotected,
             "mission": self.gateway.missions.state() if self.gateway.missions else None,
             "counters": {key: self._count(key) for key in ("commands", "requests", "notifications", "knocks")}
-            | {"reconnects": shared.server.reconnects if shared else 0},
+            | {"reconnects": self.shared.server.reconnects if self.shared else 0},
             "rejected": dict(self.rejected),
         }
 
@@ -206,7 +207,7 @@ class Running:
     async def _rotate(self, _: dict[str, Any]) -> dict[str, Any]:
         """Change the code that is shown now. Raises: Busy: in mode qrkey, while two are accepted."""
         self.desk.do("new_code", {})
-        if self.shared and not await self.shared.server.rotate():
+        if self._shown and not await self._shown.server.rotate():
             raise Busy("the code has just changed; the one before it has to end first")
         return {}
 
@@ -225,7 +226,7 @@ class Running:
                 task.cancel()
 
     def _rotates_in_s(self) -> float:
-        return self.shared.server.rotates_in_s if self.shared else self.link.server.door.left_ms(now().ms) / 1000
+        return self._shown.server.rotates_in_s if self._shown else self.link.server.door.left_ms(now().ms) / 1000
 
     def _count(self, what: str) -> int:
         return self.link.counters[what] + (self.shared.count(what) if self.shared else 0)
@@ -264,7 +265,7 @@ class Running:
 
     def _on_session(self, event: dict[str, Any]) -> None:
         if event["event"] == "rotation":
-            if self.shared:
+            if self._shown:
                 return  # another code is shown
             event = event | {"qr_url": self.qr_url}
         self._say(event)
@@ -278,4 +279,6 @@ class Running:
             return
         if isinstance(said, Rejected):
             self._told[said.reason] = event["count"]
+        if event["event"] == "rotation" and self._shown:
+            event["qr_url"] = self.qr_url
         self._say(event)

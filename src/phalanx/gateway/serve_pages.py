@@ -36,7 +36,7 @@ _POLICY = (
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'; connect-src 'self'"
 )
 VIEW_POLICY = _POLICY
-# They reach the gateway by websocket, and in mode qrkey a broker, wherever it is; 'self' has the swarm's key.
+# They reach the gateway by websocket or by a broker, wherever it is; 'self' has the swarm's key.
 PAGE_POLICY = f"{_POLICY} ws: wss:"
 
 

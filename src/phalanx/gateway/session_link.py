@@ -88,7 +88,7 @@ class SessionLink:
         broker: for visitors who do not reach the front end; invitations name it.
     """
 
-    frame_bytes = None
+    is_published = False
 
     def __init__(
         self,
@@ -302,7 +302,8 @@ class SessionLink:
             self.trail.stops(said.visitor, robot, time.monotonic())
         else:
             self.trail.drives(said.visitor, robot, said.name, time.monotonic())
-        self.say({"event": "command", "address": robot, "name": said.name, "visitor": said.visitor, "by": by})
+        words = {"address": robot, "name": said.name, "payload": payload, "visitor": said.visitor, "by": by}
+        self.say({"event": "command", **words})
 
     def _count_route(self, visitor: int, robot: str, payload: Any) -> None:
         """Raise TooMany for more routes or points than one visitor may send."""

@@ -32,14 +32,14 @@ class SharedCode:
 
     @property
     def qr_url(self) -> str:
-        """Return what its QR code says now."""
+        """Return the link of its code: of the published page, or for programs."""
         qr = self.server.qr()
         return qr.for_foreign_page(self._options.frontend) if self._options.frontend else qr.for_page(self._page_url)
 
     def ready(self) -> dict[str, Any]:
         """Return what the first event says of it. Has the pin in it."""
         return {
-            "qr_url": self.qr_url,
+            "qrkey_url": self.qr_url,
             "pin": self.server.epoch.pin.digits,
             "topic": self.server.epoch.topic,
             "broker_host": self.broker.url.host,
@@ -57,7 +57,7 @@ class SharedCode:
         A rotation has the pin in it.
         """
         if isinstance(said, Epoch):
-            return {"event": "rotation", "pin": said.pin.digits, "topic": said.topic, "qr_url": self.qr_url}
+            return {"event": "rotation", "pin": said.pin.digits, "topic": said.topic, "qrkey_url": self.qr_url}
         if isinstance(said, Command):
             return {"event": "command", "address": said.address, "name": said.name, "payload": said.payload}
         if isinstance(said, Rejected):

@@ -10,9 +10,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-FORGET_AFTER_S = 50.0  # our pages ask every 20 s, and say when they leave
-FORGET_OLDER_AFTER_S = 150.0  # pages that read no frames ask when they are told to reload
-OLDER_PAGES_FOR_S = 600.0
+FORGET_AFTER_S = 150.0  # published pages ask when they are told to reload
+NOTIFIED_FOR_S = 600.0
 LIMIT = 1000
 DRIVES_FOR_S = 0.5  # a joystick speaks ten times a second
 MOST_DRIVERS = 4  # of a robot: a visitor may invent names without end, and all must fit an update
@@ -26,16 +25,15 @@ class Visitor:
 
     client_id: str
     seen_at_s: float
-    forget_at_s: float = 0.0
     requests: int = 0
 
 
 class Visitors:
-    """The visitors of late, and whether one of them reads PyDotBot's older notifications."""
+    """The visitors of late."""
 
     def __init__(self) -> None:
         self._seen: OrderedDict[str, Visitor] = OrderedDict()
-        self._older_until_s = 0.0
+        self._until_s = 0.0
         self._secret = os.urandom(16)
 
     def shown(self, client_id: str) -> str:
@@ -48,31 +46,25 @@ class Visitors:
             return f"phalanx…{client_id[-SHOWN:]}"
         return f"visitor {hmac.new(self._secret, client_id.encode(), 'sha256').hexdigest()[:SHOWN]}"
 
-    def asked(self, client_id: str, reads_frames: bool, uptime_s: float) -> None:
+    def asked(self, client_id: str, uptime_s: float) -> None:
         """A request was heard."""
         visitor = self._seen.pop(client_id, None) or Visitor(client_id, uptime_s)
         visitor.seen_at_s = uptime_s
-        visitor.forget_at_s = uptime_s + (FORGET_AFTER_S if reads_frames else FORGET_OLDER_AFTER_S)
         visitor.requests += 1
         self._seen[client_id] = visitor
         if len(self._seen) > LIMIT:  # a visitor may invent ids without end
             self._seen.popitem(last=False)
-        if not reads_frames:
-            self._older_until_s = uptime_s + OLDER_PAGES_FOR_S
-
-    def left(self, client_id: str) -> None:
-        """A visitor said that they go."""
-        self._seen.pop(client_id, None)
+        self._until_s = uptime_s + NOTIFIED_FOR_S
 
     def present(self, uptime_s: float) -> list[Visitor]:
         """Those seen lately, the latest first."""
-        for gone in [v.client_id for v in self._seen.values() if v.forget_at_s < uptime_s]:
+        for gone in [v.client_id for v in self._seen.values() if v.seen_at_s + FORGET_AFTER_S < uptime_s]:
             del self._seen[gone]
         return list(reversed(self._seen.values()))
 
-    def older_pages(self, uptime_s: float) -> bool:
-        """Whether notifications 1, 2 and 4 are worth sending."""
-        return uptime_s < self._older_until_s
+    def are_there(self, uptime_s: float) -> bool:
+        """Return whether notifications are worth sending."""
+        return uptime_s < self._until_s
 
 
 class Drivers:
@@ -88,7 +80,7 @@ class Drivers:
         self._told: dict[str, list[str]] = {}
 
     def drives(self, address: str, by: str, uptime_s: float) -> None:
-        """A joystick's command was heard; `by` is what its page calls itself."""
+        """A joystick's command was heard; `by` is a nickname, or "" in mode qrkey."""
         drivers = self._until.setdefault(address, {})
         if by in drivers or len(drivers) < MOST_DRIVERS:
             drivers[by] = uptime_s + DRIVES_FOR_S

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -25,7 +24,6 @@ REQUEST_WALLS = 2
 REQUEST_LIT = 3
 # Over a session.
 REQUEST_NAMES = {REQUEST_ROBOTS: "robots", REQUEST_AREA: "area", REQUEST_WALLS: "walls", REQUEST_LIT: "lit"}
-DRIVER = re.compile(r"[0-9a-z]{1,8}")
 WHEEL_LIMIT = 128  # what a signed byte holds
 MAX_WAYPOINTS = 64
 THRESHOLD_MM = (1, 1000)
@@ -53,11 +51,10 @@ class Status(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class MoveRaw:
-    """Wheels, -100..100 percent, and what the page that drives calls itself; "" if it does not say."""
+    """Wheels, -100..100 percent."""
 
     left_pct: int
     right_pct: int
-    by: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +69,7 @@ def parse_move_raw(payload: Any) -> MoveRaw:
     """Wheel commands of a joystick. Raises: BadPayload."""
     left, right = (_number(payload, key, -WHEEL_LIMIT, WHEEL_LIMIT) for key in ("left_y", "right_y"))
     left_pct, right_pct = (max(-100, min(100, round(value))) for value in (left, right))
-    by = payload.get("by")
-    return MoveRaw(left_pct, right_pct, by if isinstance(by, str) and DRIVER.fullmatch(by) else "")
+    return MoveRaw(left_pct, right_pct)
 
 
 def parse_rgb_led(payload: Any) -> Led:

@@ -15,12 +15,9 @@ from phalanx.errors import BadPayload, PeerError, UsageError, WrongTopic
 
 from .envelope import encode_to_send, open_envelope, seal
 from .messages import Moved, Notification, Publish, Rejected, Reply, Subscribe, Unsubscribe
-from .parts import MAX_PART_BYTES, PartsInbox
 from .pin import Epoch, Pin, derive_epoch
 from .replay import ReplayCache
-from .topics import CommandTopic, ReplyTopic, SubTopic, below_epoch, full_topic, split_topic
-
-FRAME = 16  # the notification of a gateway that is numbered
+from .topics import CommandTopic, ReplyTopic, SubTopic, full_topic, split_topic
 
 
 class ClientSide:
@@ -42,15 +39,8 @@ class ClientSide:
         self.rejected: Counter[str] = Counter()
         self._random_bytes = random_bytes
         self._cache = ReplayCache(config.replay_capacity, config.tolerance_s)
-        self._inbox = PartsInbox()
         self.epoch = derive_epoch(pin)
-        self._seen: int | None = None
         self._left: Epoch | None = None  # the last epoch in which something was heard, if nothing was in this one
-
-    @property
-    def has_seen(self) -> bool:
-        """Whether a frame was read: a gateway refuses commands until then."""
-        return self._seen is not None
 
     def subscriptions(self) -> tuple[str, ...]:
         """Every topic to be subscribed to now."""
@@ -75,7 +65,7 @@ class ClientSide:
 
     def request(self, number: int, now_s: float, **words: Any) -> Publish:
         """A request; the answer comes as a `Reply` of the same number. Raises: UsageError: more than a server reads."""
-        return self._publish("request", {"request": number, "reply": self.client_id, "parts": True, **words}, now_s)
+        return self._publish("request", {"request": number, "reply": self.client_id, **words}, now_s)
 
     def fall_back(self, asked: Epoch) -> Moved | None:
         """Go back to the last epoch if nobody speaks in this one; for a client that `asked` there and got no answer.
@@ -103,9 +93,8 @@ class ClientSide:
         if isinstance(opened, Pin):
             return self._move(opened)
         if sub == "notify":
-            self._seen = _frame_number(opened.payload, self._seen)
             return Notification(opened.payload, opened.timestamp_s)
-        return self._parse_reply(opened.payload, len(token))
+        return _parse_reply(opened.payload)
 
     def _move(self, pin: Pin) -> Moved:
         # Whoever has the pin can forge this (docs/explanation/threat-model.md): the mode has no key that only
@@ -123,26 +112,15 @@ class ClientSide:
 
     def _publish(self, sub: SubTopic, payload: Any, now_s: float) -> Publish:
         limit = self.config.max_to_server_bytes
-        plaintext = encode_to_send(payload, now_s, limit, "servers", below_epoch(sub), self._seen)
+        plaintext = encode_to_send(payload, now_s, limit, "servers")
         token = seal(plaintext, self.epoch, self._random_bytes(IV_BYTES))
         return Publish(full_topic(self.config.root, self.epoch.topic, sub), token)
 
-    def _parse_reply(self, payload: Any, sealed_bytes: int) -> Reply:
-        if not isinstance(payload, dict):
-            raise BadPayload("a reply is an object")
-        number = payload.get("request")
-        if isinstance(number, bool) or not isinstance(number, int) or "data" not in payload:
-            raise BadPayload("a reply has a request number and data")
-        if "parts" not in payload:
-            return Reply(number, payload["data"])
-        if sealed_bytes > MAX_PART_BYTES:
-            raise BadPayload("a part that should have been split")
-        whole = self._inbox.take(number, payload)
-        return Reply(number, whole, is_whole=whole is not None)
 
-
-def _frame_number(payload: Any, before: int | None) -> int | None:
-    """The number of this frame; `before` if it is none. Source: docs/spec/vocabulary.md."""
-    data = payload.get("data") if isinstance(payload, dict) and payload.get("cmd") == FRAME else None
-    number = data.get("seq") if isinstance(data, dict) else None
-    return number if type(number) is int and 0 <= number < 1 << 53 else before
+def _parse_reply(payload: Any) -> Reply:
+    if not isinstance(payload, dict):
+        raise BadPayload("a reply is an object")
+    number = payload.get("request")
+    if isinstance(number, bool) or not isinstance(number, int) or "data" not in payload:
+        raise BadPayload("a reply has a request number and data")
+    return Reply(number, payload["data"])

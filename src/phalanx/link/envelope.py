@@ -21,12 +21,10 @@ PIN_MESSAGE_CMD = 255
 
 @dataclass(frozen=True, slots=True)
 class Envelope:
-    """An authentic, fresh message that was not seen before. Published peers neither say nor read `sub` and `seen`."""
+    """An authentic, fresh message that was not seen before."""
 
     timestamp_s: float
     payload: Any
-    sub: str | None  # topic below the epoch that it was sealed for
-    seen: int | None  # number of the last frame that its sender had read
 
 
 def encode_json(value: Any) -> bytes:
@@ -42,18 +40,15 @@ def decode_json(raw: bytes) -> Any:
         raise BadPayload("not JSON") from error
 
 
-def encode_envelope(payload: Any, now_s: float, sub: str | None = None, seen: int | None = None) -> bytes:
+def encode_envelope(payload: Any, now_s: float) -> bytes:
     """Return the plaintext of an envelope. Raises: ValueError, TypeError: the payload is not JSON (NaN included)."""
-    words = {"sub": sub, "seen": seen}
-    return encode_json({"timestamp": now_s, "payload": payload, **{k: v for k, v in words.items() if v is not None}})
+    return encode_json({"timestamp": now_s, "payload": payload})
 
 
-def encode_to_send(
-    payload: Any, now_s: float, max_bytes: int, readers: str, sub: str | None = None, seen: int | None = None
-) -> bytes:
+def encode_to_send(payload: Any, now_s: float, max_bytes: int, readers: str) -> bytes:
     """Return an envelope's plaintext. Raises: UsageError: not JSON, or more than `max_bytes`, which `readers` read."""
     try:
-        plaintext = encode_envelope(payload, now_s, sub, seen)
+        plaintext = encode_envelope(payload, now_s)
     except (TypeError, ValueError, RecursionError) as error:
         raise UsageError(f"payload is not JSON: {error}") from error
     if len(plaintext) > max_bytes:
@@ -88,9 +83,8 @@ def open_envelope(
         timestamp_s = _timestamp(words)
         if "payload" not in words:
             raise MalformedEnvelope("no payload")
-        sub, seen = _bound(words)
         cache.enter(epoch.topic, iv, timestamp_s, now_s)
-        return Envelope(timestamp_s, words["payload"], sub, seen)
+        return Envelope(timestamp_s, words["payload"])
     except PeerError as error:
         raise OpenError(error) from error
 
@@ -138,15 +132,6 @@ def _timestamp(words: dict[str, Any]) -> float:
         return float(value)
     except OverflowError as error:
         raise MalformedEnvelope("timestamp is not finite") from error
-
-
-def _bound(words: dict[str, Any]) -> tuple[str | None, int | None]:
-    sub, seen = words.get("sub"), words.get("seen")
-    if not (sub is None or isinstance(sub, str)):
-        raise MalformedEnvelope("sealed for a topic that is none")
-    if seen is not None and (isinstance(seen, bool) or not isinstance(seen, int) or not 0 <= seen < 1 << 53):
-        raise MalformedEnvelope("the number of a frame is a whole number")
-    return sub, seen
 
 
 def _announced_pin(words: dict[str, Any]) -> Pin:

@@ -45,11 +45,7 @@ class Command:
 
     topic: CommandTopic
     payload: Any = field(repr=False)
-    seen: int | None = field(default=None, compare=False)  # last frame that its sender had read, if it says so
     waited_s: float = field(default=0.0, compare=False)  # unread, on this side
-    bound: bool = field(
-        default=False, compare=False
-    )  # sealed for its topic, as clients do that say what they have seen
     by: str | None = field(default=None, compare=False)  # nickname of its visitor, which a session proves
     is_stop: bool = False  # it stops the robot, whatever the payload says
 
@@ -66,7 +62,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """A visitor's request. `words` is the whole payload, for extensions such as `frames`; it came in `size` bytes.
+    """A visitor's request. `words` is the whole payload; it came in `size` bytes.
 
     Over a session there is no `client_id`: its visitor is known.
     """
@@ -85,8 +81,8 @@ class SharedAnswer:
     """
 
     data: Any = field(repr=False)
-    # By number, and whether in parts. Only the server's side writes here.
-    plaintexts: dict[tuple[int, bool], tuple[bytes, ...]] = field(default_factory=dict, repr=False, compare=False)
+    # By number. Only the server's side writes here.
+    plaintexts: dict[int, bytes] = field(default_factory=dict, repr=False, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,11 +102,10 @@ class Notification:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """The answer to a request of ours; before it may come parts of it, without data. Source: docs/adr/0009."""
+    """The answer to a request of ours."""
 
     number: int
     data: Any = field(repr=False)
-    is_whole: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,15 +14,14 @@ from typing import Any
 
 from phalanx.config import LinkConfig
 from phalanx.crypto import IV_BYTES
-from phalanx.errors import BadPayload, PeerError, UsageError, WrongTopic
+from phalanx.errors import BadPayload, PeerError, WrongTopic
 
 from .envelope import Envelope, encode_pin_message, encode_to_send, open_envelope, seal
 from .messages import Ask, Command, Knock, Publish, Rejected, Request, SharedAnswer, Subscribe, Unsubscribe
-from .parts import split_list
 from .pin import Epoch, Pin, derive_epoch, new_pin
 from .replay import ReplayCache
 from .rotation import Act, Event, State, step
-from .topics import CLIENT_ID, CommandTopic, ReplyTopic, SubTopic, below_epoch, command_filter, full_topic, split_topic
+from .topics import CLIENT_ID, CommandTopic, ReplyTopic, SubTopic, command_filter, full_topic, split_topic
 
 
 class ServerSide:
@@ -42,7 +41,6 @@ class ServerSide:
         self._cache = ReplayCache(config.replay_capacity, config.tolerance_s)
         self.epoch = derive_epoch(pin or new_pin(config.pin_digits, random_bytes))  # what a QR code shows
         self._old: Epoch | None = None
-        self._answers = 0
         self.rotated_at_s = uptime_s  # when the current epoch began
         self._knocked_at_s = -config.knock_gap_s
 
@@ -76,31 +74,17 @@ class ServerSide:
     def reply(self, request: Request, data: Any, now_s: float) -> tuple[Publish, ...]:
         """The answer to `request`, on every live epoch: the visitor may be moving from one to the next.
 
-        A list goes in parts to a client that reads parts. What is shared by many is made JSON once.
+        What is shared by many is made JSON once.
 
         Raises: UsageError: the data is not JSON, or more than a client reads.
-        Source: docs/spec/link.md; docs/adr/0009.
+        Source: docs/spec/link.md.
         """
         shared = data if isinstance(data, SharedAnswer) else SharedAnswer(data)
-        how = request.number, request.words.get("parts") is True
-        plaintexts = shared.plaintexts.get(how)
-        if plaintexts is None:
-            plaintexts = shared.plaintexts[how] = self._answer(*how, shared.data, now_s)
-        to = ReplyTopic(request.client_id)
-        return tuple(publish for plaintext in plaintexts for publish in self._sealed(to, plaintext))
-
-    def _answer(self, number: int, in_parts: bool, data: Any, now_s: float) -> tuple[bytes, ...]:
-        pieces = [data]
-        if in_parts and isinstance(data, list):
-            try:
-                pieces = split_list(data, self.config.part_plaintext_bytes)
-            except (TypeError, ValueError, RecursionError) as error:
-                raise UsageError(f"answer is not JSON: {error}") from error
-        if len(pieces) == 1:
-            return (self._plaintext({"request": number, "data": data}, now_s),)
-        self._answers += 1
-        words = {"request": number, "answer": self._answers, "parts": len(pieces)}
-        return tuple(self._plaintext(words | {"data": piece, "part": i}, now_s) for i, piece in enumerate(pieces))
+        plaintext = shared.plaintexts.get(request.number)
+        if plaintext is None:
+            plaintext = self._plaintext({"request": request.number, "data": shared.data}, now_s)
+            shared.plaintexts[request.number] = plaintext
+        return self._sealed(ReplyTopic(request.client_id), plaintext)
 
     def advance(self, uptime_s: float) -> tuple[Ask, ...]:
         """Rotate, or end an overlap, if it is due."""
@@ -134,12 +118,10 @@ class ServerSide:
         epoch, sub = self._locate(topic)
         opened = open_envelope(token, epoch, now_s, self._cache, self.config.max_to_server_bytes)
         assert isinstance(opened, Envelope)
-        if opened.sub not in (None, below_epoch(sub)):
-            raise WrongTopic("sealed for another topic")
         if epoch not in self.live_epochs():
             return self._knock(uptime_s)
         if isinstance(sub, CommandTopic):
-            return Command(sub, opened.payload, opened.seen, bound=opened.sub is not None)
+            return Command(sub, opened.payload)
         return _parse_request(opened.payload, len(token))
 
     def _locate(self, topic: str) -> tuple[Epoch, SubTopic]:

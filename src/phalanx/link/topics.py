@@ -53,16 +53,13 @@ SubTopic = CommandTopic | ReplyTopic | Literal["request", "notify"]
 
 def full_topic(root: str, epoch_topic: str, sub: SubTopic) -> str:
     """The topic on the broker: root, the epoch's topic, and what it is about."""
-    return f"{root}/{epoch_topic}/{below_epoch(sub)}"
-
-
-def below_epoch(sub: SubTopic) -> str:
-    """The part of a topic that says what it is about."""
-    if isinstance(sub, CommandTopic):
-        return f"command/{SWARM}/{sub.address}/{sub.application}/{sub.name}"
-    if isinstance(sub, ReplyTopic):
-        return f"reply/{sub.client_id}"
-    return sub
+    match sub:
+        case CommandTopic(address, application, name):
+            return f"{root}/{epoch_topic}/command/{SWARM}/{address}/{application}/{name}"
+        case ReplyTopic(client_id):
+            return f"{root}/{epoch_topic}/reply/{client_id}"
+        case word:
+            return f"{root}/{epoch_topic}/{word}"
 
 
 def command_filter(root: str, epoch_topic: str) -> str:

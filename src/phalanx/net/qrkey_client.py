@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
 import os
 import random
@@ -28,7 +27,6 @@ log = logging.getLogger(__name__)
 UNREAD, UNREAD_BYTES = 256, 4 * 1024 * 1024
 # A request without an answer is sent again: so a client that slept through a rotation finds its way (ADR 0004).
 ASK_AGAIN_S = 1.5
-FIRST_FRAME_S = 1.0  # a gateway sends one every 300 ms at least; other servers may send none
 
 
 class QrkeyClient:
@@ -67,14 +65,10 @@ class QrkeyClient:
         self._link: Connection | None = None
         self._running: asyncio.Task[None] | None = None
         self._waiting: dict[int, list[asyncio.Future[Any]]] = {}
-        self._part_at_s: dict[int, float] = {}
         self._unread: asyncio.Queue[tuple[Any, int]] = asyncio.Queue()
         self._unread_bytes = 0
         self.dropped = 0  # notifications that nobody read in time
         self.moves = 0
-        self._waits_since_s = 0.0  # for a first frame
-        self._heard = False
-        self._framed = asyncio.Event()
 
     @property
     def rejected(self) -> dict[str, int]:
@@ -109,7 +103,6 @@ class QrkeyClient:
             if isinstance(error, TimeoutError):
                 raise Unavailable(str(error), "is the swarm up, and does this machine reach it?") from error
             raise
-        self._waits_since_s = time.monotonic()
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -117,24 +110,13 @@ class QrkeyClient:
         self._running.cancel()
         await asyncio.gather(self._running, return_exceptions=True)
 
-    async def command(
-        self, address: str, name: str, payload: Any, application: str = "0", *, at_once: bool = False
-    ) -> bool:
+    async def command(self, address: str, name: str, payload: Any, application: str = "0") -> bool:
         """Send a command to one robot; false if the broker is away. Nobody confirms that it arrived (QoS 0).
-
-        The first waits for a frame, as long as one may take since the swarm was first heard, unless it is to go
-        `at_once`.
 
         Raises: UsageError: not entered; not JSON, or more than a server reads. WrongTopic: not an address or name.
         Source: Qrkey Table I.
         """
         link = self._entered()
-        if (
-            not (at_once or self._side.has_seen)
-            and (left_s := self._waits_since_s + FIRST_FRAME_S - time.monotonic()) > 0
-        ):
-            with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._framed.wait(), left_s)
         return await link.send((self._side.command(CommandTopic(address, application, name), payload, self._clock()),))
 
     async def request(self, number: int, *, timeout_s: float = 10.0, **words: Any) -> Any:
@@ -146,15 +128,11 @@ class QrkeyClient:
         link = self._entered()
         answer: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
         self._waiting.setdefault(number, []).append(answer)
-        deadline, asked = time.monotonic() + timeout_s, self._side.epoch
-        # Parts that came before belong to an answer of before.
-        self._part_at_s.pop(number, None)
+        deadline = time.monotonic() + timeout_s
         try:
             while (left_s := deadline - time.monotonic()) > 0:
-                # While parts of the answer are coming, asking again would only make the queue longer.
-                if time.monotonic() - self._part_at_s.get(number, -ASK_AGAIN_S) >= ASK_AGAIN_S:
-                    asked = self._side.epoch
-                    await link.send((self._side.request(number, self._clock(), **words),))
+                asked = self._side.epoch
+                await link.send((self._side.request(number, self._clock(), **words),))
                 # Many clients that lost one broker shall not all ask in the moment in which it is back.
                 wait_s = ASK_AGAIN_S * random.uniform(0.75, 1.25)  # noqa: S311  # spreads, hides nothing
                 done, _ = await asyncio.wait((answer,), timeout=min(wait_s, left_s))
@@ -200,11 +178,7 @@ class QrkeyClient:
             await self._entered().send(said.asks)
             return
         self.skew_s = None
-        if not self._heard:  # a swarm that was away when we came has only now begun to send frames
-            self._heard, self._waits_since_s = True, time.monotonic()
         if isinstance(said, Notification):
-            if self._side.has_seen:
-                self._framed.set()
             self._keep(said.payload, len(token))
         else:
             self._on_answer(said)
@@ -217,11 +191,6 @@ class QrkeyClient:
             self.dropped += 1
 
     def _on_answer(self, said: Reply) -> None:
-        if said.number not in self._waiting:
-            return
-        if not said.is_whole:
-            self._part_at_s[said.number] = time.monotonic()
-            return
-        for answer in self._waiting[said.number]:
+        for answer in self._waiting.get(said.number, ()):
             if not answer.done():
                 answer.set_result(said.data)

@@ -129,10 +129,7 @@ class Server:
         """Refused messages by reason."""
         return self._side.rejected + Counter(overrun=self._link.overruns if self._link else 0)
 
-    @property
-    def frame_bytes(self) -> int:
-        """Return the longest frame, as JSON, that makes one small message."""
-        return self.config.part_plaintext_bytes
+    is_published = True
 
     @property
     def answer_bytes(self) -> int:

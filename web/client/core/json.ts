@@ -1,6 +1,6 @@
 // JSON from a peer: parsed strictly, and typed so that nothing inside is used before it was looked at.
 
-import { MalformedEnvelope } from "./errors";
+import { BadPayload } from "./errors";
 
 export type Json = null | boolean | number | string | readonly Json[] | JsonObject;
 export interface JsonObject {
@@ -13,7 +13,7 @@ const DEEPEST = 200;
 // ignoreBOM keeps the mark in the text, where JSON.parse refuses it, as other languages' parsers do.
 const utf8 = new TextDecoder("utf-8", { fatal: true, ignoreBOM: true });
 
-/** The value in `plaintext`. @throws MalformedEnvelope: not UTF-8, not JSON, nested too deep. */
+/** The value in `plaintext`. @throws BadPayload: not UTF-8, not JSON, nested too deep. */
 export function parseJson(plaintext: Uint8Array): Json {
   try {
     const text = utf8.decode(plaintext);
@@ -21,24 +21,12 @@ export function parseJson(plaintext: Uint8Array): Json {
     return JSON.parse(text) as Json;
   } catch {
     // JSON.parse quotes what it read: that message must not travel on.
-    throw new MalformedEnvelope("not JSON");
+    throw new BadPayload("not JSON");
   }
-}
-
-/** The object in `plaintext`. @throws MalformedEnvelope: as above, or not an object. */
-export function parseObject(plaintext: Uint8Array): JsonObject {
-  const value = parseJson(plaintext);
-  if (!isObject(value)) throw new MalformedEnvelope("not a JSON object");
-  return value;
 }
 
 export function isObject(value: unknown): value is JsonObject {
   return typeof value === "object" && value !== null && !Array.isArray(value);
-}
-
-/** A key of the object itself: `in` would also find what JavaScript gives every object. */
-export function has(object: JsonObject, key: string): boolean {
-  return Object.hasOwn(object, key);
 }
 
 /** Whatever else is wrong JSON.parse finds; but it would go too deep, and of two values of one key take the last. */
@@ -60,12 +48,12 @@ function refuseDepthAndTwins(text: string): void {
       from = i;
     } else if (code === 0x5b || code === 0x7b) {
       open.push(new Set());
-      if (open.length > DEEPEST) throw new MalformedEnvelope("nested too deep");
+      if (open.length > DEEPEST) throw new BadPayload("nested too deep");
     } else if (code === 0x5d || code === 0x7d) open.pop();
     else if (code === 0x3a) {
       const key = word.includes("\\") ? String(JSON.parse(word)) : word.slice(1, -1);
       const keys = open.at(-1);
-      if (keys?.has(key)) throw new MalformedEnvelope("a key twice");
+      if (keys?.has(key)) throw new BadPayload("a key twice");
       keys?.add(key);
     }
   }

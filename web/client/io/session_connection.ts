@@ -4,7 +4,7 @@
 
 import { bytesToHex, randomBytes, utf8ToBytes } from "@noble/hashes/utils.js";
 import { PeerError, UsageError } from "../core/errors";
-import { type Json, type JsonObject, parseJson } from "../core/json";
+import { type Json, parseJson } from "../core/json";
 import { type Command, type Reason, type Secret, Session, type SessionEvent, type Where } from "../session";
 import { NO_VISIT, type OverReason, type Visit } from "../visit";
 import type { BrokerState } from "../watch";
@@ -38,7 +38,6 @@ const REFUSALS = 2;
 const SHORT_BYTES = 64;
 
 export class SessionConnection implements Transport {
-  readonly isPaced = true;
   readonly #to: SessionTo;
   readonly #store: ResumeStore;
   readonly #listeners = new Set<(event: TransportEvent) => void>();
@@ -76,10 +75,6 @@ export class SessionConnection implements Transport {
     this.#connect();
   }
 
-  get name(): string {
-    return this.#visit.name;
-  }
-
   get state(): BrokerState {
     return this.#state;
   }
@@ -98,7 +93,7 @@ export class SessionConnection implements Transport {
     return () => this.#listeners.delete(listener);
   }
 
-  command(address: string, _application: string, name: string, payload: unknown): boolean {
+  command(address: string, name: string, payload: unknown): boolean {
     if (this.#session?.hasSeen !== true || !this.#session.isJoined) return false;
     const stop = name === "move_raw" && isRest(payload);
     const command = { robot: address, name, payload: utf8ToBytes(JSON.stringify(payload)), stop };
@@ -113,7 +108,7 @@ export class SessionConnection implements Transport {
     return true;
   }
 
-  request(request: number, _more?: JsonObject, timeout_ms = 3000): Promise<Json> {
+  request(request: number, timeout_ms = 3000): Promise<Json> {
     const name = REQUESTS[request];
     if (name === undefined) throw new UsageError(`no request ${request}`);
     return this.#ask(name, new Uint8Array(0), timeout_ms, request);
@@ -314,7 +309,7 @@ export class SessionConnection implements Transport {
         if (event.standing.robot !== "") this.#beat.start();
         return;
       case "updated":
-        this.#read(event.state, (payload) => this.#emit({ kind: "notified", timestamp_s: 0, payload }));
+        this.#read(event.state, (payload) => this.#emit({ kind: "notified", payload }));
         return;
       case "replied":
         this.#read(event.payload, (data) => this.#reply(event.number, data));
@@ -341,7 +336,7 @@ export class SessionConnection implements Transport {
     if (waiting === undefined) return;
     waiting.resolve(data);
     const { request } = waiting;
-    if (request !== undefined) this.#emit({ kind: "replied", timestamp_s: 0, request, data });
+    if (request !== undefined) this.#emit({ kind: "replied", request, data });
   }
 
   #refused(number: number, reason: Reason): void {

@@ -1,6 +1,6 @@
 // A connection that keeps the swarm's state: it asks when it must, and tells listeners when something changed.
 
-import type { Json, JsonObject } from "../core/json";
+import type { Json } from "../core/json";
 import { Lately } from "../lately";
 import {
   NO_SWARM,
@@ -20,7 +20,6 @@ import type { Transport, TransportEvent } from "./transport";
 export interface SwarmView {
   readonly swarm: Swarm;
   readonly health: Health;
-  /** Of a session; else it says nothing. */
   readonly visit: Visit;
 }
 
@@ -34,7 +33,7 @@ export interface SwarmSource {
 const TICK_MS = 100;
 /** A swarm answers well within this, if the connection still carries anything. */
 const WAKE_MS = 3000;
-/** Walls are told once; in many parts, where there are many. */
+/** Walls are told once. */
 const WALLS_AGAIN_MS = 5000;
 // What was on its way when the network went comes within so long.
 const NETWORK_LAG_MS = 2000;
@@ -66,28 +65,21 @@ export class SwarmLink<T extends Transport = Transport> implements SwarmSource {
     return this.#view;
   }
 
-  /** What the gateway tells other visitors of us, when we drive. */
-  get name(): string {
-    return this.transport.name;
-  }
-
   subscribe(listener: () => void): () => void {
     this.#listeners.add(listener);
     return () => this.#listeners.delete(listener);
   }
 
-  /** Send one robot a command, unless the broker is away: then false, and nothing is kept for later. */
+  /** Send one robot a command, unless the swarm is away: then false, and nothing is kept for later. */
   command(address: string, name: string, payload: unknown): boolean {
-    const application = this.#view.swarm.robots.get(address)?.application ?? "0";
-    const sent = this.transport.command(address, application, name, payload);
+    const sent = this.transport.command(address, name, payload);
     if (sent && name === "clear_position_history") this.#reduce({ kind: "history_cleared", address });
     return sent;
   }
 
   /** The data of the answer. @throws Unanswered (the promise) */
-  request(request: number, more: JsonObject = {}, timeout_ms?: number): Promise<Json> {
-    // Without the word a gateway would take us for an older page, and begin to notify every robot by itself.
-    return this.transport.request(request, { frames: true, ...more }, timeout_ms);
+  request(request: number, timeout_ms?: number): Promise<Json> {
+    return this.transport.request(request, timeout_ms);
   }
 
   /**
@@ -136,17 +128,6 @@ export class SwarmLink<T extends Transport = Transport> implements SwarmSource {
         this.#tick();
         return;
       case "rejected":
-        if (event.skew_s !== undefined) this.#watch.stale(event.skew_s, now_ms);
-        return;
-      case "moved":
-        this.#watch.heard(now_ms);
-        // Whatever the swarm said between our leaving the old topics and reaching the new ones.
-        this.#watch.missed(now_ms, Math.random());
-        return;
-      case "part":
-        this.#watch.heard(now_ms);
-        // Asking again before the last part is here would only make the queue longer.
-        if (event.request === REQUEST_ROBOTS) this.#watch.answering(now_ms);
         return;
       default:
         this.#watch.heard(now_ms);
@@ -180,8 +161,6 @@ export class SwarmLink<T extends Transport = Transport> implements SwarmSource {
       this.#ask(REQUEST_ROBOTS);
       if (!this.#view.swarm.areaTold) this.#ask(REQUEST_AREA);
       if (this.#view.swarm.missions) this.#ask(REQUEST_LIT);
-    } else if (this.#watch.presenceDue(now_ms)) {
-      this.#ask(REQUEST_AREA);
     }
     this.#askForWalls(now_ms);
     const health = this.#watch.health(now_ms, this.#hasNetwork(now_ms));

@@ -1,30 +1,28 @@
-// What carries a swarm's words to its visitors and back: a session on a websocket, or a broker with a shared key.
+// What carries a swarm's words to its visitors and back: a session, on a websocket or a broker.
 
-import type { Json, JsonObject } from "../core/json";
-import type { LinkEvent } from "../core/link";
+import type { Json } from "../core/json";
 import type { Reason } from "../session";
 import type { Visit } from "../visit";
 import type { BrokerState } from "../watch";
 
 export type TransportEvent =
-  | LinkEvent
+  /** A state update, for everybody. */
+  | { readonly kind: "notified"; readonly payload: Json }
+  | { readonly kind: "replied"; readonly request: number; readonly data: Json }
+  /** Refused, and without effect. */
+  | { readonly kind: "rejected"; readonly reason: string }
   | { readonly kind: "broker"; readonly state: BrokerState }
   | { readonly kind: "visit"; readonly visit: Visit };
 
 export interface Transport {
-  /** What the gateway calls us when we drive. */
-  readonly name: string;
   readonly state: BrokerState;
-  /** Of a session. */
   readonly visit: Visit;
-  /** Commands wait for the slots of a constant rate, so that each change may be said as soon as it is there. */
-  readonly isPaced: boolean;
   /** Be told of everything that happens; the result ends it. */
   listen(listener: (event: TransportEvent) => void): () => void;
   /** Send a command, or false: then nothing is kept for later. */
-  command(address: string, application: string, name: string, payload: unknown): boolean;
+  command(address: string, name: string, payload: unknown): boolean;
   /** The data of the answer. @throws Unanswered (the promise) */
-  request(request: number, more?: JsonObject, timeout_ms?: number): Promise<Json>;
+  request(request: number, timeout_ms?: number): Promise<Json>;
   /** The device woke up, or has a network again. */
   wake(): void;
   /** The page is not seen any more, and may be frozen: say at once what must not wait. */

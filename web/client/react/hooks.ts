@@ -1,7 +1,7 @@
 // The link as React hooks.
 
 import { useCallback, useEffect, useState, useSyncExternalStore } from "react";
-import type { Json, JsonObject } from "../core/json";
+import type { Json } from "../core/json";
 import { SwarmLink, type SwarmSource, type SwarmView } from "../io/swarm_link";
 import type { Transport } from "../io/transport";
 import { NO_SWARM } from "../swarm";
@@ -88,9 +88,9 @@ export function useCommand(
 /** A function that asks, and promises the data of the answer. */
 export function useRequest(
   link: SwarmLink | undefined,
-): (request: number, more?: JsonObject, timeout_ms?: number) => Promise<Json> {
+): (request: number, timeout_ms?: number) => Promise<Json> {
   return useCallback(
-    (request, more, timeout_ms) => link?.request(request, more, timeout_ms) ?? Promise.reject(new Error("no link")),
+    (request, timeout_ms) => link?.request(request, timeout_ms) ?? Promise.reject(new Error("no link")),
     [link],
   );
 }

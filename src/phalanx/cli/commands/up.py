@@ -130,8 +130,9 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 @options.login_option
 @option(
     "--qrkey",
-    help="Serve published pages and programs at the broker, too: all who have one code share it. For this mode are the"
-    " options below, but --root, --wait, --duration and --events.",
+    help="Serve published pages and programs at the broker, too: all who have one code share it. The code that is shown"
+    " stays the sessions', unless --frontend names a page. For this mode are the options below, but --root, --wait,"
+    " --duration and --events.",
     is_flag=True,
 )
 @options.link_options
