@@ -181,9 +181,8 @@ static int asked(phx_line *line, phx_snode *s, phx_anode *a, phx_seals *seals, w
                     PHX_MAC_BYTES);
     case PHX_CALL_CHECK_TOKEN:
         return phx_anode_check_token(a, get16(call + PHX_CALL_CHECK_TOKEN_AUDITOR),
-                                     get16(call + PHX_CALL_CHECK_TOKEN_AUDITEE),
-                                     phx_get32(call + PHX_CALL_CHECK_TOKEN_T), call + PHX_CALL_CHECK_TOKEN_HCKPT,
-                                     call + PHX_CALL_CHECK_TOKEN_MAC);
+                    get16(call + PHX_CALL_CHECK_TOKEN_AUDITEE), phx_get32(call + PHX_CALL_CHECK_TOKEN_T),
+                    call + PHX_CALL_CHECK_TOKEN_HCKPT, call + PHX_CALL_CHECK_TOKEN_MAC);
     case PHX_CALL_INSTALL_TOKEN:
         return phx_anode_install_token(a, w->now, get16(call + PHX_CALL_INSTALL_TOKEN_AUDITOR),
                                        phx_get32(call + PHX_CALL_INSTALL_TOKEN_T),
