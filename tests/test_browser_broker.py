@@ -27,7 +27,7 @@ def test_a_phone_joins_by_a_broker_drives_stops_resumes_and_is_removed(browser, 
             join(page, ready["qr_url"], "Grace")
             assert badge(page, "live") == "Live · 6 robots"
             assert not barriers_in_both_schemes(page)
-            assert [each for each in loaded if "mqtt" in each]
+            assert [each for each in loaded if "broker_way" in each], "and MQTT with it"
             assert not [each for each in opened if each.endswith("/link")]
             choose(page, "Ada")
             page.get_by_test_id("joystick").focus()

@@ -386,12 +386,12 @@ class TestUp:
             assert post(ready, words, Origin="http://evil.example")[0] == 403
             assert post(ready, words, Host="evil.example")[0] == 403
             for nonsense in ([], {"address": robot}, 7, None):
-                assert post(ready, nonsense)[0] == 400
-            assert post(ready, {"address": robot, "attack": "nonsense"})[0] == 404
-            assert post(ready, {"address": [robot], "attack": {}})[0] == 404
+                assert post(ready, nonsense)[0] == 409
+            assert post(ready, {"address": robot, "attack": "nonsense"})[0] == 409
+            assert post(ready, {"address": [robot], "attack": {}})[0] == 409
             assert not up.events("compromised")
             assert post(ready, words)[0] == 200
-            assert post(ready, words)[0] == 404, "once is enough"
+            assert post(ready, words)[0] == 409, "once is enough"
 
     async def test_robots_without_a_defence_have_no_shields_and_no_such_button(self):
         with a_gateway("--robots", "4") as (_, ready):
@@ -402,7 +402,7 @@ class TestUp:
             state = state_of(ready)
             assert state["shields"] is None
             address = state["robots"][0]["address"]
-            assert post(ready, {"address": address, "attack": "hijack"})[0] == 404
+            assert post(ready, {"address": address, "attack": "hijack"})[0] == 409
 
     async def test_robots_that_are_too_many_to_audit_each_other_say_why(self):
         with child("up", "--events", "--port", "0", "--robots", "101") as running:
