@@ -349,6 +349,7 @@ class TestUp:
                 tour = [{"x": 100 + 50 * i, "y": 900, "z": 0} for i in range(33)]
                 await client.command(driven, "waypoints", {"threshold": 50, "waypoints": tour})
                 await eventually(lambda: state_of(ready)["rejected"] == {"bad_payload": 1})
+                await client.robots()  # its refusal is here by then, and is not taken for that of what comes next
                 await client.drive(driven, 60, 50, for_s=6)
                 after = {robot["address"]: robot for robot in await client.robots()}
                 assert after[driven]["lh2_position"] != before[driven]["lh2_position"]

@@ -33,6 +33,19 @@ def test_what_waits_leaves_every_other_slot_to_the_wheels():
     assert [each for each in said if each != "wheels"] == ["one", "two"]
 
 
+def test_it_says_whether_something_waits():
+    """Or a command is never sent, if its robot is taken away before its slot comes."""
+    slots = Slots()
+    slots.steady = "wheels"
+    assert not slots.waits
+    slots.put("one")
+    slots.stop("stop", "A1")
+    assert taken(slots, 1) == ["stop"]
+    assert slots.waits
+    assert "one" in taken(slots, 2)
+    assert not slots.waits
+
+
 def test_a_stop_comes_first_and_drops_the_robot_s_commands_before_it():
     slots, dropped = Slots(), []
     slots.put("route", "A1", lambda: dropped.append("route"))

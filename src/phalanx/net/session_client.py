@@ -300,12 +300,12 @@ class Client:
                 await self._until(lambda: self._has_seen, FIRST_UPDATE_S)
 
     async def _pace(self) -> None:
-        """Send a record in each slot, while a robot is assigned or leased."""
+        """Send a record in each slot, while a robot is assigned or leased, and until nothing waits for a slot."""
         due_s = time.monotonic()
         while not self._connection.failure:
             due_s = max(due_s + SLOT_S, time.monotonic())
             await asyncio.sleep(due_s - time.monotonic())
-            if self._is_paced and self.is_joined and self._connection.protocol:
+            if (self._is_paced or self._slots.waits) and self.is_joined and self._connection.protocol:
                 with contextlib.suppress(PeerError, Unavailable):
                     await self._connection.transmit(self._slots.take(self._connection.protocol))
 

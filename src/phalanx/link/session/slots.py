@@ -35,6 +35,11 @@ class Slots:
         self._waiting: deque[_Waiting] = deque()
         self._steady_is_next = False
 
+    @property
+    def waits(self) -> bool:
+        """Return whether a record waits for its slot."""
+        return bool(self._stops or self._waiting)
+
     def put(self, say: Say, robot: str = "", drop: Callable[[], None] = lambda: None) -> None:
         """Queue a request, or a command for a robot; `drop` is called if a stop comes before it is sent.
 
