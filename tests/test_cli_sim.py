@@ -380,12 +380,13 @@ class TestAttack:
 
         def stops_one(*asked):
             trial = really(*asked)
-            return trial if trial.wronged is None else replace(trial, wronged=(3,))
+            told = trial.attacked | {"correct_in_safe_mode": [3]}
+            return trial if trial.wronged is None else replace(trial, wronged=(3,), attacked=told)
 
         monkeypatch.setattr(cli_attack, "try_attack", stops_one)
         code, out, _ = phalanx(*words)
         assert code == 1
-        assert "stopped with a quorum  robot 3: promise P2 is BROKEN" in out
+        assert f"stopped with a quorum  {named([3])}: promise P2 is BROKEN" in out
         code, out, _ = phalanx(*words, "--defence", "none")
         assert code == 0
         assert "none; no promise is made here" in out

@@ -22,7 +22,7 @@ def test_it_is_a_notebook_without_outputs():
             assert cell["outputs"] == []
             assert cell["execution_count"] is None
     doors = re.findall(r"^(?:from|import) (phalanx\S*)", "\n".join(CODE), re.MULTILINE)
-    assert set(doors) == {"phalanx.world"}
+    assert set(doors) == {"phalanx.world", "phalanx.lab.tables"}
     assert len({cell["id"] for cell in NOTEBOOK["cells"]}) == len(NOTEBOOK["cells"])
 
 

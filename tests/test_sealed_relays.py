@@ -253,7 +253,12 @@ def test_a_robot_that_seeks_asks_distant_robots_only_after_a_here_with_its_own_n
         assert hears(k, AUDIT_HERE.encode(src=k + 2, dst=1, nonce=nonce ^ 1 << k)) == 0
     assert (int(robot[0].round_no), int(robot[0].peers)) == (round_no, 22)
     assert victim.air.refused == {}, "its a-node accepted every packet"
-    assert hears(7, AUDIT_HERE.encode(src=9, dst=1, nonce=nonce)) == 1
+    # It asks nobody for 50 ms after each SEEK.
+    assert (
+        hears(7, AUDIT_HERE.encode(src=9, dst=1, nonce=nonce))
+        + sum(hears(0, AUDIT_HELLO.encode(src=2, dst=0)) for _ in range(3))
+        == 1
+    )
     assert victim.asked[-1][1] == 9
 
 
