@@ -9,8 +9,9 @@ import { type Command, type Reason, type Secret, Session, type SessionEvent, typ
 import { NO_VISIT, type OverReason, type Visit } from "../visit";
 import type { BrokerState } from "../watch";
 import { Beat } from "./beat";
+import { Requests } from "./requests";
 import type { ResumeStore } from "./resume_store";
-import { Refused, type Transport, type TransportEvent, Unanswered, type Waiting } from "./transport";
+import { Refused, type Transport, type TransportEvent, Unanswered } from "./transport";
 import { REFUSED_LOGIN, type Way, WebsocketWay } from "./websocket_way";
 
 /** Who wants to join which swarm, and where. */
@@ -41,7 +42,7 @@ export class SessionConnection implements Transport {
   readonly #to: SessionTo;
   readonly #store: ResumeStore;
   readonly #listeners = new Set<(event: TransportEvent) => void>();
-  readonly #waiting = new Map<number, Waiting>();
+  readonly #requests = new Requests();
   readonly #beat = new Beat({
     isJoined: () => this.#session?.isJoined === true,
     holds: () => (this.#visit.standing?.robot ?? "") !== "",
@@ -120,31 +121,20 @@ export class SessionConnection implements Transport {
   }
 
   #ask(name: string, payload: Uint8Array, timeout_ms: number, request?: number): Promise<Json> {
-    return new Promise((resolve, reject) => {
-      if (this.#session?.isJoined !== true) {
-        reject(new Unanswered("not connected"));
-        return;
-      }
-      const session = this.#session;
-      let number: number | undefined;
-      const timer = setTimeout(() => {
-        if (number !== undefined) this.#waiting.delete(number);
-        reject(new Unanswered(`no answer within ${timeout_ms} ms`));
-      }, timeout_ms);
-      const send = () => {
-        const asked = session.request(name, payload, performance.now());
-        number = asked.number;
-        this.#waiting.set(number, { request, resolve, reject, timer });
-        this.#carry([asked.event]);
+    const session = this.#session;
+    if (session?.isJoined !== true) return Promise.reject(new Unanswered("not connected"));
+    return this.#requests.open(request, timeout_ms, (sent) => {
+      const ask = () => {
+        const { number, event } = session.request(name, payload, performance.now());
+        sent(number);
+        this.#carry([event]);
       };
       this.#asked += 1;
-      const inASlot = { robot: "", name: `${name} ${this.#asked}`, payload, stop: false, ask: send };
       // An operator's stop waits for nothing, and everybody sees the robots stand still.
-      if (payload.length > SHORT_BYTES || name === "stop" || !this.#beat.isBeating) send();
-      else if (!this.#beat.slots.put(inASlot)) {
-        clearTimeout(timer);
-        reject(new Unanswered("too much waits to be sent"));
-      }
+      const isPaced = payload.length <= SHORT_BYTES && name !== "stop" && this.#beat.isBeating;
+      if (isPaced) return this.#beat.slots.put({ robot: "", name: `${name} ${this.#asked}`, payload, stop: false, ask });
+      ask();
+      return true;
     });
   }
 
@@ -263,7 +253,7 @@ export class SessionConnection implements Transport {
     clearTimeout(this.#opening);
     this.#beat.stop();
     this.#retrying = undefined;
-    for (const number of [...this.#waiting.keys()]) this.#settle(number)?.reject(new Unanswered("the connection was lost"));
+    this.#requests.lose();
     const way = this.#way;
     this.#way = undefined;
     this.#session = undefined;
@@ -332,7 +322,7 @@ export class SessionConnection implements Transport {
   }
 
   #reply(number: number, data: Json): void {
-    const waiting = this.#settle(number);
+    const waiting = this.#requests.settle(number);
     if (waiting === undefined) return;
     waiting.resolve(data);
     const { request } = waiting;
@@ -341,7 +331,7 @@ export class SessionConnection implements Transport {
 
   #refused(number: number, reason: Reason): void {
     if (number === 0) this.#show({ refused: { reason, at_ms: performance.now() } });
-    else this.#settle(number)?.reject(new Refused(reason));
+    else this.#requests.settle(number)?.reject(new Refused(reason));
   }
 
   #ended(reason: Extract<SessionEvent, { kind: "ended" }>["reason"]): void {
@@ -368,13 +358,6 @@ export class SessionConnection implements Transport {
       default:
         this.#lost("offline");
     }
-  }
-
-  #settle(number: number): Waiting | undefined {
-    const waiting = this.#waiting.get(number);
-    this.#waiting.delete(number);
-    clearTimeout(waiting?.timer);
-    return waiting;
   }
 
   #read(raw: Uint8Array, take: (value: Json) => void): void {

@@ -35,15 +35,6 @@ export interface Transport {
   close(): void;
 }
 
-/** A request that waits for its answer. */
-export interface Waiting {
-  /** One of those that say what the swarm is; undefined: another. */
-  readonly request: number | undefined;
-  readonly resolve: (data: Json) => void;
-  readonly reject: (error: Error) => void;
-  readonly timer: ReturnType<typeof setTimeout>;
-}
-
 /** No answer: there is no connection, the swarm did not answer in time or refused, or the connection was closed. */
 export class Unanswered extends Error {
   override readonly name: string = "Unanswered";
