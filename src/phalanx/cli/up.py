@@ -280,42 +280,42 @@ def _run_for(options: UpOptions, events: bool, make: Callable[[Say, Started], Co
         return
     lines = EventLines()
     try:
-        run(make(lines, _heeding([])))
+        run(make(lines, partial(_start, [], heeds=True)))
     finally:
         lines.close()
 
 
-def _heeding(gateways: list[Running], *, for_people: bool = False) -> Started:
-    """Return what keeps the gateways that start, and has stdin's words stop and free the robots of the newest.
+def _start(newest: list[Running], running: Running, *, heeds: bool, shows_tablet: bool = False) -> None:
+    """Keep the newest gateway, as a tour begins one each minute.
 
-    For people `tablet` also shows a code for an operator's tablet.
+    With `heeds` stdin's words stop and free its robots, and with `shows_tablet` one shows a code for an operator's
+    tablet. One thread reads them: a second one would take its words.
     """
 
     def hold(held: bool) -> None:
-        gateways[-1].hold(held)
+        newest[0].hold(held)
 
-    def started(running: Running) -> None:
-        gateways.append(running)
-        if len(gateways) == 1:  # one reader: another one would take its words
-            loop = asyncio.get_running_loop()
-            tablet = partial(loop.call_soon_threadsafe, lambda: _show_tablet_code(gateways[-1]))
-            heed_stop_words(hold, {"tablet": tablet} if for_people else {})
-
-    return started
+    is_first = not newest
+    newest[:] = [running]
+    if is_first and heeds:
+        loop = asyncio.get_running_loop()
+        tablet = partial(loop.call_soon_threadsafe, lambda: _show_tablet_code(newest[0]))
+        heed_stop_words(hold, {"tablet": tablet} if shows_tablet else {})
 
 
 def _run_for_people(options: UpOptions, make: Callable[[Say, Started], Coroutine[Any, Any, None]]) -> None:
-    status: list[asyncio.Task[None]] = []
-    gateway: list[Running] = []
+    status: asyncio.Task[None] | None = None
+    newest: list[Running] = []
     # What else is there than a terminal was not typed for us.
-    started = _heeding(gateway, for_people=True) if sys.stdin.isatty() else gateway.append
+    started = partial(_start, newest, heeds=sys.stdin.isatty(), shows_tablet=True)
 
     def tell(event: dict[str, Any]) -> None:
+        nonlocal status
         _tell(options, event)
         if event["event"] == "ready":
-            for before in status:
-                before.cancel()
-            status.append(asyncio.ensure_future(_keep_status(gateway[-1])))
+            if status:
+                status.cancel()
+            status = asyncio.ensure_future(_keep_status(newest[0]))
 
     try:
         run(make(tell, started))
