@@ -1,23 +1,22 @@
-// The swarm as it moves: the gateway's frames by HTTP, so that this map does not need the broker that visitors use.
+// The swarm as it moves, for the projector: the gateway's state updates by HTTP, as that page is no client of the link.
 
 import { useEffect, useState } from "react";
 import { type Json, NO_SWARM, NO_VISIT, type SwarmSource, type SwarmView, swarmReducer } from "../client";
 import { isObject } from "../client/core/json";
 
+const PATH = "/api/projector/frames";
 const AGAIN_MS = 500;
 /** The longest line: a list of two thousand robots. */
 const MOST_CHARS = 16_000_000;
 
 export class Live implements SwarmSource {
   readonly #token: string;
-  readonly #path: string;
   readonly #listeners = new Set<() => void>();
   readonly #ended = new AbortController();
   #view: SwarmView = { swarm: NO_SWARM, health: { state: "connecting", broker: "away" }, visit: NO_VISIT };
 
-  constructor(token: string, path: string) {
+  constructor(token: string) {
     this.#token = token;
-    this.#path = path;
     void this.#run();
   }
 
@@ -48,7 +47,7 @@ export class Live implements SwarmSource {
   }
 
   async #read(): Promise<void> {
-    const answer = await fetch(this.#path, {
+    const answer = await fetch(PATH, {
       headers: { Authorization: `Bearer ${this.#token}` },
       cache: "no-store",
       credentials: "omit",
@@ -87,15 +86,15 @@ export class Live implements SwarmSource {
 }
 
 /** The live swarm, for as long as the component lives. */
-export function useLive(token: string, path: string): Live | undefined {
+export function useLive(token: string): Live | undefined {
   const [live, setLive] = useState<Live>();
   useEffect(() => {
-    const opened = new Live(token, path);
+    const opened = new Live(token);
     setLive(opened);
     return () => {
       opened.close();
       setLive(undefined);
     };
-  }, [token, path]);
+  }, [token]);
   return live;
 }

@@ -27,7 +27,7 @@ interface Shown {
 export function Projector() {
   const [token] = useState(takeToken);
   const { shown, away } = useShown(token);
-  const live = useLive(token, "/api/projector/frames");
+  const live = useLive(token);
   if (token === "") return <p className="projector-alone">Open this page by the button Projector of the operator's page.</p>;
   if (!shown) return <p className="projector-alone">Back in a moment</p>;
   return (

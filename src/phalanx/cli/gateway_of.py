@@ -22,17 +22,17 @@ def default_state() -> Path:
     return Path(service) / "sessions" if service else below / "phalanx"
 
 
-def ask_gateway(state: Path | None, what: str, words: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Return the answer of a running gateway: to a GET, or with words to a POST.
+def ask_gateway(state: Path | None, what: str, words: dict[str, Any]) -> dict[str, Any]:
+    """Return the answer of a running gateway.
 
     Raises: Unavailable: none runs, or it does not answer; UsageError: it refuses.
     """
     from phalanx.gateway.state_folder import operator_url_in  # noqa: PLC0415 - as much to import as all the rest
 
     page, _, token = operator_url_in(state or default_state()).partition("#token=")
-    body = None if words is None else json.dumps(words).encode()
     headers = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"}
-    request = urllib.request.Request(f"{page}api/{what}", body, headers)  # noqa: S310 - http, of a file of ours
+    url, body = f"{page}api/{what}", json.dumps(words).encode()
+    request = urllib.request.Request(url, body, headers)  # noqa: S310 - http, of a file of ours
     try:
         with urllib.request.build_opener(urllib.request.ProxyHandler({})).open(request, timeout=TIMEOUT_S) as answer:
             told: dict[str, Any] = json.load(answer)
