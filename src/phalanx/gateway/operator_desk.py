@@ -34,9 +34,9 @@ Act = Callable[[dict[str, Any], int], dict[str, Any] | None]
 Slow = Callable[[dict[str, Any]], Awaitable[dict[str, Any]]]
 
 
-def refuse_revival(robot: str) -> None:
-    """Refuse: nobody stops these robots. Raises: Unknown."""
-    raise Unknown(f"robot {robot} does not audit others: none is stopped")
+def refuse_revival(_: str) -> None:
+    """Refuse to revive a robot that nobody stops. Raises: Unknown."""
+    raise Unknown("these robots do not audit each other: none is stopped")
 
 
 class OperatorDesk:

@@ -23,7 +23,7 @@ from .at_broker import AtBroker
 from .brakes import KeptStop
 from .gateway import Gateway
 from .links import Link
-from .operator_desk import OperatorDesk
+from .operator_desk import OperatorDesk, refuse_revival
 from .projector import Projector, projector_token
 from .session_link import Say, SessionLink, now
 from .shared_code import SharedCode
@@ -68,7 +68,9 @@ class Running:
         self.link, self.shared, self._broker = link, shared, broker
         links: list[Link] = [link, *([shared.server] if shared else [])]
         self.gateway = Gateway(swarm, *links, say=say, is_driven=link.is_driven, drivers=link.drivers)
-        self.desk = OperatorDesk(link, swarm, self.gateway.brakes, page_url, self.hold, self.revive)
+        shields = self.gateway.shields
+        revive = shields.revive if shields else refuse_revival
+        self.desk = OperatorDesk(link, swarm, self.gateway.brakes, page_url, self.hold, revive)
         self.desk.acts |= {"state": lambda *_: self.state(), "compromise": self._compromise, "where": self._where}
         self.desk.slow["rotate"] = self._rotate
         self._options = options
@@ -187,12 +189,6 @@ class Running:
     def _where(self, *_: object) -> dict[str, Any]:
         """Return where a page of this machine finds the link, and the swarm's public key."""
         return {"link": self._link_url, "static": encode_base64url(self.link.static).decode()}
-
-    def revive(self, address: str) -> None:
-        """Have a stopped robot begin anew. Raises: Unknown, UsageError: see `ShieldWatch.revive`."""
-        if self.gateway.shields is None:
-            raise Unknown("these robots do not audit each other: none is stopped")
-        self.gateway.shields.revive(address)
 
     def hold(self, held: bool) -> None:
         """Every robot stands still from now on, whatever it is told and whatever the link does; or may move again.

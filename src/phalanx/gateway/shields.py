@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from phalanx.errors import Unknown, UsageError
+from phalanx.robot import Swarm
 from phalanx.robot.on_mission import OnMission
 from phalanx.robot.swarm import Audit, AuditedSwarm, Revivable, Shield
 
@@ -27,6 +28,13 @@ BY_HAND = (
     "switch it off, find out why it was stopped, and give all robots the next mission's key: docs/guides/robot.md",
 )
 NOT_ON_MISSION = ("robots on a mission are not revived", "send them another mission, or start the gateway again")
+
+
+def check_revivable(swarm: Swarm) -> Revivable:
+    """Return a swarm whose stopped robots can begin anew. Raises: UsageError: it is none."""
+    if not isinstance(swarm, Revivable):
+        raise UsageError(*(NOT_ON_MISSION if isinstance(swarm, OnMission) else BY_HAND))
+    return swarm
 
 
 @dataclass(slots=True)
@@ -116,9 +124,7 @@ class ShieldWatch:
 
     def revive(self, address: str) -> None:
         """Have a stopped robot begin anew. Raises: Unknown: no such robot, or it runs; UsageError: it is a real one."""
-        if not isinstance(self._swarm, Revivable):
-            raise UsageError(*(NOT_ON_MISSION if isinstance(self._swarm, OnMission) else BY_HAND))
-        self._swarm.revive(address)
+        check_revivable(self._swarm).revive(address)
         self._lies.pop(address, None)
         self._say({"event": "revived", "address": address})
 
@@ -134,17 +140,12 @@ class ShieldWatch:
         """Return whether a robot is stopped."""
         return any(shield.safe_mode for shield in self._swarm.shields() if shield.address == address)
 
-    @property
-    def can_revive(self) -> bool:
-        """Whether stopped robots can begin anew."""
-        return isinstance(self._swarm, Revivable)
-
     def state(self, name: Callable[[str], str]) -> dict[str, Any]:
         """What the operator's page shows; `name` is a robot's, for people."""
         shields, now_s = self._swarm.shields(), time.monotonic()
         return {
             **self.in_area(),
-            "revives": self.can_revive,
+            "revives": isinstance(self._swarm, Revivable),
             "attacks": [{"name": attack.name, "does": attack.does} for attack in self._swarm.attacks()],
             "refusals": [
                 {

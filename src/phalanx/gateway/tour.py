@@ -134,14 +134,12 @@ async def show_audits(running: Running) -> None:
     await _until(shields, robot.address, stopped=True)
     running.projector.caption = f"{robot.name} was stopped: its neighbours no longer vouch for it."
     await asyncio.sleep(2 * SETTLE_S)
-    running.revive(robot.address)
+    shields.revive(robot.address)
     await _until(shields, robot.address, stopped=False)
     running.projector.caption = f"{robot.name} is back, with its honest program, and is vouched for again."
 
 
 async def _until(shields: ShieldWatch, address: str, *, stopped: bool) -> None:
     """Wait until a robot is stopped, or runs again."""
-    for _ in itertools.repeat(None):
-        if shields.is_stopped(address) == stopped:
-            return
+    while shields.is_stopped(address) != stopped:  # noqa: ASYNC110 - a swarm has no event for it
         await asyncio.sleep(LOOK_S)

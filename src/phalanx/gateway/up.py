@@ -28,7 +28,6 @@ from phalanx.net.session_store import LinkKeys
 from phalanx.net.site import beside
 from phalanx.robot import Swarm
 from phalanx.robot.on_mission import OnMission
-from phalanx.robot.swarm import Revivable
 from phalanx.wire.sessions import LINK_PATH
 
 from .at_broker import AtBroker
@@ -39,7 +38,7 @@ from .serve_pages import PAGE_POLICY, PAGES, OperatorPages
 from .serving import for_at_most, until_connected
 from .session_link import Say, SessionLink
 from .shared_code import SharedCode
-from .shields import BY_HAND, NOT_ON_MISSION
+from .shields import check_revivable
 from .state_folder import Kept, kept_in
 
 log = logging.getLogger(__name__)
@@ -163,9 +162,11 @@ async def up(
             at = AtBroker(broker, sessions, options.frontend or page_url, for_visitors)
             shared = SharedCode(options, broker, for_visitors, page_url) if options.qrkey else None
         robots = swarm()
-        if options.revive_s is not None and not isinstance(robots, Revivable):
-            what = NOT_ON_MISSION if isinstance(robots, OnMission) else BY_HAND
-            raise UsageError(f"--revive: {what[0]}", what[1])
+        if options.revive_s is not None:
+            try:
+                check_revivable(robots)
+            except UsageError as error:
+                raise UsageError(f"--revive: {error}", error.hint) from error
         link = SessionLink(
             front,
             kept.store,
