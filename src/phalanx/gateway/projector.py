@@ -1,4 +1,4 @@
-"""What the projector's page shows: the way in, who is here, and a caption. It has no operator's functions.
+"""Collect what the projector's page shows: the way in, who is here, a caption. It has no operator's functions.
 
 Its token opens only this. Whoever sees the page may join, as whoever sees the code on the screen.
 """

@@ -68,7 +68,7 @@ class Visitors:
 
 
 class Drivers:
-    """Who drives which robot, so that everybody sees it, and two who share one know why it does not obey.
+    """Keep who drives which robot, so that everybody sees it, and two who share one know why it does not obey.
 
     Args:
         assigned: returns the names of those who have robots by their sessions, by address; others drive by joystick.
