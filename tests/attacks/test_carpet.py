@@ -31,32 +31,57 @@ HERE_US = 76  # what a HERE is on the air
 NOISE_BYTES = 2048 - request.AUDIT_HEAD_BYTES
 # n_max and seeds with which the victim's first round comes late: it has one less before its first T_val is over.
 LATE = [(24, 21), (90, 23), (90, 27)]
-
-
 # Seeds of victims that liars near all auditors stopped.
 DEAF = [23, 25]
 UNICAST_US, BROADCAST_US = 673, 2850  # what a bucket counts for the longest packets, once
 
 
-class Carpet(RefuseToAudit):
-    """Fills the moments at which a victim that it is near to, but no auditor of the victim, asks and is answered.
-
-    A few liars in turn broadcast the longest packets. The others, and whose bucket is empty, send them to nobody: the
-    radio tries seven times, and the bucket counts one. It answers SEEK, audits nobody and asks for no audits. A SEEK of
-    its own has the victim answer before its first round. It hears what the victim has on the air.
-    """
+class Noise(RefuseToAudit):
+    """Audits nobody, asks for no audits, and sends the longest packets, one at a time."""
 
     period_ms = 1
+    GONE_MS = 60  # what has not left by then is lost
+    _out_ms = 0
+
+    def round_due(self, now_ms: int) -> list[Action]:
+        return []
+
+    def on_sent(self, now_ms: int, *, arrived: bool) -> list[Action]:
+        self._out_ms = 0
+        return self._fill(now_ms)
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        if now_ms - self._out_ms > self.GONE_MS:
+            self._out_ms = 0
+        return self._fill(now_ms)
+
+    def _fill(self, now_ms: int) -> list[Action]:
+        """Send the next packet, if it is time for one."""
+        raise AssertionError("each attack has its own times")
+
+    def _send_longest(self, now_ms: int, *, aloud: bool) -> list[Action]:
+        """Broadcast, or send to nobody: the radio tries seven times."""
+        to, dst = (EVERYBODY, 0) if aloud else [max(self.plan.ids) + 1] * 2
+        sent = self.send(now_ms, audit_packet(self.id, dst, request.FRAGMENT, bytes(NOISE_BYTES)), to)
+        if not sent:
+            return []
+        self._out_ms = now_ms
+        return self.count(sent)
+
+
+class Carpet(Noise):
+    """Fills the moments at which a victim that it is near to, but no auditor of the victim, asks and is answered.
+
+    A few liars in turn broadcast. The others, and whose bucket is empty, send to nobody. It answers SEEK. A SEEK of its
+    own has the victim answer before its first round. It hears what the victim has on the air.
+    """
+
     air: ClassVar[Air]
     FIRST_MS = 120  # fills the beginning of the victim's first round, so that its fragments wait for over 50 ms
     ASKS_MS, ANSWERS_MS = 11, 18  # after a fragment, and after the last answer to a SEEK
     AT_ASKS, AT_ANSWERS = 3, 2  # liars that broadcast
-    GONE_MS = 60
-    _victim = _sought = _until_ms = _asks_until_ms = _out_ms = _round_ms = _on_air_us = 0
+    _victim = _sought = _until_ms = _asks_until_ms = _round_ms = _on_air_us = 0
     _began = False
-
-    def round_due(self, now_ms: int) -> list[Action]:
-        return []
 
     def on_retry(self, now_ms: int) -> list[Action]:
         """Answer SEEKs that are due, as if it had all its tokens."""
@@ -75,10 +100,6 @@ class Carpet(RefuseToAudit):
         self._until_ms = max(self._until_ms, now_ms + within_ms + self.ANSWERS_MS)
         return answers + self._fill(now_ms)
 
-    def on_sent(self, now_ms: int, *, arrived: bool) -> list[Action]:
-        self._out_ms = 0
-        return self._fill(now_ms)
-
     def on_wake(self, now_ms: int) -> list[Action]:
         if not self._victim:
             self._victim = min(self.victims())
@@ -91,9 +112,7 @@ class Carpet(RefuseToAudit):
         if -4 <= now_ms - self._round_ms < self.FIRST_MS - self.ASKS_MS:
             self._asks_until_ms = self._round_ms + self.FIRST_MS
         self._until_ms = max(self._until_ms, self._asks_until_ms)
-        if now_ms - self._out_ms > self.GONE_MS:
-            self._out_ms = 0
-        return self._early_seek(now_ms) + self._fill(now_ms)
+        return self._early_seek(now_ms) + super().on_wake(now_ms)
 
     def _early_seek(self, now_ms: int) -> list[Action]:
         """Send one SEEK shortly before the victim's first round, if this is the first liar."""
@@ -106,38 +125,19 @@ class Carpet(RefuseToAudit):
         if self._out_ms or now_ms >= self._until_ms:
             return []
         turns = self.AT_ASKS if now_ms < self._asks_until_ms else self.AT_ANSWERS
-        nobody = max(self.plan.ids) + 1
-        mine = (self.id - 1 - self._sought * self.AT_ANSWERS) % F_MAX < turns
-        for to, dst in ((EVERYBODY, 0), (nobody, nobody)) if mine else ():
-            if sent := self.send(now_ms, audit_packet(self.id, dst, request.FRAGMENT, bytes(NOISE_BYTES)), to):
-                self._out_ms = now_ms
-                return self.count(sent)
-        return []
+        if (self.id - 1 - self._sought * self.AT_ANSWERS) % F_MAX >= turns:
+            return []
+        return self._send_longest(now_ms, aloud=True) or self._send_longest(now_ms, aloud=False)
 
 
-class Deafen(RefuseToAudit):
-    """Sends the longest packets to nobody, of which each is transmitted seven times, from the victim's first round on.
+class Deafen(Noise):
+    """Sends to nobody from the victim's first round on, near all its auditors.
 
     Broadcasts follow with what its bucket holds beyond an even share until the victim's T_val ends.
     """
 
-    period_ms = 1
     limits: ClassVar[Limits]
-    GONE_MS = 60
-    _out_ms = 0
     _level: tuple[float, int] | None = None  # what its bucket holds, µs, and when
-
-    def round_due(self, now_ms: int) -> list[Action]:
-        return []
-
-    def on_sent(self, now_ms: int, *, arrived: bool) -> list[Action]:
-        self._out_ms = 0
-        return self._fill(now_ms)
-
-    def on_wake(self, now_ms: int) -> list[Action]:
-        if now_ms - self._out_ms > self.GONE_MS:
-            self._out_ms = 0
-        return self._fill(now_ms)
 
     def _fill(self, now_ms: int) -> list[Action]:
         s, key_ms = self.f.settings[0], int(self.f.robot[self.i].t_key)
@@ -150,50 +150,35 @@ class Deafen(RefuseToAudit):
         end_ms = key_ms + T_VAL_MS
         share_us = limits.audit_capacity_us * max(end_ms - now_ms, 1) / max(end_ms - begin_ms, 1)
         aloud = level_us > max(share_us + BROADCAST_US / 2, BROADCAST_US)
-        to, dst = (EVERYBODY, 0) if aloud else [max(self.plan.ids) + 1] * 2
-        self._level = level_us, now_ms
-        if sent := self.send(now_ms, audit_packet(self.id, dst, request.FRAGMENT, bytes(NOISE_BYTES)), to):
-            self._level = level_us - (BROADCAST_US if aloud else UNICAST_US), now_ms
-            self._out_ms = now_ms
-            return self.count(sent)
-        return []
+        sent = self._send_longest(now_ms, aloud=aloud)
+        cost_us = (BROADCAST_US if aloud else UNICAST_US) if sent else 0
+        self._level = level_us - cost_us, now_ms
+        return sent
 
 
-def near_auditors(seed: int) -> np.ndarray:
-    """Return where f_max liars hear all f_max + 2 auditors of a victim, which hears no liar."""
-    chance = np.random.default_rng([seed, 78])
-    groups = [
-        (F_MAX, 150.0, 4.0, 8.0),
-        (1, 0.0, 0.0, 0.0),
-        (F_MAX + 2, 105.0, 3.0, 20.0),
-        (F_MAX + 4, 185.0, 6.0, 20.0),
-    ]
+def placed(seed: list[int], *groups: tuple[int, float, float, float]) -> np.ndarray:
+    """Return places of groups, each of n robots around (x, 0), up to so far from it along x and y, m."""
+    chance = np.random.default_rng(seed)
     return np.concatenate(
         [
             np.column_stack([x_m + chance.uniform(-d_m, d_m, n), chance.uniform(-w_m, w_m, n)])
-            if d_m
+            if w_m
             else np.zeros((n, 2))
             for n, x_m, d_m, w_m in groups
         ]
     )
 
 
+def near_auditors(seed: int) -> np.ndarray:
+    """Return where f_max liars hear all f_max + 2 auditors of a victim, which hears no liar."""
+    groups = (F_MAX, 150, 4, 8), (1, 0, 0, 0), (F_MAX + 2, 105, 3, 20), (F_MAX + 4, 185, 6, 20)
+    return placed([seed, 78], *groups)
+
+
 def places(seed: int) -> np.ndarray:
     """Return where f_max liars hear the victim, but not its f_max + 2 auditors, and all have auditors of their own."""
-    chance = np.random.default_rng([seed, 77])
-    groups = [
-        (F_MAX, -95.0, 20.0),
-        (1, 0.0, 0.0),
-        (F_MAX + 2, 85.0, 40.0),
-        (F_MAX + 4, 170.0, 30.0),
-        (2 * F_MAX + 3, -180.0, 30.0),
-    ]
-    return np.concatenate(
-        [
-            np.column_stack([x_m + chance.uniform(-8, 8, n), chance.uniform(-w_m, w_m, n)]) if w_m else np.zeros((n, 2))
-            for n, x_m, w_m in groups
-        ]
-    )
+    auditors = (F_MAX + 2, 85, 8, 40), (F_MAX + 4, 170, 8, 30), (2 * F_MAX + 3, -180, 8, 30)
+    return placed([seed, 77], (F_MAX, -95, 8, 20), (1, 0, 0, 0), *auditors)
 
 
 def scenario(seed: int, where: np.ndarray, attack: type[RefuseToAudit], n_max: int = 24) -> Scenario:
