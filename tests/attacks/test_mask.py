@@ -174,6 +174,40 @@ def test_a_robot_seeks_when_an_auditor_is_silent_for_the_retry_time(profile, see
         assert robot.robot.seeks == has_begun
 
 
+def all_were_asked_late(profile: int) -> Asking:
+    """Return a robot at the beginning of a round: whoever it knows was asked at the end of the last, and answered."""
+    robot = Asking(profile)
+    robot.round_begins(BOOT_MS)
+    robot.robot.round_no += 1
+    robot.robot.round_at = robot.robot.asked_at = BOOT_MS
+    peers = robot.fleet.peer[VICTIM, : int(robot.robot.peers)]
+    peers["asked_ms"], peers["asked"], peers["answered"] = BOOT_MS - 100, 1, 1
+    return robot
+
+
+@pytest.mark.parametrize("profile, seeks", [(HARDENED, 1), (PAPER, 0)])
+def test_a_robot_seeks_when_nobody_may_be_asked_for_the_retry_time(profile, seeks):
+    robot = all_were_asked_late(profile)
+    for at_ms, has_begun in ((BOOT_MS + 49, 0), (BOOT_MS + 50, seeks)):
+        seeking.seek(robot.fleet, VICTIM, at_ms, robot.work.small[1], robot.work.packet)
+        assert robot.robot.seeks == has_begun
+
+
+@pytest.mark.parametrize("profile, wait_ms", [(HARDENED, 50), (PAPER, ROUND_MS // 2 - 10)])
+def test_a_robot_looks_again_soon_while_somebody_was_asked_too_lately(profile, wait_ms):
+    robot, now_ms = all_were_asked_late(profile), BOOT_MS + 60
+    assert rounds.next_retry(robot.fleet, VICTIM, now_ms) == now_ms + wait_ms
+
+
+@pytest.mark.parametrize("round_no, missing", [(0, 0), (1, BtiConfig().f_max + 1)])
+def test_a_robot_asks_nobody_before_its_first_round(round_no, missing):
+    """Or whoever answers a SEEK of a compromised robot would use up its token requests."""
+    robot = Asking()
+    robot.round_begins(BOOT_MS)
+    robot.robot.round_no = round_no
+    assert rounds.retry(robot.fleet, VICTIM, BOOT_MS + 60) == missing
+
+
 def test_it_repeats_seek_at_random_times_until_it_has_its_tokens():
     moments = set()
     for k in range(8):
@@ -183,8 +217,8 @@ def test_it_repeats_seek_at_random_times_until_it_has_its_tokens():
         robot.round_due(listened=True)
         said_ms = [now_ms for now_ms in range(at_ms, at_ms + ROUND_MS, 10) if seeks_now(robot, now_ms)]
         gaps_ms = np.diff([at_ms, *said_ms])
-        assert (gaps_ms >= ROUND_MS >> seeking.UNANSWERED).all(), "nobody answers"
-        assert (gaps_ms <= (ROUND_MS >> seeking.UNANSWERED - 1) + 10).all()
+        assert (gaps_ms >= ROUND_MS // 32).all(), "nobody answers"
+        assert (gaps_ms <= ROUND_MS // 16 + 10).all()
         moments |= {at_ms, *said_ms}
         robot.robot.got = robot.config.f_max + 1
         assert not sent(robot.event(handlers.on_retry, at_ms + 10 * ROUND_MS, 0))
@@ -215,7 +249,7 @@ def test_a_robot_answers_each_seek_once_at_a_random_time():
         robot = Seeking()
         robot.senses(robot.now_ms + k)
         at_ms = retry_ms(robot.receives(seek_of(ASKER), robot.now_ms))
-        assert 0 < at_ms - robot.now_ms <= ROUND_MS >> seeking.ANSWERS_IN
+        assert 0 < at_ms - robot.now_ms <= ROUND_MS // 8
         waits_ms.add(at_ms - robot.now_ms)
         assert not robot.receives(seek_of(ASKER), robot.now_ms + ROUND_MS // 8 - 1), "one in T_audit / 8"
         other_ms = retry_ms(robot.receives(seek_of(ASKER + 1, 78), robot.now_ms))
