@@ -82,6 +82,18 @@ class TestVisiting:
             assert {each.size for each in records} == {10 + 128 + 16}
             assert len(swarm.commands) < len(records)  # the others say nothing
 
+    async def test_what_waits_for_a_slot_is_sent_after_the_robot_was_taken_away(self):
+        """Before, it waited for ever."""
+        async with Endpoint() as swarm, Client(swarm.url()) as client:
+            await client.drive("A1", 50, 50, for_s=0.2)
+            await until(lambda: client.standing.robot == "A1")
+            asked = [asyncio.ensure_future(client.request("robots")) for _ in range(12)]
+            await swarm.do(swarm.operations.take("A1", swarm.now))
+            async with asyncio.timeout(10):
+                answers = await asyncio.gather(*asked)
+            assert client.standing.robot == ""
+            assert all([robot["address"] for robot in each] == ["A1", "B2"] for each in answers)
+
     async def test_what_is_refused_says_why(self):
         async with Endpoint() as swarm:
             url = swarm.ticket(robots=frozenset({"B2"}))
