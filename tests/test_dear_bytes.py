@@ -114,7 +114,7 @@ class TestAHostileBroker:
     async def test_frames_that_carry_nothing_hold_nothing_up_however_many(self, packet):
         """They were read for as long as they came: no turn of the loop, no Ctrl-C."""
         connack = frame_head(2, 5) + b"\x20\x03\x00\x00\x00"
-        over, listening = threading.Event(), socket.create_server(("127.0.0.1", 0))
+        listening = socket.create_server(("127.0.0.1", 0))
 
         def broker() -> None:
             with contextlib.suppress(OSError):
@@ -126,10 +126,10 @@ class TestAHostileBroker:
                     heard += client.read(there.recv(65536))
                     there.sendall(client.replies + connack * (b"MQTT" in heard))
                     client.replies = b""
-                while not over.is_set():
+                while True:  # until it is hung up on
                     there.sendall(packet * 1000)
 
-        flood = threading.Thread(target=broker)
+        flood = threading.Thread(target=broker, daemon=True)
         flood.start()
         try:
             async with Server(f"ws://127.0.0.1:{listening.getsockname()[1]}/mqtt"):
@@ -138,9 +138,9 @@ class TestAHostileBroker:
                 await asyncio.sleep(0.4)
                 assert turns.longest_s < 0.05
         finally:
-            over.set()
             listening.close()
-            await asyncio.to_thread(flood.join)
+        await asyncio.to_thread(flood.join, 10)
+        assert not flood.is_alive()
 
     def test_an_answer_is_as_short_as_answers_are(self):
         assert cut(5, with_length(0x90, bytes(MAX_ANSWER_BYTES))) == [Answer(0x90, bytearray(MAX_ANSWER_BYTES))]

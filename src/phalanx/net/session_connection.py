@@ -23,7 +23,8 @@ from phalanx.link.session.slots import Say
 from phalanx.wire.sessions import LINK_PATH, TAG_BYTES, UPDATE
 
 from .resume_file import read_resume, write_resume
-from .session_ways import AWAY, CLOSE_S, BrokerWay, Way, WebsocketWay
+from .session_ways import AWAY, BrokerWay, Way, WebsocketWay
+from .websocket import CLOSE_S
 
 log = logging.getLogger(__name__)
 

@@ -16,10 +16,10 @@ from phalanx.link.session.events import Transmit
 
 from .broker_url import parse_broker_url
 from .connection import Connection
+from .websocket import CLOSE_S, end_websocket
 
 CONNECT_S = 10.0
 HEARTBEAT_S = 20.0
-CLOSE_S = 1.0
 UNREAD = 256  # messages; the broker's connection drops those that come then
 # What is raised while there is no connection, or none any more.
 AWAY = (OSError, aiohttp.ClientError, TimeoutError)
@@ -59,10 +59,7 @@ class WebsocketWay:
         try:
             async with asyncio.timeout(CONNECT_S):
                 self._socket = await self._http.ws_connect(
-                    self._url,
-                    max_msg_size=self._max_bytes,
-                    heartbeat=HEARTBEAT_S,
-                    timeout=aiohttp.ClientWSTimeout(ws_close=CLOSE_S),
+                    self._url, max_msg_size=self._max_bytes, heartbeat=HEARTBEAT_S
                 )
         except BaseException:
             await self._http.close()
@@ -95,7 +92,7 @@ class WebsocketWay:
     async def close(self) -> None:
         """Close the socket."""
         if self._socket:
-            await self._socket.close()
+            await end_websocket(self._socket)
 
 
 class BrokerWay:

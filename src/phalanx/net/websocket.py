@@ -38,19 +38,25 @@ async def by_websocket(broker: BrokerUrl) -> AsyncIterator[socket.socket]:
                 max_msg_size=MAX_FRAME_BYTES,
                 autoping=False,
                 ssl=ssl.create_default_context() if broker.tls else True,
-                timeout=aiohttp.ClientWSTimeout(ws_close=CLOSE_S),
             )
         except (aiohttp.ClientResponseError, aiohttp.ServerDisconnectedError) as error:
             raise aiomqtt.MqttError("no websocket there") from error
         except aiohttp.ClientError as error:
             raise aiomqtt.MqttError(str(error)) from error
-        await stack.enter_async_context(there)
+        stack.push_async_callback(end_websocket, there)
         carriers = [asyncio.create_task(carry) for carry in (_inward(there, ours), _outward(ours, there))]
         try:
             yield theirs
         finally:
             for carrier in carriers:
                 carrier.cancel()
+
+
+async def end_websocket(there: aiohttp.ClientWebSocketResponse) -> None:
+    """Close a websocket within CLOSE_S, whatever its other end still sends or leaves unread."""
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(CLOSE_S):  # aiohttp's own begins anew with each message
+            await there.close()
 
 
 async def _inward(there: aiohttp.ClientWebSocketResponse, ours: socket.socket) -> None:
