@@ -189,11 +189,16 @@ collected = $(BIN)/python -m pytest --collect-only -q $(1) >$@-said || { tail -4
 test-computes: ready-dev .venv/tests
 	$(LEFT_OVER) $(BIN)/python -m pytest --durations=10 $(COMPUTES)
 
+# These have limits in real time, which a loaded machine may miss once: what fails runs a second time, one test at a
+# time, and fails if that fails too. Both outputs stay.
+timed = $(BIN)/python -m pytest -o cache_dir=.venv/$@ --durations=10 $(1) || \
+	$(BIN)/python -m pytest -o cache_dir=.venv/$@ --last-failed --last-failed-no-failures=none $(1) --numprocesses 0
+
 test-waits: ready-dev .venv/tests-that-wait
-	$(BIN)/python -m pytest --durations=10 $(WAITS)
+	$(call timed,$(WAITS))
 
 test-alone: setup-dev
-	$(BIN)/python -m pytest --durations=10 $(ALONE)
+	$(call timed,$(ALONE))
 
 test-waits-alone: test-waits
 	@$(MAKE) --no-print-directory test-alone
