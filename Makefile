@@ -14,7 +14,7 @@ FIRMWARE := $(filter-out firmware/build/%,$(wildcard setup.py firmware/build.py 
 WEB_SOURCES := $(shell find web -type f -not -path '*/node_modules/*' 2>/dev/null)
 # What kernels may be compiled from; a folder changes when a file in it is deleted.
 KERNELS := $(shell find phalanx_compiler src/phalanx -name __pycache__ -prune -o -name pages -prune -o \( -type d -o -name '*.py' -o -name '*.[ch]' \) -print)
-TESTS := $(wildcard tests/*.py tests/*/*.py)
+TESTS := $(wildcard tests/*.py tests/*/*.py tests/*/*/*.py)
 # To read all other files takes longer than some of these tests.
 marked = $(shell grep -ls 'mark\.$(1)\b' tests/test_*.py tests/*/test_*.py)
 # Where everything waits: to read these files takes whoever computes a second.

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from rows import Row, print_table
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "kit"))
 
 from radio_replay import replay
 

@@ -26,7 +26,7 @@ from phalanx.link import Client
 from phalanx.link.session import parse_invitation
 from phalanx.world import Dotbots
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "kit"))
 from session_front import visiting
 
 PAUSE_S = 0.06  # a session takes twenty commands a second

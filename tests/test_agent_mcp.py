@@ -13,7 +13,6 @@ from pathlib import Path
 
 import pytest
 
-from conftest import eventually
 from injected_agent import OPERATORS, attempts, raw_commands
 from phalanx.gateway.chain_file import read_lines
 from phalanx.gateway.session_link import now
@@ -22,6 +21,7 @@ from phalanx.net.session_client import Client, RequestRefused, SessionOver
 from phalanx.world import Dotbots
 from session_endpoint import Endpoint
 from test_gateway_sessions import serving
+from waiting import eventually
 
 pytestmark = pytest.mark.waits
 ROOT = Path(__file__).parent.parent

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "scripts"))
+sys.path.append(str(Path(__file__).parent.parent / "scripts"))
 import arm64
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(1800)]

@@ -21,7 +21,7 @@ from behaviour.cases import (
     TEAM_ATTACKS,
     all_cases,
 )
-from conftest import ROOT
+from commands import ROOT
 from phalanx.config.builtin import built_in
 from phalanx.robot.adversary.registry import attacks
 

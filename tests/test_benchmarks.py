@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from conftest import ROOT
+from commands import ROOT
 
 pytestmark = [pytest.mark.waits, pytest.mark.slow]
 

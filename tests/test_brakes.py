@@ -14,7 +14,8 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from conftest import a_gateway, bare_mosquitto, eventually, operator_pages, run
+from brokers import bare_mosquitto
+from commands import a_gateway, run
 from phalanx.errors import Held
 from phalanx.gateway import Gateway
 from phalanx.gateway.brakes import Brakes, KeptStop
@@ -24,6 +25,8 @@ from phalanx.net.ports import is_free
 from phalanx.net.site import beside
 from phalanx.world import Dotbots
 from ports import free_port
+from served_pages import operator_pages
+from waiting import eventually
 
 pytestmark = pytest.mark.waits
 

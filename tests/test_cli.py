@@ -20,7 +20,8 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from conftest import PHALANX, ROOT, bare_mosquitto, run
+from brokers import bare_mosquitto
+from commands import PHALANX, ROOT, run
 from phalanx.cli import doctor
 from phalanx.cli.codes import qr_text
 from phalanx.cli.commands.mission import PROFILES

@@ -7,7 +7,7 @@ import json
 
 import pytest
 
-from conftest import child, run
+from commands import child, run
 from phalanx.cli.link import _find
 from phalanx.errors import Unavailable, UsageError
 from phalanx.net import Server

@@ -7,7 +7,7 @@ import subprocess
 
 import pytest
 
-from conftest import PHALANX, ROOT
+from commands import PHALANX, ROOT
 from phalanx.lab.determinism import check
 from phalanx.scenarios.attack_spec import parse_attack
 from phalanx.scenarios.file import find_scenario

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from conftest import PHALANX, ROOT
+from commands import PHALANX, ROOT
 from phalanx.attacks import IN_FLOCKS
 from phalanx.attacks.library import ATTACKS
 from phalanx.cli import attack as cli_attack

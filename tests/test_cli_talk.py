@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 import pytest
 
-from conftest import ROOT
+from commands import ROOT
 from phalanx.cli import link, reproduce, sim, terminal
 from phalanx.cli.main import ABOUT, main, phalanx, run_command
 from phalanx.errors import Unavailable

@@ -18,7 +18,8 @@ from types import SimpleNamespace
 import paho.mqtt.publish as publish
 import pytest
 
-from conftest import ROOT, a_gateway, bare_mosquitto, called, child, run, secrets_of
+from brokers import bare_mosquitto
+from commands import ROOT, a_gateway, called, child, run, secrets_of
 from phalanx.cli import up as command
 from phalanx.gateway.serving import for_at_most
 from ports import free_port

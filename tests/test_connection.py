@@ -7,9 +7,9 @@ import time
 
 import pytest
 
-from conftest import eventually
 from phalanx.net.connection import Connection
 from test_strangers import Stranger
+from waiting import eventually
 
 pytestmark = pytest.mark.waits
 

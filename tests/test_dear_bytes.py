@@ -14,7 +14,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import Turns, a_page, eventually
 from phalanx.config import LinkConfig
 from phalanx.errors import PeerError, TooLarge, WrongTopic
 from phalanx.link.envelope import open_envelope, seal
@@ -31,7 +30,9 @@ from phalanx.net.broker_packets import (
 )
 from phalanx.net.front.link import frame_head
 from phalanx.net.site import HEADERS, LINE_BYTES, Site, beside
+from served_pages import a_page
 from test_strangers import with_length
+from waiting import Turns, eventually
 from websocket_broker import BrokerEnd
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from conftest import ROOT
+from commands import ROOT
 from phalanx.daemon.driver import make_driver
 from phalanx.daemon.settings import read_robot
 from phalanx.gateway.up import DEFAULT_PORT

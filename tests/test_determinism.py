@@ -9,7 +9,7 @@ import subprocess
 
 import pytest
 
-from conftest import PHALANX, ROOT
+from commands import PHALANX, ROOT
 from phalanx.cli.main import run_command
 from phalanx.errors import UsageError
 from phalanx.lab.determinism import calls, check

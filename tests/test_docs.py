@@ -23,7 +23,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from conftest import bare_mosquitto
+from brokers import bare_mosquitto
 from phalanx import __version__, crypto, errors
 from phalanx.cli.main import phalanx
 from phalanx.config import LinkConfig

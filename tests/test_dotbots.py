@@ -18,7 +18,7 @@ from aiohttp import WSMessage, WSMsgType
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import called, child
+from commands import called, child
 from dotbot_controller import HELLO, RECORDED, SNAPSHOT, A, B, C, Controller, soon
 from phalanx.bridges.dotbots import DotbotSwarm, parse_dotbot_url
 from phalanx.bridges.dotbots.line import REFUSALS, Orders, _hear_refusals

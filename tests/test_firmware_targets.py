@@ -7,7 +7,7 @@ from hashlib import sha1
 
 import pytest
 
-from conftest import ROOT
+from commands import ROOT
 from oracle.lightmac import lightmac
 
 FIRMWARE = ROOT / "firmware"

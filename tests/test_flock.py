@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from conftest import uncompiled
+from commands import uncompiled
 from phalanx.config.flock import Box, Disc, FlockConfig
 from phalanx.errors import PeerError
 from phalanx.robot.controllers import dispatch

@@ -13,7 +13,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import eventually
 from phalanx.gateway import Gateway, vocabulary
 from phalanx.gateway.brakes import EXPIRES_S, Joysticks
 from phalanx.gateway.gateway import TICK_S, UPDATES_PER_TICK
@@ -23,6 +22,7 @@ from phalanx.net import QrkeyClient, Server
 from phalanx.robot import Led, Point
 from phalanx.robot.swarm import Done
 from phalanx.world import Dotbots
+from waiting import eventually
 
 pytestmark = pytest.mark.waits
 

@@ -16,7 +16,7 @@ import yaml
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from chromium import wait_until
-from conftest import child, eventually
+from commands import child
 from phalanx.cli.main import run_command
 from phalanx.cli.mission.files import read_plain
 from phalanx.errors import PhalanxError, Unknown, UsageError
@@ -31,6 +31,7 @@ from phalanx.world.building.floorplan import load_floorplan
 from phalanx.world.missions.live import Moment, RobotTruth
 from phalanx.world.missions.orders import orders_of
 from phalanx.world.swarms.mission import MOST_ROBOTS, MissionSwarm, ShieldedMissionSwarm
+from waiting import eventually
 
 NOW = 1_700_000_000.0
 # One room, 8 by 6 m, with a door to another: a mission in it takes seconds.

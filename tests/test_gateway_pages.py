@@ -18,13 +18,14 @@ from pathlib import Path
 import aiohttp
 import pytest
 
-from conftest import a_page, eventually, operator_pages
 from phalanx.errors import Unavailable
 from phalanx.gateway.serve_pages import PAGES
 from phalanx.gateway.up import UpOptions, up
 from phalanx.net.site import beside
 from phalanx.world import Dotbots
 from ports import free_port
+from served_pages import a_page, operator_pages
+from waiting import eventually
 
 pytestmark = pytest.mark.waits
 

@@ -8,7 +8,6 @@ from contextlib import asynccontextmanager, suppress
 
 import pytest
 
-from conftest import eventually
 from phalanx.config.session import SessionConfig
 from phalanx.errors import BadPayload, Unavailable
 from phalanx.gateway import Gateway
@@ -26,6 +25,7 @@ from phalanx.net.session_store import new_link_keys
 from phalanx.robot import Led
 from phalanx.world import Dotbots
 from session_front import FakeFront, visiting
+from waiting import eventually
 
 pytestmark = pytest.mark.waits
 

@@ -13,7 +13,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from conftest import uncompiled
+from commands import uncompiled
 from guarded_world import MOTION, acceleration, guard, reading, sharpness, state, wish
 from phalanx.config.flock import Box, Disc
 from phalanx.config.guard import GuardConfig

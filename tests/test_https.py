@@ -18,12 +18,13 @@ from pathlib import Path
 import aiohttp
 import pytest
 
-from conftest import ROOT, eventually
+from commands import ROOT
 from phalanx.gateway import UpOptions, up
 from phalanx.link.session import parse_invitation
 from phalanx.world import Dotbots
 from ports import free_port
 from session_front import visiting
+from waiting import eventually
 
 pytestmark = pytest.mark.waits
 

@@ -17,10 +17,11 @@ from pathlib import Path
 
 import pytest
 
-from conftest import eventually, with_an_old_pin
+from brokers import with_an_old_pin
 from phalanx.config import LinkConfig
 from phalanx.link import Pin, QrUrl
 from phalanx.net import ANY, QrkeyClient, Server
+from waiting import eventually
 
 pytestmark = [pytest.mark.waits, pytest.mark.peers, pytest.mark.timeout(120)]
 

@@ -8,13 +8,14 @@ import time
 
 import pytest
 
-from conftest import a_server, eventually, somebody
+from brokers import a_server, somebody
 from phalanx.config import LinkConfig
 from phalanx.errors import Overrun
 from phalanx.link import ClientSide, Request, ServerSide, SharedAnswer
 from phalanx.link.envelope import encode_envelope, open_envelope, seal
 from phalanx.link.replay import ReplayCache
 from phalanx.net.answers import WAITING, WAITING_BYTES, Answers
+from waiting import eventually
 
 
 @pytest.mark.waits

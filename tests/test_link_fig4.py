@@ -16,7 +16,8 @@ from contextlib import contextmanager
 
 import pytest
 
-from conftest import bare_mosquitto, child, eventually
+from brokers import bare_mosquitto
+from commands import child
 from phalanx.errors import Unavailable, UsageError
 from phalanx.lab.figures.plot import draw
 from phalanx.net.mosquitto import find_mosquitto
@@ -25,6 +26,7 @@ from phalanx.papers.link.fig4 import CSV_NAME, make_packet, measure
 from phalanx.papers.link.fig4_table import KINDS, PAPER, Row, cells, head, packets, summarize
 from phalanx.papers.table import TableFile, read_table
 from ports import free_port
+from waiting import eventually
 
 FIGURE = FIGURES["link-fig4"]
 ORIGIN = {"broker": "mosquitto", "interval_s": 0.5, "lost_after_s": 10.0, "version": "0.0.0 (cafe)"}

@@ -9,7 +9,7 @@ from types import ModuleType
 
 import pytest
 
-from conftest import ROOT
+from commands import ROOT
 from phalanx.errors import UsageError
 
 

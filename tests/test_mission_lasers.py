@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conftest import ROOT
+from commands import ROOT
 from phalanx.config.lidar import LidarConfig
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.papers.missions.drive import PATH_M, SPEED_MPS, driven

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from conftest import ROOT
+from commands import ROOT
 from phalanx.mission import Profile
 from phalanx.world.missions.report import Report
 

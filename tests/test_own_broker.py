@@ -9,7 +9,8 @@ import subprocess
 import aiomqtt
 import pytest
 
-from conftest import ROOT, a_gateway, bare_mosquitto, run
+from brokers import bare_mosquitto
+from commands import ROOT, a_gateway, run
 from phalanx.net.session_client import Client
 from ports import free_port
 

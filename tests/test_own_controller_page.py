@@ -12,7 +12,7 @@ import sys
 
 import pytest
 
-from conftest import ROOT
+from commands import ROOT
 from phalanx.cli.main import run_command
 from phalanx.robot import Command, Reading, State
 from phalanx.wire.table import ACCELERATION, SENSOR, STATE

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from conftest import ROOT
+from commands import ROOT
 from phalanx.errors import KernelDefect, OutsideSubset, OwnDefect, UsageError
 from phalanx.lab.determinism import check
 from phalanx.lab.sweep.dealing import run_sweep

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import pytest
 
-from conftest import ROOT
+from commands import ROOT
 from phalanx.config import BtiConfig
 from phalanx.world.scenarios.run import Run
 

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from chromium import wait_until
-from conftest import a_gateway, child, eventually
-from conftest import run as run_phalanx
+from commands import a_gateway, child
+from commands import run as run_phalanx
 from phalanx.attacks import IN_FLOCKS
 from phalanx.cli.main import run_command
 from phalanx.errors import Unknown, UsageError
@@ -25,6 +25,7 @@ from phalanx.net import Client
 from phalanx.robot import Led, Point
 from phalanx.robot.swarm import AuditedSwarm
 from phalanx.world.swarms.protected import MOST_ROBOTS, ProtectedSwarm, draw_places
+from waiting import eventually
 
 DT = 0.02
 T_VAL_S = 10.0

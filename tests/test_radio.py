@@ -10,7 +10,7 @@ import sys
 import numpy as np
 import pytest
 
-from conftest import ROOT
+from commands import ROOT
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
 from phalanx.world.audited.events import make_queue, next_us, pop, refused

@@ -8,7 +8,7 @@ import functools
 import numpy as np
 import pytest
 
-from conftest import ROOT
+from commands import ROOT
 from phalanx.config.radio import RadioConfig
 from phalanx.world.audited.events import make_queue, push
 from phalanx.world.radio import channel as radio

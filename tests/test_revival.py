@@ -10,7 +10,7 @@ import urllib.request
 
 import pytest
 
-from conftest import a_gateway, called
+from commands import a_gateway, called
 from phalanx.errors import Unknown
 from phalanx.world.swarms.protected import ProtectedSwarm
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import ROOT
+from commands import ROOT
 from phalanx.net.keyring import Keys
 from phalanx.net.mission_key import issued
 from phalanx.wire.table import BOARD

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import pytest
 
-from conftest import called, eventually
+from commands import called
 from ordered import KEYS, PUBLIC, robot
 from phalanx.bti.refusal import Refusal
 from phalanx.cli.credentials import read_signing_key
@@ -36,6 +36,7 @@ from phalanx.net.serial_node import SerialNode
 from phalanx.robot import Led, Point
 from phalanx.wire.driven import GATEWAY, OPERATOR, ORDER, TELL_WHEELS, WHEELS_MEMORY
 from phalanx.wire.table import AUDIT_FRAGMENT, AUDIT_TOKEN, BOARD, KEY_BYTES, REQUEST, SEAL, TOKEN, WHEELS_STATE
+from waiting import eventually
 
 pytestmark = [pytest.mark.waits, pytest.mark.timeout(300)]
 PHALANX = (sys.executable, "-m", "phalanx", "--log-level", "error")

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import called
+from commands import called
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]
 ROOT = Path(__file__).parent.parent

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from conftest import eventually
 from phalanx.errors import Held, Unavailable, Unknown
 from phalanx.gateway import UpOptions, up
 from phalanx.net import QrkeyClient
 from phalanx.robot import Point
+from waiting import eventually
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]
 WORLD = (sys.executable, str(Path(__file__).parent.parent / "examples" / "ros2_world.py"))

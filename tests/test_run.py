@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from commands import uncompiled
 from phalanx.config import BtiConfig
 from phalanx.errors import Unavailable
 from phalanx.scenarios.attack_spec import AttackSpec
@@ -37,16 +34,7 @@ def stopped_liar() -> str:
 
 def test_the_world_has_the_same_bytes_compiled_and_not():
     script = "from phalanx import kernel; import test_run; print(int(kernel.PURE), test_run.stopped_liar())"
-    plain = subprocess.run(
-        [sys.executable, "-c", script],
-        env=os.environ | {"PHALANX_PURE": "1"},
-        cwd=Path(__file__).parent,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert plain.returncode == 0, plain.stderr
-    assert plain.stdout.split() == ["1", stopped_liar()]
+    assert uncompiled(script) == ["1", stopped_liar()]
 
 
 class TestDigest:

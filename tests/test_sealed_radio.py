@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 import boards
-from conftest import ROOT
+from commands import ROOT
 from oracle import nodes as oracle
 from oracle.sealed import SealedANode
 from phalanx.bti import trusted

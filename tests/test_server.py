@@ -10,10 +10,11 @@ from dataclasses import replace
 
 import pytest
 
-from conftest import a_server, eventually, tell_until_cancelled, with_an_old_pin
+from brokers import a_server, tell_until_cancelled, with_an_old_pin
 from phalanx.config import LinkConfig
 from phalanx.errors import BadPayload, Unavailable, UsageError
 from phalanx.net import QrkeyClient, Server, parse_broker_url
+from waiting import eventually
 
 pytestmark = pytest.mark.waits
 

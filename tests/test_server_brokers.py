@@ -16,14 +16,7 @@ from pathlib import Path
 import aiomqtt
 import pytest
 
-from conftest import (
-    a_broker,
-    a_server,
-    bare_mosquitto,
-    eventually,
-    tell_until_cancelled,
-    with_an_old_pin,
-)
+from brokers import a_broker, a_server, bare_mosquitto, tell_until_cancelled, with_an_old_pin
 from phalanx.config import LinkConfig
 from phalanx.errors import Unavailable, UsageError
 from phalanx.net import ANY, Login, QrkeyClient, Server
@@ -31,6 +24,7 @@ from phalanx.net.broker import open_broker
 from phalanx.net.mosquitto import MEMORY_BYTES, mosquitto, serves
 from ports import free_port
 from test_strangers import the_process
+from waiting import eventually
 
 pytestmark = pytest.mark.waits
 

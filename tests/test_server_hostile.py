@@ -13,12 +13,13 @@ import time
 import aiomqtt
 import pytest
 
-from conftest import a_server, bare_mosquitto, eventually, somebody
+from brokers import a_server, bare_mosquitto, somebody
 from phalanx.config import LinkConfig
 from phalanx.crypto import seal_jwe
 from phalanx.link.envelope import encode_envelope, seal
 from phalanx.net import Login, QrkeyClient, Server
 from ports import free_port
+from waiting import eventually
 
 pytestmark = pytest.mark.waits
 

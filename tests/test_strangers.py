@@ -17,7 +17,8 @@ from urllib.parse import urlsplit
 import aiomqtt
 import pytest
 
-from conftest import Turns, a_gateway, a_server, bare_mosquitto, eventually, somebody
+from brokers import a_server, bare_mosquitto, somebody
+from commands import a_gateway
 from phalanx.cli.terminal import EventLines
 from phalanx.link.envelope import encode_envelope, seal
 from phalanx.net import QrkeyClient, Server
@@ -25,6 +26,7 @@ from phalanx.net.broker import open_broker
 from phalanx.net.front.link import frame_head
 from phalanx.net.private_file import private_folder
 from ports import free_port
+from waiting import Turns, eventually
 from websocket_broker import BrokerEnd
 
 pytestmark = pytest.mark.waits

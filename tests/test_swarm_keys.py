@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from conftest import called
+from commands import called
 from phalanx.bti import trusted
 from phalanx.bti.fleet import START
 from phalanx.cli import up as command

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pytest
 from pyarrow import parquet
 
-from conftest import PHALANX
+from commands import PHALANX
 from phalanx.errors import Unavailable, UsageError
 from phalanx.lab.sweep import dealing
 from phalanx.lab.sweep.dealing import deal_cases, run_job

@@ -12,7 +12,8 @@ import aiomqtt
 import pytest
 from aiomqtt.client import ProtocolVersion
 
-from conftest import a_broker, a_gateway, bare_mosquitto, eventually, run
+from brokers import a_broker, bare_mosquitto
+from commands import a_gateway, run
 from phalanx.config.session import SessionConfig
 from phalanx.errors import PeerError, Unavailable
 from phalanx.gateway import Gateway, UpOptions, up
@@ -31,6 +32,7 @@ from phalanx.wire.sessions import SIGNED_HELLO, UPDATE
 from phalanx.world import Dotbots
 from ports import free_port
 from session_front import FakeFront
+from waiting import eventually
 
 pytestmark = pytest.mark.waits
 ROOT = "/lab"

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import a_gateway, called, eventually
+from commands import a_gateway, called
 from phalanx.cli.gateway_of import ask_gateway
 from phalanx.errors import UsageError
 from phalanx.gateway import UpOptions, up
@@ -23,6 +23,7 @@ from phalanx.net import QrkeyClient
 from phalanx.robot import Led
 from phalanx.world import Dotbots
 from session_front import visiting
+from waiting import eventually
 
 pytestmark = pytest.mark.waits
 

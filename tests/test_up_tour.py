@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from conftest import called
+from commands import called
 from phalanx.gateway import tour
 from phalanx.gateway.demo import plan_swarm, simulated_swarm
 from phalanx.gateway.up import UpOptions

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from conftest import uncompiled
+from commands import uncompiled
 from ordered import LONG_MS, MISSION, PUBLIC, led_order, order, robot, route_order, signed, signer, wheels_order
 from phalanx.config.flock import WheelsConfig
 from phalanx.errors import PeerError, UsageError

@@ -1,6 +1,6 @@
 """Writes vectors/edges.json: each limit and each error of the trusted nodes, on its edge and one beside it.
 
-Answers are the oracle's (tests/oracle), never the code's under test. `python vectors/make_edges.py`; a test checks that
+Answers are those of tests/kit/oracle, never the code's under test. `python vectors/make_edges.py`; a test checks that
 what is committed is what it writes.
 """
 
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE.parent / "tests"), str(HERE)]
+sys.path[:0] = [str(HERE.parent / "tests" / "kit"), str(HERE)]
 
 from make_firmware import LIMITS, Case, Story, text  # noqa: E402
 

@@ -1,6 +1,6 @@
 """Writes the vectors of the trusted nodes: vectors/{present,sha1,lightmac,nodes,sealed}.json, which Python and C run.
 
-PRESENT and SHA-1 are the published ones; LightMACs and what the nodes answer are the oracle's (tests/oracle), never the
+PRESENT and SHA-1 are the published ones; LightMACs and what the nodes answer are those of tests/kit/oracle, never the
 code's under test. Run it as `python vectors/make_firmware.py`; a test checks that what is committed is what it writes.
 """
 
@@ -16,7 +16,7 @@ from types import SimpleNamespace
 from typing import Any
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parent / "tests"))
+sys.path.insert(0, str(HERE.parent / "tests" / "kit"))
 
 from oracle.lightmac import lightmac, present80  # noqa: E402
 from oracle.nodes import No, SNode, u16, u32  # noqa: E402

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import random
 
-import constructs
 import numpy as np
 import pytest
-from harness import agree, bits, compiled, kernels_of, value_of
 
+import constructs
+from harness import agree, bits, compiled, kernels_of, value_of
 from phalanx_compiler.value_types import Array, Record, signature_of
 
 KERNELS = {each.__name__: each for each in kernels_of(constructs)}

@@ -1,7 +1,7 @@
 """Every kernel of the package does the same compiled and as Python, on recorded inputs and on others made of them.
 
 Inputs come from small runs: a flock with a liar, the guard with a hostile planner, wheels that are driven, and missions
-with scans, orders and people. All run as Python and are recorded (recording.py). A kernel that none of them reaches
+with scans, orders and people. All run as Python and are recorded (recorded_calls.py). A kernel that none of them reaches
 gets values of the same types that others were given, and random numbers. Two of the runs give the same events
 compiled, byte for byte.
 """
@@ -20,13 +20,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from harness import agree, value_of
 
+from harness import agree, value_of
 from phalanx import _kernels
 from phalanx.kernel import PURE
 from phalanx_compiler.value_types import BOOL, FLOAT, INT, Array, Bundle, Record, Tuple, signature_of
 
-HERE = Path(__file__).parent
+KIT = Path(__file__).parents[1] / "kit"
 pytestmark = pytest.mark.skipif(PURE, reason="no kernel is compiled")
 # So many of the 413 are reached by the runs; the rest get drawn inputs. More may be drawn only if this line says so.
 REACHED_AT_LEAST = 366
@@ -45,7 +45,7 @@ def recorded(tmp_path_factory):
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not path.exists():
             env = os.environ | {"PHALANX_PURE": "1"}
-            subprocess.run([sys.executable, HERE / "recording.py", path], env=env, check=True, capture_output=True)
+            subprocess.run([sys.executable, KIT / "recorded_calls.py", path], env=env, check=True, capture_output=True)
     return path
 
 
@@ -172,7 +172,9 @@ def test_all_kernels_are_tried_and_most_of_them_on_recorded_inputs(kernels, reco
 
 def test_a_liar_and_a_mission_give_the_same_events_both_ways(recorded, tmp_path):
     env = os.environ | {"PHALANX_PURE": "0"}
-    subprocess.run([sys.executable, HERE / "events.py", tmp_path / "events"], env=env, check=True, capture_output=True)
+    subprocess.run(
+        [sys.executable, KIT / "run_events.py", tmp_path / "events"], env=env, check=True, capture_output=True
+    )
     texts = (tmp_path / "events").read_text(), Path(f"{recorded}.events").read_text()
     compiled, uncompiled = (text.split("\n") for text in texts)
     assert {"body", "packet", "verdict", "chain", "token", "mission", "outcome"} <= {

@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 import pytest
+
 from harness import compiled, kernels_of, load
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "kernels.md"

@@ -6,12 +6,12 @@ import inspect
 import random
 
 import pytest
-from harness import agree, compiled, kernels_of, load, value_of
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
-from programs import functions
 
+from harness import agree, compiled, kernels_of, load, value_of
 from phalanx_compiler.value_types import signature_of
+from programs import functions
 
 INPUTS = 12
 

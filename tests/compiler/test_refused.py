@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from harness import c_of, kernels_of, load
 
+from harness import c_of, kernels_of, load
 from phalanx_compiler.errors import SubsetError
 from phalanx_compiler.parsing import INSTEAD
 

@@ -7,12 +7,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-import constructs
 import pytest
+
+import constructs
 import violations
 from harness import build, kernels_of, load
 
-HERE = Path(__file__).parent
+KIT = Path(__file__).parents[1] / "kit"
 SANITIZED = [
     *["-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all"],
     *["-fno-omit-frame-pointer", "-O1", "-g1", "-w"],
@@ -30,7 +31,7 @@ def library(name: str) -> str:
 
 def run_sanitized(name: str, path: Path, inputs: int) -> subprocess.CompletedProcess[str]:
     preload = {"LD_PRELOAD": f"{library('libasan.so')} {library('libubsan.so')}"}
-    command = [sys.executable, HERE / "sanitized.py", name, path, str(inputs)]
+    command = [sys.executable, KIT / "sanitized.py", name, path, str(inputs)]
     return subprocess.run(command, env=os.environ | OPTIONS | preload, capture_output=True, text=True, check=False)
 
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 import violations
 from harness import agree, compiled, kernels_of, value_of
-
 from phalanx.errors import KernelDefect
 from phalanx_compiler.value_types import signature_of
 

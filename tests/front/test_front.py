@@ -11,10 +11,10 @@ from pathlib import Path
 
 import aiohttp
 import pytest
-from front_world import Raw, child_of, echoing, frame, the_child
 from hypothesis import given
 from hypothesis import strategies as st
 
+from front_world import Raw, child_of, echoing, frame, the_child
 from phalanx.config.front import FrontConfig
 from phalanx.net.front import Closed, Front, Opened, Received
 from phalanx.net.front.pipe import Pipe

@@ -9,8 +9,8 @@ import socket
 
 import aiohttp
 import pytest
-from front_world import HANDSHAKE, Raw, echoing, files_of, frame, memory_mb, the_child
 
+from front_world import HANDSHAKE, Raw, echoing, files_of, frame, memory_mb, the_child
 from phalanx.net.front import Closed, Opened, Received
 
 pytestmark = pytest.mark.waits

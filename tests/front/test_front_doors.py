@@ -7,8 +7,8 @@ import ssl
 
 import aiohttp
 import pytest
-from front_world import Raw, echoing
 
+from front_world import Raw, echoing
 from phalanx.config.front import FrontConfig
 from phalanx.errors import UsageError
 from phalanx.net.front import Front, Opened

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from landmark_world import ROOM, away, look, seen
 
+from landmark_world import ROOM, away, look, seen
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks import LaserScan, extract

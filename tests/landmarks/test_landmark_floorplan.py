@@ -10,8 +10,8 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from landmark_world import away
 
+from landmark_world import away
 from phalanx.config.builtin import built_in
 from phalanx.config.lidar import LidarConfig
 from phalanx.errors import UsageError

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from landmark_world import look
 
+from landmark_world import look
 from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.config.mission import MissionConfig
 from phalanx.mission.landmarks import extract

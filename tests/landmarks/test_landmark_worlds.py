@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from landmark_world import NOBODY, ROOM
 
+from landmark_world import NOBODY, ROOM
 from phalanx.config.lidar import LidarConfig
 from phalanx.errors import UsageError
 from phalanx.mission.angles import wrap

@@ -13,7 +13,6 @@ import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from worlds import BOTH, at, built, cheap, corridor, decoded_of, walk, walker_of
 
 from phalanx.errors import NotAuthentic, PeerError, TooLarge
 from phalanx.mission import (
@@ -31,6 +30,7 @@ from phalanx.mission import (
 )
 from phalanx.mission.file.records import FILE_LIMIT
 from phalanx.mission.refused import AlreadyStarted, MalformedMission, NotForUs, OutsideWindow, Unsigned
+from worlds import BOTH, at, built, cheap, corridor, decoded_of, walk, walker_of
 
 OPERATOR = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
 

@@ -16,7 +16,6 @@ import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from worlds import BOTH, CHEAP, CONFIG, built, cheap, explored, fork
 
 from phalanx.errors import NotAuthentic, PeerError
 from phalanx.mission import (
@@ -39,6 +38,7 @@ from phalanx.mission import (
 )
 from phalanx.mission.authoring.compiling import Built, direction_of, place_of
 from phalanx.mission.file.records import FINAL, JOIN, START, NodeRecord
+from worlds import BOTH, CHEAP, CONFIG, built, cheap, explored, fork
 
 OPERATOR = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
 # Few cells to a robot's doubt: what is altered is found out after the search, whatever its length.

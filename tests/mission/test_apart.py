@@ -8,7 +8,6 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from worlds import BOTH, built, cheap, until_decoded, walker_for
 
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.errors import PeerError
@@ -18,6 +17,7 @@ from phalanx.mission.landmarks import look_alikes_of
 from phalanx.mission.observable import APART_MAX, UNTOLD_M, Offset, offset_of
 from phalanx.mission.walk.fix import unambiguous
 from phalanx.world.building.floorplan import load_floorplan
+from worlds import BOTH, built, cheap, until_decoded, walker_for
 
 both = pytest.mark.parametrize("profile", BOTH)
 DOOR = Landmark("doorway", 5.0, 0.0, 0.2)

@@ -7,9 +7,8 @@ from collections import Counter
 from functools import cache
 
 import pytest
-from audited import ELSEWHERE_M, PLAN, ROBOTS, STORE, cheating, errand, swarm, told, two_halves
-from worlds import BOTH
 
+from audited import ELSEWHERE_M, PLAN, ROBOTS, STORE, cheating, errand, swarm, told, two_halves
 from phalanx.attacks import ON_MISSIONS
 from phalanx.bti.log import logged
 from phalanx.bti.refusal import Refusal
@@ -18,6 +17,7 @@ from phalanx.mission import Experience, Phase, Profile
 from phalanx.robot.adversary.mission_cheat import CheatPlan
 from phalanx.world.missions.setup import MissionRun, Part
 from phalanx.world.missions.world import MissionWorld
+from worlds import BOTH
 
 CHEATS = [name for name, attack in ON_MISSIONS.items() if attack.scene == "team"]
 both = pytest.mark.parametrize("profile", BOTH)

@@ -7,8 +7,8 @@ from collections import Counter
 from functools import cache
 
 import numpy as np
-from audited import swarm
 
+from audited import swarm
 from phalanx.bti import log, request
 from phalanx.bti.refusal import Refusal
 from phalanx.mission import Profile

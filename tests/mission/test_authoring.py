@@ -8,7 +8,6 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from worlds import BOTH, built, cheap, draws
 
 from phalanx.cli.mission.files import read_plain
 from phalanx.config.mission import CodingConfig, MissionConfig
@@ -26,6 +25,7 @@ from phalanx.mission import (
     plain_mission,
 )
 from phalanx.mission.authoring.document import WrittenMission
+from worlds import BOTH, built, cheap, draws
 
 EVERYTHING = """
 mission: everything

@@ -8,7 +8,6 @@ import struct
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from worlds import built, corridor
 
 from phalanx.config.mission import MissionConfig
 from phalanx.crypto.sha3 import Targets, find, padded, sha3_256
@@ -30,6 +29,7 @@ from phalanx.mission.walk.cells import (
 from phalanx.mission.walk.search import Budget
 from phalanx.mission.walk.search_paper import PaperSearch
 from phalanx.mission.walk.searched import Searched
+from worlds import built, corridor
 
 metres = st.floats(-1e6, 1e6)
 STEPS = (0.1, 0.1, math.pi / 12, 2.0)

@@ -6,11 +6,10 @@ import math
 from types import MappingProxyType
 
 import pytest
-from audited import POOL, Recording, errand, everybody
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from worlds import BOTH, built, cheap, fork, walk, walker_of
 
+from audited import POOL, Recording, errand, everybody
 from phalanx.config import BtiConfig
 from phalanx.config.mission import MissionConfig
 from phalanx.errors import PeerError, UsageError
@@ -21,6 +20,7 @@ from phalanx.mission.refused import MalformedMission
 from phalanx.mission.walk.checkpoint import encode_state, parse_state, state_capacity
 from phalanx.mission.walk.opening import Known
 from phalanx.mission.walk.state import Keyring
+from worlds import BOTH, built, cheap, fork, walk, walker_of
 
 both = pytest.mark.parametrize("profile", BOTH)
 MISSION = built(fork().mission(), Profile.PAPER).mission

@@ -8,7 +8,6 @@ from dataclasses import fields, replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from worlds import BOTH, CONFIG, at, built, cheap, corridor, walk, walker_for, walker_of
 
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.errors import PeerError
@@ -16,6 +15,7 @@ from phalanx.mission import Draft, Experience, Landmark, Position, Profile, Sens
 from phalanx.mission.file.canonical import AT_POSITION, Shape
 from phalanx.mission.observable import APART_MAX, Cell, Offset, cell_of
 from phalanx.mission.walk.claims import Claim, Unshown, parse_claim, shows, unlock
+from worlds import BOTH, CONFIG, at, built, cheap, corridor, walk, walker_for, walker_of
 
 both = pytest.mark.parametrize("profile", BOTH)
 

@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 
 import pytest
-from worlds import walker_for
 
 from phalanx.config.mission import MissionConfig
 from phalanx.mission import Draft, Experience, Landmark, Position, Profile, Reason, State, Walker
@@ -14,6 +13,7 @@ from phalanx.mission.pose.belief import Belief
 from phalanx.mission.walk.chart import Chart
 from phalanx.mission.walk.constellation import expected_chance_matches, fix_from_known
 from phalanx.mission.walk.fix import fix_from, fixed, initial_belief
+from worlds import walker_for
 
 STRANGERS = MissionConfig(strangers_per_m2=0.2)
 NEAR = Landmark("concave_left", 3.0, 1.0, math.pi, apart_m=25.0)

@@ -8,20 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from worlds import (
-    BOTH,
-    CONFIG,
-    at,
-    built,
-    cheap,
-    corridor,
-    explored,
-    fork,
-    until_decoded,
-    walk,
-    walker_for,
-    walker_of,
-)
 
 from phalanx.config.mission import MissionConfig
 from phalanx.errors import UsageError
@@ -42,6 +28,20 @@ from phalanx.mission.file.records import JOIN, parse_mission
 from phalanx.mission.refused import Altered
 from phalanx.mission.walk.state import TABLE, Event
 from phalanx.mission.walk.state import step as next_phase
+from worlds import (
+    BOTH,
+    CONFIG,
+    at,
+    built,
+    cheap,
+    corridor,
+    explored,
+    fork,
+    until_decoded,
+    walk,
+    walker_for,
+    walker_of,
+)
 
 both = pytest.mark.parametrize("profile", BOTH)
 

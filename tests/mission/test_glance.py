@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from worlds import BOTH, CHEAP, at, built, cheap
 
 from phalanx.config.mission import MissionConfig
 from phalanx.mission import Draft, Landmark, Position, Profile, Sensor, State, Walker
 from phalanx.mission.observable import InSight, rows_of
 from phalanx.mission.walk.finding import Finder
 from phalanx.mission.walk.state import Keyring
+from worlds import BOTH, CHEAP, at, built, cheap
 
 # Not dear to search, so that the profiles try as many cells.
 TRIES = MissionConfig(hash_tries=300, kdf_tries=8)

@@ -4,26 +4,23 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from audited import PLAN, SENSORS, Recording
-from worlds import BOTH
 
+from audited import PLAN, SENSORS, Recording, errand, everybody
+from commands import uncompiled
 from phalanx.kernel import PURE
-from phalanx.mission import Kind, Order
+from phalanx.mission import Kind, Order, Profile, Walker
 from phalanx.robot.controllers.mission.course import NO_STOP, Course, Goal, steer
 from phalanx.robot.controllers.mission.pilot import Drive, Leg, drive
 from phalanx.robot.controllers.mission.readings import CLEAR, Reading
 from phalanx.robot.controllers.mission.surroundings import SIDE, Sectors, Seen, packed, sight, unpacked
 from phalanx.world.building.odometry import OdometryNoise
 from phalanx.world.missions.body import Building, MissionBody
+from worlds import BOTH
 
-HERE = Path(__file__).parent
 LIDAR = SENSORS.lidar
 SECTORS = Sectors(LIDAR.angle_min_rad, 12 * LIDAR.angle_increment_rad, SENSORS.sectors)
 OPEN = Reading((0.0, 0.0, 0.0), 0.0, b"", np.full(SENSORS.sectors, CLEAR, np.uint8))
@@ -114,24 +111,14 @@ def test_a_process_in_which_nothing_is_compiled_replays_the_same_commands_and_st
         for each in recording.steps
     ]
     path.write_text(json.dumps({"profile": int(profile), "steps": told, "end": recording.steps[-1].state.hex()}))
-    child = subprocess.run(
-        [sys.executable, str(HERE / "test_mission_pilot.py"), str(path)],
-        env=os.environ | {"PHALANX_PURE": "1"},
-        capture_output=True,
-        text=True,
-    )
-    assert child.returncode == 0, child.stderr
-    assert child.stdout.split() == ["same", str(len(told))]
+    script = f"from mission.test_mission_pilot import replay; replay({str(path)!r})"
+    assert uncompiled(script) == ["same", str(len(told))]
 
 
-def replay(path: Path) -> None:
+def replay(path: str) -> None:
     """The child: the whole walk from boot, uncompiled."""
-    from audited import errand, everybody
-
-    from phalanx.mission import Profile, Walker
-
     assert PURE, "compiled"
-    told = json.loads(path.read_text())
+    told = json.loads(Path(path).read_text())
     one = errand(Profile(told["profile"]))
     controller = everybody(one, 2).controllers_of(2, Walker(one.mission, one.key))(1)
     for step, t_ms, reading, evidence, outputs in told["steps"]:
@@ -139,7 +126,3 @@ def replay(path: Path) -> None:
         assert [output.payload.hex() for output in done] == outputs, step
     assert controller.encode().hex() == told["end"]
     print("same", len(told["steps"]))
-
-
-if __name__ == "__main__":
-    replay(Path(sys.argv[1]))

@@ -9,17 +9,17 @@ import zlib
 from dataclasses import replace
 
 import pytest
-from audited import PLAN, SENSORS, Recording, errand
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from worlds import BOTH, built, cheap, corridor, walk, walker_of
 
+from audited import PLAN, SENSORS, Recording, errand
 from phalanx.errors import PeerError
 from phalanx.mission import Profile
 from phalanx.mission.file.sealed import open_payload, open_secret, try_observation
 from phalanx.mission.walk.claims import Unshown
 from phalanx.mission.walk.gate import Hint
 from phalanx.robot.controllers.mission.evidence import BadEvidence, pack_evidence, unpack_evidence
+from worlds import BOTH, built, cheap, corridor, walk, walker_of
 
 both = pytest.mark.parametrize("profile", BOTH)
 BEAMS = SENSORS.lidar.beams

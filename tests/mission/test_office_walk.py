@@ -7,7 +7,6 @@ import random
 from dataclasses import replace
 
 import pytest
-from worlds import BOTH, built, cheap
 
 from phalanx.cli.mission.files import read_plain
 from phalanx.config.mission import MissionConfig
@@ -15,6 +14,7 @@ from phalanx.mission import Experience, Kind, Landmark, Phase, State, Walker
 from phalanx.mission.landmarks.sites import landmarks_of
 from phalanx.mission.walk.fix import fixed, initial_belief, wheels_of
 from phalanx.world.building.floorplan import load_floorplan
+from worlds import BOTH, built, cheap
 
 CONFIG = MissionConfig()
 RANGE_M = 12.0

@@ -9,8 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from audited import SENSORS
 
+from audited import SENSORS
 from phalanx.cli.mission.files import read_plain
 from phalanx.mission import BuildOptions, Kind, Order, Profile, build, plain_mission
 from phalanx.mission.landmarks import FloorPlan

@@ -7,7 +7,6 @@ from dataclasses import fields, replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from worlds import CHEAP, at, built, cheap, corridor, draws, until_decoded, walk, walker_of
 
 from phalanx.crypto import keys as scrypt_module
 from phalanx.mission import (
@@ -28,6 +27,7 @@ from phalanx.mission.file.records import Header, NodeRecord
 from phalanx.mission.refused import MalformedMission
 from phalanx.mission.walk.gate import Gate, Hint, StartKey, join_shares, parse_start_key
 from phalanx.mission.walk.state import Keyring
+from worlds import CHEAP, at, built, cheap, corridor, draws, until_decoded, walk, walker_of
 
 # What each stored field of a sealed file may depend on. A new field has to be put here, and thought about.
 HEADER_FIELDS = {

@@ -8,7 +8,6 @@ from itertools import product
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from worlds import built, corridor, walk, walker_of
 
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.mission import Experience, Landmark, Profile
@@ -20,6 +19,7 @@ from phalanx.mission.walk.search import doubt_in, is_around, placed, region
 from phalanx.mission.walk.search_sealed import cells_that_fit
 from phalanx.mission.walk.searched import spiral
 from phalanx.papers.missions.fig8c import use_plain_hash
+from worlds import built, corridor, walk, walker_of
 
 
 def cells_around(shape, coding, doubt, landmark, centre, offset):

@@ -6,23 +6,6 @@ import math
 from dataclasses import replace
 
 import pytest
-from worlds import (
-    BOTH,
-    CONFIG,
-    at,
-    built,
-    cheap,
-    corridor,
-    decoded_of,
-    draws,
-    explored,
-    fork,
-    truths,
-    until_decoded,
-    walk,
-    walker_for,
-    walker_of,
-)
 
 from phalanx.mission import (
     Action,
@@ -42,6 +25,23 @@ from phalanx.mission import (
     build,
 )
 from phalanx.mission.walk.fix import ALONE_SIGMAS, doubt_m
+from worlds import (
+    BOTH,
+    CONFIG,
+    at,
+    built,
+    cheap,
+    corridor,
+    decoded_of,
+    draws,
+    explored,
+    fork,
+    truths,
+    until_decoded,
+    walk,
+    walker_for,
+    walker_of,
+)
 
 both = pytest.mark.parametrize("profile", BOTH)
 DOOR = Landmark("doorway", 8.0, 1.0, 0.2)

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from worlds import BOTH, CHEAP, built, cheap, corridor, decoded_of, walk, walker_of
 
 from phalanx.cli.mission.files import read_plain
 from phalanx.config.mission import CodingConfig, MissionConfig
@@ -21,6 +20,7 @@ from phalanx.mission.worth.audit import Rates, audit
 from phalanx.mission.worth.guessing import OUT_OF_REACH
 from phalanx.mission.worth.shown import Before, cell_in, shown_by
 from phalanx.world.building.floorplan import load_floorplan
+from worlds import BOTH, CHEAP, built, cheap, corridor, decoded_of, walk, walker_of
 
 BOX = (0.0, 0.0, 12.0, 10.0)
 

@@ -12,7 +12,6 @@ import sys
 from pathlib import Path
 
 from harness import kernels_of, loaded, outcome, value_of
-
 from phalanx.errors import KernelDefect
 from phalanx_compiler.value_types import signature_of
 

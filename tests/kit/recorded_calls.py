@@ -1,7 +1,7 @@
-"""Record what kernels are called with: `PHALANX_PURE=1 python recording.py OUT` runs small scenarios and writes a file.
+"""Record what kernels are called with: `PHALANX_PURE=1 python recorded_calls.py OUT` runs small scenarios and writes a file.
 
 All kernels run as Python here, so that calls from one kernel to another are recorded too. The events of the runs in
-events.py are written to OUT.events.
+run_events.py are written to OUT.events.
 """
 
 from __future__ import annotations
@@ -89,9 +89,8 @@ def go_around() -> None:
 
 def main() -> None:
     """Run the scenarios, and write the records."""
-    from events import RUNS, events_of
-
     from behaviour.observe import RUNNERS
+    from run_events import RUNS, events_of
 
     warnings.simplefilter("ignore")
     lines: list[str] = []

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cache, partial
 
 import numpy as np
-from worlds import CHEAP, built, draws
 
 from phalanx.attacks.missions.cheat import DriveDark
 from phalanx.lab.scorecard import team_trial
@@ -24,6 +23,7 @@ from phalanx.world.missions.report import summary
 from phalanx.world.missions.setup import MissionRun, Part
 from phalanx.world.missions.world import MissionWorld
 from phalanx.world.radio.channel import APP_BROADCAST, AUDIT_BROADCAST, BYTES
+from worlds import CHEAP, built, draws
 
 PLAN = load_floorplan("office_40x40")
 POOL = (Action("inspect"), Action("pick", (("shelf", 3),)))

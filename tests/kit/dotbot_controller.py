@@ -16,7 +16,7 @@ from aiohttp import WSMsgType, web
 
 from ports import free_port
 
-RECORDED = json.loads((Path(__file__).parent / "data" / "pydotbot.json").read_text())
+RECORDED = json.loads((Path(__file__).parents[1] / "data" / "pydotbot.json").read_text())
 HELLO, SNAPSHOT = RECORDED["begins"][:2]
 A, B, C = (robot["address"] for robot in SNAPSHOT["robots"])
 

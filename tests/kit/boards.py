@@ -18,7 +18,7 @@ from phalanx.net.serial_line import open_line
 from phalanx.net.serial_node import SerialNode
 from phalanx.wire import lines
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 FIRMWARE = ROOT / "firmware"
 # A busy machine may take its time; only who is asked about the limit itself waits for it.
 PATIENT = {"timeout_s": 60.0, "again_s": 5.0}

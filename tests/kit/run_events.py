@@ -1,4 +1,4 @@
-"""Write all events of two small runs to a file, compiled: `python events.py OUT`. recording.py does it as Python."""
+"""Write all events of two small runs to a file, compiled: `python run_events.py OUT`. recorded_calls.py does it as Python."""
 
 from __future__ import annotations
 

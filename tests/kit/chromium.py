@@ -34,7 +34,7 @@ COUNT = """([layer, name]) => {
   return count;
 }"""
 STOP = dict.fromkeys(("left_x", "left_y", "right_x", "right_y"), 0)  # in a session it has no payload
-AXE = Path(__file__).parent.parent / "web" / "node_modules" / "axe-core" / "axe.min.js"
+AXE = Path(__file__).parents[2] / "web" / "node_modules" / "axe-core" / "axe.min.js"
 BUZZED = "window.buzzed = []; navigator.vibrate = (pattern) => { window.buzzed.push(pattern); return true; };"
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 
