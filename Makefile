@@ -219,6 +219,7 @@ bench: setup-dev
 	$(BIN)/python benchmarks/bench_radio.py
 	$(BIN)/python benchmarks/bench_link.py
 	$(BIN)/python benchmarks/bench_wheels.py
+	$(BIN)/python benchmarks/bench_first_paint.py
 	$(BIN)/python benchmarks/bench_thousand.py
 	$(BIN)/python benchmarks/bench_attacks.py
 	$(BIN)/python benchmarks/bench_sweep.py
