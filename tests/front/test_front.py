@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gzip
 import os
 import signal
 import subprocess
@@ -44,6 +45,19 @@ class TestWhatItCarries:
             await echo.eventually(lambda: Closed(1) in echo.told)
             assert echo.told[0] == Opened(1, "127.0.0.1")
             assert len(echo.told) == 102
+
+    async def test_a_file_comes_packed_to_those_who_unpack(self, pages):
+        script = b"drive();" * 200
+        (pages / "drive.js").write_bytes(script)
+        (pages / "drive.js.gz").write_bytes(gzip.compress(script))
+        async with echoing(pages) as echo, aiohttp.ClientSession(auto_decompress=False) as session:
+            for takes, encoding, unpack in (("gzip, br", "gzip", gzip.decompress), ("identity", None, bytes)):
+                async with session.get(url(echo.front, "/drive.js"), headers={"Accept-Encoding": takes}) as answer:
+                    assert answer.headers.get("Content-Encoding") == encoding
+                    assert answer.headers["Vary"] == "Accept-Encoding"
+                    assert unpack(await answer.read()) == script
+            async with session.get(url(echo.front, "/drive.js.gz")) as answer:
+                assert answer.status == 404
 
     async def test_an_update_reaches_those_it_is_for_and_a_close_follows_what_was_sent(self, pages):
         async with echoing(pages) as echo, aiohttp.ClientSession() as session:

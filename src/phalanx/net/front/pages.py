@@ -76,15 +76,19 @@ class InMemory:
     """Answers with a file's content at the start: a file that is opened for each request costs five times as much."""
 
     def __init__(self, path: Path) -> None:
+        packed = path.with_name(f"{path.name}.gz")
         self._content = path.read_bytes()
+        self._packed = packed.read_bytes() if packed.is_file() else None
         self._type = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
         self._tag = f'"{hashlib.sha256(self._content).hexdigest()[:32]}"'
 
     async def __call__(self, request: web.Request) -> web.StreamResponse:
-        """Return the file, or that it has not changed."""
-        headers = {"ETag": self._tag, "Content-Type": self._type}
+        """Return the file, packed for those who unpack, or that it has not changed."""
+        headers = {"ETag": self._tag, "Content-Type": self._type, "Vary": "Accept-Encoding"}
         if request.headers.get("If-None-Match") == self._tag:
             return web.Response(status=304, headers=headers)
+        if self._packed is not None and "gzip" in request.headers.get("Accept-Encoding", ""):
+            return web.Response(body=self._packed, headers=headers | {"Content-Encoding": "gzip"})
         return web.Response(body=self._content, headers=headers)
 
 
@@ -131,7 +135,7 @@ class FrontSite(Site):
             if pages is None:
                 continue
             for path in pages.rglob("*"):
-                if path.is_file():
+                if path.is_file() and path.suffix != ".gz":
                     self.app.router.add_get(f"{root}{path.relative_to(pages).as_posix()}", InMemory(path))
             index = pages / "index.html"
             self.app.router.add_get(root, InMemory(index) if index.is_file() else self._index)
