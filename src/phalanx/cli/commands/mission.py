@@ -114,7 +114,7 @@ def audit() -> None:
     """Tell what a mission is worth: what who captures it must try, what looks wrong, and what no robot can live.
 
     Candidates and times to open nodes are upper bounds, without a floor plan and with it. Who has the plan finds places
-    without opening anything: docs/explanation/threat-model.md, "A captured mission". A robot's belief is
+    without opening anything: docs/explanation/threats-missions.md. A robot's belief is
     run ahead along each way: too long for its time-out, nothing in sight, or too unsure to tell a landmark from the
     next that looks the same.
     """
