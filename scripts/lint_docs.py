@@ -1,7 +1,8 @@
 """Check the prose of the documentation: python scripts/lint_docs.py [PAGE …]
 
 Outside of tables, code and generated parts: lines of at most 110 characters, sentences of at most 30 words. Everywhere:
-links that lead to a file and a heading. ALLOWED has the exceptions: so many faults at most.
+links that lead to a file and a heading, and no word that the glossary has under "not". ALLOWED has the exceptions: so
+many faults at most. Records of decisions keep their words.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+GLOSSARY = ROOT / "docs" / "glossary.md"
 LINE_CHARACTERS, SENTENCE_WORDS = 110, 30
 # Decisions of the past: a record is not rewritten.
 ALLOWED = {
@@ -100,9 +102,29 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
+def synonyms() -> dict[str, str]:
+    """Return the words that gave way, each with the glossary's term."""
+    rows = [re.split(r" \|", line[2:]) for line in GLOSSARY.read_text().splitlines() if line.startswith("| ")]
+    return {word.strip(): row[0] for row in rows[1:] for word in row[2].split(",") if word.strip() not in {"", "not"}}
+
+
+def retired_words(line: str) -> Iterator[str]:
+    """Yield a complaint for each word of a line that gave way to one of the glossary."""
+    plain = re.sub(r"`[^`]*`|^:::.*", "", ADDRESS.sub("]", line))
+    for word, term in SYNONYMS.items():
+        if re.search(rf"(?<![\w-])({re.escape(word)}|{re.escape(word[0].upper() + word[1:])})s?(?![\w-])", plain):
+            yield f"say {term!r} instead of {word!r}"
+
+
+SYNONYMS = synonyms()
+
+
 def faults(page: Path, text: str) -> Iterator[tuple[int, str]]:
     """Yield what is wrong in a page: the line's number, and what."""
     plain = prose(text)
+    if page != GLOSSARY and page.parent.name != "adr":
+        for number, line in enumerate(plain.splitlines(), 1):
+            yield from ((number, what) for what in retired_words(line))
     for number, line in enumerate(plain.splitlines(), 1):
         shown = ADDRESS.sub("]", line)
         if not is_table(line) and len(shown) > LINE_CHARACTERS:
