@@ -119,23 +119,26 @@ def retired_words(line: str) -> Iterator[str]:
 SYNONYMS = synonyms()
 
 
+def faults_of_line(page: Path, line: str) -> Iterator[str]:
+    """Yield what is wrong in a line: its length, its links, its words."""
+    if not is_table(line) and (length := len(ADDRESS.sub("]", line))) > LINE_CHARACTERS:
+        yield f"line of {length} characters, at most {LINE_CHARACTERS}"
+    for target in LINK.findall(line):
+        if re.match(r"[a-z]+:", target):
+            continue
+        path, _, anchor = target.partition("#")
+        found = (page.parent / path).resolve() if path else page
+        if not found.exists() or (anchor and found.suffix == ".md" and anchor not in anchors(found)):
+            yield f"link leads nowhere: {target}"
+    if page != GLOSSARY and page.parent.name != "adr":
+        yield from retired_words(line)
+
+
 def faults(page: Path, text: str) -> Iterator[tuple[int, str]]:
     """Yield what is wrong in a page: the line's number, and what."""
     plain = prose(text)
-    if page != GLOSSARY and page.parent.name != "adr":
-        for number, line in enumerate(plain.splitlines(), 1):
-            yield from ((number, what) for what in retired_words(line))
     for number, line in enumerate(plain.splitlines(), 1):
-        shown = ADDRESS.sub("]", line)
-        if not is_table(line) and len(shown) > LINE_CHARACTERS:
-            yield number, f"line of {len(shown)} characters, at most {LINE_CHARACTERS}"
-        for target in LINK.findall(line):
-            if re.match(r"[a-z]+:", target):
-                continue
-            path, _, anchor = target.partition("#")
-            found = (page.parent / path).resolve() if path else page
-            if not found.exists() or (anchor and found.suffix == ".md" and anchor not in anchors(found)):
-                yield number, f"link leads nowhere: {target}"
+        yield from ((number, what) for what in faults_of_line(page, line))
     for number, paragraph in paragraphs(plain):
         for sentence in sentences(paragraph):
             if (count := words(sentence)) > SENTENCE_WORDS:
