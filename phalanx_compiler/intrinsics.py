@@ -238,7 +238,9 @@ INSTEAD: list[tuple[tuple[Any, ...], str]] = [
     ((range,), "use range() only in `for ... in range(...)`"),
     ((print,), "remove it; with PHALANX_PURE=1 a debugger stops in kernels"),
 ]
-MARK_IT = "mark it with @kernel if it is your own; docs/reference/kernels.md lists the functions that kernels may call"
+MARK_IT = (
+    "mark it with @kernel if it is your own; phalanx docs reference/kernels lists the functions that kernels may call"
+)
 MAKERS = (np.empty, np.zeros, np.full, np.empty_like, np.zeros_like)
 
 
@@ -326,5 +328,5 @@ def method_type(typed: Any, node: ast.Call) -> ValueType:
             if (of, into) == (F32, np.uint32):
                 return U32
     raise typed.source.refuse(
-        node, "a call of something unknown", "call a kernel, or a function of docs/reference/kernels.md"
+        node, "a call of something unknown", "call a kernel, or a function that phalanx docs reference/kernels lists"
     )

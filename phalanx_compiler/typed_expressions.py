@@ -67,7 +67,7 @@ class TypedExpressions(Constants):
 
     def _refused(self, node: ast.AST) -> Any:
         raise self.source.refuse(
-            node, f"{type(node).__name__} is not in the subset", "use what docs/reference/kernels.md lists"
+            node, f"{type(node).__name__} is not in the subset", "use what phalanx docs reference/kernels lists"
         )
 
     def type_of(self, node: ast.expr) -> ValueType:

@@ -95,15 +95,24 @@ def make_program(folder: Path) -> None:
     subprocess.run([*compiler, *FLAGS, *where, *sources, "-o", folder / PROGRAM], check=True)
 
 
+def copy_documents(folder: Path) -> None:
+    """Copy what `phalanx docs` prints into a folder: whoever installed a wheel has no clone to read it in."""
+    for name in ("docs", "examples", "deploy"):
+        shutil.copytree(name, folder / name, ignore=shutil.ignore_patterns("img", "evidence", "*.csv", "__pycache__"))
+
+
 class BuildPy(build_py):
-    """With the pages and the nodes' program; an editable install has the pages from `make setup`."""
+    """With the pages, the nodes' program and the documents; an editable install has the pages from `make setup`."""
 
     def run(self) -> None:
         """Make the pages first."""
         if not self.editable_mode:
             make_pages()
         super().run()
-        make_program(Path("src" if self.editable_mode else self.build_lib) / "phalanx")
+        package = Path("src" if self.editable_mode else self.build_lib) / "phalanx"
+        make_program(package)
+        if not self.editable_mode:
+            copy_documents(package / "documents")
 
 
 class Sdist(sdist):

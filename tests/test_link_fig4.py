@@ -366,7 +366,7 @@ def test_ctrl_c_keeps_the_rows_and_the_same_command_goes_on(tmp_path):
             time.sleep(0.02)
         assert first.stop() == 1
         assert first.out == []
-        assert "the same command goes on from there" in first.err[-1]
+        assert "run the same command again to continue" in first.err[-1]
         assert not any("Traceback" in line for line in first.err)
     kept = csv.read_bytes()
     assert kept.endswith(b"\n")

@@ -88,7 +88,7 @@ class TestMessages:
         assert server.rejected == {"replayed": 3}
 
     def test_a_withheld_command_can_be_delivered_to_another_robot(self):
-        # Documented in docs/explanation/threat-model.md: clients do not bind the topic into the envelope.
+        # Documented in docs/explanation/threats-qrkey.md: clients do not bind the topic into the envelope.
         server, client = pair()
         publish = client.command(MOVE, 1, NOW)
         payload = seal(encode_envelope(1, NOW), server.epoch, os.urandom(12))

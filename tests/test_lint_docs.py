@@ -29,6 +29,8 @@ def test_the_documents_pass():
         ("x" * 111, "line of 111 characters"),
         ("[there](nowhere.md)", "leads nowhere: nowhere.md"),
         ("# A page\n\n[there](#no-such)", "leads nowhere: #no-such"),
+        ("Liars stand.", "say 'compromised robot' instead of 'liar'"),
+        ("| a | safe mode |", "say 'Safe Mode' instead of 'safe mode'"),
     ],
 )
 def test_a_fault_is_found(text, fault, tmp_path):
@@ -47,9 +49,10 @@ def test_a_fault_is_found(text, fault, tmp_path):
         f"<!-- made:begin -->\n{LONG * 4}\n<!-- made:end -->",
         f"[link](https://example.org/{'x' * 200})",
         "# A page\n\n[here](#a-page) " + "Short one. " * 5,
+        "The class `Liar`, a benchmark, Safe Mode and [a page](https://example.org/liar).",
     ],
 )
-def test_tables_code_generated_parts_and_addresses_are_left_alone(text, tmp_path):
+def test_tables_code_generated_parts_addresses_and_terms_are_left_alone(text, tmp_path):
     page = tmp_path / "page.md"
     page.write_text(text)
     assert lint(page).stdout == ""

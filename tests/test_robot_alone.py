@@ -606,7 +606,12 @@ async def test_a_call_that_has_answered_does_not_hang_for_whoever_asks_again_at_
     ("base", "method", "error", "hint"),
     [
         ("", "sense", "Base in wheels.py is no Driver", "derive it from phalanx.daemon.driver.Driver"),
-        ("(Driver)", "drive", "Base in wheels.py has drive, and no stop", "write stop: nothing else stops its motors"),
+        (
+            "(Driver)",
+            "drive",
+            "Base in wheels.py has a method drive, but none named stop",
+            "write stop: nothing else stops its motors",
+        ),
     ],
 )
 def test_a_driver_that_is_none_or_cannot_stop_its_motors_is_refused(tmp_path, monkeypatch, base, method, error, hint):

@@ -310,7 +310,7 @@ class TestSwarm:
                 pass
         (words,) = caplog.messages
         assert words.startswith("mission 1 is new here: ")
-        assert "if another gateway, or a copy of this folder, has driven robots on it before" in words.lower()
+        assert "if another gateway, or a copy of this folder, drove robots in this mission" in words.lower()
 
     @pytest.mark.parametrize("kept", ["soon", "-5", str(1 << 64), "9" * 5000])
     def test_what_was_said_is_not_guessed_if_its_file_is_damaged(self, file, kept):

@@ -147,7 +147,7 @@ class TestHostileMessages:
         assert "\x1b" not in caplog.text
 
     async def test_a_forged_rotation_moves_visitors_but_not_the_server(self, broker):
-        # What can and what cannot be refused in this mode: docs/explanation/threat-model.md.
+        # What can and what cannot be refused in this mode: docs/explanation/threats-qrkey.md.
         async with Server(broker.url, broker_for_visitors=broker.websocket) as server:
             server.on_request(0)(lambda request: [1, 2])
             await server.wait_connected(10)

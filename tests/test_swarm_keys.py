@@ -102,9 +102,9 @@ class TestMistakes:
         ("words", "told"),
         [
             (("--robots", "5"), "robot 5 has no master key"),
-            (("--robots", "3"), "--keys, and robots that do not audit each other"),
-            (("--robots", "4", "--defence", "none"), "--keys, and robots that do not audit each other"),
-            (("--mission", "office"), "--keys, and robots on a mission"),
+            (("--robots", "3"), "--keys without audits"),
+            (("--robots", "4", "--defence", "none"), "--keys without audits"),
+            (("--mission", "office"), "--keys and --mission together"),
             (("--swarm", "robots.yaml"), "--swarm and --keys"),
             (("--robots", "4", "--scenario", "patroll"), "no wheels can do 'patroll'"),
         ],

@@ -327,7 +327,9 @@ class TestCluster:
         assert going.returncode == 1
         assert "Traceback" not in said
         assert "leaked" not in said
-        assert f"stopped: {len(rows_in(out))} runs are in {out / 'runs'}; the same command goes on" in said
+        assert (
+            f"stopped: {len(rows_in(out))} runs are in {out / 'runs'}; run the same command again to continue" in said
+        )
 
     @pytest.mark.long
     def test_a_scheduler_that_there_is_runs_it_and_what_an_own_controller_prints_is_no_data(self, written, tmp_path):

@@ -192,9 +192,9 @@ def test_a_trial_lives_the_mission_in_its_map_and_reports(folder):
     (folder / "far.yaml").write_text(f"map: office_40x40{TWO}".replace("[9, 12], facing: 90", "[9, 39], facing: 0"))
     text = run("audit", "far.yaml", "--trial", "1", "--profile", "paper")
     assert "infeasible from start: 38.0 m, and before its time-out" in text
-    assert "lived 1 times: 0 completed" in text
+    assert "ran 1 times: 0 completed" in text
     assert "seed 0    1 of 2 nodes   " in text
-    with pytest.raises(UsageError, match="no map to live the mission in"):
+    with pytest.raises(UsageError, match="no map to run the mission in"):
         run("audit", "small.yaml", "--trial", "1")
 
 
@@ -229,7 +229,7 @@ def test_a_floor_plan_is_tried_first(folder):
     told = js("crack", "two.phxm", "--map", "office_40x40", "--offset-mm", "50")
     assert ({node["node"] for node in told["found"]}, told["tries"] < 10) == ({0, 1}, True)
     run("build", "two.yaml", "--profile", "paper", "--out", "paper.phxm")
-    with pytest.raises(UsageError, match="--map for the paper profile"):
+    with pytest.raises(UsageError, match="--map with the paper profile"):
         run("crack", "paper.phxm", "--map", "office_40x40")
 
 

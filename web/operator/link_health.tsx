@@ -14,7 +14,7 @@ const COUNTER_WORDS: Readonly<Record<keyof Counters, readonly [string, string]>>
   commands: ["Commands", "carried out by robots"],
   requests: ["Requests", "answered"],
   notifications: ["Notifications", "sent to all visitors"],
-  knocks: ["Knocks", "phones that slept through a new code and were told where to go"],
+  knocks: ["Knocks", "phones that missed a change of the code and were sent on"],
   reconnects: ["Reconnects", "of the gateway to its broker"],
 };
 

@@ -58,7 +58,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
         flock("expel", "claims.Expel", by_defence("harmless", "bites", "stopped"), STARVED, 1,
                does="says that invented robots race outwards past those farthest out: who keeps pace is out of range",
                stopped_by="replay sends no such state; and in `hardened` all that neighbours say pushes no harder than "
-                          "four of them can (docs/adr/0026)"),
+                          "four of them can (phalanx docs adr/0026)"),
         flock("seize-orders", "claims.SeizeOrders", by_defence("harmless", "stopped", "stopped"), ASTRAY, 0.5,
                on_wheels=True,
                does="gives orders to all in the gateway's name, with the highest number, stops, and old ones again",
@@ -226,7 +226,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
     "Faults, and what no audit can see": (
         flock("nondeterministic", "hijack.Nondeterministic", by_defence("harmless", "stopped", "stopped"), ASTRAY, 1,
                does="a fault, no attack: the last bit of each command is a matter of chance",
-               stopped_by="replay gives other bytes: audits cannot tell such a robot from a liar (docs/adr/0012)"),
+               stopped_by="replay gives other bytes: audits see no difference to an attack (phalanx docs adr/0012)"),
         flock("crash", "hijack.Crash", STOPPED, ASTRAY, 0.4, on_wheels=True,
                does="does nothing any more; its actuators keep doing the last thing they were told",
                stopped_by="replay commands and sends what the log lacks; and nobody asks for its audits"),
@@ -252,8 +252,8 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
         errand("flip-bit", "missions.files.FlipBit", STOPPED, WRONG, 1,
                against="file", options={"bit": Option(), **CHECKED},
                does="changes one bit of the mission on its way to the robot",
-               stopped_by="each record is bound to what was experienced and to the header (`paper`, "
-                          "docs/adr/0017), or authenticated under what that opens (`hardened`): it does not decode; "
+               stopped_by="each record is bound to what was experienced and to the header (`paper`; phalanx docs "
+                          "adr/0017), or authenticated under what that opens (`hardened`): it does not decode; "
                           "and before that the signature does not verify"),
         errand("forge-graph", "missions.files.ForgeGraph", HOLE_OF_THE_PAPER, WRONG, 1, against="file",
                does="puts a mission of its own in the place of the operator's, start key and all",

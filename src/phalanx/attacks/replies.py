@@ -15,7 +15,7 @@ from .channel import talk
 
 
 class TalkOverReplies(Liar):
-    """Talks from when a victim asks, so that it does not hear the tokens of auditors that cannot hear the liars.
+    """Talks whenever a victim asks, so that it misses tokens of auditors out of the compromised robots' range.
 
     It knows the mission, so when the victim's rounds begin, and hears whatever the victim sends. The simulated radio
     hands a fragment to its addressee alone, so what is near could hear is read from the victim's own memory. It passes

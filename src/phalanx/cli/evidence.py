@@ -35,7 +35,7 @@ def verify(
 ) -> int:
     """Replay a log and print where it is not an honest robot's; with keys, also what its trusted nodes bear out."""
     if (keys is None) != (issued is None):
-        raise UsageError("one of --keys and --key", "both, or neither")
+        raise UsageError("--keys and --key belong together", "give both, or neither")
     trusted = [read_trusted(each).hex() for each in trust]
     kept = read_kept(file)
     signer = kept.mission_signer

@@ -26,16 +26,17 @@ LOGGED = "phalanx: %(levelname)s: %(asctime)s %(name)s: %(message)s"
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 # Each is a module of phalanx.cli.commands, and in it what the module is named for. The words are those of its help.
 ABOUT = {
-    "attack": "Compromise a robot, or its mission, and see what that can do and what stops it.",
+    "attack": "Compromise a robot or a mission, and see the damage and what stops it.",
+    "docs": "Print a document or an example of this version, or the list of all.",
     "doctor": "Look at what is installed, which ports are free, the clock, and whether a broker is reachable.",
-    "keys": "Who is in the swarm: master keys, mission keys, and keys that sign missions and orders.",
+    "keys": "Manage a swarm's keys: master keys, mission keys, and keys that sign missions and orders.",
     "link": "Visit a swarm from a terminal, invite others, see who drove.",
-    "mission": "What may be done: missions that a robot can only read by living them.",
+    "mission": "Encode, check and run missions that a robot can only read step by step, at the right places.",
     "new": "Write a controller, an attack or a scenario that runs as it is.",
     "reproduce": "Measure a figure of one of the papers and draw ours beside it.",
-    "robot": "One robot outside of the simulator, as a process of its own, and a world for such robots.",
-    "sim": "What is really done: a simulated swarm whose robots audit each other.",
-    "sweep": "Run a grid of scenarios under many seeds, on this machine or a cluster, into Parquet.",
+    "robot": "Run one real robot as a process, or several in a simulated field.",
+    "sim": "Simulate a swarm whose robots audit each other.",
+    "sweep": "Run a grid of scenarios with many seeds, here or on a cluster, and write Parquet files.",
     "up": "Run a gateway: a swarm, the visitors' page and its QR code.",
 }
 # Options that went, and what there is now.
@@ -88,10 +89,10 @@ class _Group(click.Group):
 )
 @click.version_option(__version__, prog_name="phalanx", message="%(prog)s %(version)s")
 @click.option(
-    "--log-level", type=click.Choice(LEVELS), default="warning", show_default=True, help="How much to tell on stderr."
+    "--log-level", type=click.Choice(LEVELS), default="warning", show_default=True, help="How much to log on stderr."
 )
 def phalanx(log_level: str) -> None:
-    """Keep a robot swarm in honest hands: who may command, what may be done, what is really done."""
+    """Protect a robot swarm: from strangers, from stolen missions, and from compromised robots."""
     # In the place of a status line, not behind it.
     for_people = sys.stderr.isatty() and log_level == "warning"
     logged = SAID if for_people else LOGGED

@@ -97,7 +97,7 @@ link_options = together(
     root_option,
 )
 passphrase_option = option(
-    "--passphrase-file", help="Its first line is the passphrase; without, you are asked.", type=FILE
+    "--passphrase-file", help="File whose first line is the passphrase. Default: you are asked.", type=FILE
 )
 login_option = option(
     "--broker-login",
@@ -106,50 +106,56 @@ login_option = option(
 )
 state_option = option(
     "--state",
-    help="The folder of a gateway, as it was given to phalanx up.  [default: ~/.local/state/phalanx]",
+    help="The --state folder of the running gateway.  [default: ~/.local/state/phalanx]",
     type=FOLDER,
 )
 # What people change of a scenario.
 swarm_options = together(
-    option("--robots", type=int, metavar="N", help="How many, on a square grid."),
-    option("--spacing", "spacing_m", type=float, metavar="M", help="Grid step and spacing of the flock, metres."),
+    option("--robots", type=int, metavar="N", help="Number of robots, on a square grid."),
+    option("--spacing", "spacing_m", type=float, metavar="M", help="Distance between neighbours, metres."),
     option("--duration", "duration_s", type=float, metavar="S", help="Simulated seconds."),
-    option("--f-max", type=int, metavar="F", help="The most compromised robots that are tolerated."),
-    option("--t-audit", "t_audit_s", type=float, metavar="S", help="Seconds from one round of audits to the next."),
-    option("--t-val", "t_val_s", type=float, metavar="S", help="Seconds for which a token counts."),
-    option("--seed", type=int, metavar="S", help="Of everything that is drawn."),
+    option("--f-max", type=int, metavar="F", help="How many compromised robots the mission tolerates."),
+    option("--t-audit", "t_audit_s", type=float, metavar="S", help="Seconds between two rounds of audits."),
+    option("--t-val", "t_val_s", type=float, metavar="S", help="Seconds for which a token is valid."),
+    option("--seed", type=int, metavar="S", help="Seed of all random numbers."),
 )
 # Where many runs are made.
 cluster_options = together(
     option(
         "--scheduler",
         metavar="ADDRESS",
-        help="Of a dask scheduler, as tcp://10.0.0.1:8786; without, processes of this machine.",
+        help="Address of a dask scheduler, as tcp://10.0.0.1:8786. Default: run on this machine.",
     ),
-    option("--workers", type=PROCESSES, help="Processes of this machine; without, one a processor.", metavar="N"),
+    option("--workers", type=PROCESSES, help="Number of processes. Default: one for each processor.", metavar="N"),
 )
 json_option = option("--json", "as_json", help="Print JSON.", is_flag=True)
 controller_option = option(
     "--controller",
-    help="What honest robots run: a controller of your own, a class or kernels; flock, or guard.",
+    help="What honest robots run: flock, guard, or your own class or kernels in FILE.py.",
     shell_complete=a_scenario_s_controller,
     metavar="FILE.py[:CLASS]",
 )
 planner_option = option(
     "--planner",
-    help="Who advises robots that the guard drives, a class of your own; else they are sent straight to the goal.",
+    help="Planner for guarded robots, a class of your own. Default: straight to the goal.",
     metavar="FILE.py:CLASS",
 )
-record_option = option("--record", help="Record it for Foxglove.", type=OUT_FILE, metavar="FILE.mcap")
+record_option = option(
+    "--record", help="Record the run for Foxglove and phalanx sim view.", type=OUT_FILE, metavar="FILE.mcap"
+)
 out_folder_option = option("--out", type=OUT_FOLDER, default=Path("out"), help="Folder for the CSV and the figure.")
-duration_option = option("--duration", "duration_s", help="End after so many seconds.", type=SECONDS)
+duration_option = option("--duration", "duration_s", help="End after this many seconds.", type=SECONDS)
 wait_option = option(
-    "--wait", "wait_s", help="Give up if the broker has not answered in so many seconds.", type=SECONDS, default=30.0
+    "--wait",
+    "wait_s",
+    help="Give up if the broker has not answered after this many seconds.",
+    type=SECONDS,
+    default=30.0,
 )
 furnish_option = option(
     "--furnish",
-    help="What encoded FILEs were built from, in the order of its parts: hangs its codes on the walls, lets robots do"
-    " its actions, and puts them where its parts begin.",
+    help="The mission that the FILEs were built from. It says what a FILE does not: which codes hang on the walls,"
+    " which actions robots can do, and where they begin.",
     metavar="MISSION.yaml|BUILTIN",
     shell_complete=a_mission,
 )

@@ -132,7 +132,7 @@ def _measure(figure: Figure, out: Path, asked: dict[str, Any], each_case: EachCa
 
 
 def _kept(what: str, path: Path) -> str:
-    return f"{what} in {path}, the same command goes on from there" if path.exists() else ""
+    return f"{what} in {path}, run the same command again to continue" if path.exists() else ""
 
 
 def _write(path: Path, text: str) -> None:

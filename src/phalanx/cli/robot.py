@@ -59,7 +59,7 @@ def advise(
     if scenario.controller != GUARD:
         raise UsageError(f"the mission's controller is {scenario.controller}", "controller: guard, which is advised")
     if (sign is None) != (issued is None):
-        raise UsageError("one of --sign and --key", "both, or neither")
+        raise UsageError("--sign and --key belong together", "give both, or neither")
     signer = AdviceSigner(read_signing_key(sign), read_mission_number(issued)) if sign and issued else None
     named, signs = scenario.guard.adviser_key, signer.public.hex() if signer else ""
     if named.lower() != signs:
@@ -109,7 +109,7 @@ def status(robot: Path, as_json: bool) -> int:
         rows = _rows(state, running)
     except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise UsageError(
-            f"no robot's state is in the file that {robot} names", "phalanx robot run starts one"
+            f"no robot has written the status file that {robot} names", "phalanx robot run starts one"
         ) from error
     # The file may be anybody's, and is not to command the terminal.
     print_rows({label: plain(words, 1000) for label, words in rows.items()})

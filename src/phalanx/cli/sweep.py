@@ -58,7 +58,7 @@ def make_runs(
     if len(failed) > MOST_FAILURES:
         talk(f"failed: {len(failed) - MOST_FAILURES} more")
     if stopped:
-        talk(f"stopped: {len(store.done)} runs are in {store.runs}; the same command goes on")
+        talk(f"stopped: {len(store.done)} runs are in {store.runs}; run the same command again to continue")
     return store, failed, stopped
 
 

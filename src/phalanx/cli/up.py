@@ -100,15 +100,15 @@ def up(
     if keys is None and passphrase_file is not None:
         raise UsageError("--passphrase-file without --keys", "both, or neither")
     if keys is not None and on_mission:
-        raise UsageError("--keys, and robots on a mission", "those make their own: leave one out")
+        raise UsageError("--keys and --mission together", "robots on a mission make their own keys: leave one out")
     if protocol is not None and on_mission:
-        raise UsageError("--scenario, and robots on a mission", "those have work of their own: leave one out")
+        raise UsageError("--scenario and --mission together", "robots on a mission do nothing else: leave one out")
     if tour:
         told = {"swarm": swarm_url, "mission": missions, "world": world, "keys": keys, "scenario": protocol}
         _refuse_with_tour(told | {"duration": options.duration_s, "qrkey": options.qrkey, "revive": options.revive_s})
         plan = plan_swarm(count, defence, f_max)
         if plan.defence == "none":
-            raise UsageError("--tour, and robots that do not audit each other", "at least 5 robots")
+            raise UsageError("--tour needs robots that audit each other", "at least 5 robots")
         driven = partial(_simulated, plan, seed)
         office = partial(_on_mission, Wanted((TOUR_MISSION,), None, None, (), "--start-key"), seed)
         _run_for(options, events, lambda tell, started: run_tour(options, tell, started, driven, office))
@@ -179,7 +179,7 @@ def keys_for_next_mission(file: Path, passphrase_file: Path | None, plan: Plan) 
     """For its robots; the mission's number is used up. Raises: UsageError: they are not all in the swarm."""
     robots = plan.robots
     if plan.defence == "none":
-        raise UsageError("--keys, and robots that do not audit each other", "those have no keys: leave it out")
+        raise UsageError("--keys without audits", "robots that do not audit each other have no keys: leave it out")
     with opened(file, passphrase_of(file, passphrase_file)) as keys:
         masters = {robot: keys.master(robot) for robot in range(1, robots + 1)}
         number, sealed = keys.issue()
@@ -224,8 +224,8 @@ def _dotbots(controller: DotbotUrl, wait_s: float) -> Iterator[Swarm]:
     """DotBots, when their controller has told of them."""
     if not controller.is_here:
         log.warning(
-            "whoever reaches %s drives the robots past us: its API asks nobody who they are; hint: have it listen on"
-            " 127.0.0.1 and run phalanx up beside it",
+            "anybody who reaches %s can drive the robots without this gateway: its API has no login; hint: have it"
+            " listen on 127.0.0.1, and run phalanx up on that machine",
             controller,
         )
     with DotbotSwarm(controller, wait_s) as swarm:

@@ -231,6 +231,7 @@ def make_driver(settings: RobotSettings, declared: Declaration) -> Hardware:
     made: Any = find_class(f"{settings.path(path)}{name and ':'}{name}", Driver)
     if made.drive is not Driver.drive and made.stop is Driver.stop:
         raise UsageError(
-            f"{made.__name__} in {path} has drive, and no stop", "write stop: nothing else stops its motors"
+            f"{made.__name__} in {path} has a method drive, but none named stop",
+            "write stop: nothing else stops its motors",
         )
     return OwnDriver(made(settings.said.robot), declared)

@@ -48,9 +48,7 @@ class FarPlanner:
         self._socket: socket.socket | None = None
         self._was_there = True
         if self._address and self._key is None and not ipaddress.ip_address(self._address[0]).is_loopback:
-            log.warning(
-                "robot %d: nothing tells who advises it at %s: adviser_key in the mission's guard", rob_id, where
-            )
+            log.warning("robot %d: anybody at %s may advise it: the mission's guard has no adviser_key", rob_id, where)
 
     def advice(self, reading: bytes) -> bytes:
         """The newest advice that has come, b"" for none; and the planner is sent the reading."""

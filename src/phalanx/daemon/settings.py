@@ -13,7 +13,7 @@ from phalanx.errors import UsageError, did_you_mean
 from phalanx.net.udp_radio import parsed
 
 MOST_BYTES = 1 << 16
-HINT = "docs/guides/robot.md has an example"
+HINT = "phalanx docs guides/robot has an example"
 NODES = ("process", "serial", "unix", "tcp")
 TRUSTED = "process:FLASH_FILE, serial:DEVICE[@BAUD], unix:PATH or tcp:HOST:PORT"
 BASES = ("python", "arena", "ros2", "dotbot")

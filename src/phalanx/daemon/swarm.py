@@ -125,8 +125,8 @@ class RobotSwarm(Ordered):
         except FileNotFoundError:
             first_ms = now_ms
             log.warning(
-                "mission %d is new here: %s begins. If another gateway, or a copy of this folder, has driven robots on "
-                "it before, they obey nothing from here, not even a stop: then issue the next mission's key",
+                "mission %d is new here: %s is created. If another gateway, or a copy of this folder, drove robots in "
+                "this mission, they ignore all orders from here, also stops: then issue the next mission's key",
                 mission,
                 path,
             )

@@ -147,9 +147,9 @@ def provision_keys(node: SerialNode, settings: RobotSettings, limits: Limits) ->
     elif node.about.robot_id != said.robot:
         raise UsageError(f"its trusted nodes are robot {node.about.robot_id}'s", "another board, or another file")
     elif node.about.sealed != said.radio.sealed:
-        was = "was" if node.about.sealed else "was not"
+        were = "were" if node.about.sealed else "were not"
         raise UsageError(
-            f"the radio of its trusted nodes {was} sealed when they were made", "packets: in radio:, or a new board"
+            f"its trusted nodes {were} made for a sealed radio", "change packets: under radio:, or use a new board"
         )
     if sealed.seq <= node.about.seq:
         raise Unavailable(

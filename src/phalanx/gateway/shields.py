@@ -25,7 +25,7 @@ MOST_AUDITS = 64
 REFUSALS_KEPT = 50
 BY_HAND = (
     "a real robot is revived by hand only, with a new mission key",
-    "switch it off, find out why it was stopped, and give all robots the next mission's key: docs/guides/robot.md",
+    "switch it off, find out why it was stopped, and give all robots the next mission's key: phalanx docs guides/robot",
 )
 NOT_ON_MISSION = ("robots on a mission are not revived", "send them another mission, or start the gateway again")
 

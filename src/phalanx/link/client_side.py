@@ -97,7 +97,7 @@ class ClientSide:
         return _parse_reply(opened.payload)
 
     def _move(self, pin: Pin) -> Moved:
-        # Whoever has the pin can forge this (docs/explanation/threat-model.md): the mode has no key that only
+        # Whoever has the pin can forge this (docs/explanation/threats-qrkey.md): the mode has no key that only
         # the server knows.
         if pin == self.epoch.pin:
             raise BadPayload("a move to the current pin")

@@ -167,7 +167,7 @@ def opened(path: Path, passphrase: str, new_passphrase: str = "") -> Iterator[Ke
             lock, plain = unlock(read_sealed(path), passphrase)
             keys = Keys.parse(plain)
         except CorruptData as error:
-            raise UsageError(f"{path} is damaged: {error}", "take your copy of it") from error
+            raise UsageError(f"{path} is damaged: {error}", "restore it from a backup") from error
         except NotAuthentic as error:
             raise UsageError(f"{path} was sealed with another passphrase", "the one it was made with") from error
         if new_passphrase:

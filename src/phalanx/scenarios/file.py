@@ -55,7 +55,7 @@ def parse_scenario(data: bytes, source: str) -> Scenario:
     """
     if len(data) > MOST_BYTES:
         raise UsageError(f"{source}: longer than {MOST_BYTES >> 10} KiB", "a scenario is a page of YAML")
-    reader = Reader(source, "docs/reference/scenarios.md has examples", DERIVED, {AttackSpec: _attack_meant})
+    reader = Reader(source, "phalanx docs reference/scenarios has examples", DERIVED, {AttackSpec: _attack_meant})
     scenario: Scenario = reader.root(Scenario, data, "scenario")
     return scenario if scenario.name else dataclasses.replace(scenario, name=Path(source).stem)
 

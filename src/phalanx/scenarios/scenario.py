@@ -62,7 +62,7 @@ class Scenario:
     duration_s: float = within(150.0, 0.1, LONGEST_S, "simulated time")
     defence: Defence = described(  # noqa: RUF009 - made a field
         "hardened",
-        "none: nothing stops compromised robots; paper: RoboRebound as printed; hardened: as docs/spec/rebound.md",
+        "none: nothing stops compromised robots; paper: RoboRebound as printed; hardened: ours",
     )
     controller: str = described("flock", "what honest robots run")
     seed: int = described(0, "chooses broadcasts' phases, back-offs, and robots to compromise")

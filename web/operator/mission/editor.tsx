@@ -124,7 +124,7 @@ function Drawing({ desk, world, running }: DrawingProps) {
               Profile
               <select data-testid="profile" value={profile} onChange={(event) => setProfile(event.target.value)}>
                 <option value="sealed">sealed: only who lives it can read it</option>
-                <option value="paper">paper: as published, hides nothing from who tries all</option>
+                <option value="paper">paper: as published, readable by trying all places</option>
               </select>
             </label>
             <button

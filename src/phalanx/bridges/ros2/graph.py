@@ -133,7 +133,7 @@ def _refused() -> Iterator[None]:
         yield
     except Exception as error:  # rclpy has a dozen kinds, with no common one
         words = str(error).strip().splitlines()
-        raise UsageError(f"ROS 2: {words[0] if words else type(error).__name__}", "docs/guides/ros2.md") from error
+        raise UsageError(f"ROS 2: {words[0] if words else type(error).__name__}", "phalanx docs guides/ros2") from error
 
 
 def _nobody(_message: Any) -> None:

@@ -156,7 +156,7 @@ class RosBase(AdvisedHardware):
 
     def _no_odometry(self) -> NoReading:
         strange = f": {self._strange}" if self._strange else ""
-        return NoReading(f"no odometry on {self._odometries.topic}{strange}", "docs/guides/ros2.md")
+        return NoReading(f"no odometry on {self._odometries.topic}{strange}", "phalanx docs guides/ros2")
 
     async def sense(self, now_ms: int, within_s: float) -> bytes:  # noqa: ARG002 - it waits for nothing
         """See `Hardware`: of the point ahead, in the map. Raises: NoReading: odometry has ceased."""

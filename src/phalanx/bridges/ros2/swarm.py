@@ -85,7 +85,7 @@ class RosSwarm(Roster):
         while not self.robots():
             if time.monotonic() > until_s:
                 self.__exit__(None, None, None)
-                raise Unavailable(f"no robot of ROS 2 tells {ODOM}", "the same ROS_DOMAIN_ID, and docs/guides/ros2.md")
+                raise Unavailable(f"no robot of ROS 2 tells {ODOM}", "the same ROS_DOMAIN_ID; phalanx docs guides/ros2")
             time.sleep(TURN_S)
         return self
 

@@ -15,34 +15,37 @@ robot_argument = click.argument("robot", type=int)
 
 @click.group(epilog="Example: phalanx keys create lab.keys")
 def keys() -> None:
-    """Who is in the swarm: master keys, mission keys, and keys that sign missions and orders."""
+    """Manage a swarm's keys: master keys, mission keys, and keys that sign missions and orders."""
 
 
 @keys.command(epilog="Example: phalanx keys create lab.keys --name lab")
 @file_argument
-@option("--name", help="Of the swarm; without, the file's.", default="")
+@option("--name", help="Name of the swarm. Default: the file's name.", default="")
 @passphrase_option
 @runs("keys", "make")
 def create() -> None:
-    """Make a file of keys, sealed with a passphrase of yours. Whoever loses it needs new boards."""
+    """Create a file of keys, encrypted with a passphrase. If you lose it, you need new boards."""
 
 
 @keys.command(epilog="Example: phalanx keys provision lab.keys 7 --out robot-7.bin")
 @file_argument
 @robot_argument
-@out_option("For the board: the robot's number, two bytes, and its master key, twenty.")
+@out_option("File for the board: the robot's id (two bytes) and its master key (twenty).")
 @passphrase_option
 @runs("keys", "provision")
 def provision() -> None:
-    """Give a robot's trusted nodes their master key, once."""
+    """Create the master key for a robot's trusted nodes, once, and write it to a file."""
 
 
 @keys.command(epilog="Example: phalanx keys issue lab.keys --out mission.json")
 @file_argument
-@out_option("The mission key, sealed for each robot: nobody but their nodes can read it.")
-@option("--rotate", is_flag=True, help="And sign orders, stops and advice with new keys from now on.")
+@out_option("The mission key, encrypted for each robot: only its trusted nodes can read it.")
+@option("--rotate", is_flag=True, help="Also make new keys for orders, stops and advice.")
 @option(
-    "--mission", metavar="SCENARIO", shell_complete=a_scenario, help="Which mission it is for: signed, for evidence."
+    "--mission",
+    metavar="SCENARIO",
+    shell_complete=a_scenario,
+    help="Sign which mission the key is for, so that phalanx robot verify can check it.",
 )
 @passphrase_option
 @runs("keys", "issue")
@@ -52,11 +55,11 @@ def issue() -> None:
 
 @keys.command(epilog="Example: phalanx keys rotate lab.keys --out mission.json")
 @file_argument
-@out_option("As for issue.")
+@out_option("The mission key, as for issue.")
 @passphrase_option
 @click.pass_context
 def rotate(context: click.Context, /, **said: Any) -> None:
-    """Issue the next mission's key, and sign orders, stops and advice with new keys: as issue --rotate."""
+    """Issue the next mission's key, and new keys for orders, stops and advice: the same as issue --rotate."""
     context.invoke(issue, rotate=True, **said)
 
 
@@ -66,7 +69,7 @@ def rotate(context: click.Context, /, **said: Any) -> None:
 @passphrase_option
 @runs("keys", "retire")
 def retire() -> None:
-    """Leave a robot that was lost out of all missions to come."""
+    """Exclude a lost robot from all missions to come."""
 
 
 @keys.command(name="list", epilog="Example: phalanx keys list lab.keys --json")
@@ -75,14 +78,14 @@ def retire() -> None:
 @passphrase_option
 @runs("keys", "show")
 def list_() -> None:
-    """Show which robots have a master key, and how many missions were issued. No key is shown but public ones."""
+    """Show which robots have a master key, how many missions were issued, and the public keys."""
 
 
 @keys.command(epilog="Example: phalanx keys export lab.keys missions --out operator.pem")
 @file_argument
 @click.argument("signer", type=click.Choice(["missions", "orders", "stops", "advice"]))
-@out_option("PEM; mission build --sign-key takes it, and mission verify --trust the public one.")
-@option("--public", is_flag=True, help="What checks signatures, instead of what makes them.")
+@out_option("PEM file, for mission build --sign-key; the public one is for mission verify --trust.")
+@option("--public", is_flag=True, help="Write the public key, which checks signatures.")
 @passphrase_option
 @runs("keys", "export")
 def export() -> None:
@@ -95,4 +98,4 @@ def export() -> None:
 @option("--new-passphrase-file", help="Its first line is the new one; without, you are asked.", type=FILE)
 @runs("keys", "renew_passphrase")
 def passphrase() -> None:
-    """Seal the file with another passphrase."""
+    """Encrypt the file with another passphrase."""

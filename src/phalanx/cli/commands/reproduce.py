@@ -11,24 +11,28 @@ from phalanx.cli.options import PROCESSES, json_option, login_option, option, ou
 from phalanx.papers.figure import FIGURES, SEEDS, Figure
 
 NOTES = (
-    "Ctrl-C stops; the same command goes on from there, and only draws when all is there. What an earlier command left "
-    "in the same folder counts too, also where it is more."
+    "After Ctrl-C the same command continues. It keeps the runs that are in the folder already, and draws when all are "
+    "there."
 )
 FINDINGS = (
-    " Ends with 0 once it has been measured and drawn, whether or not ours agrees with the paper: a difference is a "
-    "finding, and the last line says why. With fewer than ten seeds there is no verdict."
+    " Ends with 0 when it is drawn, whether or not ours agrees with the paper: the last line says. With fewer than ten "
+    "seeds it does not judge."
 )
 
 
-quick_option = option("--quick", help="Measure little: two seeds, say, where no other number is given.", is_flag=True)
+quick_option = option("--quick", help="Measure less, for instance two seeds, unless a number is given.", is_flag=True)
 
 
 dealing_options = together(
-    option("--scheduler", metavar="ADDRESS", help="Measure at a dask scheduler's workers, as tcp://10.0.0.1:8786."),
+    option(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Address of a dask scheduler whose workers measure, as tcp://10.0.0.1:8786.",
+    ),
     option(
         "--workers",
         type=PROCESSES,
-        help="Measure in so many processes of this machine; without, in this one.",
+        help="Measure in this many processes. Default: in this one.",
         metavar="N",
     ),
 )

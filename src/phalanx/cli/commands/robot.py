@@ -14,23 +14,23 @@ SHARE = click.FloatRange(0, 0.9)
 
 @click.group(epilog="Example: phalanx robot arena --robots 4 --attack hijack:robot=3,at=5")
 def robot() -> None:
-    """One robot outside of the simulator, as a process of its own, and a world for such robots."""
+    """Run one real robot as a process, or several in a simulated field."""
 
 
-@robot.command(epilog="Example: phalanx robot run robot-3.yaml; docs/guides/robot.md says what the file may hold")
+@robot.command(epilog="Example: phalanx robot run robot-3.yaml; phalanx docs guides/robot says what the file may hold")
 @robot_argument
 @runs("robot", "run")
 def run() -> None:
-    """Run the robot in ROBOT.yaml until it is told to end. Without a new mission key its trusted nodes refuse."""
+    """Run the robot in ROBOT.yaml until a signal ends it. Each run needs a new mission key."""
 
 
 @robot.command(epilog="Example: phalanx robot ros2 robot-1.yaml --namespace r1 -- --ros-args -p ahead_m:=0.3")
 @robot_argument
 @click.argument("ros", nargs=-1, metavar="[-- ROS2 ARGUMENTS]")
-@option("--namespace", default="", metavar="NAME", help="Of the robot's topics and node.")
+@option("--namespace", default="", metavar="NAME", help="Namespace of the robot's topics and node.")
 @runs("robot", "ros2")
 def ros2() -> None:
-    """Run the robot in ROBOT.yaml, a guard between cmd_vel_raw and cmd_vel of ROS 2.
+    """Run the robot in ROBOT.yaml as a guard between cmd_vel_raw and cmd_vel of ROS 2.
 
     It needs ROS 2: pip install '.[ros2]' in a clone.
     """
@@ -40,18 +40,23 @@ def ros2() -> None:
 @click.argument("mission", type=FILE)
 @click.argument("planner", metavar="PLANNER.py:CLASS")
 @click.argument("where", metavar="unix:PATH|udp:ADDRESS:PORT")
-@option("--sign", type=FILE, metavar="ADVICE.pem", help="The key that the mission's adviser_key checks.")
+@option(
+    "--sign",
+    type=FILE,
+    metavar="ADVICE.pem",
+    help="Sign advice with this key; the mission has its public part as adviser_key.",
+)
 @option("--key", "issued", type=FILE, metavar="MISSION.json", help="The mission's key as it was issued, with --sign.")
 @option(
     "--robot",
     "robots_at",
     multiple=True,
     metavar="N=ADDRESS",
-    help="From which address robot N asks, over UDP: from no other it is answered; again for another.",
+    help="Answer robot N at this UDP address only; repeatable.",
 )
 @runs("robot", "advise")
 def advise() -> None:
-    """Run a planner as a process of its own, for robots whose file says planner: and where it listens."""
+    """Run a planner as a process, for robots whose ROBOT.yaml has its address under planner."""
 
 
 @robot.command(epilog="Example: phalanx robot provision robot-3.yaml lab.keys; phalanx keys create makes the latter")
@@ -60,53 +65,57 @@ def advise() -> None:
 @options.passphrase_option
 @runs("robot", "provision")
 def provision() -> None:
-    """Give the robot's trusted nodes their master key, of the file KEYS, once, over the line that ROBOT.yaml names."""
+    """Load the master key from the file KEYS into the trusted nodes that ROBOT.yaml names. Works once."""
 
 
 @robot.command(epilog="Example: phalanx robot arena --robots 8 --attack hijack:robot=3,at=10 --loss 0.2 --json")
 @click.argument("scenario", default="flock-12", shell_complete=a_scenario)
-@option("--robots", type=int, metavar="N", help="How many, each a process with a trusted process of its own.")
-@option("--duration", "duration_s", type=float, metavar="S", help="Seconds, by the clock on the wall.")
-@option("--f-max", type=int, metavar="F", help="The most compromised robots that are tolerated.")
-@option("--seed", type=int, metavar="S", help="Of phases, of who is compromised, and of the weather.")
+@option("--robots", type=int, metavar="N", help="Number of robots; each is a process, with one for its trusted nodes.")
+@option("--duration", "duration_s", type=float, metavar="S", help="Seconds of real time.")
+@option("--f-max", type=int, metavar="F", help="How many compromised robots the mission tolerates.")
+@option("--seed", type=int, metavar="S", help="Seed of all random numbers.")
 @option(
     "--attack",
     "attacks",
-    help="One of phalanx attack list, or FILE.py:CLASS of your own; again for a further robot.",
+    help="Attack by one robot: a name of phalanx attack list, or your own FILE.py:CLASS; repeatable.",
     multiple=True,
     shell_complete=an_attack_by_robots,
     metavar="NAME|FILE.py:CLASS[:robot=I,at=T,…]",
 )
-@option("--sealed", is_flag=True, help="Robots' radios are sealed by their a-nodes.")
+@option("--sealed", is_flag=True, help="Seal all radio packets (phalanx docs spec/sealed-radio).")
 @option(
     "--on-air",
     multiple=True,
     metavar="NAME[:robot=I,at=T]",
-    help="What a robot's radio does whatever its a-node says: past, replay, hold or foreign-key; again for another.",
+    help="Attack by a robot's radio, past its a-node: past, replay, hold or foreign-key; repeatable.",
+)
+@option("--loss", type=SHARE, help="Share of packets lost; those to one robot are sent again. Default: SCENARIO's.")
+@option("--repeats", type=SHARE, default=0.0, help="Share of packets that arrive twice.")
+@option("--delay-ms", type=click.FloatRange(0, 10_000), default=5.0, help="Packets are delayed by up to this.")
+@option(
+    "--speed", type=click.FloatRange(0.05, 1), default=1.0, help="Run at this share of real time, on a busy machine."
 )
 @option(
-    "--loss", type=SHARE, help="Share of frames that are lost; what is for one is tried again. Without, SCENARIO's."
+    "--cut",
+    type=int,
+    default=0,
+    metavar="N",
+    help="Cut the radio in two: the first N robots and the others do not hear each other.",
 )
-@option("--repeats", type=SHARE, default=0.0, help="Share of frames that arrive twice.")
-@option("--delay-ms", type=click.FloatRange(0, 10_000), default=5.0, help="Frames are late by up to so much.")
-@option("--speed", type=click.FloatRange(0.05, 1), default=1.0, help="Share of real time, on a machine that is busy.")
-@option("--cut", type=int, default=0, metavar="N", help="Cut the field in two: the first N robots, and the others.")
-@option("--cut-at", "cut_at_s", type=float, default=10.0, metavar="S", help="When.")
-@option(
-    "--clock-ppm", type=int, default=0, metavar="PPM", help="Each robot's clock runs fast or slow by up to so much."
-)
+@option("--cut-at", "cut_at_s", type=float, default=10.0, metavar="S", help="Second of the cut.")
+@option("--clock-ppm", type=int, default=0, metavar="PPM", help="Each robot's clock runs fast or slow by up to this.")
 @options.controller_option
 @option(
     "--planner",
     metavar="FILE.py:CLASS|unix:PATH|udp:ADDRESS:PORT",
-    help="Who advises robots that the guard drives: a class, or where phalanx robot advise listens.",
+    help="Planner for guarded robots: a class, or the address of phalanx robot advise.",
 )
-@option("--keep", type=OUT_FOLDER, help="New folder for the robots' files, which are otherwise gone at the end.")
+@option("--keep", type=OUT_FOLDER, help="Keep the robots' files in this new folder. Default: they are deleted.")
 @options.record_option
 @options.json_option
 @runs("arena", "arena")
 def arena() -> None:
-    """Let robots of SCENARIO live as processes in a simulated field, in real time, and sum it up as sim run does."""
+    """Run the robots of SCENARIO as processes in a simulated field, in real time, and print a summary."""
 
 
 @robot.command(epilog="Example: phalanx robot status robot-3.yaml --json")
@@ -114,36 +123,38 @@ def arena() -> None:
 @options.json_option
 @runs("robot", "status")
 def status() -> None:
-    """Who vouches for the robot and for how long, which audits it gave, refused and why, and how late it ever was."""
+    """Show the tokens of a running robot, the audits that it did and refused, and its delays."""
 
 
 @robot.command(epilog="Example: phalanx robot log robot-3.yaml --out robot-3.mcap")
 @robot_argument
-@out_option("The recording.", metavar="FILE.mcap")
+@out_option("File of the recording.", metavar="FILE.mcap")
 @runs("evidence", "log")
 def log() -> None:
-    """Write down all that the robot logged in its last mission, which verify goes through."""
+    """Save the log of the last mission as a recording, for phalanx robot verify."""
 
 
 @robot.command(epilog="Example: phalanx robot verify robot-3.mcap --json")
 @click.argument("file", type=FILE, metavar="FILE")
 @options.controller_option
-@option("--keys", type=FILE, metavar="FILE.keys", help="The owner's keys, to check what its trusted nodes said of it.")
+@option(
+    "--keys", type=FILE, metavar="FILE.keys", help="The file of phalanx keys, to check the MACs of its trusted nodes."
+)
 @option("--key", "issued", type=FILE, metavar="MISSION.json", help="The mission's key as it was issued, with --keys.")
 @options.passphrase_option
 @option("--trust", multiple=True, metavar="KEY", help="Who must have signed its mission: 64 hex digits, or a PEM file.")
 @options.json_option
 @runs("evidence", "verify")
 def verify() -> None:
-    """Go through the log in FILE again, a recording or a daemon's own, and say where it stops being honest.
+    """Replay the log in FILE, and print where the robot first deviated.
 
-    Ends with 1 if it does. Without --keys it is what the robot's computer says that it logged; with them, up to where
-    its trusted nodes' own MACs bear it out, and it ends with 1 if they do not. So it does where its mission is not
-    what phalanx keys issue --mission signed.
+    FILE is a recording, or a daemon's own log. Ends with 1 if the robot deviated. Without --keys, the log is only what
+    the robot's computer claims. With --keys, also ends with 1 if its trusted nodes' MACs do not prove the log, or if
+    the mission is not the one that phalanx keys issue --mission signed.
     """
 
 
 @robot.command(epilog="Example: phalanx robot schema > robot.schema.json")
 @runs("robot", "print_schema")
 def schema() -> None:
-    """The JSON schema of robots' files, for editors."""
+    """Print the JSON schema of ROBOT.yaml, for editors."""

@@ -12,11 +12,11 @@ from phalanx.scenarios.scenario import CONTROLLERS
 # What runs, and what is changed of it.
 chosen_options = together(
     options.swarm_options,
-    options.defence_option(help="none, the paper's as printed, or ours."),
+    options.defence_option(help="No defence, the paper's as printed, or ours."),
     option(
         "--attack",
         "attacks",
-        help="Instead of the scenario's own; again for a further robot; none for nobody who lies.",
+        help="Attack by one robot, in place of the scenario's; repeatable. none: no robot is compromised.",
         multiple=True,
         shell_complete=an_attack_by_robots,
         metavar="NAME|FILE.py:CLASS[:robot=I,at=T,…]",
@@ -28,22 +28,22 @@ chosen_options = together(
 
 @click.group(epilog="Example: phalanx sim run bti-fig9 --record fig9.mcap")
 def sim() -> None:
-    """What is really done: a simulated swarm whose robots audit each other."""
+    """Simulate a swarm whose robots audit each other."""
 
 
 @sim.command(
     epilog="Examples: phalanx sim run bti-fig9 --attack spoof:robot=7,at=20 --duration 60; "
-    "phalanx sim run bti-fig9 --trace robot=5; docs/reference/scenarios.md says what a file may hold"
+    "phalanx sim run bti-fig9 --trace robot=5; phalanx docs reference/scenarios says what a file may hold"
 )
 @click.argument("scenario", shell_complete=a_scenario)
 @chosen_options
 @options.record_option
-@option("--trace", help="Print each event and action of one robot.", metavar="robot=I", multiple=True)
-@option("--plain", help="Compute each thing in the simplest way: slower, and the same digest.", is_flag=True)
+@option("--trace", help="Print each event and action of one robot; repeatable.", metavar="robot=I", multiple=True)
+@option("--plain", help="Compute everything in the simplest way: slower, with the same digest.", is_flag=True)
 @options.json_option
 @runs("sim", "run")
 def run() -> None:
-    """Run SCENARIO, a built-in one's name or a YAML file, and sum it up.
+    """Run SCENARIO, a built-in name or a YAML file, and print a summary.
 
     The same scenario and seed give the same digest. Ends with 1 if a correct robot was stopped though it had a quorum:
     f_max + 2 correct robots in range. A run with a jammer, which nothing promises to survive, ends so too.
@@ -53,10 +53,10 @@ def run() -> None:
 @sim.command(epilog="Examples: phalanx sim view bti-fig9; phalanx sim view fig9.mcap --port 8090")
 @click.argument("source", metavar="FILE.mcap|SCENARIO", shell_complete=a_scenario_or_recording)
 @chosen_options
-@option("--port", help="Of the page, on this machine alone; 0 is any free one.", type=PORT, default=0)
+@option("--port", help="Port of the page, on this machine only; 0: any free one.", type=PORT, default=0)
 @runs("view", "view")
 def view() -> None:
-    """Play a recording on a page, or SCENARIO as it runs: map, shields, tokens, refusals; pause, scrub, speed.
+    """Show a recording, or SCENARIO while it runs, in the browser: map, tokens and refusals.
 
     It prints the page's address and serves it to this machine until Ctrl-C. Missions' recordings are played too.
     """
@@ -66,27 +66,25 @@ def view() -> None:
 @options.json_option
 @runs("lists", "list_scenarios")
 def list_scenarios() -> None:
-    """The scenarios that come with phalanx."""
+    """List the scenarios that come with phalanx."""
 
 
 @sim.command(epilog="Example: phalanx sim schema > scenario.schema.json")
 @runs("lists", "print_schema")
 def schema() -> None:
-    """The JSON schema of scenario files, for editors."""
+    """Print the JSON schema of scenario files, for editors."""
 
 
 @sim.command(epilog="Examples: phalanx sim check flock; phalanx sim check my_flock.py")
 @click.argument("controller", metavar="|".join(("FILE.py[:CLASS]", *CONTROLLERS)), shell_complete=a_controller)
-@option("--seed", help="Of the life it lives.", type=click.IntRange(0, (1 << 32) - 1), default=0)
+@option("--seed", help="Seed of the inputs that it gets.", type=click.IntRange(0, (1 << 32) - 1), default=0)
 @options.json_option
 @runs("sim", "check")
 def check() -> None:
-    """Whether a controller answers the same with the same bytes, and where it does not.
+    """Check that a controller gives the same outputs for the same inputs, and print where it does not.
 
-    An auditor runs a robot's controller again, and convicts a robot whose controller answers otherwise. So the
-    controller lives through the same calls in four processes, with other clocks, time zones and orders of sets. It is
-    compiled and not, beside another robot's controller, and goes on from each of its checkpoints. Some frames and
-    readings are as compromised robots and broken sensors make them. Ends with 1 if any byte differs, if something is
-    raised, or if it puts out what no robot takes, as NaN. A call that sleeps, opens a file, starts a thread or takes
-    10 s of processor time is a mistake at once.
+    An auditor runs a robot's controller again: if its outputs differ, the robot is stopped. So this command makes the
+    same calls in four processes, with other clocks, time zones and orders of sets, compiled and not, and from each
+    checkpoint. Some packets and readings are malformed. Ends with 1 if any byte differs, if the controller raises,
+    or if an output is invalid, as NaN. Calls that sleep, open a file, start a thread or take 10 s are errors.
     """

@@ -19,37 +19,37 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 @option(
     "--swarm",
     "swarm_url",
-    help="Real robots instead: those of a file, which obey signed orders (docs/guides/robot.md), those of a ROS 2"
-    " domain (docs/guides/ros2.md), or DotBots, behind PyDotBot's controller there (docs/guides/dotbots.md)."
-    " The last two are waited for as long as a broker.",
+    help="Real robots instead: those that a file lists (phalanx docs guides/robot), those of a ROS 2 domain (phalanx"
+    " docs guides/ros2), or DotBots behind PyDotBot's controller (phalanx docs guides/dotbots). --wait says how long to"
+    " wait for the last two.",
     metavar="FILE.yaml|ros2|dotbot://HOST:PORT",
 )
 @option(
     "--scenario",
     "protocol",
     help="What simulated robots do while nobody drives them: exploration, patrol, perimeter or tracking"
-    " (docs/guides/protocols.md); none: stand still, and avoid nobody.  [default: patrol, of at most 40 robots that"
+    " (phalanx docs guides/protocols); none: stand still.  [default: patrol, if at most 40 robots"
     " audit each other]",
     metavar="NAME",
 )
 @option(
     "--revive",
     "revive_s",
-    help="Simulated robots that were stopped begin anew after so many seconds, honest. Without: by hand, with phalanx"
-    " link revive or on the operator's page.",
+    help="Restart a stopped simulated robot after this many seconds, with its honest controller. Default: only by hand,"
+    " with phalanx link revive or on the operator's page.",
     type=SECONDS,
 )
 @option(
     "--tour",
-    help="Show the three shields, a minute each, with captions on the projector's page, again and again: a visitor"
-    " drives, robots decode a mission, one that lies is stopped and revived.",
+    help="Show the three shields in turn, a minute each, with captions on the projector's page: a visitor drives,"
+    " robots decode a mission, a compromised robot is stopped and revived.",
     is_flag=True,
 )
-@option("--seed", help="Of the robots' places and batteries.", default=0)
+@option("--seed", help="Seed of the robots' places and batteries.", default=0)
 @option(
     "--mission",
     "missions",
-    help="Robots live this mission, and are not driven; the operator's page has an editor for others."
+    help="Robots run this mission, and visitors watch; the operator's page has an editor for others."
     " Repeatable, for the FILEs of its parts.",
     multiple=True,
     metavar="FILE|BUILTIN",
@@ -58,46 +58,46 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 @options.furnish_option
 @option(
     "--world",
-    help="The building in which robots live missions; without, the one the mission names. Alone: they wait for one."
-    " One of your own: docs/guides/maps.md.",
+    help="The building of the mission. Default: the one that the mission names. Without --mission: robots wait there"
+    " for one. Your own building: phalanx docs guides/maps.",
     metavar="NAME|FILE",
     shell_complete=a_map,
 )
-@option("--start-key", help="Of one sealed --mission FILE; without, FILE.key.", type=FILE)
+@option("--start-key", help="Start key of a sealed --mission FILE. Default: FILE.key.", type=FILE)
 @option("--trust", help="Refuse a --mission FILE none of these signed; repeatable.", multiple=True, metavar="KEY")
 @options.defence_option(
-    help="Defence against compromised robots: audits (hardened), audits as printed (paper), or none."
-    "  [default: hardened, for up to 100 robots; on a mission, where an audit can show what they read]"
+    help="Defence against compromised robots: audits (hardened), audits as in the paper (paper), or none."
+    "  [default: hardened, for up to 100 robots]"
 )
 @option(
     "--f-max",
-    help="The most compromised robots that are tolerated; of at least 2 f_max + 3 robots, or f_max of them may have"
-    " others stopped.  [default: 3, or what so few robots allow]",
+    help="How many compromised robots are tolerated. With fewer than 2 f_max + 3 robots, compromised ones may have"
+    " others stopped.  [default: 3, or fewer for few robots]",
     type=click.IntRange(1, 15),
 )
 @option(
     "--keys",
-    help="File of phalanx keys: what simulated robots' trusted nodes and their station have is the swarm's own, and a"
-    " number of its missions is used up. Robots 1 to --robots are to have a master key.",
+    help="Use the keys of this file of phalanx keys for simulated robots. It uses up one mission number; robots 1 to"
+    " --robots need a master key.",
     type=FILE,
 )
 @options.passphrase_option
 @option("--host", help="Address to listen on for visitors; 0.0.0.0 for all.", default="127.0.0.1")
-@option("--port", help="Of the visitors' page and its websocket.  [default: 8080, or any free one]", type=PORT)
-@option("--tls", help="Speak https: files of a certificate and its key, PEM.", type=(FILE, FILE), metavar="CERT KEY")
+@option("--port", help="Port of the visitors' page.  [default: 8080, or any free one]", type=PORT)
+@option("--tls", help="Serve https with this certificate and key, PEM files.", type=(FILE, FILE), metavar="CERT KEY")
 @option(
     "--behind-proxy",
-    help="A proxy of yours is before us, and adds visitors' addresses as X-Forwarded-For (docs/guides/https.md).",
+    help="Behind your own reverse proxy: take visitors' addresses from X-Forwarded-For (phalanx docs guides/https).",
     is_flag=True,
 )
 @option(
     "--assign",
-    help="Who drives a robot: whoever takes it first (free), the visitor that it is given to, with turns (one-each), or"
-    " whom a ticket names it for (tickets).",
+    help="Who drives a robot: whoever takes it first (free); one visitor each, in turns (one-each); or the visitor"
+    " whose ticket names it (tickets).",
     type=click.Choice(["free", "one-each", "tickets"]),
     default="free",
 )
-@option("--turn", "turn_s", help="Seconds with a robot while others wait, with one-each.", type=SECONDS, default=120.0)
+@option("--turn", "turn_s", help="With one-each: seconds of a turn while others wait.", type=SECONDS, default=120.0)
 @option(
     "--state",
     help="Folder of visitors, tickets and the trail; a restart keeps them."
@@ -110,19 +110,27 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
     help="Show a code by which phones join this Wi-Fi network, on the terminal and the projector's page.",
     metavar="SSID",
 )
-@option("--wifi-password-file", help="Its password, the first line of a file; without, the network is open.", type=FILE)
-@option("--operator-port", help="Of the operator's page; 0 is any free one.", type=PORT, default=0)
 @option(
-    "--operator-token-file",
-    help="Keeps the operator's token, for its owner alone: with --operator-port a restart leaves an open page useful."
-    " Beside it, FILE.stopped keeps the operator's stop: robots that were stopped stay so.",
+    "--wifi-password-file",
+    help="File whose first line is that network's password. Default: the network is open.",
     type=FILE,
 )
-@option("--page-url", help="Where visitors find our page, if not here: behind an https proxy, say.", default="")
+@option("--operator-port", help="Port of the operator's page; 0: any free one.", type=PORT, default=0)
+@option(
+    "--operator-token-file",
+    help="Keep the operator's token in this file: with --operator-port, an open operator's page still works after a"
+    " restart. FILE.stopped beside it keeps the operator's stop.",
+    type=FILE,
+)
+@option(
+    "--page-url",
+    help="Address of the visitors' page, if it is not this machine's, as behind an https proxy.",
+    default="",
+)
 @option(
     "--broker",
-    help="For visitors who do not reach this machine: mosquitto, which is started, or a mqtt(s):// or ws(s):// URL."
-    " Whoever runs it reads and drives nothing.",
+    help="MQTT broker for visitors who cannot reach this machine: a mqtt(s):// or ws(s):// URL, or mosquitto to start"
+    " one. Whoever runs it cannot read or drive.",
     default="",
     metavar="mosquitto|URL",
 )
@@ -130,29 +138,28 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 @options.login_option
 @option(
     "--qrkey",
-    help="Serve published pages and programs at the broker, too: all who have one code share it. The code that is shown"
-    " stays the sessions', unless --frontend names a page. For this mode are the options below, but --root, --wait,"
-    " --duration and --events.",
+    help="Also serve pages and programs of the published Qrkey, at the broker: all visitors share one key there"
+    " (phalanx docs guides/qrkey). --pin-digits, --rotate-s, --overlap-s and --frontend are for it.",
     is_flag=True,
 )
 @options.link_options
 @option(
     "--frontend",
-    help="Send visitors to this page of the published kind instead of ours; its host reads the pin.",
+    help="Show the code of this page of the published kind instead of ours. Whoever serves it can read the pin.",
     default="",
 )
 @options.wait_option
 @options.duration_option
 @option(
     "--events",
-    help="Print a JSON object a line instead of a QR code, at_s in each is its time; the first is 'ready' ('waiting'"
-    " while there is no broker).",
+    help="Print events as JSON, one a line, instead of a QR code. The first is 'ready', or 'waiting' while there is no"
+    " broker; at_s is the time.",
     is_flag=True,
 )
 @runs("up", "up")
 def up() -> None:
     """Run a gateway: a swarm, the visitors' page and its QR code. Nothing else has to be installed.
 
-    Enter stops all robots at once, whatever becomes of the network, and the word go with Enter lets them move again; so
-    do lines with stop and go on stdin of --events, and the operator's page. Ctrl-C ends it.
+    Press Enter to stop all robots at once, also when the network fails. Type go and Enter to let them move again.
+    With --events, send lines with stop and go on stdin. The operator's page has the same button. Ctrl-C ends it.
     """

@@ -36,7 +36,7 @@ def crack(
     """Tries to read a captured mission by brute force, for `budget` seconds; 1 if nothing gave."""
     encoded, area = read_encoded(file), parse_box(box)
     if plan and encoded.header.profile is Profile.PAPER:
-        raise UsageError("--map for the paper profile", "every place is tried in seconds there")
+        raise UsageError("--map with the paper profile", "leave it out: all places are tried in seconds")
     shown = shown_by(load_floorplan(plan), offset_mm) if plan else None
     started = time.perf_counter()
     tries, of = 0, 0
@@ -74,7 +74,7 @@ def _attack(
         start = parse_start_key(encoded.start)
     else:
         raise UsageError(
-            "a sealed mission without its start key: 2^256 gates stand before the first node",
+            "a sealed mission cannot be read without its start key: it is one of 2^256",
             "--key FILE, if that was captured too",
         )
     return crack_sealed(encoded, start, area, pool.map, shown)

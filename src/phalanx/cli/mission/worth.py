@@ -54,7 +54,7 @@ def tell_worth(
     if floor is None and name:
         floor = building(name, doors, swept=True)
     if trial and floor is None:
-        raise UsageError("no map to live the mission in", "--map MAP, or map: NAME in the mission")
+        raise UsageError("no map to run the mission in", "--map MAP, or map: NAME in the mission")
     shown = shown_by(floor, offset_mm) if floor else None
     outlook = look_ahead(told, None, floor, eye)
     seen = floor.extraction if floor else None
@@ -70,7 +70,7 @@ def tell_worth(
     _show(report, rates)
     if lived is not None:
         click.echo(
-            f"lived {lived['times']} times: {lived['completed']} completed   {lived['false_fixes']} false fixes   "
+            f"ran {lived['times']} times: {lived['completed']} completed   {lived['false_fixes']} false fixes   "
             f"{lived['false_decodes']} false decodes   worst pose error {lived['pose_error_m_max']:.2f} m"
         )
         for row in lived["runs"]:
@@ -113,7 +113,7 @@ def _lived(told: Mission, options: BuildOptions, plan: FloorPlan, lidar: LidarCo
         run = orders.run(noise=NOISE, lidar=lidar, seed=seed, duration_s=limit_s)
         reports = run_mission(
             run,
-            on_progress=lambda share: progress.tell(f"lived {len(rows)} of {times} times", (len(rows) + share) / times),
+            on_progress=lambda share: progress.tell(f"ran {len(rows)} of {times} times", (len(rows) + share) / times),
         )
         figures = summary(run, reports)
         undone = [report for report in reports if not report.done]

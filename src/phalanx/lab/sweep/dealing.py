@@ -170,7 +170,7 @@ def dealt(
         for future in going:
             given = of.pop(future.key)
             if future.status == "cancelled":
-                raise Unavailable(f"the scheduler at {scheduler} went away", "the same command goes on")
+                raise Unavailable(f"the scheduler at {scheduler} went away", "run the same command again to continue")
             if future.status == "finished":
                 made = future.result()
                 yield from zip((key for key, _ in given), made, strict=False)

@@ -25,7 +25,7 @@ Cell = str | int | float
 
 MOST_BYTES = 1 << 16
 MOST_RUNS = 1_000_000
-HINT = "docs/guides/sweeps.md has an example"
+HINT = "phalanx docs guides/sweeps has an example"
 SWEEP_HINT = "pip install '.[sweep]' in a clone"
 KEYS = ("scenario", "seeds", "grid")
 # What `phalanx sim run` has an option for is called as there.
@@ -143,7 +143,7 @@ class _Reader:
     def _axis(self, name: Any) -> str:
         known = _axes()
         if name not in known:
-            hint = did_you_mean(str(name), known) + "docs/guides/sweeps.md lists them"
+            hint = did_you_mean(str(name), known) + "phalanx docs guides/sweeps lists them"
             raise self._wrong(("grid", name), f"nothing of a scenario is called {name!r}", hint)
         return str(name)
 

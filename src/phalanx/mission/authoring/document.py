@@ -20,7 +20,7 @@ from phalanx.mission.graph import Draft, Mission
 from phalanx.mission.observable import LANDMARK_TYPES, Action, Landmark, Observable, Position, Sensor, Time
 from phalanx.mission.refused import Misplaced, under
 
-HINT = "docs/spec/mission.md shows a mission"
+HINT = "phalanx docs spec/mission shows a mission"
 TOP = {"mission", "map", "area", "roam", "repeatable", "coding", "nodes", "ways"}
 NODE = {"see", "do", "start", "final", "join", "chained", "within_m", "timeout_s", "send", "wait", "part", "width"}
 SEE = {*LANDMARK_TYPES, "position", "sensor", "action", "time", "facing", "area", "text", "token"}

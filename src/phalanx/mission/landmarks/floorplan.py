@@ -170,7 +170,7 @@ def read_yaml(data: bytes, name: str) -> dict[Any, Any]:
     """A YAML file's mapping. Raises: UsageError: it is none."""
     if len(data) > FILE_MAX_BYTES:
         raise UsageError(f"{name} has {len(data)} bytes", f"up to {FILE_MAX_BYTES}")
-    hint = "docs/guides/maps.md shows a map"
+    hint = "phalanx docs guides/maps shows a map"
     words = words_of(compose(data, name, hint), data, name, hint)
     if not isinstance(words, dict):
         raise UsageError(f"{name} is not a map", "a YAML mapping with walls, or with an image")
@@ -291,7 +291,7 @@ def sources_of(words: Mapping[Any, Any], name: str) -> tuple[Source, ...]:
         listed = words.get(key) or []
         if not isinstance(listed, list) or len(listed) > SOURCES_MAX:
             raise UsageError(
-                f"{name}: {key} is no list of them", f"at most {SOURCES_MAX}; docs/guides/maps.md shows them"
+                f"{name}: {key} is no list of them", f"at most {SOURCES_MAX}; phalanx docs guides/maps shows them"
             )
         sources += (_source(kind, fields, each, f"{name}: {key}, number {i}") for i, each in enumerate(listed, 1))
     return tuple(sources)

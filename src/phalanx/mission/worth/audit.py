@@ -2,7 +2,7 @@
 
 Guessing costs add along a walk and never multiply: who has opened one node looks for the next in a corridor. Only what
 cannot be measured from a floor plan (a start key, a message, a random token) is out of reach. What is counted opens
-nodes. Places alone can be found with the floor plan and without any key (docs/explanation/threat-model.md).
+nodes. Places alone can be found with the floor plan and without any key (docs/explanation/threats-missions.md).
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ def compare(table: Table) -> list[Statement]:
             paper="accumulates drift; 0 to 3 (axis of Fig. 8b)",
             ours=quantiles(last, ".2f"),
             agrees=bool(np.all(last > 1.0)),
-            why="more than 1 m in every seed; factor 1 + sigma, always (docs/adr/0019: the paper does not say)",
+            why="more than 1 m in every seed; factor 1 + sigma, always (phalanx docs adr/0019: the paper does not say)",
         )
     ]
     for words, more, errors_m in zip(

@@ -120,7 +120,7 @@ def own_attack(made: Attack | type[Any]) -> Attack:
     scene = getattr(made, "scene", None)
     if not isinstance(made, type) or scene is None:
         raise UsageError(
-            f"{made!r} is no attack", "a class that derives from Liar (docs/reference/attacks.md), or an Attack"
+            f"{made!r} is no attack", "a class that derives from Liar (phalanx docs reference/attacks), or an Attack"
         )
     if _never_wakes(made):
         raise UsageError(f"{made.__name__} has on_wake, and no period_ms", "period_ms = 250: how often it is called")

@@ -163,7 +163,7 @@ def _check_commands(body_kind: int, robot: Robot, asked: list[Action]) -> None:
             raise OwnMistake(
                 f"robot {robot.id}: no command of its body's: "
                 f"{len(action.command)} bytes, the first {action.command[0]}",
-                f"{known.size} bytes, the first {known.tag}: docs/guides/own-controller.md has the layout",
+                f"{known.size} bytes, the first {known.tag}: phalanx docs guides/own-controller has the layout",
                 robot.controller,
             )
 

@@ -1,0 +1,106 @@
+"""Draw texts that people read, for readers who see the text and nothing else.
+
+    PYTHONPATH=src:. python scripts/sample_texts.py [--seed 1] [--count 60] > tests/data/text_sample.csv
+
+As many of each kind: paragraphs of documents, help of commands, messages in Python, words of the pages. A reader writes
+what each means. Fewer than 54 of 60 right: the others are rewritten, and a new sample is drawn.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import csv
+import random
+import re
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import click
+import lint_docs
+
+from phalanx.cli.main import phalanx
+
+ROOT = Path(__file__).parent.parent
+LEAST_WORDS = 5
+WORDS = re.compile(r"[A-Za-z][a-z']+")
+# Sentences between tags of a page, and in its strings.
+PAGE_TEXT = re.compile(r'>\s*([^<>{}`=;]+?)\s*<|"([^"\n<>]+)"')
+Texts = Iterator[tuple[str, str]]
+
+
+def is_text(text: str) -> bool:
+    """Tell whether a string is long enough to be a sentence, and of words."""
+    return len(WORDS.findall(text)) >= LEAST_WORDS and "_" not in re.sub("`[^`]*`|f_max|n_max|T_[a-z]+", "", text)
+
+
+def documents() -> Texts:
+    """Yield the paragraphs of all documents but records of decisions."""
+    for page in lint_docs.pages():
+        if page.parent.name != "adr":
+            for line, text in lint_docs.paragraphs(lint_docs.prose(page.read_text())):
+                if not text.startswith("#"):
+                    yield text, f"{page.relative_to(ROOT)}:{line}"
+
+
+def helps(command: click.Command = phalanx, path: str = "phalanx") -> Texts:
+    """Yield the help of all commands and options."""
+    for paragraph in (command.help or "").split("\n\n"):
+        yield " ".join(paragraph.split()), path
+    for option in command.params:
+        if isinstance(option, click.Option) and option.help:
+            yield option.help, f"{path} {option.opts[-1]}"
+    for name in getattr(command, "commands", {}):
+        yield from helps(command.commands[name], f"{path} {name}")  # type: ignore[attr-defined]
+
+
+def messages() -> Texts:
+    """Yield the strings of errors, hints and log lines; a value that a message has is shown as {}."""
+    for path in sorted((ROOT / "src" / "phalanx").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            is_error = isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call)
+            call = node.exc if is_error else node if isinstance(node, ast.Call) else None
+            name = ast.unparse(call.func).rpartition(".")[2] if call else ""
+            if call and (is_error or name in {"warning", "error", "info", "echo", "say"}):
+                parts = [each for each in call.args if isinstance(each, ast.Constant | ast.JoinedStr)]
+                text = "; hint: ".join(re.sub(r"\{[^}]*\}", "{}", said(each)) for each in parts if said(each))
+                yield text, f"{path.relative_to(ROOT)}:{call.lineno}"
+
+
+def said(node: ast.Constant | ast.JoinedStr) -> str:
+    """Return a literal's text, with {} for each value in it."""
+    if isinstance(node, ast.Constant):
+        return node.value if isinstance(node.value, str) else ""
+    return "".join(str(each.value) if isinstance(each, ast.Constant) else "{}" for each in node.values)
+
+
+def pages() -> Texts:
+    """Yield the sentences of the visitors' and the operator's pages."""
+    for folder in ("visitor", "operator", "viewer"):
+        for path in sorted((ROOT / "web" / folder).rglob("*.ts*")):
+            if ".test." not in path.name:
+                source = re.sub(r"^\s*(//|\*|/\*|import).*", "", path.read_text(), flags=re.MULTILINE)
+                for found in PAGE_TEXT.finditer(source):
+                    yield " ".join((found[1] or found[2]).split()), str(path.relative_to(ROOT))
+
+
+KINDS: tuple[Callable[[], Texts], ...] = (documents, helps, messages, pages)
+
+
+def main() -> None:
+    """Print the sample as CSV; the last column is the readers'."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--count", type=int, default=60)
+    options = parser.parse_args()
+    chance = random.Random(options.seed)  # noqa: S311
+    out = csv.writer(sys.stdout, lineterminator="\n")
+    out.writerow(("text", "where", "explained"))
+    for kind in KINDS:
+        texts = sorted({text: (text, where) for text, where in kind() if is_text(text)}.values())
+        out.writerows((*row, "") for row in chance.sample(texts, options.count // len(KINDS)))
+
+
+if __name__ == "__main__":
+    main()
