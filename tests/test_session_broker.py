@@ -275,6 +275,17 @@ def test_a_page_that_is_loaded_again_takes_its_session_over():
     assert len(list(broker.server.connections)) == 1
 
 
+def test_a_page_that_says_late_that_it_leaves_does_not_end_the_session_that_took_over():
+    broker = Broker()
+    ada = broker.join()
+    goodbye = next(each for each in ada.client.leave(broker.world.ms) if isinstance(each, Transmit))
+    again = broker.join(ada.kept)
+    broker.publish(goodbye.topic, goodbye.data)
+    broker.state()
+    assert broker.drive(again)
+    assert len(list(broker.server.connections)) == 1
+
+
 def test_first_messages_have_a_budget_for_each_kind_and_bounded_memory():
     broker = Broker(open_hellos_per_s=5, open_hellos_at_once=5, connections_max=8)
     ada = broker.join()

@@ -169,9 +169,9 @@ export class Session {
     return this.#send(STORED.encode({ id: secret.id }), now_ms);
   }
 
-  /** End the session; the secret to resume with stays valid. */
+  /** End the session; the secret to resume with stays valid, and its robot is kept for a while. */
   leave(now_ms: number): SessionEvent[] {
-    const said = this.#channel.isOpen ? [this.#send(LEAVE.encode({}), now_ms)] : [];
+    const said = this.#channel.isOpen ? [this.#send(LEAVE.encode({ keep: 1 }), now_ms)] : [];
     return [...said, ...this.#end(undefined)];
   }
 

@@ -188,8 +188,8 @@ class SessionClient:
         return self._send(Stored(secret.id), now_ms)
 
     def leave(self, now_ms: int) -> list[ClientEvent]:
-        """End the session; the secret to resume with stays valid."""
-        said = [self._send(Leave(), now_ms)] if self._channel.is_open else []
+        """End the session, and free its robot; the secret to resume with stays valid."""
+        said = [self._send(Leave(keep=False), now_ms)] if self._channel.is_open else []
         return [*said, *self._end(None)]
 
     def _accept(self, raw: bytes, now_ms: int) -> list[ClientEvent]:
