@@ -20,7 +20,7 @@ export const HANDSHAKE_MS = 5_000;
 /** After which new keys are made. */
 export const REKEY_MS = 600_000;
 /** On a broker something is said as often. */
-export const ALIVE_MS = 20_000;
+export const ALIVE_MS = 4_000;
 /** Nothing on a broker tells that the server is gone, or has forgotten us. Who waits for approval gets no updates. */
 const QUIET_MS = 5_000;
 const QUIET_WAITING_MS = 60_000;

@@ -55,7 +55,7 @@ from .noise import KEY_BYTES, Initiator
 from .secret import Kind, Secret, hello_topic, prologue, record_topic, topic_name
 from .updates import UpdateReader, is_update
 
-ALIVE_MS = 20_000  # on a broker something is said as often
+ALIVE_MS = 4_000  # on a broker something is said as often
 # Nothing on a broker tells that the server is gone, or has forgotten us. Who waits for approval gets no updates.
 QUIET_MS, QUIET_WAITING_MS = 5_000, 60_000
 EPOCHS_KEPT = 2  # that come before `welcome` does

@@ -367,7 +367,7 @@ class SessionServer:
         if not connection.visitor and not connection.is_pending and now.ms - connection.heard_ms >= config.handshake_ms:
             return [*self.closed(connection.number, now), Close(connection.number, "handshake")]
         if connection.on_broker and now.ms - connection.heard_ms >= config.silent_ms:
-            return [*self.closed(connection.number, now), Close(connection.number, "silent")]
+            return self.end(connection, EndReason.CLOSING, now)
         if connection.visitor and now.ms - connection.channel.made_ms >= config.key_max_ms:
             return self.end(connection, EndReason.OLD_KEYS, now)
         return []
