@@ -150,6 +150,7 @@ class TestWithTheBrokerDead:
                     gateway.process.stdin.flush()
 
                 async def drive_all():
+                    gone = len(gateway.events("left")) + 1
                     async with Client(ready["qr_url"]) as visitor:
                         around = [{"x": x, "y": y} for x in (300, 1700) for y in (300, 1700)] * 8
                         robots = await visitor.robots()
@@ -159,6 +160,7 @@ class TestWithTheBrokerDead:
                                     route = {"threshold": 50, "waypoints": around}
                                     await visitor.command(robot["address"], "waypoints", route)
                                 await asyncio.sleep(0.1)
+                    gateway.wait_for("left", gone)  # with a broker killed before that, it would keep its robot
 
                 asyncio.run(drive_all())
                 kill()

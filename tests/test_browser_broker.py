@@ -49,6 +49,9 @@ def test_a_phone_joins_by_a_broker_drives_stops_resumes_and_is_removed(browser, 
             page.get_by_test_id("waiting").wait_for()
             ask("approve", visitor=visitors()["Grace"]["visitor"])
             badge(page, "live")
+            gone = len(up.events("left"))
+            page.close()
+            wait_until(lambda: len(up.events("left")) > gone)  # by its goodbye: silence takes 15 s
 
 
 @contextmanager

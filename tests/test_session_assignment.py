@@ -11,7 +11,7 @@ from phalanx.errors import UsageError
 from phalanx.link.session import Role
 from phalanx.link.session.assignment import Assignment
 from phalanx.link.session.errors import Busy, NotAllowed, TooMany, TriesUsedUp
-from phalanx.link.session.limits import ROBOTS_REMEMBERED, Bucket, Caps, RoomTries
+from phalanx.link.session.limits import ROBOTS_REMEMBERED, Caps, RoomTries
 from phalanx.link.session.visitors import Visitor
 from session_world import World
 
@@ -208,15 +208,6 @@ def test_a_visitor_that_is_back_within_ten_seconds_keeps_its_robot():
 
 
 # --- limits ---
-
-
-def test_tokens_come_back_at_their_rate_up_to_a_second_and_a_clock_that_is_set_back_gives_none():
-    bucket = Bucket(20, 0)
-    assert sum(bucket.take(0) for _ in range(30)) == 20
-    assert sum(bucket.take(500) for _ in range(30)) == 10
-    assert not bucket.take(0)
-    assert not bucket.take(500)
-    assert sum(bucket.take(100_000) for _ in range(30)) == 20
 
 
 def test_routes_are_capped_for_each_robot_and_in_length():

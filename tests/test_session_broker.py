@@ -254,15 +254,19 @@ def test_whatever_message_of_a_first_handshake_is_lost_it_ends_or_goes_on_and_ca
     assert broker.join().client.is_joined
 
 
-def test_a_client_that_is_silent_for_a_minute_is_gone_and_resumes():
+def test_a_client_that_is_silent_for_15_s_is_gone_and_told_so_and_resumes():
     broker = Broker()
     ada = broker.join()
     broker.wait(300_000)
     assert ada.client.is_joined
-    broker.visitors.clear()
-    broker.wait(61_000)
+    broker.loses = lambda topic, data: topic in broker.listens.get(-1, ())
+    broker.wait(10_000)
+    assert ada.client.is_joined
+    broker.wait(6_000)
+    assert ada.last(Ended) == Ended(EndReason.CLOSING)
     assert not broker.listens
     assert not list(broker.server.connections)
+    broker.loses = lambda topic, data: False
     assert broker.join(ada.kept).client.is_joined
 
 
@@ -270,6 +274,17 @@ def test_a_page_that_is_loaded_again_takes_its_session_over():
     broker = Broker()
     ada = broker.join()
     again = broker.join(ada.kept)
+    broker.state()
+    assert broker.drive(again)
+    assert len(list(broker.server.connections)) == 1
+
+
+def test_a_page_that_says_late_that_it_leaves_does_not_end_the_session_that_took_over():
+    broker = Broker()
+    ada = broker.join()
+    goodbye = next(each for each in ada.client.leave(broker.world.ms) if isinstance(each, Transmit))
+    again = broker.join(ada.kept)
+    broker.publish(goodbye.topic, goodbye.data)
     broker.state()
     assert broker.drive(again)
     assert len(list(broker.server.connections)) == 1

@@ -33,7 +33,7 @@ from phalanx.link.session.events import (
     Updated,
     WasRefused,
 )
-from phalanx.link.session.messages import Join
+from phalanx.link.session.messages import Join, Leave
 from phalanx.wire.sessions import ACCEPT, HELLO, RECORD
 from session_world import PUBLIC, UNIX_S, World, random_source
 
@@ -486,6 +486,22 @@ def test_at_most_256_wait_for_approval():
     assert phones[2].last(Stands).standing.waiting
 
 
+# --- leaving ---
+
+
+def test_who_leaves_frees_its_robot_at_once_and_a_page_that_may_be_loaded_again_after_ten_seconds():
+    world = with_robots("R1", assign="one-each")
+    ada, bea, cy = (world.join() for _ in range(3))
+    world.do(ada, [ada.client._send(Leave(keep=True), world.ms)])
+    world.wait(9_000)
+    assert bea.last(Stands).standing.place == 1
+    world.wait(1_000)
+    assert bea.last(Stands).standing.robot == "R1"
+    world.do(bea, bea.client.leave(world.ms))
+    world.wait(100)
+    assert cy.last(Stands).standing.robot == "R1"
+
+
 # --- commands ---
 
 
@@ -549,7 +565,7 @@ def test_commands_and_requests_of_a_visitor_are_capped():
 
 @pytest.mark.parametrize(
     "content",
-    [b"", b"\x41" + bytes(40), b"\x24", b"\x24" + bytes(30), b"\x26\0", b"\x21\x01\xff", b"\xff"],
+    [b"", b"\x41" + bytes(40), b"\x24", b"\x24" + bytes(30), b"\x26\2", b"\x21\x01\xff", b"\xff"],
 )
 def test_what_an_authentic_record_says_may_be_garbage_too(content):
     world = with_robots()

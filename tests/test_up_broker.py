@@ -105,20 +105,19 @@ async def test_a_visitor_joins_by_the_code_drives_and_sees_it():
         shown = parse_invitation(ready["session_url"])
         assert shown.broker.startswith("ws://127.0.0.1:")
         assert (shown.root, shown.mqtt) == ("/qrkey", 5)
-        for i, mqtt in enumerate((5, 4)):
+        for mqtt in (5, 4):
             url = f"http://page/#{replace(shown, mqtt=mqtt).fragment()}"
             async with Client(url, name="Ada") as ada:
                 await anext(ada.updates())
-                robot = (await ada.robots())[i]  # the one before is leased for a while yet
+                robot = (await ada.robots())[0]  # it is free at once when its driver leaves
                 assert await ada.drive(robot["address"], 60, 60, for_s=1.0)
-                assert (await ada.robots())[i]["lh2_position"] != robot["lh2_position"]
+                assert (await ada.robots())[0]["lh2_position"] != robot["lh2_position"]
                 await ada.stop(robot["address"])
                 assert ada.rejected == {}
                 assert ada.refusals == {}
         drive = ("--drive", robot["address"], "--left", "30", "--for", "0.5")
         visited = await asyncio.to_thread(run, "link", "connect", "-", *drive, input=ready["session_url"])
-        assert visited.returncode == 1
-        assert "busy" in visited.stderr  # it is leased for a while yet
+        assert visited.returncode == 0, visited.stderr
 
 
 async def test_who_is_removed_learns_so_and_the_old_code_admits_nobody():

@@ -265,7 +265,7 @@ def messages() -> list[Case]:
             },
         ),
         "request": (b"\x25" + struct.pack("<I", 1) + text("robots"), {"number": 1, "name": "robots", "payload": ""}),
-        "leave": (b"\x26", {}),
+        "leave": (b"\x26\1", {"keep": True}),
         "alive": (b"\x27", {}),
     }
     good += [
@@ -288,6 +288,7 @@ def messages() -> list[Case]:
         "a name that is cut off": ("server", b"\x41" + bytes(36) + b"\x05ab", "MalformedRecord"),
         "an address with a slash": ("client", b"\x24\0" + bytes(16) + text("a/b") + text("x"), "MalformedRecord"),
         "a command without a name": ("client", b"\x24\0" + bytes(16) + text("a") + text(""), "MalformedRecord"),
+        "keep is 2": ("client", b"\x26\2", "MalformedRecord"),
         "stop is 2": ("client", b"\x24\2" + bytes(16) + text("a") + text("x"), "MalformedRecord"),
     }
     return good + [

@@ -13,7 +13,7 @@ from phalanx.errors import UsageError
 from phalanx.net.front.newcomers import Newcomers
 from phalanx.net.front.turns import Turns
 from phalanx.net.front.window import Window
-from phalanx.net.pace import Pace, Paces
+from phalanx.pace import Pace, Paces
 
 NEVER = 1e-9  # per second
 
@@ -33,6 +33,10 @@ class TestPaces:
                 used += 1
         assert used == 3 + 9
         assert 0 < pace.wait_s(100.999) <= 0.1
+
+    def test_whoever_does_not_wait_takes_as_many_and_a_clock_that_is_set_back_gives_none(self):
+        pace = Pace(20, 20, 0)
+        assert [sum(pace.take(now_s) for _ in range(30)) for now_s in (0, 0.5, 0, 0.5, 100)] == [20, 10, 0, 0, 20]
 
     def test_a_debt_is_waited_for(self):
         pace = Pace(10.0, 3.0, 100.0)

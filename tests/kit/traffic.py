@@ -47,6 +47,7 @@ class Segment:
     to_s: float
     action: str
     robot: str
+    asks: bool
 
 
 class RecordedFront(FakeFront):
@@ -135,8 +136,12 @@ async def recorded(seed: int, for_s: float) -> tuple[list[Seen], list[Segment]]:
                     drives.append(asyncio.create_task(client.drive(robot, left, right, for_s=3600)))
                 else:
                     await client.stop(robot)
-                await asyncio.sleep(SEGMENT_S)
-                segments.append(Segment(began_s, time.monotonic(), action, robot))
+                asks = chance.random() < 0.5
+                while asks and time.monotonic() < began_s + SEGMENT_S - WINDOW_S:
+                    await asyncio.sleep(chance.uniform(0.1, 0.4))
+                    await client.robots()
+                await asyncio.sleep(began_s + SEGMENT_S - time.monotonic())
+                segments.append(Segment(began_s, time.monotonic(), action, robot, asks))
             await client.stop(ROBOTS[0])
             await asyncio.gather(*drives)
             assert not client.refusals, client.refusals
@@ -218,11 +223,14 @@ def logistic(train: np.ndarray, labels: np.ndarray, test: np.ndarray) -> np.ndar
 CLASSIFIERS = {"nearest centroid": nearest_centroid, "15 nearest neighbours": neighbours, "logistic": logistic}
 
 
-def guesses(rows: np.ndarray, done: list[Segment], world: np.ndarray) -> tuple[dict[str, float], dict[str, float]]:
-    """Return how well forward and stop, and the robots that are driven, are told apart."""
+def guesses(rows: np.ndarray, done: list[Segment], world: np.ndarray) -> tuple[dict[str, float], ...]:
+    """Return how well forward and stop, the robots that are driven, and from records up whether it asks, are told."""
     forward = np.array([each.action == FORWARD for each in done])
     second = np.array([each.robot == ROBOTS[1] for each in done])
+    asks = np.array([each.asks for each in done])
+    up = rows[:, : rows.shape[1] // 2]  # a reply is seen
     return (
         accuracy(rows, forward.astype(int), world),
         accuracy(rows[forward], second[forward].astype(int), world[forward]),
+        accuracy(up, asks.astype(int), world),
     )

@@ -9,7 +9,7 @@ import { decodeMessage } from "../client/session/messages";
 import { fragmentOf, type Invitation, parseInvitation, parseRoomCode } from "../client/session/invitation";
 import { Cipher, Initiator } from "../client/session/noise";
 import { pad, unpad } from "../client/session/padding";
-import { COMMAND, type EpochFields, JOIN, LINK_REQUEST, STORED } from "../client/session/records";
+import { COMMAND, type EpochFields, JOIN, LEAVE, LINK_REQUEST, STORED } from "../client/session/records";
 import { helloTopic, type Kind, prologue, recordTopic, Secret } from "../client/session/secret";
 import { Session } from "../client/session/session";
 import { UpdateReader } from "../client/session/updates";
@@ -259,7 +259,7 @@ describe("messages", () => {
         return [key, texts.has(key) ? utf8.encode(value) : hexToBytes(value)];
       }),
     );
-    const layouts = { join: JOIN, stored: STORED, command: COMMAND, request: LINK_REQUEST } as Record<string, unknown>;
+    const layouts = { join: JOIN, stored: STORED, command: COMMAND, request: LINK_REQUEST, leave: LEAVE } as Record<string, unknown>;
     const layout = layouts[kind] as { encode(values: unknown): Uint8Array };
     expect(bytesToHex(layout.encode(values))).toBe(content);
   });

@@ -51,6 +51,9 @@ const { FakeSession } = vi.hoisted(() => {
       stored(): SessionEvent {
         return said("stored");
       }
+      leave(): SessionEvent[] {
+        return [said("leave"), { kind: "ended", reason: undefined }];
+      }
     },
   };
 });
@@ -327,6 +330,16 @@ describe("a lost connection", () => {
     expect(FakeSocket.all).toHaveLength(2);
   });
 
+  test("a page that nobody sees connects when it is seen again", () => {
+    join();
+    connection.hide();
+    socket().end();
+    vi.advanceTimersByTime(60_000);
+    expect(FakeSocket.all).toHaveLength(1);
+    connection.wake();
+    expect(FakeSocket.all).toHaveLength(2);
+  });
+
   test("a phone that wakes up renews its keys before anything else", () => {
     join();
     session().due.push(said("rekey"));
@@ -458,7 +471,12 @@ describe("the constant rate", () => {
     vi.advanceTimersByTime(100);
     drive(0);
     connection.leave();
-    expect(beats().at(-1)?.what).toBe("stop");
+    expect(whats().slice(-2)).toEqual(["stop", "leave"]);
+    expect(socket().readyState).toBe(3);
+    vi.advanceTimersByTime(60_000);
+    expect(FakeSocket.all).toHaveLength(1);
+    connection.wake();
+    expect(FakeSocket.all).toHaveLength(2);
   });
 
   test("nothing is commanded before an update was read: it would be late", () => {

@@ -24,7 +24,7 @@ class SessionConfig:
     rekey_ms: int = 600_000  # after which a client makes new keys
     key_max_ms: int = 1_200_000  # after which a server ends a session that has made none
     overlap_ms: int = 10_000  # for which the keys before are accepted
-    silent_ms: int = 60_000  # without a record a session on a broker ends
+    silent_ms: int = 15_000  # without a record a session on a broker ends
     code_ms: int = 900_000  # between two open codes
     code_overlap_ms: int = 120_000  # for which the open code before is accepted
     epoch_ms: int = 900_000  # between two keys of updates

@@ -13,7 +13,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from phalanx.net.pace import Pace
+from phalanx.pace import Pace
 
 from .chain_file import ChainFile
 

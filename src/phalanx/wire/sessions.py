@@ -95,7 +95,11 @@ LINK_REQUEST = record(
     "payload rest: JSON, or empty",
     tag=0x25,
 )
-LEAVE = record("leave: ends the session; the resume secret stays valid", tag=0x26)
+LEAVE = record(
+    "leave: ends the session; the resume secret stays valid",
+    "keep u8: 1: keep its robot for 10 s, as for a page that may be loaded again",
+    tag=0x26,
+)
 ALIVE = record("alive: nothing to say", tag=0x27)
 
 # --- messages of the server ------------------------------------------------------------------------------------------

@@ -34,7 +34,10 @@ export class BrokerWay implements Way {
   }
 
   send(data: Uint8Array, topic: string): void {
-    if (this.isOpen) this.#mqtt.publish(`${this.#root}/${topic}`, data as Buffer, { qos: 0, retain: false }, ignore);
+    if (!this.isOpen) return;
+    this.#mqtt.publish(`${this.#root}/${topic}`, data as Buffer, { qos: 0, retain: false }, ignore);
+    // At once, not with the next timer: a page that is being closed has none.
+    this.#mqtt.stream.uncork();
   }
 
   hear(topics: readonly string[]): void {

@@ -140,7 +140,7 @@ export class SessionConnection implements Transport {
 
   wake(): void {
     this.#isHidden = false;
-    if (this.#retrying !== undefined) this.#connect();
+    if (this.#way === undefined && this.#visit.stage !== "over") this.#connect();
     else this.#tick();
   }
 
@@ -151,6 +151,7 @@ export class SessionConnection implements Transport {
 
   leave(): void {
     this.hide();
+    this.#carry(this.#session?.leave(performance.now()) ?? []);
   }
 
   restart(): void {
@@ -237,6 +238,8 @@ export class SessionConnection implements Transport {
     this.#hangUp();
     this.#show({ stage: "joining" });
     this.#setState(state);
+    // A page that nobody sees has slow timers: each connection would be lost again.
+    if (this.#isHidden) return;
     const wait_ms = RETRY_MS[Math.min(this.#retries, RETRY_MS.length - 1)] ?? 0;
     this.#retries += 1;
     this.#retrying = setTimeout(() => this.#connect(), wait_ms * (1 + Math.random()) / 2);

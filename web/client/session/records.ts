@@ -132,8 +132,10 @@ export interface LinkRequestFields {
 export const LINK_REQUEST = layout<LinkRequestFields>("link_request", 0x25, { number: "u32", name: "v8", payload: "rest" });
 
 /** ends the session; the resume secret stays valid */
-export type LeaveFields = object;
-export const LEAVE = layout<LeaveFields>("leave", 0x26, {});
+export interface LeaveFields {
+  readonly keep: number;
+}
+export const LEAVE = layout<LeaveFields>("leave", 0x26, { keep: "u8" });
 
 /** nothing to say */
 export type AliveFields = object;

@@ -20,7 +20,7 @@ export const HANDSHAKE_MS = 5_000;
 /** After which new keys are made. */
 export const REKEY_MS = 600_000;
 /** On a broker something is said as often. */
-export const ALIVE_MS = 20_000;
+export const ALIVE_MS = 4_000;
 /** Nothing on a broker tells that the server is gone, or has forgotten us. Who waits for approval gets no updates. */
 const QUIET_MS = 5_000;
 const QUIET_WAITING_MS = 60_000;
@@ -169,9 +169,9 @@ export class Session {
     return this.#send(STORED.encode({ id: secret.id }), now_ms);
   }
 
-  /** End the session; the secret to resume with stays valid. */
+  /** End the session; the secret to resume with stays valid, and its robot is kept for a while. */
   leave(now_ms: number): SessionEvent[] {
-    const said = this.#channel.isOpen ? [this.#send(LEAVE.encode({}), now_ms)] : [];
+    const said = this.#channel.isOpen ? [this.#send(LEAVE.encode({ keep: 1 }), now_ms)] : [];
     return [...said, ...this.#end(undefined)];
   }
 

@@ -23,7 +23,7 @@ from urllib.parse import urlsplit
 import aiohttp
 
 from phalanx.errors import PeerError, TooLarge, Unavailable, UsageError, did_you_mean
-from phalanx.net.pace import Pace
+from phalanx.pace import Pace
 
 from .told import ANY_AREA_MM, TRAIL_POINTS, Dotbot, Fleet, area_of
 

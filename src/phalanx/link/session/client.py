@@ -55,7 +55,7 @@ from .noise import KEY_BYTES, Initiator
 from .secret import Kind, Secret, hello_topic, prologue, record_topic, topic_name
 from .updates import UpdateReader, is_update
 
-ALIVE_MS = 20_000  # on a broker something is said as often
+ALIVE_MS = 4_000  # on a broker something is said as often
 # Nothing on a broker tells that the server is gone, or has forgotten us. Who waits for approval gets no updates.
 QUIET_MS, QUIET_WAITING_MS = 5_000, 60_000
 EPOCHS_KEPT = 2  # that come before `welcome` does
@@ -188,8 +188,8 @@ class SessionClient:
         return self._send(Stored(secret.id), now_ms)
 
     def leave(self, now_ms: int) -> list[ClientEvent]:
-        """End the session; the secret to resume with stays valid."""
-        said = [self._send(Leave(), now_ms)] if self._channel.is_open else []
+        """End the session, and free its robot; the secret to resume with stays valid."""
+        said = [self._send(Leave(keep=False), now_ms)] if self._channel.is_open else []
         return [*said, *self._end(None)]
 
     def _accept(self, raw: bytes, now_ms: int) -> list[ClientEvent]:

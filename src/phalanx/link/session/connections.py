@@ -14,13 +14,13 @@ from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 
 from phalanx.config.session import SessionConfig
 from phalanx.errors import Replayed
+from phalanx.pace import Pace
 from phalanx.wire import MalformedRecord
 from phalanx.wire.sessions import ACCEPT, HELLO, RECORD, SIGNED_HELLO
 
 from .channel import Channel
 from .errors import TooMany, Unexpected
 from .events import Close, Listen, Now, Send, ServerEvent
-from .limits import Bucket
 from .messages import FromServer, encode
 from .noise import KEY_BYTES, respond
 from .secret import Kind, Secret, prologue, record_topic
@@ -69,8 +69,8 @@ class Connections:
         self._of_visitor: dict[int, int] = {}
         self._on_broker = 0
         self._hellos: OrderedDict[bytes, None] = OrderedDict()
-        self._budgets = {kind: Bucket(config.hellos_per_s, now.ms) for kind in Kind}
-        self._budgets[Kind.OPEN] = Bucket(config.open_hellos_per_s, now.ms, config.open_hellos_at_once)
+        self._budgets = {kind: Pace(config.hellos_per_s, config.hellos_per_s, now.ms / 1000) for kind in Kind}
+        self._budgets[Kind.OPEN] = Pace(config.open_hellos_per_s, config.open_hellos_at_once, now.ms / 1000)
 
     def __iter__(self) -> Iterator[Connection]:
         return iter(list(self._all.values()))
@@ -137,7 +137,7 @@ class Connections:
             raise Replayed("a first message, again")
         # First what its sender has: else one visitor would use up what all others resume with.
         resumed = count(secret)
-        if not self._budgets[kind].take(now.ms):
+        if not self._budgets[kind].take(now.ms / 1000):
             raise TooMany("first messages of this kind")
         self._hellos[hello] = None
         if len(self._hellos) > HELLOS_REMEMBERED:

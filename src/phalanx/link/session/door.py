@@ -7,11 +7,12 @@ from dataclasses import dataclass, field, replace
 
 from phalanx.config.session import SessionConfig
 from phalanx.errors import UsageError
+from phalanx.pace import Pace
 from phalanx.wire.sessions import TICKET_KEY, TICKET_ROW
 
 from .errors import TooMany, UnknownSecret
 from .invitation import new_room_code
-from .limits import Bucket, RoomTries
+from .limits import RoomTries
 from .messages import Role
 from .secret import INVITATION_BYTES, NO_ID, Kind, Secret
 from .store import Store
@@ -63,7 +64,7 @@ class Door:
         self.open_role = open_role
         self._tries = RoomTries(config)
         self._tickets: dict[bytes, Ticket] = {}
-        self._hellos: dict[bytes, Bucket] = {}  # of tickets, on a broker
+        self._hellos: dict[bytes, Pace] = {}  # of tickets, on a broker
         for key, row in store.load().items():
             if key[:1] == TICKET_KEY.encode(id=NO_ID)[:1]:
                 self._tickets[TICKET_KEY.decode(key)["id"]] = _ticket(row)
@@ -145,8 +146,8 @@ class Door:
         """Count a first message on a broker with a valid ticket: at once one of each who has it. Raises: TooMany."""
         if ticket_id not in self._hellos:
             at_once = self._config.handshakes_at_once + self._tickets[ticket_id].uses
-            self._hellos[ticket_id] = Bucket(self._config.handshakes_per_min / 60, now_ms, at_once)
-        if not self._hellos[ticket_id].take(now_ms):
+            self._hellos[ticket_id] = Pace(self._config.handshakes_per_min / 60, at_once, now_ms / 1000)
+        if not self._hellos[ticket_id].take(now_ms / 1000):
             raise TooMany("first messages with this ticket")
 
     def secret(self, kind: Kind, secret_id: bytes, address: str, now_ms: int, unix_s: int) -> Secret:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict, deque
 
 from phalanx.config.session import SessionConfig
+from phalanx.pace import Pace
 
 from .errors import TooMany, TriesUsedUp
 
@@ -16,50 +17,31 @@ ROBOTS_REMEMBERED = 64  # of a visitor's routes
 ADDRESSES_REMEMBERED = 4096  # whose joins are counted
 
 
-class Bucket:
-    """Tokens that come back at a rate, up to so many at once: as a rule a second's."""
-
-    __slots__ = ("_at_once", "_per_s", "_then_ms", "_tokens")
-
-    def __init__(self, per_s: float, now_ms: int, at_once: int | None = None) -> None:
-        self._per_s, self._at_once, self._then_ms = per_s, float(at_once or per_s), now_ms
-        self._tokens = self._at_once
-
-    def take(self, now_ms: int) -> bool:
-        """Take a token; return whether there was one."""
-        passed = max(0, now_ms - self._then_ms)
-        self._tokens = min(self._at_once, self._tokens + passed * self._per_s / 1000)
-        self._then_ms = max(self._then_ms, now_ms)
-        if self._tokens < 1:
-            return False
-        self._tokens -= 1
-        return True
-
-
 class Caps:
     """The rates of one visitor, whatever its connections."""
 
     __slots__ = ("_commands", "_handshakes", "_requests", "_routes")
 
     def __init__(self, config: SessionConfig, now_ms: int) -> None:
-        self._commands = Bucket(config.commands_per_s, now_ms)
-        self._requests = Bucket(config.requests_per_s, now_ms)
-        self._handshakes = Bucket(config.handshakes_per_min / 60, now_ms, config.handshakes_at_once)
-        self._routes: OrderedDict[str, Bucket] = OrderedDict()
+        now_s = now_ms / 1000
+        self._commands = Pace(config.commands_per_s, config.commands_per_s, now_s)
+        self._requests = Pace(config.requests_per_s, config.requests_per_s, now_s)
+        self._handshakes = Pace(config.handshakes_per_min / 60, config.handshakes_at_once, now_s)
+        self._routes: OrderedDict[str, Pace] = OrderedDict()
 
     def command(self, now_ms: int) -> None:
         """Count a command. Raises: TooMany."""
-        if not self._commands.take(now_ms):
+        if not self._commands.take(now_ms / 1000):
             raise TooMany("commands of this visitor")
 
     def request(self, now_ms: int) -> None:
         """Count a request. Raises: TooMany."""
-        if not self._requests.take(now_ms):
+        if not self._requests.take(now_ms / 1000):
             raise TooMany("requests of this visitor")
 
     def handshake(self, now_ms: int) -> None:
         """Count new keys or a resumption, of which each is written to disk. Raises: TooMany."""
-        if not self._handshakes.take(now_ms):
+        if not self._handshakes.take(now_ms / 1000):
             raise TooMany("handshakes of this visitor")
 
     def route(self, robot: str, points: int, now_ms: int) -> None:
@@ -67,11 +49,11 @@ class Caps:
         if points > ROUTE_POINTS:
             raise TooMany(f"a route of {points} points, limit {ROUTE_POINTS}")
         if robot not in self._routes:
-            # A forgotten robot's bucket is full again: the cap on commands bounds what that is worth.
+            # A forgotten robot's pace is full again: the cap on commands bounds what that is worth.
             if len(self._routes) >= ROBOTS_REMEMBERED:
                 self._routes.popitem(last=False)
-            self._routes[robot] = Bucket(ROUTES_PER_S, now_ms)
-        if not self._routes[robot].take(now_ms):
+            self._routes[robot] = Pace(ROUTES_PER_S, ROUTES_PER_S, now_ms / 1000)
+        if not self._routes[robot].take(now_ms / 1000):
             raise TooMany("routes of this visitor for this robot")
 
 
@@ -101,16 +83,16 @@ class Joins:
 
     def __init__(self, config: SessionConfig) -> None:
         self._per_hour = config.joins_per_address
-        self._of: OrderedDict[str, Bucket] = OrderedDict()
+        self._of: OrderedDict[str, Pace] = OrderedDict()
 
     def count(self, address: str, now_ms: int) -> None:
         """Count a join. Raises: TooMany."""
         if address not in self._of:
             if len(self._of) >= ADDRESSES_REMEMBERED:
                 self._of.popitem(last=False)
-            self._of[address] = Bucket(self._per_hour * 1000 / HOUR_MS, now_ms, self._per_hour)
+            self._of[address] = Pace(self._per_hour / 3600, self._per_hour, now_ms / 1000)
         self._of.move_to_end(address)
-        if not self._of[address].take(now_ms):
+        if not self._of[address].take(now_ms / 1000):
             raise TooMany("joins of this address")
 
 

@@ -62,7 +62,9 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Leave:
-    """End the session."""
+    """End the session; `keep` its robot for a while."""
+
+    keep: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,6 +188,7 @@ def _flag(value: int) -> bool:
 _READERS: dict[str, Any] = {
     "name": bytes.decode,
     "robot": bytes.decode,
+    "keep": _flag,
     "role": Role,
     "stop": _flag,
     "waiting": _flag,

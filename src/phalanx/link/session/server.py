@@ -94,12 +94,12 @@ class SessionServer:
             return [Close(number, error.reason)]
         return []
 
-    def closed(self, number: int, now: Now) -> list[ServerEvent]:
-        """Take note that a connection is over."""
+    def closed(self, number: int, now: Now, *, keep: bool = True) -> list[ServerEvent]:
+        """Take note that a connection is over; `keep` its robot for a while."""
         connection = self.connections.drop(number)
         if connection is None or not connection.visitor:
             return []
-        self._away[connection.visitor] = now.ms
+        self._away[connection.visitor] = now.ms - (0 if keep else self.config.lease_ms)
         self._standings.forget(connection.visitor)
         return [Left(connection.visitor)]
 
@@ -329,8 +329,8 @@ class SessionServer:
                 return [Requested(visitor.id, number, name, payload)]
             case Stored(secret_id):
                 self.visitors.stored(visitor.id, secret_id, self.door.spend)
-            case Leave():
-                return [*self.closed(connection.number, now), Close(connection.number, "leave")]
+            case Leave(keep) if in_order:  # not one of a page that was loaded again meanwhile
+                return [*self.closed(connection.number, now, keep=keep), Close(connection.number, "leave")]
             case Join() | Ready():
                 raise Unexpected("a second first message")
         return []
@@ -367,7 +367,7 @@ class SessionServer:
         if not connection.visitor and not connection.is_pending and now.ms - connection.heard_ms >= config.handshake_ms:
             return [*self.closed(connection.number, now), Close(connection.number, "handshake")]
         if connection.on_broker and now.ms - connection.heard_ms >= config.silent_ms:
-            return [*self.closed(connection.number, now), Close(connection.number, "silent")]
+            return self.end(connection, EndReason.CLOSING, now)
         if connection.visitor and now.ms - connection.channel.made_ms >= config.key_max_ms:
             return self.end(connection, EndReason.OLD_KEYS, now)
         return []

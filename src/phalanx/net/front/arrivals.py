@@ -13,8 +13,8 @@ import time
 from collections.abc import Callable
 
 from phalanx.config.front import FrontConfig
-from phalanx.net.pace import Pace, Paces
 from phalanx.net.seats import place_of
+from phalanx.pace import Pace, Paces
 
 from .newcomers import Newcomers
 from .turns import Turns

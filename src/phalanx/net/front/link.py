@@ -9,8 +9,8 @@ import socket
 from collections.abc import Iterator
 
 from phalanx.config.front import FrontConfig
-from phalanx.net.pace import Pace
 from phalanx.net.site import Connection
+from phalanx.pace import Pace
 
 READ_BYTES = 4 * 1024  # at once, of a connection: what it may have unread here; as frames of nothing 25 times as much
 SEND_BUFFER_BYTES = 32 * 1024  # of the system

@@ -15,9 +15,9 @@ from pathlib import Path
 from aiohttp import web
 
 from phalanx.config.front import FrontConfig
-from phalanx.net.pace import Pace, Paces
 from phalanx.net.seats import Seats, place_of
 from phalanx.net.site import Connection, Site, connection_of
+from phalanx.pace import Pace, Paces
 from phalanx.wire.sessions import LINK_PATH
 
 from .arrivals import Arrivals

@@ -8,7 +8,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from typing import Generic, TypeVar
 
-from phalanx.net.pace import Pace, Paces
+from phalanx.pace import Pace, Paces
 
 Item = TypeVar("Item")
 

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from typing import Generic, Protocol, TypeVar
 
 from phalanx.config.front import FrontConfig
-from phalanx.net.pace import Pace
+from phalanx.pace import Pace
 
 from .turns import Turns
 

@@ -1,10 +1,10 @@
-"""Rates of clients and of addresses, a token bucket each. Times are seconds on a clock that never runs back."""
+"""Rates of clients, visitors and addresses, a token bucket each. Times are seconds on a clock that never runs back."""
 
 from __future__ import annotations
 
 
 class Pace:
-    """A token bucket. What exceeds it is waited for."""
+    """A token bucket: up to so many at once. What exceeds it is waited for, or refused."""
 
     __slots__ = ("_at_once", "_at_s", "_left", "_per_s")
 
@@ -21,6 +21,13 @@ class Pace:
     def use(self, count: float = 1.0) -> None:
         """Use so many; a debt that this makes is waited for."""
         self._left -= count
+
+    def take(self, now_s: float) -> bool:
+        """Use one; return whether there was one."""
+        if self.wait_s(now_s):
+            return False
+        self._left -= 1.0
+        return True
 
     def is_full(self, now_s: float) -> bool:
         """Return whether nothing was used lately."""
