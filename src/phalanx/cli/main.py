@@ -29,7 +29,7 @@ ABOUT = {
     "attack": "Compromise a robot, or its mission, and see what that can do and what stops it.",
     "doctor": "Look at what is installed, which ports are free, the clock, and whether a broker is reachable.",
     "keys": "Who is in the swarm: master keys, mission keys, and keys that sign missions and orders.",
-    "link": "Visit a swarm from a terminal, invite others, see who drove.",
+    "link": "Visit a swarm from a terminal; invite, approve and remove visitors; see who drove.",
     "mission": "What may be done: missions that a robot can only read by living them.",
     "new": "Write a controller, an attack or a scenario that runs as it is.",
     "reproduce": "Measure a figure of one of the papers and draw ours beside it.",

@@ -156,6 +156,7 @@ class Running:
                 "room": door.room,
                 "open": not self.link.server.visitors.approval,
                 "assign": config.assign,
+                "shared_code": self.shared is not None,
                 "visitors": sessions,
             },
             "robots": [
