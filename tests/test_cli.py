@@ -369,7 +369,7 @@ def test_the_terminals_code_is_the_code(colour):
     ("ssid", "password", "code"),
     [
         ('"foo;bar\\baz"', "", r"WIFI:S:\"foo\;bar\\baz\";;"),  # the example of the published format
-        ("Café, 2. Stock", r'a,b;c\d:e"f', r'WIFI:T:WPA;S:Café\, 2. Stock;P:a\,b\;c\\d\:e\"f;;'),
+        ("Café, 2. Stock", r'a,b;c\d:e"f', r"WIFI:T:WPA;S:Café\, 2. Stock;P:a\,b\;c\\d\:e\"f;;"),
         ("ゲスト", "0123456789012345", "WIFI:T:WPA;S:ゲスト;P:0123456789012345;;"),
     ],
 )

@@ -21,6 +21,7 @@ from phalanx.cli.main import run_command
 from phalanx.cli.mission.files import read_plain
 from phalanx.errors import PhalanxError, Unknown, UsageError
 from phalanx.gateway.missions.watch import MissionWatch
+from phalanx.gateway.shields import ShieldWatch
 from phalanx.mission import BuildOptions, build, plain_mission, public_key, sign
 from phalanx.mission.landmarks import floorplan_of_yaml
 from phalanx.mission.refused import AlreadyStarted, NotForUs, OutsideWindow
@@ -253,7 +254,10 @@ class TestShields:
                 swarm.compromise(liar, attack.name)
             with pytest.raises(Unknown, match="no attack"):
                 swarm.compromise(liar, "smile")
+            watch = ShieldWatch(swarm, lambda _: None)
+            assert watch.health(0) == "none", "they wait for a mission"
             swarm.begin(orders())
+            assert watch.health(0) == "not working"
             wait_until(lambda: all(len(shield.vouchers) >= shield.needed for shield in swarm.shields()), 60)
             assert {audit.refusal for audit in swarm.new_audits()} == {""}
             swarm.compromise(liar, attack.name)
@@ -268,6 +272,8 @@ class TestShields:
             )  # it hears of robots as it is asked
             assert not any(shield.safe_mode for shield in swarm.shields()[1:])
             assert [shield.address for shield in swarm.shields()] == [liar, *honest]
+            swarm._process.kill()
+            wait_until(lambda: swarm.shields() == (), 10)
 
     def test_without_audits_there_are_no_shields_to_show(self):
         assert not isinstance(Silent(), AuditedSwarm)

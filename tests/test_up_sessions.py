@@ -66,6 +66,7 @@ async def test_the_page_and_its_websocket_are_on_one_port_and_a_robot_is_driven(
                     break
             assert swarm.robots()[0].at != began
             state = gateway.state()
+            assert gateway.health() == {"broker": True, "shields": "none"}
             assert state["mode"] == "session"
             assert [each["name"] for each in state["session"]["visitors"]] == ["Ada"]
             assert gateway.summary()["visitors"] == 1
