@@ -118,7 +118,7 @@ class TestMistakes:
         assert run_command(arguments) == code
         told = capsys.readouterr().err
         assert words in told
-        lines = [line for line in told.splitlines() if not line.startswith(("phalanx: hint:", "phalanx: WARNING"))]
+        lines = [line for line in told.splitlines() if not line.startswith(("phalanx: hint:", "phalanx: warning"))]
         assert len(lines) <= 1, told
         assert "Traceback" not in told
         assert "hunter2" not in told

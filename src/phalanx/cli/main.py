@@ -20,7 +20,8 @@ from phalanx import __version__
 from phalanx.errors import PhalanxError, did_you_mean
 
 LEVELS = ("debug", "info", "warning", "error")
-SAID = "phalanx: %(levelname)s: %(message)s"  # who watches needs neither time nor module
+SAID = "phalanx: %(levelname)s: %(message)s"  # who watches needs no time, and nobody but developers a module
+TIMED = "phalanx: %(levelname)s: %(asctime)s %(message)s"
 LOGGED = "phalanx: %(levelname)s: %(asctime)s %(name)s: %(message)s"
 # What stdout says on a full disk.
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
@@ -93,9 +94,11 @@ class _Group(click.Group):
 def phalanx(log_level: str) -> None:
     """Keep a robot swarm in honest hands: who may command, what may be done, what is really done."""
     # In the place of a status line, not behind it.
-    for_people = sys.stderr.isatty() and log_level == "warning"
-    logged = SAID if for_people else LOGGED
-    line = f"\r\x1b[2K{logged}" if sys.stderr.isatty() else logged
+    on_terminal = sys.stderr.isatty()
+    logged = LOGGED if log_level != "warning" else SAID if on_terminal else TIMED
+    line = f"\r\x1b[2K{logged}" if on_terminal else logged
+    for level in (logging.WARNING, logging.ERROR):
+        logging.addLevelName(level, logging.getLevelName(level).lower())  # as errors are told that end a command
     logging.basicConfig(level=log_level.upper(), format=line, datefmt="%Y-%m-%dT%H:%M:%S%z", force=True)
 
 
