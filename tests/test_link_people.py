@@ -108,3 +108,14 @@ async def test_an_operator_manages_visitors_from_a_terminal():
                 assert {"Eve", "Fay", "Guy"} <= {each["name"] for each in gone["removed"]}
                 await eventually(lambda: all(each.ended for each in (eve, fay, guy)))
         assert (await asked("people"))["visitors"] == []
+
+
+async def test_what_a_command_cannot_do_is_said(monkeypatch):
+    visitor = {"visitor": 3, "name": "Ada", "role": "drive", "waiting": False, "robot": "A1", "present_s": None}
+    session = {"visitors": [visitor], "open": True, "assign": "one-each", "shared_code": True}
+    told = {"session": session, "visitors": [{"id": "visitor 1a2b3c"}], "robots": []}
+    monkeypatch.setattr("phalanx.cli.people.ask_gateway", lambda *_: told)
+    code, _, err = await link("assign", "Ada", "--none")
+    assert (code, "a robot again" in err, "approve --watch Ada" in err) == (1, True, True)
+    assert "nobody can be removed who has the shared code" in (await link("kick", "Ada"))[2]
+    assert (await asked("people"))["by_shared_code"] == 1
