@@ -3,25 +3,26 @@
 import asyncio
 import contextlib
 import sys
+from collections import Counter
 
 from phalanx import link
 from phalanx.gateway.vocabulary import parse_move_raw
 
 server = link.Server(sys.argv[1] if len(sys.argv) > 1 else "mqtt://127.0.0.1:1883")
-went = {"ROBOT-1": 0, "ROBOT-2": 0}  # how far each was driven ahead: percent, added up
+turned = {name: Counter(left=0, right=0) for name in ("ROBOT-1", "ROBOT-2")}  # its wheels: percent, added up
 
 
 @server.on_command("move_raw")
 async def drive(command: link.Command) -> None:
-    if command.address in went:  # authentic is not sensible: anybody with the code wrote it
+    if command.address in turned:  # authentic is not sensible: anybody with the code wrote it
         move = parse_move_raw(command.payload)  # wheels in percent, or BadPayload: counted and survived
-        went[command.address] += (move.left_pct + move.right_pct) // 2
+        turned[command.address].update(left=move.left_pct, right=move.right_pct)
         await server.notify({"driven": command.address, "wheels": (move.left_pct, move.right_pct)})
 
 
 @server.on_request(0)
 def robots(_: link.Request) -> list[dict[str, object]]:
-    return [{"address": address, "went": ahead} for address, ahead in went.items()]
+    return [{"address": address, "wheels": wheels} for address, wheels in turned.items()]
 
 
 async def main() -> None:

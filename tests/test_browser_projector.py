@@ -52,7 +52,7 @@ def test_visitors_see_the_way_in_and_it_comes_back_with_the_gateway(browser, tmp
             assert "token" not in wall.url
             assert codes_in(wall, tmp_path / "wall.png") == {
                 ready["qr_url"],
-                "WIFI:T:WPA;S:Museum Guests;P:behind\\;the,door;;",
+                "WIFI:T:WPA;S:Museum Guests;P:behind\\;the\\,door;;",
             }
             assert not barriers_in_both_schemes(wall)
             assert wall.locator("button:visible").count() == 0, "it commands nothing"

@@ -27,6 +27,7 @@ from phalanx.cli.codes import qr_text
 from phalanx.cli.commands.mission import PROFILES
 from phalanx.cli.credentials import login_in
 from phalanx.cli.main import ABOUT, phalanx, run_command
+from phalanx.gateway.projector import Wifi
 from phalanx.net import Login
 from ports import free_port
 
@@ -118,7 +119,7 @@ class TestMistakes:
         assert run_command(arguments) == code
         told = capsys.readouterr().err
         assert words in told
-        lines = [line for line in told.splitlines() if not line.startswith(("phalanx: hint:", "phalanx: WARNING"))]
+        lines = [line for line in told.splitlines() if not line.startswith(("phalanx: hint:", "phalanx: warning"))]
         assert len(lines) <= 1, told
         assert "Traceback" not in told
         assert "hunter2" not in told
@@ -360,11 +361,31 @@ class TestDoctor:
 
 @pytest.mark.parametrize("colour", [True, False])
 def test_the_terminals_code_is_the_code(colour):
-    """Read it back with another program: first the terminal's cells to pixels, then zxing."""
+    url = "http://192.168.100.100:8080/#v=1&pin=" + "7" * 39 + "&broker=ws%3A%2F%2F192.168.100.100%3A9001%2Fmqtt"
+    assert read_back(url, colour=colour) == url
+    assert len(qr_text(url, border=1, colour=False).splitlines()) == 20, "it fits an ordinary terminal"
+
+
+@pytest.mark.parametrize(
+    ("ssid", "password", "code"),
+    [
+        ('"foo;bar\\baz"', "", r"WIFI:S:\"foo\;bar\\baz\";;"),  # the example of the published format
+        ("Café, 2. Stock", r'a,b;c\d:e"f', r"WIFI:T:WPA;S:Café\, 2. Stock;P:a\,b\;c\\d\:e\"f;;"),
+        ("ゲスト", "0123456789012345", "WIFI:T:WPA;S:ゲスト;P:0123456789012345;;"),
+    ],
+)
+def test_phones_read_the_name_and_the_password_of_a_wifi(ssid, password, code):
+    assert read_back(Wifi(ssid, password).code, colour=False) == code
+    fields = re.findall(r"(?:^WIFI:|(?<!\\);)([SP]):((?:\\.|[^\\;])*)", code)
+    shown = {name: re.sub(r"\\(.)", r"\1", value) for name, value in fields}
+    assert (shown["S"], shown.get("P", "")) == (ssid, password)
+
+
+def read_back(url: str, *, colour: bool) -> str:
+    """Read a terminal's code with another program: first the terminal's cells to pixels, then zxing."""
     import numpy as np
     import zxingcpp
 
-    url = "http://192.168.100.100:8080/#v=1&pin=" + "7" * 39 + "&broker=ws%3A%2F%2F192.168.100.100%3A9001%2Fmqtt"
     light = {"█": (1, 1), "▀": (1, 0), "▄": (0, 1), " ": (0, 0)}
     rows = []
     for line in qr_text(url, border=4, colour=colour).splitlines():
@@ -375,5 +396,4 @@ def test_the_terminals_code_is_the_code(colour):
         rows += [[top for top, _ in cells], [bottom for _, bottom in cells]]
     picture = np.kron(np.array(rows, dtype=np.uint8) * 255, np.ones((8, 8), dtype=np.uint8))
     (found,) = zxingcpp.read_barcodes(picture)
-    assert found.text == url
-    assert len(qr_text(url, border=1, colour=False).splitlines()) == 20, "it fits an ordinary terminal"
+    return found.text

@@ -155,7 +155,8 @@ class TestWhere:
         monkeypatch.setattr("sys.stderr.isatty", lambda: is_terminal, raising=False)
         assert run_command(["sim", "schema"]) == 0
         logging.getLogger("phalanx.test").warning("the broker is lost")
-        assert capsys.readouterr().err.startswith("\r\x1b[2Kphalanx: " if is_terminal else "phalanx: ")
+        before = r"\r\x1b\[2Kphalanx: warning:" if is_terminal else r"phalanx: warning: [-+0-9T:]{24}"
+        assert re.fullmatch(before + " the broker is lost\n", capsys.readouterr().err)
 
 
 class TestRobots:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -326,3 +328,21 @@ def test_tablet_and_enter_shows_a_code_that_makes_a_tablet_an_operators(state):
             up.terminate()
             os.close(ours)
             os.close(theirs)
+
+
+def test_ports_that_are_taken_are_told_in_one_line_each():
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError):  # somebody else has it
+            stack.enter_context(socket.create_server(("127.0.0.1", 8080)))
+        taken = str(stack.enter_context(socket.create_server(("127.0.0.1", 0))).getsockname()[1])
+        moved = called("up", "--events", "--defence", "none", "--duration", "0.1")
+        assert moved.returncode == 0
+        (line,) = moved.stderr.splitlines()
+        assert re.fullmatch(r"phalanx: warning: \S+ port 8080 is in use: \d+ is taken instead", line)
+        for option, words in (("--port", ()), ("--operator-port", ("--port", "0"))):
+            refused = called("up", "--events", "--defence", "none", option, taken, *words)
+            assert (refused.returncode, refused.stdout) == (1, "")
+            assert refused.stderr.splitlines() == [
+                f"phalanx: error: cannot listen on 127.0.0.1 port {taken}: Address already in use",
+                f"phalanx: hint: another program has it; choose another with {option}, or {option} 0 for any",
+            ]

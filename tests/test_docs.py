@@ -270,7 +270,8 @@ async def test_the_example_serves_a_visitor_and_ends_at_ctrl_c(tmp_path):
                 assert told == {"driven": "ROBOT-1", "wheels": [60, -40]}
                 await visitor.command("ROBOT-1", "move_raw", {"left_y": 0, "right_y": 0})
                 await asyncio.wait_for(anext(heard), 30)
-                assert [robot["went"] for robot in await visitor.request(0)] == [10, 0], "it shows after a stop"
+                wheels = [tuple(robot["wheels"].values()) for robot in await visitor.request(0)]
+                assert wheels == [(60, -40), (0, 0)], "it shows after a stop"
             example.send_signal(signal.SIGINT)
             assert await asyncio.wait_for(example.wait(), 30) == 0
         finally:

@@ -21,6 +21,7 @@ from phalanx.cli.main import run_command
 from phalanx.cli.mission.files import read_plain
 from phalanx.errors import PhalanxError, Unknown, UsageError
 from phalanx.gateway.missions.watch import MissionWatch
+from phalanx.gateway.shields import ShieldWatch
 from phalanx.mission import BuildOptions, build, plain_mission, public_key, sign
 from phalanx.mission.landmarks import floorplan_of_yaml
 from phalanx.mission.refused import AlreadyStarted, NotForUs, OutsideWindow
@@ -254,7 +255,10 @@ class TestShields:
                 swarm.compromise(liar, attack.name)
             with pytest.raises(Unknown, match="no attack"):
                 swarm.compromise(liar, "smile")
+            watch = ShieldWatch(swarm, lambda _: None)
+            assert watch.health(0) == "none", "they wait for a mission"
             swarm.begin(orders())
+            assert watch.health(0) == "not working"
             wait_until(lambda: all(len(shield.vouchers) >= shield.needed for shield in swarm.shields()), 60)
             assert {audit.refusal for audit in swarm.new_audits()} == {""}
             swarm.compromise(liar, attack.name)
@@ -269,6 +273,8 @@ class TestShields:
             )  # it hears of robots as it is asked
             assert not any(shield.safe_mode for shield in swarm.shields()[1:])
             assert [shield.address for shield in swarm.shields()] == [liar, *honest]
+            swarm._process.kill()
+            wait_until(lambda: swarm.shields() == (), 10)
 
     def test_without_audits_there_are_no_shields_to_show(self):
         assert not isinstance(Silent(), AuditedSwarm)
@@ -380,7 +386,7 @@ class TestUp:
             await eventually(lambda: up.events("rejected"))
             assert {event["reason"] for event in up.events("rejected")} == {"unknown"}
             assert up.events("mission")[0]["what"] == "begun"
-            assert not [line for line in up.err if "ERROR" in line]
+            assert not [line for line in up.err if "error" in line]
 
     def test_a_sealed_file_runs_with_its_key_and_a_trusted_signature(self, tmp_path, ed25519_files, capsys):
         trusted, stranger, path = ed25519_files

@@ -14,14 +14,17 @@ import time
 import urllib.error
 import urllib.request
 from pathlib import Path
+from types import SimpleNamespace
 
 import aiohttp
 import pytest
 
 from phalanx.errors import Unavailable
 from phalanx.gateway.serve_pages import PAGES
+from phalanx.gateway.shields import ShieldWatch
 from phalanx.gateway.up import UpOptions, up
 from phalanx.net.site import beside
+from phalanx.robot.swarm import Shield
 from phalanx.world import Dotbots
 from ports import free_port
 from served_pages import a_page, operator_pages
@@ -163,16 +166,16 @@ class TestPages:
             assert not caplog.records
 
     async def test_anybody_here_may_ask_whether_it_is_well_and_is_told_nothing_else(self):
-        state, asked = {"connected": True}, []
+        state, asked = {"broker": True, "shields": "working"}, []
 
-        def connected():
+        def health():
             asked.append(1)
-            return state["connected"]
+            return dict(state)
 
         def secrets():
             raise AssertionError("it takes the loop that drives robots too long to tell all")
 
-        pages = operator_pages("t0ken" * 6, secrets, connected=connected)
+        pages = operator_pages("t0ken" * 6, secrets, health=health)
         async with beside(pages), aiohttp.ClientSession() as http:
             url = f"http://127.0.0.1:{pages.port}/healthz"
 
@@ -180,10 +183,11 @@ class TestPages:
                 async with http.get(url, headers=headers) as answer:
                     return answer.status, await answer.json()
 
-            assert await well() == (200, {"turns": True, "broker": True})
-            state["connected"] = False
-            await asyncio.sleep(0.3)
-            assert await well() == (503, {"turns": True, "broker": False})
+            assert await well() == (200, {"turns": True, "broker": True, "shields": "working"})
+            for broker, shields, code in ((False, "working", 503), (True, "not working", 503), (True, "none", 200)):
+                state |= {"broker": broker, "shields": shields}
+                await asyncio.sleep(0.3)
+                assert await well() == (code, {"turns": True, **state})
             for _ in range(100):
                 await well()
             assert len(asked) < 30, "whoever asks and asks does not reach the gateway's loop each time"
@@ -199,11 +203,33 @@ class TestPages:
                     urllib.request.urlopen(url, timeout=10)
                 return told.value.code, json.loads(told.value.read())
 
-            state["connected"] = True
             await asyncio.sleep(0.3)
             asking = asyncio.get_running_loop().run_in_executor(None, ask)
             time.sleep(2)  # the gateway's loop does not turn
-            assert await asking == (503, {"turns": False, "broker": False})
+            assert await asking == (503, {"turns": False, "broker": False, "shields": "not working"})
+
+    def test_shields_work_while_a_robot_has_the_tokens_that_it_needs(self):
+        shown: list[Shield] = []
+        swarm = SimpleNamespace(shields=lambda: shown, new_audits=list, unchecked="")
+
+        def shield(*left_s: float, stopped: bool = False) -> Shield:
+            vouchers = tuple((f"R{i}", each) for i, each in enumerate(left_s, 2))
+            return Shield(address="R1", needed=2, full_s=10.0, vouchers=vouchers, safe_mode=stopped, attack="")
+
+        def health(at_s: float, *now: Shield) -> str:
+            shown[:] = now
+            watch.news(lambda _: 1, at_s)
+            return watch.health(at_s)
+
+        watch = ShieldWatch(swarm, lambda _: None)
+        assert health(0.0) == "not working", "no robot was heard"
+        assert health(1.0, shield(9.0)) == "not working"
+        assert health(2.0, shield(9.0, 3.0)) == "working"
+        swarm.unchecked = "its own trusted nodes are gone"
+        assert health(4.0) == "working", "its tokens are still good"
+        assert health(6.0) == "not working"
+        assert health(7.0, shield(9.0, 9.0, stopped=True)) == "not working"
+        assert ShieldWatch(swarm, lambda _: None).health(8.0) == "none", "nobody ever checked tokens"
 
     async def test_a_foreign_name_for_loopback_is_turned_away(self, operator):
         headers = {"Authorization": "Bearer " + "t0ken" * 6, "Host": f"evil.example:{operator.port}"}

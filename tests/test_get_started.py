@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 import signal
 import subprocess
 import sys
+import time
+import urllib.error
 import urllib.request
 from pathlib import Path
 
@@ -37,6 +40,16 @@ def words(command: str) -> list[str]:
     return [sys.executable, *({"phalanx": ["-m", "phalanx"], "python": []}[program]), *rest]
 
 
+def told_well(url: str) -> dict:
+    """Return what a gateway says of itself, once it is well."""
+    for _ in range(60):
+        try:
+            return json.load(urllib.request.urlopen(url, timeout=30))
+        except urllib.error.HTTPError:
+            time.sleep(0.5)
+    raise AssertionError("it is not well within 30 s")
+
+
 def follow(page: Path, folder: Path) -> None:
     """Do what a page says; what is to run until Ctrl-C runs beside the rest.
 
@@ -53,7 +66,7 @@ def follow(page: Path, folder: Path) -> None:
                 running.append(subprocess.Popen(words(command), cwd=folder, stdout=subprocess.PIPE, text=True))
                 assert "://" in running[0].stdout.readline()
             elif command.startswith("curl --fail "):
-                assert urllib.request.urlopen(command.split()[-1], timeout=30).status == 200
+                assert told_well(command.split()[-1])["shields"] == "working"
             else:
                 done = subprocess.run(words(command), cwd=folder, capture_output=True, text=True, timeout=300)
                 assert done.returncode == 0, f"{command}: {done.stdout}{done.stderr}"

@@ -233,7 +233,7 @@ class TestWithoutACompiler:
     def test_a_line_tells_what_to_install(self, phalanx, mine):
         code, _, err = phalanx("sim", "run", "flock-12", *QUICK, "--controller", mine())
         assert code == 0
-        (line,) = [each for each in err.splitlines() if "WARNING" in each]
+        (line,) = [each for each in err.splitlines() if "warning" in each]
         assert line.endswith(
             "mine.py runs uncompiled, many times slower: CC=none-such: command not found; "
             "install gcc or clang, or name one in CC"

@@ -18,11 +18,9 @@ def a_page(port: int = 0, host: str = "127.0.0.1", connections: int = 1000) -> S
 def operator_pages(token: str, state=dict, port: int = 0, **said) -> OperatorPages:
     """The operator's page of a gateway that does nothing but what is `said`."""
 
-    class Running(SimpleNamespace):
-        connected = property(lambda _: said["connected"]())
-
     async def ask(what, words):
         return state() if what == "state" else check_words(words)
 
-    running = Running(hold=said.get("hold", lambda _: None), desk=SimpleNamespace(ask=ask))
+    desk = SimpleNamespace(ask=ask)
+    running = SimpleNamespace(hold=said.get("hold", lambda _: None), desk=desk, health=said.get("health"))
     return OperatorPages(token, running, port)

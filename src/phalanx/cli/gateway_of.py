@@ -12,6 +12,7 @@ from typing import Any
 from phalanx.errors import Unavailable, UsageError
 
 TIMEOUT_S = 10.0
+REFUSED = 409  # no such robot, or one that this visitor may not have
 
 
 def default_state() -> Path:
@@ -25,7 +26,7 @@ def default_state() -> Path:
 def ask_gateway(state: Path | None, what: str, words: dict[str, Any]) -> dict[str, Any]:
     """Return the answer of a running gateway.
 
-    Raises: Unavailable: none runs, or it does not answer; UsageError: it refuses.
+    Raises: Unavailable: none runs, it does not answer, or it refuses; UsageError: it cannot be asked that.
     """
     from phalanx.gateway.state_folder import operator_url_in  # noqa: PLC0415 - as much to import as all the rest
 
@@ -39,6 +40,7 @@ def ask_gateway(state: Path | None, what: str, words: dict[str, Any]) -> dict[st
             return told
     except urllib.error.HTTPError as error:
         said = json.loads(error.read() or b"{}")
-        raise UsageError(said.get("error", str(error)), said.get("hint", "")) from error
+        kind = Unavailable if error.code == REFUSED else UsageError
+        raise kind(said.get("error", str(error)), said.get("hint", "")) from error
     except (OSError, ValueError) as error:
         raise Unavailable("the gateway does not answer", "is phalanx up still running?") from error

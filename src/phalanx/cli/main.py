@@ -20,7 +20,8 @@ from phalanx import __version__
 from phalanx.errors import PhalanxError, did_you_mean
 
 LEVELS = ("debug", "info", "warning", "error")
-SAID = "phalanx: %(levelname)s: %(message)s"  # who watches needs neither time nor module
+SAID = "phalanx: %(levelname)s: %(message)s"  # who watches needs no time, and nobody but developers a module
+TIMED = "phalanx: %(levelname)s: %(asctime)s %(message)s"
 LOGGED = "phalanx: %(levelname)s: %(asctime)s %(name)s: %(message)s"
 # What stdout says on a full disk.
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
@@ -30,7 +31,7 @@ ABOUT = {
     "docs": "Print a document or an example of this version, or the list of all.",
     "doctor": "Look at what is installed, which ports are free, the clock, and whether a broker is reachable.",
     "keys": "Manage a swarm's keys: master keys, mission keys, and keys that sign missions and orders.",
-    "link": "Visit a swarm from a terminal, invite others, see who drove.",
+    "link": "Visit a swarm from a terminal; invite, approve and remove visitors; see who drove.",
     "mission": "Encode, check and run missions that a robot can only read step by step, at the right places.",
     "new": "Write a controller, an attack or a scenario that runs as it is.",
     "reproduce": "Measure a figure of one of the papers and draw ours beside it.",
@@ -94,9 +95,11 @@ class _Group(click.Group):
 def phalanx(log_level: str) -> None:
     """Protect a robot swarm: from strangers, from stolen missions, and from compromised robots."""
     # In the place of a status line, not behind it.
-    for_people = sys.stderr.isatty() and log_level == "warning"
-    logged = SAID if for_people else LOGGED
-    line = f"\r\x1b[2K{logged}" if sys.stderr.isatty() else logged
+    on_terminal = sys.stderr.isatty()
+    logged = LOGGED if log_level != "warning" else SAID if on_terminal else TIMED
+    line = f"\r\x1b[2K{logged}" if on_terminal else logged
+    for level in (logging.WARNING, logging.ERROR):
+        logging.addLevelName(level, logging.getLevelName(level).lower())  # as errors are told that end a command
     logging.basicConfig(level=log_level.upper(), format=line, datefmt="%Y-%m-%dT%H:%M:%S%z", force=True)
 
 

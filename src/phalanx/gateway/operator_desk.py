@@ -132,6 +132,7 @@ class OperatorDesk:
                     "role": each.role.name.lower(),
                     "waiting": each.waiting,
                     "present": connection is not None,
+                    "present_s": round((now_ms - connection.opened_ms) / 1000, 1) if connection else None,
                     "silent_s": round((now_ms - connection.heard_ms) / 1000, 1) if connection else None,
                     "robot": server.assignment.robot_of(each.id) or "",
                     "robots": sorted(each.robots),

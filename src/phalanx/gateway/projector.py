@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
-from segno.helpers import make_wifi_data
 
 from phalanx.crypto.keys import hkdf_sha256
 from phalanx.errors import UsageError
@@ -22,6 +21,8 @@ if TYPE_CHECKING:
 TOKEN_BYTES = 16
 SSID_BYTES = 32
 PASSWORD_BYTES = range(8, 64)  # of WPA
+# https://github.com/zxing/zxing/wiki/Barcode-Contents; segno's own helper leaves the comma as it is.
+ESCAPED = {ord(each): f"\\{each}" for each in '\\;,:"'}
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +41,8 @@ class Wifi:
     @property
     def code(self) -> str:
         """Return the text of the code that phones join the network by."""
-        return make_wifi_data(self.ssid, self.password or None, "WPA" if self.password else None)
+        security, password = ("T:WPA;", f"P:{self.password.translate(ESCAPED)};") if self.password else ("", "")
+        return f"WIFI:{security}S:{self.ssid.translate(ESCAPED)};{password};"
 
 
 def projector_token(static: X25519PrivateKey) -> str:

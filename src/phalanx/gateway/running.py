@@ -99,6 +99,11 @@ class Running:
         """Return whether visitors are reached: on the direct transport always."""
         return self._broker is None or self._broker.connected
 
+    def health(self) -> dict[str, Any]:
+        """Return what is told to whoever watches over the gateway."""
+        shields = self.gateway.shields
+        return {"broker": self.connected, "shields": shields.health(time.monotonic()) if shields else "none"}
+
     @property
     def rejected(self) -> Counter[str]:
         """Return how many messages were refused, by reason."""
@@ -156,6 +161,7 @@ class Running:
                 "room": door.room,
                 "open": not self.link.server.visitors.approval,
                 "assign": config.assign,
+                "shared_code": self.shared is not None,
                 "visitors": sessions,
             },
             "robots": [

@@ -58,7 +58,7 @@ class OperatorPages(Site):
         self._gateways = asyncio.get_running_loop()
         self._token = token
         self._running = running
-        self._asking: asyncio.Future[bool] | None = None
+        self._asking: asyncio.Future[dict[str, Any]] | None = None
         self._asked_at_s = 0.0
         super().__init__(PAGES / "operator", PAGE_POLICY, port, connections=OPERATORS, longest=REQUEST_BYTES)
 
@@ -83,14 +83,14 @@ class OperatorPages(Site):
         # However many ask: the loop that drives robots is asked one question at a time, and a few in a second.
         now_s = time.monotonic()
         if self._asking is None or (self._asking.done() and now_s - self._asked_at_s >= HEALTH_FOR_S):
-            self._asking = asyncio.ensure_future(self._at_the_gateway(_soon(lambda: self._running.connected)))
+            self._asking = asyncio.ensure_future(self._at_the_gateway(_soon(self._running.health)))
             self._asked_at_s = now_s
-        turns = connected = False
+        told: dict[str, Any] = {"turns": False, "broker": False, "shields": "not working"}
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(HEALTHY_S):
-                connected = await asyncio.shield(self._asking)
-                turns = True
-        return _answer({"turns": turns, "broker": connected}, 200 if connected else 503)
+                told = {"turns": True, **await asyncio.shield(self._asking)}
+        is_well = told["broker"] and told["shields"] != "not working"
+        return _answer(told, 200 if is_well else 503)
 
     async def _tell_projector(self, request: web.Request) -> web.Response:
         """Answer what the projector shows beside the swarm."""

@@ -51,6 +51,7 @@ class ShieldWatch:
     def __init__(self, swarm: AuditedSwarm, say: Callable[[dict[str, Any]], None]) -> None:
         self._swarm = swarm
         self._say = say
+        self._checks_tokens = not getattr(swarm, "unchecked", "")  # later it says that the nodes which did are gone
         self._told: dict[str, tuple[bool, dict[str, float]]] = {}
         self._refused: deque[tuple[float, Audit]] = deque(maxlen=REFUSALS_KEPT)
         self._last: dict[str, Audit] = {}
@@ -135,6 +136,20 @@ class ShieldWatch:
                 del self._stopped_at_s[address]
                 with contextlib.suppress(Unknown):  # somebody has revived it by hand
                     self.revive(address)
+
+    def health(self, uptime_s: float) -> str:
+        """Return `working` while a robot that was not stopped has the tokens that it needs, and else `not working`.
+
+        `none`: nobody here checks tokens, or robots wait for their first mission. It costs no look at all robots.
+        """
+        if not self._checks_tokens or (isinstance(self._swarm, OnMission) and self._swarm.progress() is None):
+            return "none"
+        needed = self.in_area().get("tokens_needed", 0)
+        works = any(
+            not is_stopped and sum(until_s > uptime_s for until_s in until.values()) >= needed
+            for is_stopped, until in self._told.values()
+        )
+        return "working" if works else "not working"
 
     def is_stopped(self, address: str) -> bool:
         """Return whether a robot is stopped."""

@@ -10,7 +10,7 @@ from phalanx.cli.options import option, runs
 
 @click.group(epilog="Example: phalanx link connect 'http://192.168.1.7:8080/#j=…'")
 def link() -> None:
-    """Visit a swarm from a terminal, invite others, see who drove."""
+    """Visit a swarm from a terminal; invite, approve and remove visitors; see who drove."""
 
 
 @link.command(
@@ -56,6 +56,50 @@ def connect() -> None:
 @runs("invite", "invite")
 def invite() -> None:
     """Make a ticket for a gateway that runs, and print its link; or a sheet of tickets, a card for each robot."""
+
+
+@link.command(epilog="Example: phalanx link people")
+@options.state_option
+@options.json_option
+@runs("people", "people")
+def people() -> None:
+    """List the visitors of a gateway that runs: who is connected and since when, and who may come back."""
+
+
+@link.command(epilog="Example: phalanx link kick Ada")
+@click.argument("name", required=False)
+@option("--everybody", help="All but operators.", is_flag=True)
+@options.state_option
+@options.json_option
+@runs("people", "kick")
+def kick() -> None:
+    """Remove a visitor for good; NAME is its name or number.
+
+    Its session, its ticket and the code on the screen are refused at once. Newcomers wait until they are approved, as
+    the same person may scan the new code.
+    """
+
+
+@link.command(epilog="Examples: phalanx link approve Ada; phalanx link approve Bob --watch")
+@click.argument("name", required=False)
+@option("--everybody", help="All who wait, and newcomers from now on.", is_flag=True)
+@option("--watch/--drive", "watches", help="Allow it watching only, or driving again.", default=None)
+@options.state_option
+@options.json_option
+@runs("people", "approve")
+def approve() -> None:
+    """Let a visitor in that waits; NAME is its name or number."""
+
+
+@link.command(epilog="Examples: phalanx link assign Ada Rosa; phalanx link assign Ada --none")
+@click.argument("name")
+@click.argument("robot", required=False)
+@option("--none", help="Take the robot that it has.", is_flag=True)
+@options.state_option
+@options.json_option
+@runs("people", "assign")
+def assign() -> None:
+    """Give a visitor a robot until it is taken; NAME is its name or number, ROBOT a name or address."""
 
 
 @link.command(epilog="Example: phalanx link revive Ada")

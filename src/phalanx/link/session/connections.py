@@ -37,6 +37,7 @@ class Connection:
     address: str
     on_broker: bool
     channel: Channel
+    opened_ms: int
     heard_ms: int
     secret: Secret | None = field(default=None, repr=False)  # of the handshake that waits for its first record
     offered_ms: int = 0  # when that was answered
@@ -97,7 +98,7 @@ class Connections:
             max_send_bytes=self._config.max_to_client_bytes,
             overlap_ms=self._config.overlap_ms,
         )
-        self._all[number] = Connection(number, address, on_broker, channel, now.ms)
+        self._all[number] = Connection(number, address, on_broker, channel, now.ms, now.ms)
         return self._all[number]
 
     def drop(self, number: int) -> Connection | None:

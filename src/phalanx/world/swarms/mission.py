@@ -281,8 +281,10 @@ class ShieldedMissionSwarm(MissionSwarm):
         super().__init__(plan, count, seed, clock)
 
     def shields(self) -> Sequence[Shield]:
-        """One for every robot."""
+        """One for every robot; none, if their process has ended."""
         self._listen()
+        if self._lost:
+            return ()
         bti = BtiConfig(f_max=self.f_max)
         return [
             Shield(
