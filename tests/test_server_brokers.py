@@ -84,9 +84,7 @@ class TestBrokersThatComeAndGo:
         assert [line for line in limits if "Max data size" in line and f" {MEMORY_BYTES} " in line]
         assert os.geteuid() or process.stat().st_uid, "root gives it away"
 
-    async def test_who_has_no_file_left_to_ask_it_ends_no_broker_that_is_well(
-        self, broker, monkeypatch
-    ):
+    async def test_who_has_no_file_left_to_ask_it_ends_no_broker_that_is_well(self, broker, monkeypatch):
         async def out_of_files(*where, **how):
             raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
 
