@@ -33,7 +33,7 @@ PHALANX = f"{WITHOUT}from phalanx.cli import main\nmain()"
 ONE_BY_ONE = f"""{WITHOUT}from phalanx.cli.main import run_command
 for words in sys.argv[1:]:
     assert run_command(words.split()) == 0, words
-    print("then", flush=True)
+    print("-----", flush=True)
 """
 MISSION = """robots: 4
 grid_step_m: 16
@@ -117,7 +117,7 @@ def test_no_module_of_the_simulator_is_imported(tmp_path, mission, robot, to_ver
     verify = " ".join(("robot verify log.mcap", *to_verify))
     words = ("robot status robot.yaml", "robot log robot.yaml --out log.mcap", verify)
     looked = subprocess.Popen((sys.executable, "-c", ONE_BY_ONE, *words), cwd=tmp_path, stdout=-1, stderr=-1, text=True)
-    status, _, verdict, _ = ended(looked).split("then\n")
+    status, _, verdict, _ = ended(looked).split("-----\n")
     assert "robot" in status
     assert "honest" in verdict
     assert not (tmp_path / "refused").exists(), (tmp_path / "refused").read_text()
