@@ -19,8 +19,8 @@ from phalanx.gateway.session_link import now
 from phalanx.link.session import Invitation, Kind, Role, Secret, Ticket
 from phalanx.net.session_client import Client, RequestRefused, SessionOver
 from phalanx.world import Dotbots
+from serving import serving
 from session_endpoint import Endpoint
-from test_gateway_sessions import serving
 from waiting import eventually
 
 pytestmark = pytest.mark.waits

@@ -12,8 +12,6 @@ import socket
 import subprocess
 import sys
 import time
-import urllib.error
-import urllib.request
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -22,6 +20,7 @@ import pytest
 
 from brokers import bare_mosquitto
 from commands import ROOT, a_gateway, called, child, run, secrets_of
+from operator_api import asked, state_of
 from phalanx.cli import up as command
 from phalanx.gateway.serving import for_at_most
 from ports import free_port
@@ -129,10 +128,6 @@ class TestUp:
                 assert time.monotonic() < deadline
                 time.sleep(0.05)
 
-    def test_duration_ends_it(self):
-        with a_gateway("--duration", "1") as (up, _):
-            assert up.wait() == 0
-
     async def test_only_the_end_of_the_duration_is_the_end_of_the_duration(self):
         async with for_at_most(0.01):
             await asyncio.sleep(60)
@@ -141,8 +136,14 @@ class TestUp:
                 async with for_at_most(duration_s):
                     raise TimeoutError("a socket's")
 
-    def test_rotations_and_rejections_are_told(self):
-        with a_gateway("--rotate-s", "16", "--overlap-s", "1", qrkey=True) as (up, ready):
+    def test_rotations_and_rejections_are_told_and_nothing_secret_is_logged_at_debug(self):
+        with child(
+            *("--log-level", "debug", "up", "--events", "--port", "0", "--defence", "none"),
+            *("--rotate-s", "16", "--overlap-s", "1", "--broker", "mosquitto", "--qrkey"),
+        ) as up:
+            ready = up.wait_for("ready")
+            drive = ("--drive", "DECAFBAD00000001", "--left", "33", "--for", "0.3")
+            assert called("link", "connect", ready["qrkey_url"], *drive).returncode == 0
             wrong = called("link", "connect", ready["qrkey_url"], "--drive", "FFFF", "--for", "0.1")
             assert (wrong.returncode, "Traceback" in wrong.stderr) == (1, False)
             assert "no robot FFFF" in wrong.stderr
@@ -155,6 +156,12 @@ class TestUp:
             host, port = ready["broker_host"], ready["broker_port"]
             publish.single(f"/qrkey/{up.events('rotation')[-1]['topic']}/request", b"x", hostname=host, port=port)
             assert up.wait_for("rejected") == {"event": "rejected", "reason": "malformed_jwe", "count": 1}
+            up.stop()
+            log = "\n".join(up.err)
+            assert "connected to mqtt://" in log, "the log was really at DEBUG"
+            fragment = ready["session_url"].partition("#j=")[2]
+            for secret in [*secrets_of(ready), fragment, *(event["pin"] for event in up.events("rotation"))]:
+                assert secret not in log
 
     def test_without_a_broker_it_waits_says_so_and_comes_up(self, tmp_path):
         tcp = free_port()
@@ -162,17 +169,8 @@ class TestUp:
         with (
             bare_mosquitto(tcp, ws, tmp_path) as (start, _),
             child(
-                *(
-                    "up",
-                    "--events",
-                    "--port",
-                    "0",
-                    "--defence",
-                    "none",
-                    "--qrkey",
-                    "--broker",
-                    f"mqtt://127.0.0.1:{tcp}",
-                ),
+                *("up", "--events", "--port", "0", "--defence", "none", "--qrkey"),
+                *("--broker", f"mqtt://127.0.0.1:{tcp}"),
                 stdin=subprocess.PIPE,
             ) as up,
         ):
@@ -244,43 +242,24 @@ class TestUp:
             if qrkey:
                 listed = called("link", "connect", ready["qr_url"], "--json")
                 assert len(json.loads(listed.stdout)["robots"]) == 12
+                self.asks_for_the_token(ready)
             assert up.stop() == 0
 
-    def test_the_operators_api_asks_for_the_token_and_never_shows_it(self):
-        with a_gateway(qrkey=True) as (_, ready):
-            address, token = ready["operator_url"].split("/#token=")
-            with pytest.raises(urllib.error.HTTPError) as refused:
-                urllib.request.urlopen(f"{address}/api/link/state", b"{}")
-            assert refused.value.code == 401
-            request = urllib.request.Request(f"{address}/api/link/state", b"{}", {"Authorization": f"Bearer {token}"})
-            state = json.load(urllib.request.urlopen(request))
-            assert state["qr_url"] == ready["qr_url"]
-            assert len(state["robots"]) == 12
-            assert state["broker"] == {
-                "name": "mosquitto",
-                "url": f"mqtt://127.0.0.1:{ready['broker_port']}",
-                "connected": True,
-                "trouble": "",
-                "phones": "",
-            }
-            assert "<svg" in state["qr_svg"]
-            assert token not in json.dumps(state)
-
-    def test_nothing_secret_is_logged_at_debug(self):
-        with child(
-            *("--log-level", "debug", "up", "--events", "--port", "0", "--rotate-s", "8", "--overlap-s", "1"),
-            *("--broker", "mosquitto", "--qrkey"),
-        ) as up:
-            ready = up.wait_for("ready")
-            drive = ("--drive", "DECAFBAD00000001", "--left", "33", "--for", "0.3")
-            assert called("link", "connect", ready["qrkey_url"], *drive).returncode == 0
-            up.wait_for("rotation")
-            up.stop()
-            log = "\n".join(up.err)
-            assert "connected to mqtt://" in log, "the log was really at DEBUG"
-            fragment = ready["session_url"].partition("#j=")[2]
-            for secret in [*secrets_of(ready), fragment, *(event["pin"] for event in up.events("rotation"))]:
-                assert secret not in log
+    def asks_for_the_token(self, ready):
+        """The operator's API asks for it, and never shows it."""
+        assert asked(ready, "state", token="")[0] == 401
+        state = state_of(ready)
+        assert state["qr_url"] == ready["qr_url"]
+        assert len(state["robots"]) == 12
+        assert state["broker"] == {
+            "name": "mosquitto",
+            "url": f"mqtt://127.0.0.1:{ready['broker_port']}",
+            "connected": True,
+            "trouble": "",
+            "phones": "",
+        }
+        assert "<svg" in state["qr_svg"]
+        assert ready["operator_url"].partition("#token=")[2] not in json.dumps(state)
 
     @pytest.mark.parametrize(
         ("host", "defence", "more", "code"),

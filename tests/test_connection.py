@@ -8,7 +8,7 @@ import time
 import pytest
 
 from phalanx.net.connection import Connection
-from test_strangers import Stranger
+from stranger import Stranger
 from waiting import eventually
 
 pytestmark = pytest.mark.waits

@@ -31,7 +31,7 @@ from phalanx.net.broker_packets import (
 from phalanx.net.front.link import frame_head
 from phalanx.net.site import HEADERS, LINE_BYTES, Site, beside
 from served_pages import a_page
-from test_strangers import with_length
+from stranger import with_length
 from waiting import Turns, eventually
 from websocket_broker import BrokerEnd
 
@@ -85,7 +85,13 @@ class TestAPage:
             assert answered.count(b"HTTP/1.1 404") < 2_000
 
 
-EMPTY = (frame_head(9, 0), frame_head(2, 0), frame_head(10, 0), frame_head(9, 125) + bytes(125))
+EMPTY = (
+    frame_head(9, 0),
+    frame_head(2, 0),
+    # Each floods for as long as the two above, and two processors.
+    pytest.param(frame_head(10, 0), marks=pytest.mark.long),
+    pytest.param(frame_head(9, 125) + bytes(125), marks=pytest.mark.long),
+)
 
 
 def cut(mqtt: int, stream: bytes, sizes: list[int] | None = None) -> list[Arrived | Answer | str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import importlib.util
 import inspect
 import json
 import math
@@ -37,6 +36,7 @@ from phalanx.mission.landmarks import floorplan, floorplan_of_yaml
 from phalanx.mission.landmarks.gridmap import map_words
 from phalanx.net.session_client import Client
 from ports import free_port
+from scripts import loaded
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -412,22 +412,15 @@ def test_the_vocabulary_is_the_code_s():
 # --- generated parts, links, paths ------------------------------------------------------------------------------------
 
 
-def generator():
-    spec = importlib.util.spec_from_file_location("docs_generate", DOCS / "generate.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_the_generated_parts_are_what_the_code_gives():
-    generate = generator()
+    generate = loaded(DOCS / "generate.py")
     for name, (path, make) in generate.BLOCKS.items():
         assert path.read_text() == generate.replaced(path.read_text(), name, make()), f"run docs/generate.py: {name}"
     assert set(generate.MEANING) == set(State)
 
 
 def test_a_page_without_its_markers_is_not_written():
-    generate = generator()
+    generate = loaded(DOCS / "generate.py")
     for text in ("", "<!-- x:begin -->", "<!-- x:begin --><!-- x:end --><!-- x:begin --><!-- x:end -->"):
         with pytest.raises(ValueError, match="not exactly one"):
             generate.replaced(text, "x", "block")

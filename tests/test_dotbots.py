@@ -19,7 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from commands import called, child
-from dotbot_controller import HELLO, RECORDED, SNAPSHOT, A, B, C, Controller, soon
+from dotbot_controller import HELLO, RECORDED, SNAPSHOT, A, B, C, Controller
 from phalanx.bridges.dotbots import DotbotSwarm, parse_dotbot_url
 from phalanx.bridges.dotbots.line import REFUSALS, Orders, _hear_refusals
 from phalanx.bridges.dotbots.told import MOST_ROBOTS, TRAIL_POINTS, Fleet, area_of
@@ -31,6 +31,7 @@ from phalanx.robot.swarm import RouteLimited
 from phalanx.scenarios.behaviour import driving
 from phalanx.scenarios.file import parse_scenario
 from ports import free_port
+from waiting import wait_until
 
 NOW = 1_000_000.0
 STAND = {"left_x": 0, "left_y": 0, "right_x": 0, "right_y": 0}
@@ -231,18 +232,18 @@ class TestSwarm:
         with a_swarm() as (controller, swarm):
             assert isinstance(swarm, RouteLimited)
             assert swarm.area_mm == (2000, 2000)
-            soon(lambda: controller.acknowledged[-1:] == [RECORDED["begins"][-1]["seq"]])
+            wait_until(lambda: controller.acknowledged[-1:] == [RECORDED["begins"][-1]["seq"]])
             swarm.set_led(A, Led(1, 2, 3))
-            soon(lambda: one(swarm, A).led == Led(1, 2, 3))
+            wait_until(lambda: one(swarm, A).led == Led(1, 2, 3))
             swarm.drive(A, 60, 60)
-            soon(lambda: one(swarm, A).at.y_mm < 700)
+            wait_until(lambda: one(swarm, A).at.y_mm < 700)
             assert len(one(swarm, A).history) > 2
             swarm.follow(B, [Point(1500.0, 1500.0), Point(300.0, 300.0)], 50.0)
-            soon(lambda: len(one(swarm, B).route) == 3)
+            wait_until(lambda: len(one(swarm, B).route) == 3)
             swarm.stop(B)
-            soon(lambda: one(swarm, B).route == ())
+            wait_until(lambda: one(swarm, B).route == ())
             swarm.clear_history(A)
-            soon(lambda: len(one(swarm, A).history) == 1)
+            wait_until(lambda: len(one(swarm, A).history) == 1)
             recorded = [order for step in RECORDED["steps"] for order in step.get("orders", [])]
             assert controller.heard == [*recorded, f"forget {A}"]
 
@@ -257,26 +258,28 @@ class TestSwarm:
     def test_held_robots_are_stopped_those_too_that_come_and_obey_nobody(self):
         with a_swarm() as (controller, swarm):
             swarm.hold()
-            soon(lambda: all(stops(controller.orders_of(each)) == ["move_raw", "waypoints"] for each in (A, B, C)))
+            wait_until(
+                lambda: all(stops(controller.orders_of(each)) == ["move_raw", "waypoints"] for each in (A, B, C))
+            )
             for order in (lambda: swarm.drive(A, 50, 50), lambda: swarm.follow(A, [Point(1, 1)], 50.0)):
                 with pytest.raises(Held):
                     order()
             late = SNAPSHOT["robots"][0] | {"address": "D" * 16}
             controller.say({"type": "delta", "seq": 99, "robots": {"D" * 16: late}})
-            soon(lambda: swarm.hold() or controller.orders_of("D" * 16))
+            wait_until(lambda: swarm.hold() or controller.orders_of("D" * 16))
             swarm.release()
             swarm.drive(A, 50, 50)
-            soon(lambda: controller.orders_of(A)[-1]["data"].get("left_y") == 50)
+            wait_until(lambda: controller.orders_of(A)[-1]["data"].get("left_y") == 50)
 
     def test_who_is_under_way_is_stopped_at_the_end_and_nobody_else(self):
         with Controller() as controller:
             with DotbotSwarm(parse_dotbot_url(controller.url), 10.0) as swarm:
                 swarm.follow(A, [Point(100.0, 100.0)], 50.0)
                 swarm.follow(B, [Point(100.0, 100.0)], 50.0)
-                soon(lambda: controller.orders_of(A) and controller.orders_of(B))
+                wait_until(lambda: controller.orders_of(A) and controller.orders_of(B))
                 swarm.stop(B)
-                soon(lambda: stops(controller.orders_of(B)) == ["move_raw", "waypoints"])
-            soon(lambda: stops(controller.orders_of(A)) == ["move_raw", "waypoints"])
+                wait_until(lambda: stops(controller.orders_of(B)) == ["move_raw", "waypoints"])
+            wait_until(lambda: stops(controller.orders_of(A)) == ["move_raw", "waypoints"])
             assert stops(controller.orders_of(B)) == ["move_raw", "waypoints"]
             assert not controller.orders_of(C)
 
@@ -286,15 +289,15 @@ class TestSwarm:
             swarm.__enter__()
             assert time.time() - one(swarm, A).heard_at_s < 1
         try:
-            soon(lambda: "lost the controller" in caplog.text)
+            wait_until(lambda: "lost the controller" in caplog.text)
             heard_at_s = one(swarm, A).heard_at_s
             with pytest.raises(Unknown):
                 swarm.drive(A, 50, 50)
             swarm.stop(A)
             assert one(swarm, A).heard_at_s == heard_at_s, "they are quiet, and soon lost"
             with Controller(port=controller.port) as again:
-                soon(lambda: "is back" in caplog.text)
-                soon(lambda: stops(again.heard) == ["move_raw", "waypoints"])
+                wait_until(lambda: "is back" in caplog.text)
+                wait_until(lambda: stops(again.heard) == ["move_raw", "waypoints"])
                 assert one(swarm, A).heard_at_s > heard_at_s
         finally:
             swarm.__exit__(None, None, None)
@@ -305,14 +308,14 @@ class TestSwarm:
     def test_a_controller_that_says_nonsense_is_left_and_tried_again(self, said, caplog):
         with a_swarm() as (controller, swarm):
             controller.say(said)
-            soon(lambda: controller.visits == 2 and "is back" in caplog.text)
+            wait_until(lambda: controller.visits == 2 and "is back" in caplog.text)
             assert "would not: " in caplog.text
             assert len(swarm.robots()) == 3
 
     def test_a_refusal_is_said(self, caplog):
         with a_swarm() as (_, swarm):
             swarm.follow(A, [Point(-1.0, 5.0)], 50.0)
-            soon(lambda: "refused an order" in caplog.text)
+            wait_until(lambda: "refused an order" in caplog.text)
 
     @pytest.mark.parametrize(
         ("begins", "trouble"),
@@ -339,7 +342,7 @@ class TestUp:
                 assert drove["address"] == A
                 assert drove["to"] != drove["from"]
                 # A stop ends a route, too.
-                soon(lambda: STAND in [order["data"] for order in controller.orders_of(A)[-2:]])
+                wait_until(lambda: STAND in [order["data"] for order in controller.orders_of(A)[-2:]])
                 listed = json.loads(called("link", "connect", ready["qr_url"], "--json").stdout)["robots"]
                 assert [robot["name"] for robot in listed] == ["0000", "0001", "0002"]
                 assert up.stop() == 0
@@ -392,8 +395,8 @@ class TestDriver:
             command = {"id": 1, "t": 7, "left": 60, "right": 60, "red": 1, "green": 2, "blue": 3}
             for _ in range(2):
                 hardware.drive(declared.commands.encode(**command))
-                soon(lambda: len([each for each in controller.orders_of(A) if each["cmd"] == "move_raw"]) > 0)
-            soon(lambda: [each["cmd"] for each in controller.orders_of(A)].count("move_raw") == 2)
+                wait_until(lambda: len([each for each in controller.orders_of(A) if each["cmd"] == "move_raw"]) > 0)
+            wait_until(lambda: [each["cmd"] for each in controller.orders_of(A)].count("move_raw") == 2)
             assert [each["data"] for each in controller.orders_of(A) if each["cmd"] == "rgb_led"] == [
                 {"red": 1, "green": 2, "blue": 3}
             ], "the light is told when it changes"
@@ -402,11 +405,11 @@ class TestDriver:
                 while True:
                     asyncio.run(hardware.sense(8, 1.0))
             hardware.stop()
-            soon(lambda: stops(controller.orders_of(A)))
+            wait_until(lambda: stops(controller.orders_of(A)))
             hardware.drive(declared.commands.encode(**command))
-            soon(lambda: [each["cmd"] for each in controller.orders_of(A)].count("move_raw") == 4)
+            wait_until(lambda: [each["cmd"] for each in controller.orders_of(A)].count("move_raw") == 4)
             hardware.close()
-            soon(lambda: len(stops(controller.orders_of(A))) >= 4)
+            wait_until(lambda: len(stops(controller.orders_of(A))) >= 4)
         hardware.drive(declared.commands.encode(**command))  # nobody is there: it stands by itself
 
     def test_what_is_no_robot_of_a_controllers_or_no_mission_for_one_is_said(self, tmp_path):
@@ -438,16 +441,16 @@ def test_the_real_controllers_simulated_robots_drive_follow_and_stop(tmp_path):
                 while time.monotonic() < until_s:
                     swarm.drive(A, 70, 70)
                     time.sleep(0.1)
-                soon(lambda: one(swarm, A).at != began.at)
+                wait_until(lambda: one(swarm, A).at != began.at)
                 swarm.set_led(A, Led(1, 2, 3))
-                soon(lambda: one(swarm, A).led == Led(1, 2, 3))
+                wait_until(lambda: one(swarm, A).led == Led(1, 2, 3))
                 swarm.follow(B, [Point(1900.0, 1900.0)], 50.0)
-                soon(lambda: one(swarm, B).route)
+                wait_until(lambda: one(swarm, B).route)
                 swarm.stop(B)
-                soon(lambda: not one(swarm, B).route)
+                wait_until(lambda: not one(swarm, B).route)
                 swarm.follow(B, [Point(1900.0, 1900.0)], 50.0)
-                soon(lambda: one(swarm, B).route)
+                wait_until(lambda: one(swarm, B).route)
             with DotbotSwarm(parse_dotbot_url(f"dotbot://127.0.0.1:{port}"), 10.0) as swarm:
-                soon(lambda: not one(swarm, B).route), "the end of the first stopped it"
+                wait_until(lambda: not one(swarm, B).route), "the end of the first stopped it"
         finally:
             real.terminate()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 
 from asked_nodes import Nodes
+from keyed_nodes import LIMITS, MASTER, MISSION, R, keyed, refusal
 from oracle.lightmac import lightmac
 from oracle.nodes import u16, u32
 from phalanx.bti import trusted
@@ -22,8 +22,6 @@ from phalanx.wire import table
 
 ROOT = Path(__file__).parent.parent
 VECTORS = ROOT / "vectors"
-MASTER, MISSION, R = bytes(range(20)), bytes(range(50, 70)), b"random" * 3 + b"!!"
-LIMITS = Limits.of(BtiConfig(), fixed_us=100, ns_per_byte_broadcast=1333, ns_per_byte_unicast=300)
 HCKPT = b"checkpoint" * 2
 STATE = b"\x01".ljust(27, b"s")
 BOTH = pytest.mark.parametrize("profile", [trusted.HARDENED, trusted.PAPER], ids=["hardened", "paper"])
@@ -47,20 +45,6 @@ def row(raw):
     return np.frombuffer(bytearray(raw), np.uint8)
 
 
-def keyed(profile=trusted.HARDENED, n=3, now=0, **more):
-    nodes = Nodes(n, profile, replace(LIMITS, **more))
-    for i in range(n):
-        nodes.load_master(i, MASTER, i + 1)
-        nodes.load_mission(i, now, seal_mission_key(MASTER, MISSION, R, 1))
-    return nodes
-
-
-def refusal(action, *arguments):
-    with pytest.raises(Refused) as refused:
-        action(*arguments)
-    return refused.value.reason
-
-
 def audited(nodes, auditee, auditor, now):
     """A token for robot `auditee` from robot `auditor`, by rows: (t, mac)."""
     request = nodes.token_request(auditee, now, auditor + 1)
@@ -69,14 +53,6 @@ def audited(nodes, auditee, auditor, now):
 
 
 class TestVectors:
-    def test_the_committed_vectors_are_what_the_oracle_writes(self):
-        for script in ("make_firmware", "make_edges"):
-            spec = importlib.util.spec_from_file_location(script, VECTORS / f"{script}.py")
-            make = importlib.util.module_from_spec(spec)
-            spec.loader.exec_module(make)
-            for name, write in make.VECTORS.items():
-                assert (VECTORS / f"{name}.json").read_text() == make.text(write()), name
-
     @each("present")
     def test_present_encrypts_as_published(self, case):
         ffi, lib = trusted.FIRMWARE[trusted.HARDENED]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from test_firmware import keyed, refusal
+from keyed_nodes import keyed, refusal
 
 KEYED_MS = 100_000
 NS_PER_BYTE = 1000

@@ -15,26 +15,12 @@ from oracle import nodes as oracle
 from oracle.lightmac import lightmac
 from phalanx.bti import trusted
 from phalanx.bti.nodes import Limits, Refused, seal_mission_key
+from small_limits import LIMITS
 
 MASTER = bytes(range(100, 120))
 MISSION = bytes(range(7, 27))
 CHECKPOINTS = [bytes([n]) * 20 for n in (1, 2)]
 N = 5
-# Small enough that every limit is met in a few calls.
-LIMITS = Limits(
-    f_max=1,
-    t_val_ms=300,
-    batch_size=3,
-    bucket_capacity=3,
-    bucket_period_ms=40,
-    send_us_per_s=2000,
-    send_capacity_us=3000,
-    audit_us_per_s=3000,
-    audit_capacity_us=3500,
-    airtime_fixed_us=50,
-    airtime_ns_per_byte_broadcast=1333,
-    airtime_ns_per_byte_unicast=300,
-)
 SELDOM = st.integers(0, 15).map(lambda n: n == 7)
 ROBOTS = st.integers(0, N - 1)
 IDS = st.integers(0, N + 1)

@@ -12,41 +12,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from commands import uncompiled
-from phalanx.config.flock import Box, Disc, FlockConfig
+from flocking import CONFIG, PERIOD_MS, acceleration, reading, robot, state
+from phalanx.config.flock import Box, FlockConfig
 from phalanx.errors import PeerError
-from phalanx.robot.controllers import dispatch
-from phalanx.robot.controllers.compiled import compiled
-from phalanx.robot.controllers.flock_law import flock_params
 from phalanx.robot.controllers.python_controller import Act, Send
 from phalanx.wire.fields import get_f32, put_f32
 from replays import is_taken_whole_or_refused, play
 
-PERIOD_MS = 250
 # Of `run_digest`. Another value on another machine means that honest robots would be convicted there.
 RUN_SHA256 = "6f7c4293dac2a6e4aaed071b6446748d44a29ec738f7345b0a7c00f4e42b7ba8"
-
-CONFIG = FlockConfig(n_max=5, c1_beta=1.0, c2_beta=0.5, discs=(Disc(x_m=8, y_m=9, radius_m=3),))
-
-
-def reading(rob, x, y, vx=0.0, vy=0.0, t=0):
-    return struct.pack("<BHQ4f", 0x02, rob, t, x, y, vx, vy)
-
-
-def state(rob, x, y, vx=0.0, vy=0.0, t=0):
-    return struct.pack("<BHQ4f", 0x01, rob, t, x, y, vx, vy)
 
 
 def command(rob, t, ax, ay):
     return struct.pack("<BHQ2f", 0x03, rob, t, ax, ay)
-
-
-def acceleration(outputs):
-    (payload,) = (output.payload for output in outputs if isinstance(output, Act))
-    return struct.unpack_from("<2f", payload, 11)
-
-
-def robot(rob=1, config=CONFIG):
-    return compiled(dispatch.NUMBERS["flock"], flock_params(config))(rob)
 
 
 def neighbours(encoding):

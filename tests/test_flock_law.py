@@ -12,12 +12,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flocking import CONFIG, PERIOD_MS, acceleration, reading, robot, state
 from phalanx.attacks.claims import spoofed_state
 from phalanx.config.flock import NO_CROWD, Box, Disc, FlockConfig
 from phalanx.errors import UsageError
 from phalanx.robot.controllers.python_controller import Send
 from phalanx.robot.controllers.sine import sine, sine_cosine
-from test_flock import CONFIG, PERIOD_MS, acceleration, reading, robot, state
 
 REFERENCE = Path(__file__).parent / "data" / "flock_reference.csv"
 N = 25

@@ -9,52 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mirror import Mirror, are_near, read_places
 from phalanx.gateway import vocabulary
 from phalanx.gateway.frames import Frames, tick_bytes
 from phalanx.link.envelope import encode_json
 from phalanx.robot import Led, Point
 from phalanx.world import Dotbots
-from test_gateway_places import read_places, read_route
 
 NOW = 1_700_000_000.0
-
-
-class Mirror:
-    """What a visitor knows, kept up from frames alone."""
-
-    def __init__(self, robots):
-        self.robots = {robot["address"]: dict(robot) for robot in robots}
-        self.seq = None
-
-    def read(self, frame):
-        assert frame["cmd"] == 16
-        data = frame["data"]
-        assert self.seq is None or data["seq"] == self.seq + 1
-        self.seq = data["seq"]
-        for address in data.get("left", ()):
-            del self.robots[address]
-        for robot in data.get("joined", ()):
-            self.robots[robot["address"]] = dict(robot)
-        by_number = {robot["n"]: robot for robot in self.robots.values()}
-        assert len(by_number) == len(self.robots)
-        for number, x, y, direction in read_places(data["places"]) if "places" in data else ():
-            by_number[number] |= {"lh2_position": {"x": x, "y": y, "z": 0}, "direction": direction}
-        for change in data.get("changed", ()):
-            known = self.robots[change["address"]]
-            known |= {key: value for key, value in change.items() if key not in ("history_cleared", "battery_mv")}
-            if "battery_mv" in change:
-                known["battery"] = change["battery_mv"] / 1000
-        for number, *route in data.get("routes", ()):
-            by_number[number] |= {"waypoints": read_route(route), "mode": int(bool(route[-1]))}
-        for number, names in data.get("drivers", ()):
-            if number in by_number:  # else it left in this frame
-                by_number[number]["drivers"] = names
-
-
-def are_near(told, route):
-    """Return whether a route that was read is the one that a list tells, but for rounding."""
-    pairs = zip(told, route, strict=True)
-    return all(abs(one[axis] - other[axis]) <= 0.6 for one, other in pairs for axis in "xy")
 
 
 actions = st.lists(

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
-import struct
-from base64 import urlsafe_b64decode
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mirror import read_places, read_route
 from phalanx.gateway.places import NOWHERE, Places, in_places, tell_route
 from phalanx.robot import Point
 
@@ -20,36 +18,8 @@ VECTORS = Path(__file__).parent.parent / "vectors"
 CASES, ROUTES = (json.loads((VECTORS / name).read_text())["cases"] for name in ("places.json", "routes.json"))
 
 
-def read_places(pieces) -> list[tuple[int, int, int, int]]:
-    """What a visitor reads: number, x, y (mm) and direction (degrees) of each robot."""
-    rows = []
-    for number, left, top, step, text in pieces:
-        for word, x, y in struct.iter_unpack("<HHH", urlsafe_b64decode(text)):
-            skipped, direction = divmod(word, 360)
-            number += min(181, skipped)
-            if skipped < 181:
-                rows.append((number, left + step * x, top + step * y, direction))
-                number += 1
-    return rows
-
-
-def read_route(route) -> list[dict[str, int]]:
-    """Return the points of `[x, y, step, points]`, as a list tells them."""
-    left, top, step, text = route
-    points = struct.iter_unpack("<HH", urlsafe_b64decode(text + "=" * (-len(text) % 4)))
-    return [{"x": left + step * x, "y": top + step * y, "z": 0} for x, y in points]
-
-
 def table(rows) -> np.ndarray:
     return np.array(rows, np.int64).reshape(-1, 4)
-
-
-def test_the_committed_vectors_are_what_the_oracle_writes():
-    spec = importlib.util.spec_from_file_location("make_places", VECTORS / "make_places.py")
-    make = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(make)
-    for name, text in make.texts().items():
-        assert (VECTORS / name).read_text() == text
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if "rows" in case], ids=lambda case: case["name"])

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import time
-from contextlib import asynccontextmanager, suppress
 
 import pytest
 
-from phalanx.config.session import SessionConfig
 from phalanx.errors import BadPayload, Unavailable
-from phalanx.gateway import Gateway
 from phalanx.gateway.chain_file import read_lines
 from phalanx.gateway.operator_desk import OperatorDesk
 from phalanx.gateway.payloads import JSON_DEPTH, parse_payload
-from phalanx.gateway.session_link import ASKED_BYTES, SessionLink, now
-from phalanx.gateway.trail import Trail
+from phalanx.gateway.session_link import ASKED_BYTES, now
 from phalanx.link import Command
 from phalanx.link.session import Invitation, MemoryStore, Reason, Role, parse_invitation
 from phalanx.link.session.errors import EndReason
@@ -24,44 +20,11 @@ from phalanx.link.topics import CommandTopic
 from phalanx.net.session_store import new_link_keys
 from phalanx.robot import Led
 from phalanx.world import Dotbots
-from session_front import FakeFront, visiting
+from serving import serving
+from session_front import visiting
 from waiting import eventually
 
 pytestmark = pytest.mark.waits
-
-
-@asynccontextmanager
-async def serving(swarm, store=None, keys=None, trail=None, **config):
-    """A gateway with sessions."""
-
-    async def turn():
-        while True:
-            swarm.step(0.02)
-            await asyncio.sleep(0.02)
-
-    async with FakeFront() as front:
-        link = SessionLink(
-            front,
-            store or MemoryStore(),
-            keys or new_link_keys(),
-            lambda: [robot.address for robot in swarm.robots()],
-            Trail(trail),
-            SessionConfig(**config),
-        )
-        link.port = front.port
-        link.front = front
-        link.gateway = gateway = Gateway(swarm, link, is_driven=link.is_driven, drivers=link.drivers)
-        jobs = [asyncio.create_task(job) for job in (link.run(), gateway.run(), turn())]
-        try:
-            yield link
-            assert not [job for job in jobs if job.done()]
-        finally:
-            for job in jobs:
-                job.cancel()
-            for job in jobs:
-                with suppress(asyncio.CancelledError):
-                    await job
-            link.trail.close()
 
 
 def at(swarm, i=0):

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from commands import run, start
 from ports import free_port
 
 FOLDER = Path(__file__).parent.parent / "docs" / "get-started"
@@ -33,11 +34,6 @@ def steps(page: Path) -> list[tuple[str, str]]:
         else:
             found += [("$", line.removeprefix("$ ")) for line in block[2].splitlines()]
     return found
-
-
-def words(command: str) -> list[str]:
-    program, *rest = shlex.split(command)
-    return [sys.executable, *({"phalanx": ["-m", "phalanx"], "python": []}[program]), *rest]
 
 
 def told_well(url: str) -> dict:
@@ -63,12 +59,19 @@ def follow(page: Path, folder: Path) -> None:
             if name != "$":
                 (folder / name).write_text(step)
             elif command.startswith("phalanx up"):
-                running.append(subprocess.Popen(words(command), cwd=folder, stdout=subprocess.PIPE, text=True))
+                files = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+                running.append(start(*shlex.split(command)[1:], cwd=folder, **files))
                 assert "://" in running[0].stdout.readline()
             elif command.startswith("curl --fail "):
                 assert told_well(command.split()[-1])["shields"] == "working"
             else:
-                done = subprocess.run(words(command), cwd=folder, capture_output=True, text=True, timeout=300)
+                program, *words = shlex.split(command)
+                if program == "phalanx":
+                    done = run(*words, cwd=folder, timeout_s=300)
+                else:
+                    assert program == "python"
+                    command = [sys.executable, *words]
+                    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
                 assert done.returncode == 0, f"{command}: {done.stdout}{done.stderr}"
         for each in running:
             each.send_signal(signal.SIGINT)
@@ -76,7 +79,7 @@ def follow(page: Path, folder: Path) -> None:
     finally:
         for each in running:
             each.kill()
-            each.communicate()
+            each.wait()
 
 
 @pytest.mark.waits

@@ -75,6 +75,12 @@ def test_wherever_it_was_cut_short_it_goes_on_to_the_same_bytes(tmp_path, kind):
     for size in range(len(whole) + 1):
         path.write_bytes(whole[:size])
         kept = max(0, sum(end <= size for end in ends) - 1)
+        if size >= ends[0]:
+            assert kind.count(path) == kept
+            assert path.stat().st_size == size, "reading alters nothing"
+            if not isinstance(kind, Lines):
+                with kind.open(path) as file:
+                    assert len(file.done) == kept
         assert write(kind, path, *range(kept, 3)) == whole
     assert kind.count(path) == 3
 

@@ -19,10 +19,10 @@ import aiohttp
 import pytest
 
 from commands import ROOT
-from phalanx.gateway import UpOptions, up
 from phalanx.link.session import parse_invitation
 from phalanx.world import Dotbots
 from ports import free_port
+from serving import up_here
 from session_front import visiting
 from waiting import eventually
 
@@ -138,17 +138,9 @@ def tunnel(far: int, gateway: int, folder: Path):
 
 @asynccontextmanager
 async def a_gateway(**options):
-    events, gateways = [], []
     swarm = Dotbots(2, 1, time.time)
-    job = asyncio.create_task(up(UpOptions(**options), events.append, gateways.append, swarm=lambda: swarm))
-    try:
-        await eventually(lambda: job.done() or events, 30)
-        if job.done():
-            job.result()
-        yield gateways[0], events[0], swarm
-    finally:
-        job.cancel()
-        await asyncio.wait([job])
+    async with up_here(swarm, **options) as (gateway, ready):
+        yield gateway, ready, swarm
 
 
 async def drives_through(port: int, tls, running) -> None:

@@ -17,7 +17,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from asked_nodes import Nodes
-from chromium import wait_until
 from phalanx.bti import trusted
 from phalanx.bti.nodes import Limits, MissionKey
 from phalanx.cli.main import run_command
@@ -27,6 +26,7 @@ from phalanx.errors import UsageError
 from phalanx.net.keyring import Keys, create, opened
 from phalanx.net.private_file import write_private
 from phalanx.wire.table import BOARD
+from waiting import wait_until
 
 WORDS = "correct horse battery staple"
 LIMITS = Limits.of(BtiConfig(), fixed_us=100, ns_per_byte_broadcast=1333, ns_per_byte_unicast=300)

@@ -7,11 +7,9 @@ import json
 import re
 import shutil
 import signal
-import struct
 import subprocess
 import sys
 import time
-import zlib
 from contextlib import contextmanager
 
 import pytest
@@ -25,6 +23,7 @@ from phalanx.papers.figure import FIGURES
 from phalanx.papers.link.fig4 import CSV_NAME, make_packet, measure
 from phalanx.papers.link.fig4_table import KINDS, PAPER, Row, cells, head, packets, summarize
 from phalanx.papers.table import TableFile, read_table
+from pictures import looks_like_a_figure
 from ports import free_port
 from waiting import eventually
 
@@ -109,31 +108,6 @@ def test_rows_come_back_as_they_were_written_and_late_replaces_lost(tmp_path):
     assert rows_in(path) == {"plain": (rows[0], Row(1, "plain", 1e9 + 1, "late", 11_000.25), rows[2]), "sealed": ()}
 
 
-@pytest.mark.parametrize("cut", range(1, 30))
-def test_a_last_line_cut_short_is_ignored_and_then_cut_off(tmp_path, cut):
-    path = write(tmp_path / CSV_NAME, rows_of(1.0, 2.0, 3.0))
-    whole = path.read_bytes()
-    path.write_bytes(whole[:-cut])
-    lines = whole[:-cut].count(b"\n") - 2
-    assert len(rows_in(path)["plain"]) == lines
-    assert path.read_bytes() == whole[:-cut], "reading alters nothing"
-    with opened(path) as file:
-        assert len(packets(file.table)["plain"]) == lines
-        for row in rows_of(1.0, 2.0, 3.0)[lines:]:
-            file.append_line(cells(row))
-    assert path.read_bytes() == whole
-
-
-def test_a_head_cut_short_is_written_again(tmp_path):
-    path = write(tmp_path / CSV_NAME, [])
-    whole = path.read_bytes()
-    for size in range(len(whole) + 1):
-        path.write_bytes(whole[:size])
-        write(path, rows_of(1.0))
-        assert path.read_bytes().startswith(whole)
-        assert len(rows_in(path)["plain"]) == 1
-
-
 @pytest.mark.parametrize(
     ("found", "why"),
     [
@@ -179,19 +153,6 @@ def test_rows_of_another_configuration_are_refused_and_left_alone(tmp_path, chan
     assert path.read_bytes() == before
     with opened(path, version="9") as file:  # another version is welcome
         assert len(packets(file.table)["plain"]) == 1
-
-
-def test_two_runs_do_not_write_to_one_file(tmp_path):
-    with opened(tmp_path / CSV_NAME), pytest.raises(UsageError, match="another run"):
-        opened(tmp_path / CSV_NAME).__enter__()
-
-
-def test_a_folder_that_cannot_be_made_and_a_full_disk_are_told_in_one_line(tmp_path):
-    (tmp_path / "file").touch()
-    with pytest.raises(Unavailable, match="cannot write"):
-        opened(tmp_path / "file" / CSV_NAME).__enter__()
-    with pytest.raises(UsageError, match="no file"):
-        read_table(tmp_path / "nothing.csv")
 
 
 @pytest.mark.parametrize("duration", [0, float("nan"), 0.1, 1e9])
@@ -433,20 +394,3 @@ def test_without_matplotlib_the_csv_is_kept_and_the_hint_given(tmp_path, monkeyp
         draw(csv, FIGURE)
     assert missing.value.hint == "make setup, or pip install '.[reproduce]' in a clone"
     assert [path.name for path in tmp_path.iterdir()] == [CSV_NAME]
-
-
-def looks_like_a_figure(png):
-    """A PNG of some size in which many rows of pixels differ."""
-    data = png.read_bytes()
-    assert data.startswith(b"\x89PNG")
-    width, height = struct.unpack(">II", data[16:24])
-    assert width > 1000
-    assert height > 500
-    pixels, at = b"", 8
-    while at < len(data):
-        size, kind = struct.unpack(">I4s", data[at : at + 8])
-        pixels += data[at + 8 : at + 8 + size] if kind == b"IDAT" else b""
-        at += size + 12
-    raw = zlib.decompress(pixels)
-    step = len(raw) // height
-    assert len({raw[i : i + step] for i in range(0, len(raw), step)}) > 100

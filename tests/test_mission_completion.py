@@ -11,6 +11,7 @@ import pytest
 
 from commands import ROOT
 from phalanx.errors import UsageError
+from scripts import in_this_process
 
 
 @pytest.fixture
@@ -18,19 +19,7 @@ def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     monkeypatch.syspath_prepend(str(ROOT / "scripts"))
     import mission_completion
 
-    # Runs are lived in this process: another would have to find the script by its name.
-    class Pool:
-        def __init__(self, *_: object) -> None: ...
-
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_: object) -> None: ...
-
-        imap_unordered = staticmethod(map)
-
-    monkeypatch.setattr(mission_completion, "get_context", lambda _: type("", (), {"Pool": Pool}))
-    return mission_completion
+    return in_this_process(monkeypatch, mission_completion)
 
 
 def called(script: ModuleType, monkeypatch: pytest.MonkeyPatch, *words: object) -> int:

@@ -11,12 +11,12 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mission_swarms import THROUGH, Silent, plain_of
 from phalanx.cli.mission.files import read_plain
 from phalanx.config.builtin import built_in
 from phalanx.errors import UsageError
 from phalanx.gateway.missions.desk import TEXT_MAX_BYTES, MissionDesk, _read, parse_profile, requests_of
 from phalanx.mission import Profile
-from test_gateway_mission import THROUGH, Silent, plain_of
 from waiting import eventually
 
 

@@ -42,16 +42,6 @@ def test_a_table_that_is_read_again_has_what_was_written(tmp_path: Path) -> None
     assert table.column("seed 0", "b").tolist() == [2.0, 4.0]
 
 
-def test_a_case_that_was_cut_short_is_measured_again_and_whole_ones_are_not(tmp_path: Path) -> None:
-    path = tmp_path / "x.csv"
-    write(path, "seed 0", "seed 1")
-    path.write_bytes(path.read_bytes()[:-9])
-    with opened(path) as file:
-        assert file.done == {"seed 0"}
-        file.append("seed 1", ROWS)
-    assert list(read_table(path).cases) == ["seed 0", "seed 1"]
-
-
 @pytest.mark.parametrize("other", [{"figure": "mission-figy"}, {"version": "2"}])
 def test_another_measurements_file_is_left_as_it_is(tmp_path: Path, other: dict[str, str]) -> None:
     path = tmp_path / "x.csv"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import math
 import sys
@@ -17,17 +16,14 @@ from phalanx.config.lidar import LidarConfig
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.papers.missions.drive import PATH_M, SPEED_MPS, driven
 from phalanx.world.building.floorplan import load_floorplan
+from scripts import loaded
 
 EVERY, TICKS = 5, 500  # a scan each half second, for fifty
 
 
 @pytest.fixture(scope="module")
 def lasers():
-    spec = importlib.util.spec_from_file_location("mission_lasers", ROOT / "scripts" / "mission_lasers.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+    return loaded(ROOT / "scripts" / "mission_lasers.py")
 
 
 def log_of(path: Path, wheels: float = 1.01) -> Path:

@@ -259,12 +259,6 @@ class TestWithoutACompiler:
         with pytest.raises(OwnDefect, match=rf"^mine.py:{line_of('step - step')}: ZeroDivisionError: "):
             digest(words)
 
-    @pytest.mark.usefixtures("no_compiler")
-    def test_one_in_a_kernel_of_ours_names_the_call(self, mine):
-        words = mine(("begin + AX", "begin + 99999"))
-        with pytest.raises(OwnDefect, match=rf"^mine.py:{line_of('99999')}: index \d+ is outside an array of \d+$"):
-            digest(words)
-
     def test_ctrl_c_gets_through_compiled_code(self):
         def stop(*_):
             raise KeyboardInterrupt
@@ -430,7 +424,9 @@ class TestMistakes:
         assert error == f"phalanx: error: mine.py:{line_of('step - step')}: a division by zero"
         assert hint == "phalanx: hint: a defect of this file: its kernels may not do that"
 
-    def test_one_in_a_kernel_of_ours_names_the_call(self, mine):
+    @pytest.mark.parametrize("compiler", ["cc", "none-such"])
+    def test_one_in_a_kernel_of_ours_names_the_call(self, mine, monkeypatch, compiler):
+        monkeypatch.setenv("CC", compiler)
         words = mine(("begin + AX", "begin + 99999"))
         with pytest.raises(OwnDefect, match=rf"^mine.py:{line_of('99999')}: index \d+ is outside an array of \d+$"):
             digest(words)

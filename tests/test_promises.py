@@ -14,6 +14,7 @@ import pytest
 from commands import ROOT
 from phalanx.config import BtiConfig
 from phalanx.world.scenarios.run import Run
+from scripts import in_this_process
 
 pytestmark = pytest.mark.long
 
@@ -31,19 +32,7 @@ def script(monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "scripts"))
     import promises
 
-    # Runs are lived in this process: another would have to find the script by its name.
-    class Pool:
-        def __init__(self, *_): ...
-
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_): ...
-
-        imap_unordered = staticmethod(map)
-
-    monkeypatch.setattr(promises, "get_context", lambda _: type("", (), {"Pool": Pool}))
-    return promises
+    return in_this_process(monkeypatch, promises)
 
 
 def broken(script, row):

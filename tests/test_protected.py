@@ -7,16 +7,14 @@ import json
 import math
 import resource
 import subprocess
-import urllib.error
-import urllib.request
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from chromium import wait_until
 from commands import a_gateway, child
 from commands import run as run_phalanx
+from operator_api import asked, state_of
 from phalanx.attacks import IN_FLOCKS
 from phalanx.cli.main import run_command
 from phalanx.errors import Unknown, UsageError
@@ -25,7 +23,7 @@ from phalanx.net import Client
 from phalanx.robot import Led, Point
 from phalanx.robot.swarm import AuditedSwarm
 from phalanx.world.swarms.protected import MOST_ROBOTS, ProtectedSwarm, draw_places
-from waiting import eventually
+from waiting import eventually, wait_until
 
 DT = 0.02
 T_VAL_S = 10.0
@@ -318,26 +316,6 @@ class TestChoice:
         assert "hint: at most 100" in capsys.readouterr().err
 
 
-def post(ready: dict, words: object, token: str | None = None, **headers: str) -> tuple[int, dict]:
-    address, own = ready["operator_url"].split("/#token=")
-    request = urllib.request.Request(
-        f"{address}/api/link/compromise",
-        data=json.dumps(words).encode(),
-        headers={"Authorization": f"Bearer {token or own}"} | headers,
-    )
-    try:
-        with urllib.request.urlopen(request) as answer:
-            return answer.status, json.load(answer)
-    except urllib.error.HTTPError as error:
-        return error.code, json.load(error)
-
-
-def state_of(ready: dict) -> dict:
-    address, token = ready["operator_url"].split("/#token=")
-    request = urllib.request.Request(f"{address}/api/link/state", b"{}", {"Authorization": f"Bearer {token}"})
-    return json.load(urllib.request.urlopen(request))
-
-
 @pytest.mark.waits
 class TestUp:
     async def test_a_visitor_drives_and_the_operator_compromises_and_everybody_sees_it_stopped(self):
@@ -345,6 +323,7 @@ class TestUp:
             async with Client(ready["qr_url"]) as client:
                 area = await client.request("area")
                 assert (area["tokens_needed"], area["t_val_ms"], area["most_waypoints"]) == (4, 10_000, 32)
+                await self.updates_alone_tell_all_that_a_page_needs(client)
                 before = {robot["address"]: robot for robot in await client.robots()}
                 driven, liar, *_ = before
                 tour = [{"x": 100 + 50 * i, "y": 900, "z": 0} for i in range(33)]
@@ -356,7 +335,7 @@ class TestUp:
                 assert after[driven]["lh2_position"] != before[driven]["lh2_position"]
                 assert all(len(robot["shield"][1]) >= 4 and robot["shield"][0] == 0 for robot in after.values())
                 assert not up.events("audit")
-                assert post(ready, {"address": liar, "attack": "hijack"}) == (200, {})
+                assert asked(ready, "compromise", {"address": liar, "attack": "hijack"}) == (200, {})
                 assert up.wait_for("compromised") == {"event": "compromised", "address": liar, "attack": "hijack"}
                 assert "hijack" not in json.dumps(await client.robots()), "visitors are not told"
                 refusal = await asyncio.to_thread(up.wait_for, "audit")
@@ -384,16 +363,16 @@ class TestUp:
         with a_gateway("--defence", "hardened", "--robots", "4") as (up, ready):
             robot = state_of(ready)["robots"][0]["address"]
             words = {"address": robot, "attack": "hijack"}
-            assert post(ready, words, token="0" * 32)[0] == 401
-            assert post(ready, words, Origin="http://evil.example")[0] == 403
-            assert post(ready, words, Host="evil.example")[0] == 403
+            assert asked(ready, "compromise", words, token="0" * 32)[0] == 401
+            assert asked(ready, "compromise", words, Origin="http://evil.example")[0] == 403
+            assert asked(ready, "compromise", words, Host="evil.example")[0] == 403
             for nonsense in ([], {"address": robot}, 7, None):
-                assert post(ready, nonsense)[0] == 409
-            assert post(ready, {"address": robot, "attack": "nonsense"})[0] == 409
-            assert post(ready, {"address": [robot], "attack": {}})[0] == 409
+                assert asked(ready, "compromise", nonsense)[0] == 409
+            assert asked(ready, "compromise", {"address": robot, "attack": "nonsense"})[0] == 409
+            assert asked(ready, "compromise", {"address": [robot], "attack": {}})[0] == 409
             assert not up.events("compromised")
-            assert post(ready, words)[0] == 200
-            assert post(ready, words)[0] == 409, "once is enough"
+            assert asked(ready, "compromise", words)[0] == 200
+            assert asked(ready, "compromise", words)[0] == 409, "once is enough"
 
     async def test_robots_without_a_defence_have_no_shields_and_no_such_button(self):
         with a_gateway("--robots", "4") as (_, ready):
@@ -404,7 +383,7 @@ class TestUp:
             state = state_of(ready)
             assert state["shields"] is None
             address = state["robots"][0]["address"]
-            assert post(ready, {"address": address, "attack": "hijack"})[0] == 409
+            assert asked(ready, "compromise", {"address": address, "attack": "hijack"})[0] == 409
 
     async def test_robots_that_are_too_many_to_audit_each_other_say_why(self):
         with child("up", "--events", "--port", "0", "--robots", "101") as running:
@@ -437,20 +416,18 @@ class TestUp:
         # In processor time, which no load changes much. To compile, or to draw keys for each robot, takes 200 times.
         assert worked_s() - before_s - help_s < MOST_OF_A_START * help_s
 
-    async def test_frames_alone_tell_all_that_a_page_needs(self):
+    async def updates_alone_tell_all_that_a_page_needs(self, client):
         frames: list[dict] = []
-        with a_gateway("--defence", "hardened") as (_, ready):
-            async with Client(ready["qr_url"]) as client:
-                numbers = {robot["n"] for robot in await client.robots()}
+        numbers = {robot["n"] for robot in await client.robots()}
 
-                async def listen():
-                    async for payload in client.updates():
-                        frames.append(payload["data"])
+        async def listen():
+            async for payload in client.updates():
+                frames.append(payload["data"])
 
-                listening = asyncio.ensure_future(listen())
-                shields = lambda: {row[0] for frame in frames for row in frame.get("shields", [])}
-                await eventually(lambda: shields() == numbers, 12)
-                listening.cancel()
+        listening = asyncio.ensure_future(listen())
+        shields = lambda: {row[0] for frame in frames for row in frame.get("shields", [])}
+        await eventually(lambda: shields() == numbers, 12)
+        listening.cancel()
         audits = [audit for frame in frames for audit in frame.get("audits", [])]
         assert audits
         assert all(a in numbers and b in numbers and a != b and why == "" for a, b, why in audits)

@@ -10,6 +10,7 @@ import pytest
 
 import boards
 import qemu
+from flock_elsewhere import FLOCK, played, same
 from oracle.nodes import No
 from oracle.sealed import SealedANode
 from phalanx.bti.nodes import Refused
@@ -19,8 +20,7 @@ from phalanx.errors import Unavailable
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire import lines, table
 from phalanx.wire.framing import framed
-from test_serial_flock import FLOCK, played, same
-from test_serial_line import LIMITS, MASTER, sealed
+from serial_keys import LIMITS, MASTER, sealed
 
 # Who asks has his turn at once: a board without work polls its line as fast as it can.
 pytestmark = [pytest.mark.timeout(900), pytest.mark.waits]

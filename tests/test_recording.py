@@ -12,26 +12,11 @@ from mcap.writer import MCAP0_MAGIC
 from mcap_protobuf.decoder import DecoderFactory
 
 from phalanx.bti.refusal import Refusal
-from phalanx.config.flock import Box, Disc, FlockConfig
 from phalanx.errors import Unavailable, UsageError
 from phalanx.recording.recorded import read_recording
-from phalanx.scenarios.attack_spec import AttackSpec
-from phalanx.scenarios.scenario import Scenario
 from phalanx.world.scenarios.play import STEP_S, play
 from phalanx.world.scenarios.recording import HONEST, LIAR, NS, STOPPED
-
-SCENARIO = Scenario(
-    name="small",
-    robots=9,
-    grid_step_m=10.0,
-    d_m=10.0,
-    goal_m=(80.0, 30.0),
-    duration_s=17.1,
-    seed=5,
-    attacks=(AttackSpec(name="spoof", robot=4, at_s=2.0),),
-    obstacles=(Disc(x_m=40, y_m=60, radius_m=3), Box(left_m=50, bottom_m=-60, right_m=60, top_m=-55)),
-    flock=FlockConfig(c1_beta=1.0),
-)
+from recorded_scenario import SCENARIO
 
 
 class Watched:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
-import time
-import urllib.error
-import urllib.request
 
 import pytest
 
 from commands import a_gateway, called
+from operator_api import asked, state_of
 from phalanx.errors import Unknown
 from phalanx.world.swarms.protected import ProtectedSwarm
+from waiting import wait_until
 
 STEP_S = 0.1
 
@@ -66,25 +64,6 @@ def test_only_one_that_is_stopped_is_revived():
         swarm.revive("0" * 16)
 
 
-def asked(ready: dict, what: str, **words: str) -> tuple[int, dict]:
-    """Return the answer to an operator's request, asked on this machine."""
-    page, token = ready["operator_url"].split("#token=")
-    body = json.dumps(words).encode()
-    request = urllib.request.Request(f"{page}api/link/{what}", body, {"Authorization": f"Bearer {token}"})
-    try:
-        with urllib.request.urlopen(request, timeout=10) as answer:
-            return answer.status, json.load(answer)
-    except urllib.error.HTTPError as error:
-        return error.code, json.load(error)
-
-
-def until(holds, timeout_s=60.0) -> None:
-    deadline = time.monotonic() + timeout_s
-    while not holds():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-
-
 def revive(robot: str, state) -> subprocess.CompletedProcess:
     return called("link", "revive", robot, "--state", str(state))
 
@@ -93,19 +72,20 @@ def revive(robot: str, state) -> subprocess.CompletedProcess:
 def test_by_hand_and_by_itself_at_a_gateway(tmp_path):
     state = tmp_path / "state"
     with a_gateway("--defence", "hardened", "--robots", "6", "--state", str(state)) as (up, ready):
-        robot = asked(ready, "state")[1]["robots"][0]
+        robot = state_of(ready)["robots"][0]
+        hijack = {"address": robot["address"], "attack": "hijack"}
         refused = revive(robot["name"], state)
         assert (refused.returncode, "is not stopped" in refused.stderr) == (2, True), refused.stderr
-        assert asked(ready, "compromise", address=robot["address"], attack="hijack")[0] == 200
+        assert asked(ready, "compromise", hijack)[0] == 200
         assert up.wait_for("safe_mode")["address"] == robot["address"]
         done = revive(robot["name"], state)
         assert (done.returncode, "begins anew" in done.stdout) == (0, True), done.stderr
         assert up.wait_for("revived")["address"] == robot["address"]
-        until(lambda: not asked(ready, "state")[1]["shields"]["robots"][robot["address"]]["safe_mode"])
-        assert asked(ready, "state")[1]["shields"]["robots"][robot["address"]]["lie"] is None
+        wait_until(lambda: not state_of(ready)["shields"]["robots"][robot["address"]]["safe_mode"], 60)
+        assert state_of(ready)["shields"]["robots"][robot["address"]]["lie"] is None
     assert '"event":"revived"' in (state / "trail.jsonl").read_text().replace(" ", "")
     with a_gateway("--defence", "hardened", "--robots", "6", "--revive", "1") as (up, ready):
-        assert asked(ready, "compromise", address=robot["address"], attack="hijack")[0] == 200
+        assert asked(ready, "compromise", hijack)[0] == 200
         assert up.wait_for("revived")["address"] == robot["address"]
 
 

@@ -61,6 +61,7 @@ from phalanx.scenarios.file import parse_scenario, written_scenario
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.driven import GATEWAY, OPERATOR, TELL_STOP
 from phalanx.wire.table import ACCELERATION, BOARD, ENTRY, ENTRY_RECV, PACKET_MAX, SENSOR
+from ports import free_udp_port
 
 ROBOT = """robot: 3
 mission: flock-12
@@ -439,9 +440,7 @@ def test_a_radio_hears_its_peers_alone_and_nothing_too_long(host):
     with socket.socket(family, socket.SOCK_DGRAM) as peer, socket.socket(family, socket.SOCK_DGRAM) as stranger:
         for each in (peer, stranger):
             each.bind((host, 0))
-        with socket.socket(family, socket.SOCK_DGRAM) as probe:
-            probe.bind((host, 0))
-            port = probe.getsockname()[1]
+        port = free_udp_port(host)
         radio = UdpRadio(f"{shown}:{port}", [f"{shown}:{peer.getsockname()[1]}"])
         try:
             stranger.sendto(b"\x01", (host, port))
@@ -520,9 +519,7 @@ def test_a_second_radio_at_the_same_address_is_refused():
 
 
 def test_radios_of_a_multicast_group_hear_each_other_and_not_themselves_nor_strangers():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_udp_port()
     group = f"239.77.1.2:{port}"
     here = [f"127.0.0.{k}:{port}" for k in (2, 3, 4)]
     one, two = UdpRadio(here[0], [here[1]], group), UdpRadio(here[1], [here[0]], group)

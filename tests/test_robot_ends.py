@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import re
 import shutil
 import signal
-import socket
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
 
-from commands import ROOT
-from phalanx.net.keyring import Keys
-from phalanx.net.mission_key import issued
-from phalanx.wire.table import BOARD
+from commands import ROOT, run, start
+from robot_folder import write_robot
 
 pytestmark = [pytest.mark.waits, pytest.mark.timeout(120)]
-PHALANX = (sys.executable, "-m", "phalanx")
 BENCH = ROOT / "deploy" / "robot"
 STANDS_S, WATCHDOG_S = 0.5, 0.5  # the daemon's promise, and that of BENCH's motors
 PERIOD_S = 1.0  # of MISSION's readings: long, as a busy machine must not be late by δ
@@ -104,9 +98,8 @@ class Robot:
     def __init__(self, folder: Path, wheels: str = "wheels") -> None:
         self.path, self.folder = folder / "robot.yaml", folder
         self._wheels = folder / wheels
-        self.process = subprocess.Popen(
-            (*PHALANX, "robot", "run", str(self.path)), stderr=subprocess.PIPE, text=True, start_new_session=True
-        )
+        nowhere = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL}
+        self.process = start("robot", "run", str(self.path), stderr=subprocess.PIPE, **nowhere)
 
     @property
     def wheels(self) -> str:
@@ -130,21 +123,18 @@ class Robot:
             time.sleep(0.001)
 
     def status(self) -> str:
-        said = subprocess.run((*PHALANX, "robot", "status", str(self.path)), capture_output=True, text=True, check=True)
-        return next(line for line in said.stdout.splitlines() if line.startswith("is "))
+        return next(line for line in run("robot", "status", str(self.path)).stdout.splitlines() if line[:3] == "is ")
 
     def ends(self, within_s: float) -> tuple[int, str]:
-        said = self.process.communicate(timeout=within_s)[1]
-        return self.process.returncode, said
+        code = self.process.wait(within_s)
+        return code, self.process.stderr.read()
 
 
 @contextlib.contextmanager
 def driving(folder: Path, *, bench: bool = False):
     """A robot that drives."""
-    keys = Keys.new("test")
-    (folder / "board.bin").write_bytes(BOARD.encode(id=1, master=keys.provision(1, "2026-01-01")))
-    (folder / "key.json").write_bytes(issued(*keys.issue(), {}))
-    (folder / "mission.yaml").write_text(MISSION)
+    own = {"trusted": "process:nodes.flash", "driver": "python:own.py:Base", "controller": "own.py:Go"}
+    write_robot(folder, 1, MISSION, **own)
     imports = "from base import Bench" if bench else "from phalanx.daemon.driver import NoReading"
     (folder / "own.py").write_text(
         OWN.format(imports=imports, base="Bench" if bench else "Driver", moves="" if bench else MOVES)
@@ -152,27 +142,13 @@ def driving(folder: Path, *, bench: bool = False):
     for name in ("base.py", "motors.py"):
         shutil.copy(BENCH / name, folder / name)
     (folder / "trouble").write_text("none")
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        here = f"127.0.0.1:{probe.getsockname()[1]}"
-    said = {
-        "robot": 1,
-        "mission": "mission.yaml",
-        "key": "key.json",
-        "board": "board.bin",
-        "trusted": "process:nodes.flash",
-        "driver": "python:own.py:Base",
-        "controller": "own.py:Go",
-        "radio": {"here": here, "peers": ["127.0.0.1:9"]},
-    }
-    (folder / "robot.yaml").write_text(json.dumps(said))
     robot = Robot(folder, "motors-1.txt" if bench else "wheels")
     try:
         robot.waits(DRIVES, 60)
         yield robot
     finally:
         robot.process.kill()
-        robot.process.communicate()
+        robot.process.wait()
 
 
 def nodes_of(robot: Robot) -> int:
@@ -255,13 +231,7 @@ def test_without_a_reading_motors_stand_and_the_robot_goes_on_when_there_is_one(
         robot.waits(DRIVES, 5)
         robot.process.send_signal(signal.SIGTERM)
         assert robot.ends(5)[0] == 0
-        verified = subprocess.run(
-            (*PHALANX, "robot", "verify", "robot-1.log", "--controller", "own.py:Go"),
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        verified = run("robot", "verify", f"{tmp_path / 'robot-1.log'}", "--controller", f"{tmp_path / 'own.py'}:Go")
         assert "honest" in verified.stdout, verified
 
 

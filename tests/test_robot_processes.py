@@ -16,6 +16,7 @@ from dataclasses import replace
 import pytest
 
 import boards
+from commands import run
 from phalanx.attacks import IN_FLOCKS
 from phalanx.bti.nodes import limits_of
 from phalanx.cli.main import run_command
@@ -25,10 +26,11 @@ from phalanx.daemon.proofs import proven, unsealed
 from phalanx.daemon.settings import read_robot
 from phalanx.daemon.state import told
 from phalanx.daemon.trusted import connect_nodes, provision_keys, start
-from phalanx.net.keyring import Keys, create, opened
+from phalanx.net.keyring import create, opened
 from phalanx.net.mission_key import issued, read_board, read_mission_key
 from phalanx.wire import guarded
-from phalanx.wire.table import ACCELERATION, BOARD, ENTRY_ACMD
+from phalanx.wire.table import ACCELERATION, ENTRY_ACMD
+from robot_folder import write_robot
 
 pytestmark = [pytest.mark.waits, pytest.mark.timeout(600)]
 PHALANX = (sys.executable, "-m", "phalanx")
@@ -85,13 +87,7 @@ class Still(Driver):
 def arena(tmp_path, *words, mission=MISSION, fails=""):
     path = tmp_path / "mission.yaml"
     path.write_text(mission)
-    ended = subprocess.run(
-        (*PHALANX, "--log-level", "error", "robot", "arena", str(path), "--json", *words),
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+    ended = run("--log-level", "error", "robot", "arena", str(path), "--json", *words, timeout_s=300)
     assert ended.returncode == int(bool(fails)), ended.stderr
     assert fails in ended.stderr
     return json.loads(ended.stdout)
@@ -372,26 +368,11 @@ def running(path):
 @pytest.mark.parametrize("lines", [("serial",), pytest.param(("unix", "tcp"), marks=pytest.mark.long)], ids="+".join)
 def test_a_robot_that_is_killed_stands_and_lives_again_with_a_new_mission_key_only(tmp_path, lines):
     boards.built("node")  # before a robot waits for it to answer
-    keys = Keys.new("test")
-    (tmp_path / "board.bin").write_bytes(BOARD.encode(id=2, master=keys.provision(2, "2026-01-01")))
-    (tmp_path / "key.json").write_bytes(issued(*keys.issue(), {}))
-    (tmp_path / "mission.yaml").write_text(MISSION.replace("grid_step_m: 10", "grid_step_m: 16\ncontroller: guard"))
+    own = {"driver": "python:still.py", "planner": "still.py:North", "wheels": "wheels"}
+    mission = MISSION.replace("grid_step_m: 10", "grid_step_m: 16\ncontroller: guard")
+    keys, said = write_robot(tmp_path, 2, mission, **own)
     (tmp_path / "still.py").write_text(STILL)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
     path = tmp_path / "robot.yaml"
-    said = {
-        "robot": 2,
-        "mission": "mission.yaml",
-        "key": "key.json",
-        "board": "board.bin",
-        "driver": "python:still.py",
-        "planner": "still.py:North",
-        "wheels": "wheels",
-        "radio": {"here": f"127.0.0.1:{port}", "peers": ["127.0.0.1:9"]},
-    }
-    path.write_text(json.dumps(said))
     body = Body(tmp_path / "wheels")
     try:
         with running(path) as robot:

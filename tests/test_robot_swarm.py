@@ -27,7 +27,6 @@ from phalanx.daemon.swarm import LAST_TIMES, YEAR_MS, RobotSwarm
 from phalanx.daemon.swarm_file import read_swarm
 from phalanx.daemon.trusted import program
 from phalanx.errors import Unavailable, Unknown, UsageError
-from phalanx.gateway import UpOptions, up
 from phalanx.net import QrkeyClient
 from phalanx.net.keyring import Keys, pem
 from phalanx.net.mission_key import issued, read_mission_key
@@ -36,7 +35,8 @@ from phalanx.net.serial_node import SerialNode
 from phalanx.robot import Led, Point
 from phalanx.wire.driven import GATEWAY, OPERATOR, ORDER, TELL_WHEELS, WHEELS_MEMORY
 from phalanx.wire.table import AUDIT_FRAGMENT, AUDIT_TOKEN, BOARD, KEY_BYTES, REQUEST, SEAL, TOKEN, WHEELS_STATE
-from waiting import eventually
+from serving import up_here
+from waiting import eventually, wait_until
 
 pytestmark = [pytest.mark.waits, pytest.mark.timeout(300)]
 PHALANX = (sys.executable, "-m", "phalanx", "--log-level", "error")
@@ -136,7 +136,7 @@ def both_seen(swarm, robots):
     """Both robots are heard, and all that each of them said before."""
     for which in (0, 1):
         robots.say(which, WHEELS_STATE.encode(id=which + 1, **STATE))
-    soon(lambda: len(swarm.robots()) == 2)
+    wait_until(lambda: len(swarm.robots()) == 2)
 
 
 @contextmanager
@@ -158,13 +158,6 @@ def waiting_now(radio: socket.socket) -> list[bytes]:
     came = list(waiting(radio))
     radio.settimeout(5)
     return came
-
-
-def soon(is_so) -> None:
-    until_s = time.monotonic() + 5
-    while not is_so():
-        assert time.monotonic() < until_s
-        time.sleep(0.01)
 
 
 class TestFile:
@@ -226,7 +219,7 @@ class TestSwarm:
             robots.say(1, WHEELS_STATE.encode(id=1, **STATE))  # the second, in the first one's name
             robots.say(1, b"\x07nonsense")
             robots.say(1, WHEELS_STATE.encode(id=2, **STATE | {"x_mm": 1e6}))
-            soon(swarm.robots)
+            wait_until(swarm.robots)
             (there,) = swarm.robots()
             assert there.at == Point(2000.0, 600.0), "inside the area, wherever a liar says that it is"
             assert (there.direction_deg, there.led) == (90, Led(1, 2, 3))
@@ -245,7 +238,7 @@ class TestSwarm:
         with gateway(file) as swarm:
             for which in (0, 1):
                 robots.say(which, WHEELS_STATE.encode(id=which + 1, **STATE))
-            soon(lambda: len(swarm.robots()) == 2)
+            wait_until(lambda: len(swarm.robots()) == 2)
             for each in swarm.robots():
                 swarm.follow(each.address, route, 50.0)
             assert all(robots.obeys(which, lambda state: state["count"] == 32) for which in (0, 1))
@@ -281,9 +274,9 @@ class TestSwarm:
         with gateway(file) as swarm:
             for t in range(1, 65):
                 robots.say(0, AUDIT_TOKEN.encode(src=1, dst=2, request=1, t=t, mac=bytes(8)))
-            soon(lambda: looked_at)
+            wait_until(lambda: looked_at)
             robots.say(1, WHEELS_STATE.encode(id=2, **STATE))
-            soon(swarm.robots)
+            wait_until(swarm.robots)
             assert len(looked_at) < 32, "nor does it keep others from being seen"
             swarm.hold()
             began_s = time.monotonic()
@@ -295,7 +288,7 @@ class TestSwarm:
         for nth, clock_s in enumerate((2e9, 1e9, 2e9 + 5), 1):
             with gateway(file, lambda now_s=clock_s: now_s) as swarm:
                 robots.say(0, WHEELS_STATE.encode(id=1, **STATE))
-                soon(swarm.robots)
+                wait_until(swarm.robots)
                 swarm.set_led(swarm.robots()[0].address, Led(nth, 0, 0))
                 assert robots.obeys(0, lambda state, nth=nth: state["red"] == nth)
                 swarm.hold()
@@ -321,7 +314,7 @@ class TestSwarm:
     def test_without_nodes_of_its_own_it_shows_no_shields(self, file, robots):
         with gateway(file) as swarm:
             robots.say(0, WHEELS_STATE.encode(id=1, **STATE))
-            soon(swarm.robots)
+            wait_until(swarm.robots)
             assert (swarm.shields(), swarm.attacks()) == ((), ())
             assert "no shields" in swarm.unchecked
 
@@ -339,7 +332,7 @@ class TestSwarm:
             vouches(robots, 0, key, 1, 2, 9, HCKPT)  # again
             vouches(robots, 0, key, 1, 2, 8, HCKPT)
             robots.say(0, WHEELS_STATE.encode(id=1, **STATE | {"red": 77}))  # behind all of it
-            soon(lambda: len(swarm.robots()) == 2 and swarm.robots()[0].led.red == 77)
+            wait_until(lambda: len(swarm.robots()) == 2 and swarm.robots()[0].led.red == 77)
             audits = swarm.new_audits()
             first, second = swarm.shields()
             assert (first.vouchers, first.safe_mode, second.safe_mode, second.needed) == ((), False, False, 2)
@@ -347,7 +340,7 @@ class TestSwarm:
             assert [auditor] == [audit.auditor for audit in audits] == [first.address]
             assert 2 < left_s <= 2.5
             # Neither speaks any more, and one token is not enough.
-            soon(lambda: all(shield.safe_mode for shield in swarm.shields()))
+            wait_until(lambda: all(shield.safe_mode for shield in swarm.shields()))
             assert (swarm.attacks(), swarm.new_audits()) == ((), [])
             with pytest.raises(Unknown):
                 swarm.compromise(first.address, "hijack")
@@ -361,7 +354,7 @@ class TestSwarm:
             def left_s(t, red):
                 vouches(robots, 0, key, 1, 2, t, HCKPT)
                 robots.say(0, WHEELS_STATE.encode(id=1, **STATE | {"red": red}))  # behind it
-                soon(lambda: len(swarm.robots()) == 2 and swarm.robots()[0].led.red == red)
+                wait_until(lambda: len(swarm.robots()) == 2 and swarm.robots()[0].led.red == red)
                 return sum(left_s for _, left_s in swarm.shields()[1].vouchers)
 
             began_s = time.monotonic()
@@ -413,7 +406,7 @@ class TestSwarm:
             robots.say(0, WHEELS_STATE.encode(id=1, **STATE))
             robots.say(0, b"short")
             robots.say(0, bytes(SEAL.size))
-            soon(lambda: len(opened) == 3)
+            wait_until(lambda: len(opened) == 3)
             assert not any(opened)
             assert swarm.robots() == []
 
@@ -428,19 +421,11 @@ async def test_a_phone_drives_processes_and_the_operator_stops_them_all(tmp_path
         await eventually((kept / "robot-3.json").exists, 120)  # their mission has begun
         settings = read_swarm(kept / "swarm.yaml")
         keys = [read_signing_key(kept / name) for name in ("gateway.pem", "operator.pem")]
-        gateways, events = [], asyncio.Queue()
         with RobotSwarm(settings, *keys) as swarm:
-            going = asyncio.ensure_future(
-                up(
-                    UpOptions(port=0, broker="mosquitto", qrkey=True),
-                    events.put_nowait,
-                    gateways.append,
-                    swarm=lambda: swarm,
-                )
-            )
-            while (ready := await asyncio.wait_for(events.get(), 30))["event"] != "ready":
-                pass
-            async with QrkeyClient(ready["qrkey_url"]) as phone:
+            async with (
+                up_here(swarm, broker="mosquitto", qrkey=True) as (gateway, ready),
+                QrkeyClient(ready["qrkey_url"]) as phone,
+            ):
                 await eventually(lambda: [s.safe_mode for s in swarm.shields() if len(s.vouchers) > 1] == [False] * 3)
                 first, second, _ = swarm.robots()
                 corner = {"threshold": 60, "waypoints": [{"x": 1900, "y": 1900}]}
@@ -456,7 +441,7 @@ async def test_a_phone_drives_processes_and_the_operator_stops_them_all(tmp_path
                 await moves(0)
                 await phone.command(second.address, "waypoints", corner)
                 await moves(1)
-                gateways[0].hold(True)
+                gateway.hold(True)
                 heard = [each.heard_at_s for each in swarm.robots()]
                 # What they say a second later is of robots that stand.
                 await eventually(lambda: all(r.heard_at_s > h + 1 for r, h in zip(swarm.robots(), heard, strict=True)))
@@ -465,8 +450,6 @@ async def test_a_phone_drives_processes_and_the_operator_stops_them_all(tmp_path
                 await asyncio.sleep(0.6)
                 assert [each.at for each in swarm.robots()] == stood
                 assert swarm.robots()[1].route == ()
-            going.cancel()
-            await asyncio.gather(going, return_exceptions=True)
         summary = json.loads((await asyncio.to_thread(arena.communicate))[0])
     finally:
         arena.kill()

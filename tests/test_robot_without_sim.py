@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -14,12 +12,10 @@ from pathlib import Path
 import pytest
 
 import boards
-from phalanx.net.keyring import Keys
-from phalanx.net.mission_key import issued
-from phalanx.wire.table import BOARD
+from robot_folder import write_robot
 
 pytestmark = [pytest.mark.waits]
-# `phalanx` in a Python that notes and refuses each import of what simulates.
+# Of a Python that notes and refuses each import of what simulates.
 WITHOUT = """
 import sys
 from pathlib import Path
@@ -32,8 +28,12 @@ class Refuses:
             raise ImportError(name)
 
 sys.meta_path.insert(0, Refuses())
-from phalanx.cli import main
-main()
+"""
+PHALANX = f"{WITHOUT}from phalanx.cli import main\nmain()"
+ONE_BY_ONE = f"""{WITHOUT}from phalanx.cli.main import run_command
+for words in sys.argv[1:]:
+    assert run_command(words.split()) == 0, words
+    print("-----", flush=True)
 """
 MISSION = """robots: 4
 grid_step_m: 16
@@ -71,7 +71,7 @@ class Ahead(Controller):
 
 
 def started(folder: Path, *words: str) -> subprocess.Popen[str]:
-    command = (sys.executable, "-c", WITHOUT, "--log-level", "error", *words)
+    command = (sys.executable, "-c", PHALANX, "--log-level", "error", *words)
     return subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
@@ -105,23 +105,8 @@ def logged_bytes(log: Path) -> int:
 )
 def test_no_module_of_the_simulator_is_imported(tmp_path, mission, robot, to_verify):
     boards.built("node")  # before a robot waits for it to answer
-    keys = Keys.new("test")
-    (tmp_path / "board.bin").write_bytes(BOARD.encode(id=2, master=keys.provision(2, "2026-01-01")))
-    (tmp_path / "key.json").write_bytes(issued(*keys.issue(), {}))
-    (tmp_path / "mission.yaml").write_text(MISSION + mission)
+    write_robot(tmp_path, 2, MISSION + mission, driver="python:own.py:Still", **robot)
     (tmp_path / "own.py").write_text(OWN)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    said = {
-        "robot": 2,
-        "mission": "mission.yaml",
-        "key": "key.json",
-        "board": "board.bin",
-        "driver": "python:own.py:Still",
-        "radio": {"here": f"127.0.0.1:{port}", "peers": ["127.0.0.1:9"]},
-    }
-    (tmp_path / "robot.yaml").write_text(json.dumps(said | robot))
     living = started(tmp_path, "robot", "run", "robot.yaml")
     try:
         wait_for(living, lambda: logged_bytes(tmp_path / "robot-2.log") >= ENTRIES_BYTES)
@@ -129,9 +114,12 @@ def test_no_module_of_the_simulator_is_imported(tmp_path, mission, robot, to_ver
         ended(living)
     finally:
         living.kill()
-    assert "robot" in ended(started(tmp_path, "robot", "status", "robot.yaml"))
-    ended(started(tmp_path, "robot", "log", "robot.yaml", "--out", "log.mcap"))
-    assert "honest" in ended(started(tmp_path, "robot", "verify", "log.mcap", *to_verify))
+    verify = " ".join(("robot verify log.mcap", *to_verify))
+    words = ("robot status robot.yaml", "robot log robot.yaml --out log.mcap", verify)
+    looked = subprocess.Popen((sys.executable, "-c", ONE_BY_ONE, *words), cwd=tmp_path, stdout=-1, stderr=-1, text=True)
+    status, _, verdict, _ = ended(looked).split("-----\n")
+    assert "robot" in status
+    assert "honest" in verdict
     assert not (tmp_path / "refused").exists(), (tmp_path / "refused").read_text()
 
 

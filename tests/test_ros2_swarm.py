@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from phalanx.errors import Held, Unavailable, Unknown
-from phalanx.gateway import UpOptions, up
 from phalanx.net import QrkeyClient
 from phalanx.robot import Point
+from serving import up_here
 from waiting import eventually
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]
@@ -58,19 +58,11 @@ async def test_a_phone_drives_robots_of_ros_2_and_the_operator_stops_them(bases)
     bases()
     with swarm_of() as swarm:
         await eventually(lambda: [each.name for each in swarm.robots()] == ["r1", "r2"], 30)
-        gateways, events = [], asyncio.Queue()
-        going = asyncio.ensure_future(
-            up(
-                UpOptions(port=0, broker="mosquitto", qrkey=True),
-                events.put_nowait,
-                gateways.append,
-                swarm=lambda: swarm,
-            )
-        )
-        while (ready := await asyncio.wait_for(events.get(), 30))["event"] != "ready":
-            pass
         first, second = swarm.robots()
-        async with QrkeyClient(ready["qrkey_url"]) as phone:
+        async with (
+            up_here(swarm, broker="mosquitto", qrkey=True) as (gateway, ready),
+            QrkeyClient(ready["qrkey_url"]) as phone,
+        ):
             ahead = {"left_x": 0, "left_y": 60, "right_x": 0, "right_y": 60}
 
             async def moves(nth: int) -> None:
@@ -96,17 +88,15 @@ async def test_a_phone_drives_robots_of_ros_2_and_the_operator_stops_them(bases)
             far = {"threshold": 100, "waypoints": [{"x": 10_000, "y": 500}]}
             await phone.command(second.address, "waypoints", far)
             await moves(1)
-            gateways[0].hold(True)
+            gateway.hold(True)
             await eventually(lambda: not swarm.robots()[1].route, 10)
             await stand()
             with pytest.raises(Held):
                 swarm.drive(second.address, 50, 50)
-            gateways[0].hold(False)
+            gateway.hold(False)
             driving = asyncio.ensure_future(repeated(phone, second.address, ahead))
             await moves(1)
             driving.cancel()
-        going.cancel()
-        await asyncio.gather(going, return_exceptions=True)
 
 
 async def test_robots_that_went_away_are_there_again(bases):

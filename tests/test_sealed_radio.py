@@ -28,7 +28,7 @@ from phalanx.robot.runtime import NEVER_MS
 from phalanx.scenarios.scenario import Scenario
 from phalanx.wire import lines
 from phalanx.wire.table import ENTRY_HEADER_BYTES, PACKET_MAX, SEAL, STATE
-from test_firmware_oracle import LIMITS
+from small_limits import LIMITS
 
 (STORY,) = json.loads((ROOT / "vectors" / "sealed.json").read_text())["cases"]
 ROOMY = replace(LIMITS, send_capacity_us=10**9, audit_capacity_us=10**9, t_val_ms=10_000)

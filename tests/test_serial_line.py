@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import random
@@ -16,25 +15,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import boards
-from phalanx.bti.nodes import Limits, Refused, seal_mission_key
+from phalanx.bti.nodes import Limits, Refused
 from phalanx.errors import Unavailable, UsageError
 from phalanx.net.serial_line import SerialLine, open_line
 from phalanx.net.serial_node import SerialNode
 from phalanx.wire import lines
 from phalanx.wire.framing import Frames, framed
-from test_firmware_oracle import LIMITS as ORACLE
+from serial_keys import LIMITS, MASTER, sealed
 
-VECTORS = boards.ROOT / "vectors"
-CASES = json.loads((VECTORS / "serial.json").read_text())["cases"]
+CASES = json.loads((boards.ROOT / "vectors" / "serial.json").read_text())["cases"]
 LONGEST = 2052
 PAYLOADS = st.binary(min_size=3, max_size=600) | st.integers(3, LONGEST).map(lambda n: b"\1" * n)
-MASTER, MISSION = bytes(range(20)), bytes(range(7, 27))
-# Tokens that no test outlives.
-LIMITS = replace(ORACLE, t_val_ms=60_000)
-
-
-def sealed(seq):
-    return seal_mission_key(MASTER, MISSION, bytes([seq]) * 20, seq)
 
 
 def keyed(flash, *words, **said):
@@ -46,12 +37,6 @@ def keyed(flash, *words, **said):
 
 
 class TestFrames:
-    def test_the_vectors_are_what_writes_them(self):
-        spec = importlib.util.spec_from_file_location("make_serial", VECTORS / "make_serial.py")
-        make = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(make)
-        assert (VECTORS / "serial.json").read_text() == make.text()
-
     @pytest.mark.parametrize("case", CASES, ids=lambda case: case["name"])
     @pytest.mark.parametrize("piece", [1, 7, 10_000])
     def test_streams_have_the_payloads_that_c_finds_in_them(self, case, piece):

@@ -23,7 +23,7 @@ from phalanx.net import ANY, Login, QrkeyClient, Server
 from phalanx.net.broker import open_broker
 from phalanx.net.mosquitto import MEMORY_BYTES, mosquitto, serves
 from ports import free_port
-from test_strangers import the_process
+from stranger import the_process
 from waiting import eventually
 
 pytestmark = pytest.mark.waits
@@ -97,7 +97,9 @@ class TestBrokersThatComeAndGo:
             assert the_process(broker.url.port) == before
             assert not server.reconnects
             os.kill(before, signal.SIGSTOP)  # it is still watched
-            await eventually(lambda: server.reconnects, 40)
+            await eventually(lambda: server.reconnects, 60)
+            async with QrkeyClient(server.qr()) as client:
+                assert (await client.request(0))["robots"] == [1, 2]
 
     async def test_without_a_broker_it_waits_says_so_and_comes_up(self, tmp_path, caplog):
         tcp, ws = free_port(), free_port()

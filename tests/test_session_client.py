@@ -21,14 +21,9 @@ from phalanx.net.session_client import Client, RequestRefused, SessionOver
 from phalanx.net.session_connection import websocket_url
 from phalanx.net.session_ways import WebsocketWay
 from session_endpoint import Endpoint
+from waiting import eventually
 
 pytestmark = pytest.mark.waits
-
-
-async def until(holds, within_s=10):
-    async with asyncio.timeout(within_s):
-        while not holds():
-            await asyncio.sleep(0.02)
 
 
 class TestUrl:
@@ -59,7 +54,7 @@ class TestVisiting:
             await client.drive("A1", 50, 60, for_s=0.5)
             await client.route("A1", [(100, 200), (300, 400)])
             await client.stop("A1")
-            await until(lambda: sum(each.is_stop for each in swarm.commands) == 2)
+            await eventually(lambda: sum(each.is_stop for each in swarm.commands) == 2)
             assert json.loads(swarm.commands[0].payload) == {"left_x": 0, "left_y": 50, "right_x": 0, "right_y": 60}
             assert [each.name for each in swarm.commands][-2:] == ["waypoints", "move_raw"]
             assert {each.robot for each in swarm.commands} == {"A1"}
@@ -77,7 +72,7 @@ class TestVisiting:
     async def test_one_record_is_sent_in_each_slot_while_a_robot_is_leased(self):
         async with Endpoint(config=SessionConfig(lease_ms=1000)) as swarm, Client(swarm.url()) as client:
             await client.drive("A1", 50, 50, for_s=1.0)
-            await until(lambda: client.standing.robot == "")
+            await eventually(lambda: client.standing.robot == "")
             records = [each for each in swarm.seen if each.up][4:]
             assert {each.size for each in records} == {10 + 128 + 16}
             assert len(swarm.commands) < len(records)  # the others say nothing
@@ -86,7 +81,7 @@ class TestVisiting:
         """Before, it waited for ever."""
         async with Endpoint() as swarm, Client(swarm.url()) as client:
             await client.drive("A1", 50, 50, for_s=0.2)
-            await until(lambda: client.standing.robot == "A1")
+            await eventually(lambda: client.standing.robot == "A1")
             asked = [asyncio.ensure_future(client.request("robots")) for _ in range(12)]
             await swarm.do(swarm.operations.take("A1", swarm.now))
             async with asyncio.timeout(10):
@@ -165,7 +160,7 @@ class TestComingBack:
             url = swarm.ticket(uses=1)
             async with Client(url, secret_file=file) as client:
                 first = client.visitor
-                await until(file.exists)
+                await eventually(file.exists)
                 await asyncio.sleep(0.2)
             assert stat.S_IMODE(file.stat().st_mode) == 0o600
             async with Client(url, secret_file=file) as client:
@@ -181,7 +176,7 @@ class TestComingBack:
                 await asyncio.sleep(0.2)
                 before = len(swarm.events)
                 await swarm.cut()
-                await until(lambda: client.is_joined and client.standing and len(swarm.events) > before + 3)  # noqa: B023
+                await eventually(lambda: client.is_joined and client.standing and len(swarm.events) > before + 3)  # noqa: B023
                 assert client.visitor == first
                 assert len(await client.robots()) == 2
 
@@ -191,7 +186,7 @@ class TestComingBack:
             await asyncio.sleep(0.3)
             swarm.boot()
             await swarm.cut()
-            await until(lambda: client.is_joined and client.standing is not None)
+            await eventually(lambda: client.is_joined and client.standing is not None)
             assert client.visitor == first
 
     async def test_a_request_fails_when_the_connection_is_lost(self):
@@ -207,9 +202,9 @@ class TestComingBack:
         async with Endpoint() as swarm:
             url = swarm.ticket(uses=5)
             async with Client(url, secret_file=file) as client:
-                await until(file.exists)
+                await eventually(file.exists)
                 await swarm.do(swarm.operations.remove(client.visitor, swarm.now))
-                await until(lambda: not client.is_joined)
+                await eventually(lambda: not client.is_joined)
                 for attempt in (client.stop("A1"), client.robots(), anext(client.updates())):
                     with pytest.raises(SessionOver) as over:
                         await attempt
@@ -222,7 +217,7 @@ class TestComingBack:
         file = tmp_path / "me"
         async with Endpoint() as one, Endpoint() as other:
             async with Client(one.url(), secret_file=file):
-                await until(file.exists)
+                await eventually(file.exists)
             async with Client(other.url(), secret_file=file) as client:
                 assert client.visitor == 1
         file.write_text("dear diary")
@@ -275,7 +270,7 @@ class TestHostileServers:
             with pytest.raises(BadPayload):
                 await client.robots()
             swarm.state = lambda: raw
-            await until(lambda: not client._updates or client._updates[-1] == raw)
+            await eventually(lambda: not client._updates or client._updates[-1] == raw)
             with pytest.raises(TimeoutError):
                 async with asyncio.timeout(0.3):
                     async for update in client.updates():
@@ -285,7 +280,7 @@ class TestHostileServers:
     async def test_unread_updates_are_bounded(self):
         async with Endpoint(tick_s=0.001) as swarm, Client(swarm.url()) as client:
             swarm.state = lambda: b'"' + b"x" * 100_000 + b'"'
-            await until(lambda: client.dropped > 50)
+            await eventually(lambda: client.dropped > 50)
             assert sum(map(len, client._updates)) <= 4 * 1024 * 1024
 
     @settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))

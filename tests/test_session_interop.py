@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from broker_world import Broker
 from phalanx.link.session import EndReason, Invitation, Kind, Role, Secret
 from phalanx.link.session.events import (
     Close,
@@ -27,7 +28,6 @@ from phalanx.link.session.events import (
     Updated,
 )
 from session_world import World
-from test_session_broker import Broker
 
 WEB = Path(__file__).parent.parent / "web"
 

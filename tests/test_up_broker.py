@@ -16,7 +16,7 @@ from brokers import a_broker, bare_mosquitto
 from commands import a_gateway, run
 from phalanx.config.session import SessionConfig
 from phalanx.errors import PeerError, Unavailable
-from phalanx.gateway import Gateway, UpOptions, up
+from phalanx.gateway import Gateway
 from phalanx.gateway.session_link import SessionLink, now
 from phalanx.gateway.trail import Trail
 from phalanx.link.session import EndReason, MemoryStore, parse_invitation
@@ -31,6 +31,7 @@ from phalanx.net.session_store import new_link_keys
 from phalanx.wire.sessions import SIGNED_HELLO, UPDATE
 from phalanx.world import Dotbots
 from ports import free_port
+from serving import meanwhile, up_here
 from session_front import FakeFront
 from waiting import eventually
 
@@ -89,15 +90,9 @@ async def a_swarm(where=a_broker, **config):
             link.gateway, link.way, link.spy, link.robots = Gateway(swarm, link), way, spy, robots
             link.url = lambda: f"http://page/#{link.invitation.fragment()}"
             link.knocks = f"{ROOT}/{knocks}"
-            jobs = [asyncio.create_task(job) for job in (link.run(), link.gateway.run())]
-            try:
+            async with meanwhile(link.run(), link.gateway.run()):
                 yield link
-                assert not [job for job in jobs if job.done()]
-            finally:
-                for job in jobs:
-                    job.cancel()
-                await asyncio.wait(jobs)
-                link.trail.close()
+            link.trail.close()
 
 
 async def test_a_visitor_joins_by_the_code_drives_and_sees_it():
@@ -143,7 +138,6 @@ async def test_who_is_removed_learns_so_and_the_old_code_admits_nobody():
 async def test_a_session_outlives_a_broker_and_a_gateway_that_come_back(tmp_path, state, monkeypatch, says_so):
     tcp, ws = free_port(), free_port()
     where = {"broker": f"mqtt://127.0.0.1:{tcp}", "broker_ws": f"ws://127.0.0.1:{ws}/mqtt"}
-    options = UpOptions(port=0, state=state, **where)
 
     async def nothing(_):
         """As when it is killed."""
@@ -151,22 +145,14 @@ async def test_a_session_outlives_a_broker_and_a_gateway_that_come_back(tmp_path
     if not says_so:
         monkeypatch.setattr(SessionLink, "close", nothing)
 
-    @asynccontextmanager
-    async def running():
-        events = []
-        job = asyncio.create_task(up(options, events.append, swarm=lambda: Dotbots(2, 1, time.time)))
-        try:
-            await eventually(lambda: job.done() or events, 30)
-            yield events[0]["session_url"]
-        finally:
-            job.cancel()
-            await asyncio.wait([job])
+    def running():
+        return up_here(Dotbots(2, 1, time.time), state=state, **where)
 
     with bare_mosquitto(tcp, ws, tmp_path) as (start, kill):
         start()
         async with AsyncExitStack() as first:
-            url = await first.enter_async_context(running())
-            async with Client(url, secret_file=tmp_path / "secret") as ada:
+            _, ready = await first.enter_async_context(running())
+            async with Client(ready["session_url"], secret_file=tmp_path / "secret") as ada:
                 visitor, robots = ada.visitor, await ada.robots()
                 kill()
                 with pytest.raises(Unavailable):
@@ -174,10 +160,10 @@ async def test_a_session_outlives_a_broker_and_a_gateway_that_come_back(tmp_path
                 start()
                 await drives(ada, robots[0]["address"])
                 await first.aclose()
-                async with running() as url:  # with another open code
+                async with running() as (_, ready):  # with another open code
                     await drives(ada, robots[0]["address"])
                     await ada.leave()
-                    async with Client(url, secret_file=tmp_path / "secret") as ada:
+                    async with Client(ready["session_url"], secret_file=tmp_path / "secret") as ada:
                         assert ada.visitor == visitor
 
 

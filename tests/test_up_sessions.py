@@ -15,13 +15,14 @@ import pytest
 from commands import a_gateway, called
 from phalanx.cli.gateway_of import ask_gateway
 from phalanx.errors import UsageError
-from phalanx.gateway import UpOptions, up
+from phalanx.gateway import UpOptions
 from phalanx.gateway.chain_file import read_lines
 from phalanx.link.session import Invitation, Reason, parse_invitation
 from phalanx.link.session.errors import EndReason
 from phalanx.net import QrkeyClient
 from phalanx.robot import Led
 from phalanx.world import Dotbots
+from serving import up_here
 from session_front import visiting
 from waiting import eventually
 
@@ -30,19 +31,9 @@ pytestmark = pytest.mark.waits
 
 @asynccontextmanager
 async def running(**options):
-    """A gateway in this process, by the function that `phalanx up` calls."""
-    events, gateways = [], []
     swarm = Dotbots(3, 1, time.time)
-    job = asyncio.create_task(up(UpOptions(port=0, **options), events.append, gateways.append, swarm=lambda: swarm))
-    try:
-        await eventually(lambda: job.done() or events, 30)
-        if job.done():
-            job.result()
-        gateways[0].job = job
-        yield gateways[0], events[0], swarm
-    finally:
-        job.cancel()
-        await asyncio.wait([job])
+    async with up_here(swarm, **options) as (gateway, ready):
+        yield gateway, ready, swarm
 
 
 def port_of(ready) -> int:

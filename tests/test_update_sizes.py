@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mirror import Mirror, are_near
 from phalanx.gateway.frames import CHANGES_BYTES, UNIT_ROBOTS, Frames, tick_bytes
 from phalanx.gateway.outbox import Outbox
 from phalanx.gateway.visitors import MOST_DRIVERS
@@ -17,7 +18,6 @@ from phalanx.gateway.vocabulary import tell_robot
 from phalanx.link.envelope import encode_json
 from phalanx.link.session.padding import padded_size
 from phalanx.robot import Led, Point, Robot
-from test_gateway_frames import Mirror, are_near
 
 NOW = 1_700_000_000.0
 ROBOT_BYTES, ROUTE_BYTES = 420, 420  # of an element of `joined` or `changed`, and of `routes`

@@ -25,7 +25,7 @@ from phalanx.world.audited.world import VerdictReader
 from phalanx.world.scenarios import scenes
 from phalanx.world.scenarios.play import play
 from phalanx.world.scenarios.scenes import Live, Scenes, lines_of
-from test_recording import SCENARIO
+from recorded_scenario import SCENARIO
 
 ATTACK = KeyValuePair(key="attack", value="spoof")
 

@@ -12,7 +12,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from commands import uncompiled
-from ordered import LONG_MS, MISSION, PUBLIC, led_order, order, robot, route_order, signed, signer, wheels_order
+from ordered import (
+    LONG_MS,
+    MISSION,
+    PUBLIC,
+    command,
+    led_order,
+    order,
+    reading,
+    robot,
+    route_order,
+    signed,
+    signer,
+    wheels,
+    wheels_order,
+)
 from phalanx.config.flock import WheelsConfig
 from phalanx.errors import PeerError, UsageError
 from phalanx.robot.controllers.orders import NEVER
@@ -25,22 +39,6 @@ from replays import is_taken_whole_or_refused, play
 RUN_SHA256 = "661c3c3c34e3c56a84c63e17a0f0962c794bf3f8812a05ebf8e683443b0335ef"
 STANDS_BYTES = WHEELS_MEMORY.size
 AT = WHEELS_MEMORY.at
-
-
-def reading(rob, x, y, direction, t=0):
-    return struct.pack("<BHQ3f", 0x06, rob, t, x, y, direction)
-
-
-def command(outputs):
-    """Left, right, and the colour."""
-    (payload,) = (output.payload for output in outputs if isinstance(output, Act))
-    kind, _, _, left, right, *led = struct.unpack("<BHQ2b3B", payload)
-    assert kind == 0x05
-    return left, right, tuple(led)
-
-
-def wheels(this, t, x=500, y=500, direction=0, step=0):
-    return command(this.on_input(step, t, reading(this.rob_id, x, y, direction)))[:2]
 
 
 class TestOrders:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import math
 import struct
 from pathlib import Path
@@ -15,6 +14,7 @@ from hypothesis import strategies as st
 from phalanx.errors import PeerError, UsageError
 from phalanx.wire import MalformedRecord, Record, table
 from phalanx.wire.typed_records import Command, Reading, State
+from scripts import loaded
 
 ROOT = Path(__file__).parent.parent
 # So many of each record: what goes wrong with a type of field is found in any of them.
@@ -42,13 +42,6 @@ VALUES = {
 
 def values_of(record: Record, data) -> dict:
     return {f.name: data.draw(VALUES[f.type]) for f in record.all_fields if f.value is None}
-
-
-def generator():
-    spec = importlib.util.spec_from_file_location("generate_firmware", ROOT / "firmware" / "generate.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @EACH
@@ -152,7 +145,7 @@ def test_whatever_is_maced_begins_with_a_tag_of_its_own():
 
 
 def test_the_c_header_the_pages_module_and_the_dataclasses_are_made_from_the_table():
-    make = generator()
+    make = loaded(ROOT / "firmware" / "generate.py")
     assert make.HEADER.read_text() == make.c_header()
     assert make.LINE_HEADER.read_text() == make.line_header()
     assert make.PAGES.read_text() == make.for_pages()
@@ -192,6 +185,6 @@ def test_a_dataclass_writes_no_id_that_no_robot_has(rob_id):
 
 
 def test_the_tables_of_the_specification_are_made_from_the_table():
-    make = generator()
+    make = loaded(ROOT / "firmware" / "generate.py")
     for path in (make.SPEC / name for name in make.BLOCKS):
         assert path.read_text() == make.page(path)

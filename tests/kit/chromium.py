@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 import shutil
-import time
 from contextlib import contextmanager
 from pathlib import Path
+
+from waiting import wait_until  # noqa: F401 - tests of browsers take it from here
 
 # Not 127.0.0.1: browsers count that as secure, and a phone that opens http://192.168.1.7 has no WebCrypto.
 HOST = "swarm.test"
@@ -98,14 +99,6 @@ def moves(up, address_end: str = "") -> list[dict]:
         for e in up.events("command")
         if e["name"] == "move_raw" and e["address"].endswith(address_end)
     ]
-
-
-def wait_until(condition, timeout_s: float = 10):
-    deadline = time.monotonic() + timeout_s
-    while not (value := condition()):
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    return value
 
 
 def barriers(page, *rules: str) -> list[str]:

@@ -24,13 +24,13 @@ PHALANX = [sys.executable, "-m", "phalanx"]
 
 
 def start(
-    *arguments: str, env: dict[str, str] | None = None, fresh: bool = False, **files
+    *arguments: str, env: dict[str, str] | None = None, fresh: bool = False, cwd: Path = ROOT, **files
 ) -> subprocess.Popen | Forked:
     """`phalanx …`, begun from nothing if `fresh`, or if its environment asks for another beginning (zygote.py)."""
     env = env or {}
     if fresh or not is_plain(env):
-        return subprocess.Popen([*PHALANX, *arguments], text=True, cwd=ROOT, env=os.environ | env, **files)
-    return Forked(arguments, cwd=ROOT, env=os.environ | env, **files)
+        return subprocess.Popen([*PHALANX, *arguments], text=True, cwd=cwd, env=os.environ | env, **files)
+    return Forked(arguments, cwd=cwd, env=os.environ | env, **files)
 
 
 class Child:
@@ -89,12 +89,13 @@ def run(
     timeout_s: float = 60,
     env: dict | None = None,
     fresh: bool = False,
+    cwd: Path = ROOT,
     input: str = "",  # noqa: A002
 ) -> subprocess.CompletedProcess:
     with tempfile.TemporaryFile("w+") as said, tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
         said.write(input)
         said.seek(0)
-        process = start(*arguments, env=env, fresh=fresh, stdin=said, stdout=out, stderr=err)
+        process = start(*arguments, env=env, fresh=fresh, cwd=cwd, stdin=said, stdout=out, stderr=err)
         try:
             code = process.wait(timeout_s)
         finally:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 import json
 import threading
-import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -114,12 +113,3 @@ class Controller:
             if step.get("delete") == address:
                 await self._say(step["told"])
         return web.Response()
-
-
-def soon(condition, timeout_s: float = 10.0):
-    """Waits until `condition()` is true."""
-    until_s = time.monotonic() + timeout_s
-    while not (value := condition()):
-        assert time.monotonic() < until_s, "never"
-        time.sleep(0.01)
-    return value

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import struct
+
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from phalanx.config.flock import WheelsConfig
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.bundled.wheels import wheels_params
 from phalanx.robot.controllers.compiled import compiled
+from phalanx.robot.controllers.python_controller import Act
 from phalanx.robot.signer import Signer
 from phalanx.wire import driven
 from phalanx.wire.driven import GATEWAY, OPERATOR
@@ -56,3 +59,19 @@ def route_order(rob: int, number: int, threshold_mm: int, points, **more) -> byt
 
 def stop_order(rob: int, said: int, **more) -> bytes:
     return order(rob, 0, driven.TELL_STOP, said=said, **more)
+
+
+def reading(rob, x, y, direction, t=0):
+    return struct.pack("<BHQ3f", 0x06, rob, t, x, y, direction)
+
+
+def command(outputs):
+    """Left, right, and the colour."""
+    (payload,) = (output.payload for output in outputs if isinstance(output, Act))
+    kind, _, _, left, right, *led = struct.unpack("<BHQ2b3B", payload)
+    assert kind == 0x05
+    return left, right, tuple(led)
+
+
+def wheels(this, t, x=500, y=500, direction=0, step=0):
+    return command(this.on_input(step, t, reading(this.rob_id, x, y, direction)))[:2]

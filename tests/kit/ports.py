@@ -6,6 +6,7 @@ random once stopped a whole run. Gateways draw theirs from another range and try
 
 import fcntl
 import os
+import socket
 import tempfile
 from pathlib import Path
 
@@ -27,3 +28,9 @@ def free_port(host: str = LOOPBACK) -> int:
         file.truncate(0)
         file.write(str(port + STRIDE))
         return port
+
+
+def free_udp_port(host: str = "127.0.0.1") -> int:
+    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind((host, 0))
+        return probe.getsockname()[1]

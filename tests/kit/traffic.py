@@ -10,7 +10,7 @@ import math
 import random
 import time
 from collections.abc import Sequence
-from contextlib import AsyncExitStack, suppress
+from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,6 +23,7 @@ from phalanx.link.session import MemoryStore
 from phalanx.net.session_client import Client
 from phalanx.net.session_store import new_link_keys
 from phalanx.robot import Led, Point, Robot
+from serving import meanwhile
 from session_front import FakeFront
 
 ROBOTS = ("A1", "ROBOT-NUMBER-2")  # of different length, as are their names
@@ -118,8 +119,7 @@ async def recorded(seed: int, for_s: float) -> tuple[list[Seen], list[Segment]]:
         link = SessionLink(
             front, MemoryStore(), new_link_keys(), lambda: list(ROBOTS), Trail(None), SessionConfig(lease_ms=60_000)
         )
-        jobs = [asyncio.create_task(job) for job in (link.run(), Gateway(swarm, link).run())]
-        stack.push_async_callback(ended, jobs)
+        await stack.enter_async_context(meanwhile(link.run(), Gateway(swarm, link).run()))
         url = f"http://127.0.0.1:{front.port}/#{link.invitation.fragment()}"
         async with Client(url, name="Ada") as client:
             segments, drives, robot = [], [], ""
@@ -146,14 +146,6 @@ async def recorded(seed: int, for_s: float) -> tuple[list[Seen], list[Segment]]:
             await asyncio.gather(*drives)
             assert not client.refusals, client.refusals
     return front.seen, segments
-
-
-async def ended(jobs: list[asyncio.Task]) -> None:
-    for job in jobs:
-        job.cancel()
-    for job in jobs:
-        with suppress(asyncio.CancelledError):
-            await job
 
 
 async def windows(worlds: int, for_s: float, seed: int = 1) -> tuple[np.ndarray, list[Segment], np.ndarray]:

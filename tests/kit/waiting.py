@@ -27,6 +27,15 @@ async def eventually(condition, timeout_s: float = 10.0, every_s: float = 0.02):
     return value
 
 
+def wait_until(condition, timeout_s: float = 10.0):
+    """`eventually`, for tests without an event loop."""
+    deadline = time.monotonic() + timeout_s
+    while not (value := condition()):
+        assert time.monotonic() < deadline, f"not within {timeout_s} s"
+        time.sleep(0.02)
+    return value
+
+
 class Turns:
     """The longest turn of this event loop, in seconds of processor time: what others do with the machine is not in it."""
 

@@ -151,6 +151,21 @@ def walker_for(draft: Draft, profile: Profile, config: MissionConfig = CONFIG, *
     return walker_of(built(cheap(draft.mission(), profile), profile, **options), config)
 
 
+def leading_to(*see, **more) -> Draft:
+    """start → a final node that is seen so."""
+    draft = Draft("short")
+    draft.node("start", Position(0, 0), start=True)
+    draft.node("end", *see, final=True, **more)
+    draft.way("start", "end")
+    return draft
+
+
+def at_start(draft: Draft, profile: Profile, config: MissionConfig = CONFIG) -> tuple[Walker, State]:
+    """A walker, and its state when it has seen the start."""
+    walker = walker_for(draft, profile, config)
+    return walker, walker.step(State(), Experience(0, 0, 0, 0))[0]
+
+
 def until_decoded(walker, state, seen, steps: int = 40):
     """The same experience until something decodes."""
     for i in range(steps):
@@ -160,3 +175,22 @@ def until_decoded(walker, state, seen, steps: int = 40):
         if outcome.decoded:
             return state, outcome
     return state, outcome
+
+
+EVERYTHING = """
+mission: everything
+map: office_40x40
+area: [0, 0, 40, 40]
+repeatable: true
+coding: {delta_mm: 200, kdf_log2_n: 1, kdf_r: 1}
+nodes:
+  start: {start: true, see: {position: [3.0, 1.5]}}
+  door: {see: {doorway: [9, 12], facing: 90}, width: 2.0, do: {pick: {shelf: 3, from: top}}, within_m: 2}
+  room: {see: [{room: [12.5, 3.5], area: 52.5}, {room: [16, 3.5], area: 52.5}], timeout_s: 30, send: lit}
+  code: {see: {qr: [1, 2], facing: -90, text: shelf 3}, do: stop}
+  noon: {see: {position: [5, 5], sensor: [red, warm], time: 1000}, wait: [go], final: true}
+ways:
+  - [start, door, room]
+  - {from: room, to: [code, noon], direction: 45}
+  - {from: code, to: noon, do: {lift: {floor: 2}}}
+"""

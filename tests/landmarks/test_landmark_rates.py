@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import re
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from commands import ROOT
 from landmark_world import look
 from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.config.mission import MissionConfig
@@ -18,16 +17,12 @@ from phalanx.mission.landmarks import extract
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.world.building.floorplan import load_floorplan
 from phalanx.world.building.walkers import Walkers, free_place
-
-SCRIPT = Path(__file__).parents[2] / "scripts" / "landmark_rates.py"
+from scripts import loaded
 
 
 def test_doorways_corners_and_rooms_are_found_and_nothing_else(monkeypatch, capsys):
-    spec = importlib.util.spec_from_file_location("landmark_rates", SCRIPT)
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
     monkeypatch.setattr(sys, "argv", ["landmark_rates", "office_40x40", "400"])
-    script.main()
+    loaded(ROOT / "scripts" / "landmark_rates.py").main()
     out = capsys.readouterr().out
     rows = {row.split("  ")[0]: row.split()[-6:] for row in out.splitlines()[2:]}
     for kind in ("doorway", "concave_left", "concave_right", "corner_convex", "room"):

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.errors import PeerError
-from phalanx.mission import Draft, Experience, Landmark, Position, Reason, State, parse_mission, parse_start_key
+from phalanx.mission import Draft, Experience, Landmark, Position, Reason, parse_mission, parse_start_key
 from phalanx.mission.authoring.findable import ALIKE_RAD, alone, apart_in, mark_lookalikes
 from phalanx.mission.landmarks import look_alikes_of
 from phalanx.mission.observable import APART_MAX, UNTOLD_M, Offset, offset_of
 from phalanx.mission.walk.fix import unambiguous
 from phalanx.world.building.floorplan import load_floorplan
-from worlds import BOTH, built, cheap, until_decoded, walker_for
+from worlds import BOTH, at_start, built, cheap, leading_to, until_decoded
 
 both = pytest.mark.parametrize("profile", BOTH)
 DOOR = Landmark("doorway", 5.0, 0.0, 0.2)
@@ -121,8 +121,7 @@ def test_a_door_is_not_believed_where_another_like_it_may_be_meant(profile):
     draft.node("door", DOOR, final=True)
     draft.node("twin", replace(DOOR, y_m=1.5))
     draft.way("start", "door")
-    walker = walker_for(draft, profile)
-    begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    walker, begun = at_start(draft, profile)
     seen = Experience(1.0, 2.0, 0, 0, 5.0, (DOOR,))
     for deviation_m, well in ((0.05, True), (0.4, True), (0.7, False)):
         spread = (deviation_m**2, 0.0, 0.0, deviation_m**2, 0.0, 1e-4)
@@ -133,19 +132,13 @@ def test_a_door_is_not_believed_where_another_like_it_may_be_meant(profile):
     assert 1 not in state.opened
     # The same robot, had the compiler not said that there is a twin.
     draft.nodes.pop()
-    walker = walker_for(draft, profile)
-    begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    walker, begun = at_start(draft, profile)
     assert until_decoded(walker, begun, replace(seen, spread=spread))[1].decoded
 
 
 @both
 def test_a_door_is_not_believed_where_another_in_sight_fits_as_well(profile):
-    draft = Draft("rival")
-    draft.node("start", Position(0, 0), start=True)
-    draft.node("door", DOOR, final=True)
-    draft.way("start", "door")
-    walker = walker_for(draft, profile)
-    begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    walker, begun = at_start(leading_to(DOOR), profile)
     seen = Experience(1.0, 2.0, 0, 0, 5.0, (DOOR, replace(DOOR, y_m=0.45)))
     _, outcome = walker.step(begun, seen)
     assert outcome.decoded is None

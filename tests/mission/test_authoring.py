@@ -25,25 +25,7 @@ from phalanx.mission import (
     plain_mission,
 )
 from phalanx.mission.authoring.document import WrittenMission
-from worlds import BOTH, built, cheap, draws
-
-EVERYTHING = """
-mission: everything
-map: office_40x40
-area: [0, 0, 40, 40]
-repeatable: true
-coding: {delta_mm: 200, kdf_log2_n: 1, kdf_r: 1}
-nodes:
-  start: {start: true, see: {position: [3.0, 1.5]}}
-  door: {see: {doorway: [9, 12], facing: 90}, width: 2.0, do: {pick: {shelf: 3, from: top}}, within_m: 2}
-  room: {see: [{room: [12.5, 3.5], area: 52.5}, {room: [16, 3.5], area: 52.5}], timeout_s: 30, send: lit}
-  code: {see: {qr: [1, 2], facing: -90, text: shelf 3}, do: stop}
-  noon: {see: {position: [5, 5], sensor: [red, warm], time: 1000}, wait: [go], final: true}
-ways:
-  - [start, door, room]
-  - {from: room, to: [code, noon], direction: 45}
-  - {from: code, to: noon, do: {lift: {floor: 2}}}
-"""
+from worlds import BOTH, EVERYTHING, built, cheap, draws
 
 
 def test_yaml_and_code_are_two_ways_to_write_one_mission():

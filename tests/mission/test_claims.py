@@ -15,7 +15,7 @@ from phalanx.mission import Draft, Experience, Landmark, Position, Profile, Sens
 from phalanx.mission.file.canonical import AT_POSITION, Shape
 from phalanx.mission.observable import APART_MAX, Cell, Offset, cell_of
 from phalanx.mission.walk.claims import Claim, Unshown, parse_claim, shows, unlock
-from worlds import BOTH, CONFIG, at, built, cheap, corridor, walk, walker_for, walker_of
+from worlds import BOTH, CONFIG, at, built, cheap, corridor, leading_to, walk, walker_for, walker_of
 
 both = pytest.mark.parametrize("profile", BOTH)
 
@@ -88,10 +88,7 @@ def test_a_made_up_claim_opens_nothing(profile):
 
 @both
 def test_readings_and_messages_are_part_of_what_is_shown(profile):
-    draft = Draft("event")
-    draft.node("start", Position(0, 0), start=True)
-    draft.node("red", (Landmark("doorway", 4, 0, 0.1), Sensor(b"red")), wait=("go",), within_m=3, final=True)
-    draft.way("start", "red")
+    draft = leading_to((Landmark("doorway", 4, 0, 0.1), Sensor(b"red")), wait=("go",), within_m=3)
     one = built(cheap(draft.mission(), profile), profile)
     walker = walker_of(one)
     state, _ = walker.step(State(), Experience(0, 0, 0, 0))

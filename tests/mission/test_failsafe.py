@@ -32,6 +32,7 @@ from worlds import (
     BOTH,
     CONFIG,
     at,
+    at_start,
     built,
     cheap,
     corridor,
@@ -91,8 +92,7 @@ class TestFailSafe:
         draft.node("on", Landmark("doorway", 3 + 9 * math.cos(turn), 9 * math.sin(turn), 0.0), final=True)
         draft.way("start", "end")
         draft.way("end", "on")
-        walker = walker_for(draft, Profile.PAPER)
-        state, _ = walker.step(State(), Experience(0, 0, 0, 0))
+        walker, state = at_start(draft, Profile.PAPER)
         seen = Experience(1, 2, 1, 0, 2.0, (Landmark(corner, 3, 0, math.pi / 2),))
         state, _ = until_decoded(walker, state, seen)
         asides = [walker.order(replace(state, round=i)).aside for i in range(3)]
@@ -150,8 +150,7 @@ class TestExploring:
         draft.way("start", "d0", both=True)
         for i in (1, 2):
             draft.way("d0", f"d{i}", both=True)
-        walker = walker_for(draft, profile)
-        state, _ = walker.step(State(), Experience(0, 0, 0, 0))
+        walker, state = at_start(draft, profile)
         for i, (x, y) in enumerate([(3, 0), (4, 3)]):
             seen = Experience(1 + 10 * i, x, y, 0, 3.0 + 4 * i, (doors[i],), actions=(Action("greet"),))
             state, outcome = until_decoded(walker, state, seen)
@@ -169,8 +168,7 @@ class TestExploring:
         for i, x in enumerate((12, -12)):
             draft.node(f"d{i}", Landmark("doorway", x, 0, 0.1))
             draft.way("start", f"d{i}", both=True)
-        walker = walker_for(draft, profile)
-        state, _ = walker.step(State(), Experience(0, 0, 0, 0))
+        walker, state = at_start(draft, profile)
         state, _ = until_decoded(walker, state, Experience(1, 9, 0, 0, 9.0, (Landmark("doorway", 12, 0, 0.1),)))
         assert (state.at, state.target) == (1, 0)
         lost, _ = walker.step(state, Experience(20, 0, 0.2, 0, 20.0, spread=(0.64, 0.0, 0.0, 0.16, 0.0, 0.01)))
@@ -245,8 +243,7 @@ class TestExploring:
         for i, y in enumerate((3, -3)):
             draft.node(f"d{i}", Landmark("doorway", 4, y, 0.3 * i))
             draft.way("start", f"d{i}")
-        walker = walker_for(draft, profile)
-        begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+        walker, begun = at_start(draft, profile)
         ends = [
             until_decoded(walker, begun, Experience(1, 3, y, 0, 3.0, (Landmark("doorway", 4, y, 0.3 * i),)))[0]
             for i, y in enumerate((3, -3))

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 import yaml
 from cryptography.exceptions import InvalidSignature
-from test_authoring import EVERYTHING
 
 import second_decoder as second
 from phalanx.cli.mission.files import read_plain
@@ -31,7 +30,7 @@ from phalanx.mission import (
 from phalanx.mission.authoring.compiling import direction_of
 from phalanx.mission.file.records import FINAL, JOIN, START
 from phalanx.mission.observable import sector_of
-from worlds import BOTH, CHEAP, corridor, draws, explored, fork, walker_of
+from worlds import BOTH, CHEAP, EVERYTHING, corridor, draws, explored, fork, walker_of
 
 ROWS = json.loads((Path(__file__).parents[2] / "vectors" / "mission.json").read_text())
 

@@ -29,6 +29,7 @@ from worlds import (
     BOTH,
     CONFIG,
     at,
+    at_start,
     built,
     cheap,
     corridor,
@@ -36,6 +37,7 @@ from worlds import (
     draws,
     explored,
     fork,
+    leading_to,
     truths,
     until_decoded,
     walk,
@@ -84,14 +86,10 @@ def _put(fix, seen: Experience, landmark: Landmark) -> tuple[float, float]:
 
 @both
 def test_a_fix_mends_drift_as_far_as_the_robot_is_unsure_and_trials_tell_how_much(profile):
-    draft = Draft("fix")
-    draft.node("start", Position(0, 0), start=True)
-    draft.node("door", DOOR, final=True)
-    draft.way("start", "door")
+    draft = leading_to(DOOR)
     trials = []
     for drift in (0.0, 0.15, 0.29):
-        walker = walker_for(draft, profile, replace(CONFIG, kdf_tries=1000))
-        state, _ = walker.step(State(), Experience(0, 0, 0, 0))
+        walker, state = at_start(draft, profile, replace(CONFIG, kdf_tries=1000))
         turn = -0.1
         seen = Experience(
             1.0,
@@ -116,12 +114,7 @@ def test_a_fix_mends_drift_as_far_as_the_robot_is_unsure_and_trials_tell_how_muc
 
 @both
 def test_a_fix_moves_a_robot_the_less_the_surer_it_is(profile):
-    draft = Draft("fix")
-    draft.node("start", Position(0, 0), start=True)
-    draft.node("door", DOOR, final=True)
-    draft.way("start", "door")
-    walker = walker_for(draft, profile)
-    begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    walker, begun = at_start(leading_to(DOOR), profile)
     moves = []
     for metres in (0.04, 0.08, 0.2, 0.4):
         seen = Experience(1, 6, 0, 0, 5, (replace(DOOR, x_m=8.1, orientation_rad=0.2),), spread=spread_of(metres, 0.01))
@@ -142,8 +135,7 @@ def test_a_fix_that_other_landmarks_contradict_is_refused():
         draft.node(f"d{i}", door)
         draft.way(names[-1], f"d{i}")
         names.append(f"d{i}")
-    walker = walker_for(draft, Profile.PAPER)
-    state, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    walker, state = at_start(draft, Profile.PAPER)
     for i in (0, 1):
         state, outcome = walker.step(state, Experience(1.0 + i, 2, 0, 0, 2.0, tuple(doors[: i + 1])))
         assert outcome.decoded.node == i + 1
@@ -157,12 +149,7 @@ def test_a_fix_that_other_landmarks_contradict_is_refused():
 
 @both
 def test_a_pose_said_to_be_sure_is_not_believed_to_be_four_deviations_off(profile):
-    draft = Draft("sure")
-    draft.node("start", Position(0, 0), start=True)
-    draft.node("door", DOOR, final=True)
-    draft.way("start", "door")
-    walker = walker_for(draft, profile)
-    begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    walker, begun = at_start(leading_to(DOOR), profile)
     sure = Experience(1.0, 6, 0, 0, 5.0, spread=spread_of(0.04, 0.01))
     one = doubt_m(walker.config, sure, DOOR)
     for deviations, well in ((2.0, True), (4.2, False)):
@@ -180,12 +167,7 @@ def test_a_pose_said_to_be_sure_is_not_believed_to_be_four_deviations_off(profil
 
 @both
 def test_who_is_at_a_place_is_there_however_its_doubt_has_it(profile):
-    draft = Draft("place")
-    draft.node("start", Position(0, 0), start=True)
-    draft.node("dock", Position(4, 0), final=True)
-    draft.way("start", "dock")
-    walker = walker_for(draft, profile)
-    begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    walker, begun = at_start(leading_to(Position(4, 0)), profile)
     for off_m in (0.05, 0.2):
         sure = (walker.config.place_m - off_m) / ALONE_SIGMAS
         for metres, well in ((0.95 * sure, True), (1.05 * sure, False)):
@@ -200,12 +182,7 @@ def test_who_is_at_a_place_is_there_however_its_doubt_has_it(profile):
 @both
 def test_what_is_too_far_off_is_not_decoded(profile):
     """A degree of heading makes of it what may be the next one."""
-    draft = Draft("far")
-    draft.node("start", Position(0, 0), start=True)
-    draft.node("door", DOOR, final=True)
-    draft.way("start", "door")
-    walker = walker_for(draft, profile)
-    begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    walker, begun = at_start(leading_to(DOOR), profile)
     for away_m, well in ((walker.config.decode_m + 0.1, False), (walker.config.decode_m - 0.1, True)):
         seen = Experience(1.0, DOOR.x_m - away_m, DOOR.y_m, 0, 5.0, (DOOR,), spread=spread_of(0.05, 0.01))
         _, outcome = until_decoded(walker, begun, seen)
@@ -214,12 +191,7 @@ def test_what_is_too_far_off_is_not_decoded(profile):
 
 @both
 def test_a_heading_that_cannot_be_is_refused_like_a_place(profile):
-    draft = Draft("turned")
-    draft.node("start", Position(0, 0), start=True)
-    draft.node("door", DOOR, final=True)
-    draft.way("start", "door")
-    walker = walker_for(draft, profile)
-    begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    walker, begun = at_start(leading_to(DOOR), profile)
     for degrees, well in ((5.0, True), (12.0, False)):
         seen = replace(DOOR, orientation_rad=0.2 + math.radians(degrees))
         experience = Experience(1.0, 6, 0, 0, 5.0, (seen,), spread=spread_of(0.2, math.radians(0.7)))
@@ -242,8 +214,7 @@ def test_what_is_known_and_in_sight_has_its_say_in_a_fix():
     for i, corner in enumerate(corners):
         draft.node(f"c{i}", corner)
         draft.way("start", f"c{i}", both=True)
-    walker = walker_for(draft, Profile.PAPER)
-    begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    walker, begun = at_start(draft, Profile.PAPER)
     _, alone = walker.step(begun, seen_by(5.0, turn, corners[0]))
     first, _ = walker.step(begun, seen_by(4.0, 0.0, corners[1]))
     _, both = walker.step(first, seen_by(5.0, turn, *corners))
@@ -255,12 +226,7 @@ def test_what_is_known_and_in_sight_has_its_say_in_a_fix():
 def test_one_end_of_a_face_is_not_taken_for_the_other():
     """A pillar's two ends, 0.5 m apart with one normal: a robot 0.5 m off sees the one where it expects the other."""
     left, right = Landmark("concave_left", 5, 0.25, math.pi), Landmark("concave_right", 5, -0.25, math.pi)
-    draft = Draft("pillar")
-    draft.node("start", Position(0, 0), start=True)
-    draft.node("left", left, final=True)
-    draft.way("start", "left")
-    walker = walker_for(draft, Profile.PAPER)
-    begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    walker, begun = at_start(leading_to(left), Profile.PAPER)
 
     def looked(kind: str):
         seen = replace(right, type=kind, y_m=right.y_m + 0.5)
@@ -272,10 +238,7 @@ def test_one_end_of_a_face_is_not_taken_for_the_other():
 
 @both
 def test_time_is_part_of_what_is_experienced(profile):
-    draft = Draft("time")
-    draft.node("start", Position(0, 0), start=True)
-    draft.node("noon", (DOOR, Time(1000.0)), final=True)
-    draft.way("start", "noon")
+    draft = leading_to((DOOR, Time(1000.0)))
     walker = walker_for(draft, profile, replace(CONFIG, timeout_s=1000))
     begun, _ = walker.step(State(), Experience(900, 0, 0, 0))
     for t_s, well in ((930, False), (985, False), (995, True), (1005, True), (1015, True), (1025, False)):
@@ -285,12 +248,7 @@ def test_time_is_part_of_what_is_experienced(profile):
 
 @both
 def test_a_reading_and_a_place_must_come_together(profile):
-    draft = Draft("reading")
-    draft.node("start", Position(0, 0), start=True)
-    draft.node("red", (Position(5, 0), Sensor(b"red"), Sensor(b"warm")), final=True)
-    draft.way("start", "red")
-    walker = walker_for(draft, profile)
-    begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    walker, begun = at_start(leading_to((Position(5, 0), Sensor(b"red"), Sensor(b"warm"))), profile)
     for x, sensors, well in (
         (5, (b"red", b"warm"), True),
         (5, (b"cold", b"warm", b"blue", b"red"), True),
@@ -304,10 +262,7 @@ def test_a_reading_and_a_place_must_come_together(profile):
 
 @both
 def test_an_event_of_the_controller_triggers_and_a_stale_one_does_not(profile):
-    draft = Draft("event")
-    draft.node("start", Position(0, 0), start=True)
-    draft.node("go", wait=("launch",), do=Action("launch"), final=True)
-    draft.way("start", "go")
+    draft = leading_to(wait=("launch",), do=Action("launch"))
     one = built(cheap(draft.mission(), profile), profile)
     yesterday = built(cheap(draft.mission(), profile), profile, seed="yesterday")
     walker = walker_of(one)
@@ -385,8 +340,7 @@ def test_one_door_seen_in_several_ways_is_one_node(profile):
     draft.node("room", *aliases, final=True)
     draft.way("start", "room")
     for alias in aliases:
-        walker = walker_for(draft, profile)
-        state, _ = walker.step(State(), Experience(0, 0, 0, 0))
+        walker, state = at_start(draft, profile)
         _, outcome = until_decoded(walker, state, Experience(1, 3, 0, 0, 3.0, (alias,)))
         assert outcome.decoded.node == 1
         assert outcome.decoded.landmark.x_m == pytest.approx(alias.x_m, abs=1e-3)
@@ -394,12 +348,7 @@ def test_one_door_seen_in_several_ways_is_one_node(profile):
 
 @both
 def test_a_landmark_counts_only_from_as_near_as_the_author_said(profile):
-    draft = Draft("near")
-    draft.node("start", Position(0, 0), start=True)
-    draft.node("door", DOOR, final=True, within_m=2.0)
-    draft.way("start", "door")
-    walker = walker_for(draft, profile)
-    begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    walker, begun = at_start(leading_to(DOOR, within_m=2.0), profile)
     for x, well in ((5.0, False), (6.5, True)):
         _, outcome = until_decoded(walker, begun, Experience(1, x, 1, 0, x, (DOOR,)))
         assert (outcome.decoded is not None) is well
@@ -426,8 +375,7 @@ def test_a_chained_node_of_the_paper_needs_what_the_one_before_released():
     draft.node("second", Landmark("doorway", 9, 0, 0.3), chained=True, final=True)
     draft.way("start", "first")
     draft.way("first", "second")
-    walker = walker_for(draft, Profile.PAPER)
-    state, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    walker, state = at_start(draft, Profile.PAPER)
     second = Experience(1, 8, 0, 0, 8.0, (Landmark("doorway", 9, 0, 0.3),))
     assert walker.step(state, second)[1].decoded is None
     state, _ = walker.step(state, Experience(2, 4, 0, 0, 8.0, (Landmark("doorway", 5, 0, 0.1),)))
@@ -437,12 +385,7 @@ def test_a_chained_node_of_the_paper_needs_what_the_one_before_released():
 @both
 def test_a_code_decodes_where_it_hangs_and_not_where_somebody_hung_it_or_a_copy(profile):
     code = Landmark("qr", 6.0, 2.0, -1.57, None, "shelf 3")
-    draft = Draft("codes")
-    draft.node("start", Position(0, 0), start=True)
-    draft.node("shelf", code, do=Action("pick"), final=True)
-    draft.way("start", "shelf")
-    walker = walker_for(draft, profile)
-    begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    walker, begun = at_start(leading_to(code, do=Action("pick")), profile)
     cases = {
         "as it hangs": (code, True),
         "moved along the wall": (replace(code, x_m=7.2), False),
