@@ -167,7 +167,7 @@ class Bench:
 
     def __init__(self, at: Path, *, whole: bool) -> None:
         self.at = at
-        for name in ("firmware", "release", "src", "tests", "vectors"):
+        for name in ("firmware", "phalanx_compiler", "release", "src", "tests", "vectors"):
             shutil.copytree(
                 ROOT / name, at / name, ignore=shutil.ignore_patterns("build", "node_modules", "*.so", "pages")
             )

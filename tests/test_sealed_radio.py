@@ -201,7 +201,7 @@ def test_honest_clocks_may_drift_for_a_day(pair, ppm):
         assert two.recv(now + now * ppm // 1_000_000, one.send(now)) == "taken"
 
 
-def test_a_full_table_gives_a_place_to_a_new_sender_when_one_was_silent_for_long():
+def test_a_full_table_gives_a_place_to_a_new_sender_when_one_spoke_long_ago():
     us, *others = (Robot(n + 1) for n in range(SENDERS + 2))
     *first, last = others
     assert us.recv(1000, first[1].send(460)) == "taken"

@@ -164,5 +164,5 @@ class BtiConfig:
 
     @property
     def tokens_kept(self) -> int:
-        """Tokens that an a-node and a c-node keep at most."""
+        """Tokens that a c-node keeps at most."""
         return 2 * self.f_max + 1

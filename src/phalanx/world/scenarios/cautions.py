@@ -16,8 +16,8 @@ from phalanx.world.radio.reach import in_range, rebuild, set_aisles
 MOST_AUDITS = 0.45
 # With logs that f_max compromised robots fill: at 0.40 they stopped correct robots, at 0.31 none (docs/results.md).
 MOST_FILLED = 0.35
-# What the AUDIT buckets of f_max compromised robots may let out. Where they had a quarter or more, nothing was
-# measured.
+# What the AUDIT buckets of f_max compromised robots may let out: with half of the channel they stopped correct robots
+# (docs/promises.md, exception 12).
 MOST_BUCKETS = 0.25
 US_PER_S = 1e6
 
