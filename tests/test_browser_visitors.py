@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 from contextlib import contextmanager
 
@@ -132,9 +133,9 @@ def test_a_route_is_drawn_and_begun_without_scrolling_and_its_end_is_announced(b
         page.get_by_test_id("threshold").fill("500")
         for _ in range(2):
             tap(page, 0.5, 0.5)
-            page.get_by_text("waypoint").wait_for()
+            page.get_by_text(re.compile(r"Route: \d point")).wait_for()
         page.get_by_test_id("route-undo").click()
-        page.get_by_text("Route: 1 waypoint").wait_for()
+        page.get_by_text("Route: 1 point").wait_for()
         page.get_by_test_id("route-start").click()
         page.get_by_test_id("joystick").wait_for()
         assert page.evaluate("window.scrollY") == 0
@@ -206,6 +207,20 @@ def test_a_phone_turned_sideways_shows_map_and_joystick_at_once(browser, gateway
         assert not outside(page, "map", "route-start", "threshold")
         assert page.evaluate("document.documentElement.scrollWidth") == 844
         assert not barriers_in_both_schemes(page)
+
+
+def test_who_prefers_german_reads_german_on_every_page(browser, gateway):
+    _, ready = gateway
+    with a_page(browser, **PHONE, locale="de-AT") as page, a_page(browser, **DESK) as desk:
+        page.goto(insecure(ready["page_url"]))
+        page.get_by_role("heading", name="Scanne den QR-Code").wait_for()
+        assert page.evaluate("document.documentElement.lang") == "de"
+        join(page, ready["qr_url"])
+        assert badge(page, "live").startswith("Live · 6 Roboter")
+        desk.goto(ready["operator_url"].replace("#", "?lang=de#"))
+        desk.get_by_role("button", name="Alle Roboter stoppen").wait_for()
+        assert desk.title() == "Phalanx: Leitung"
+        assert not barriers_in_both_schemes(page) + barriers_in_both_schemes(desk)
 
 
 def test_axe_finds_no_barrier_in_any_state(browser, gateway):

@@ -1,10 +1,12 @@
 // The live map: tap a robot to choose it; in route mode, tap a place to go there. Two fingers, buttons or keys zoom.
 
 import { type KeyboardEvent, type PointerEvent, useEffect, useRef, useState } from "react";
-import { type Point, type SwarmSource, useSwarm, workWords } from "../client";
+import { type Point, type SwarmSource, useSwarm } from "../client";
+import { common as texts } from "../texts";
 import { Gesture, type Pinch } from "./gesture";
 import { Painter } from "./painter";
 import { nearest, rounded, toArea } from "./projection";
+import { workWords } from "./work_words";
 
 interface Props {
   readonly link: SwarmSource | undefined;
@@ -139,15 +141,10 @@ export function MapView({
     });
   }
 
-  const robotsWord = count === 1 ? "1 robot" : `${count} robots`;
-  const help = routing
-    ? "Tap, or use the arrow keys and Enter, to add a waypoint."
-    : onSelect
-      ? "Tap a robot to choose it; plus and minus zoom."
-      : "Plus and minus zoom.";
+  const help = routing ? texts.helpToRoute : onSelect ? texts.helpToChoose : texts.helpToZoom;
   const shape = { aspectRatio: String(Math.min(Math.max(area.width / area.height, 0.7), 2)) };
   const invites = routing && draft.length === 0; // what it covers may be tapped too
-  const hint = invites ? "Tap where the robot shall go" : !routing && isLive && count === 0 ? "No robots yet" : "";
+  const hint = invites ? texts.tapWhereToGo : !routing && isLive && count === 0 ? texts.noRobotsYet : "";
   return (
     <div className="map" ref={frame} data-routing={routing} data-zoomed={isZoomed} style={shape}>
       <canvas ref={ground} className="map-layer" />
@@ -156,7 +153,7 @@ export function MapView({
         type="button"
         className="map-touch"
         data-testid="map"
-        aria-label={`Map with ${robotsWord}. ${help}`}
+        aria-label={texts.mapWith(texts.robots(count), help)}
         onPointerDown={(event) => {
           event.currentTarget.setPointerCapture(event.pointerId);
           gesture.current.down(event.pointerId, pointOf(event));
@@ -182,11 +179,11 @@ export function MapView({
         {news || hint}
       </p>
       <div className="map-buttons">
-        <button type="button" data-testid="zoom-in" aria-label="Zoom in" onClick={() => step(STEP)}>
+        <button type="button" data-testid="zoom-in" aria-label={texts.zoomIn} onClick={() => step(STEP)}>
           +
         </button>
         {isZoomed && (
-          <button type="button" data-testid="zoom-out" aria-label="Zoom out" onClick={() => step(1 / STEP)}>
+          <button type="button" data-testid="zoom-out" aria-label={texts.zoomOut} onClick={() => step(1 / STEP)}>
             −
           </button>
         )}

@@ -240,7 +240,7 @@ describe("the operator page", () => {
     const mission = { world: "hall", running: null, robots: { B0B0F00D33333333: walk } };
     answer = () => ({ ...STATE, mission });
     await open();
-    expect(part("fleet-table")?.textContent).toContain("seeking 2/5way +2.9 %, turns \u22124.8 %");
+    expect(part("fleet-table")?.textContent).toContain("searching 2/5odometry scale error +2.9 %, turn error \u22124.8 %");
   });
 
   it("shows no volts of a robot that tells none", async () => {

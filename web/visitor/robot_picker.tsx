@@ -2,6 +2,7 @@
 
 import { useEffect, useState } from "react";
 import { ACTIVE, driversOf, INACTIVE, label, type SwarmLink, type SwarmView, useSwarm } from "../client";
+import { common, visitor as texts } from "../texts";
 import { standingWords } from "./visit_words";
 
 interface Props {
@@ -23,15 +24,15 @@ export function RobotPicker({ link, selected, onSelect, obeys, onClearTrail, rou
     <div className="picker">
       <select
         data-testid="robot-select"
-        aria-label="Robot"
+        aria-label={texts.robot}
         value={selected ?? ""}
         onChange={(event) => onSelect(event.target.value || undefined)}
       >
-        <option value="">Choose a robot…</option>
+        <option value="">{texts.chooseARobot}</option>
         {roster.map((robot) => (
           <option key={robot.address} value={robot.address}>
             {label(robot)}
-            {robot.address === own && " · yours"}
+            {robot.address === own && ` · ${texts.yours}`}
           </option>
         ))}
       </select>
@@ -43,18 +44,18 @@ export function RobotPicker({ link, selected, onSelect, obeys, onClearTrail, rou
           disabled={!obeys}
           onClick={() => route.onTapping(!route.tapping)}
         >
-          {route.tapping ? "Drive" : "Route"}
+          {route.tapping ? texts.drive : texts.route}
         </button>
       )}
       <About link={link} selected={selected} />
       {route && isUnderWay ? (
         <button type="button" className="quiet" data-testid="route-clear" disabled={!obeys} onClick={route.onStop}>
-          Stop route
+          {texts.stopRoute}
         </button>
       ) : (
         selected !== undefined && (
           <button type="button" className="quiet" data-testid="trail-clear" disabled={!obeys} onClick={onClearTrail}>
-            Clear trail
+            {texts.clearTrail}
           </button>
         )
       )}
@@ -66,14 +67,14 @@ function About({ link, selected }: { readonly link: SwarmLink | undefined; reado
   // A string: it renders again only when the words change, not at every frame.
   const words = useSwarm(link, ({ swarm }) => {
     const robot = selected === undefined ? undefined : swarm.robots.get(selected);
-    if (!robot) return "Tap one on the map, or choose it here.";
-    if (robot.shield?.safeMode) return "stopped";
-    const status = robot.status === ACTIVE ? "" : robot.status === INACTIVE ? "not heard for a while" : "lost";
-    const mode = robot.mode === 1 ? "following its route" : "";
-    const battery = robot.battery_v ? `battery ${robot.battery_v.toFixed(1)} V` : "";
-    const place = robot.position ? "" : "position unknown";
-    if (robot.walk) return [status, robot.walk.phase].filter(Boolean).join(" · ");
-    return [status, place, mode, battery].filter(Boolean).join(" · ") || "ready";
+    if (!robot) return texts.tapOne;
+    if (robot.shield?.safeMode) return texts.stopped;
+    const status = robot.status === ACTIVE ? "" : robot.status === INACTIVE ? texts.notHeard : texts.lost;
+    const mode = robot.mode === 1 ? texts.followsItsRoute : "";
+    const battery = robot.battery_v ? texts.battery(common.decimal(robot.battery_v, 1)) : "";
+    const place = robot.position ? "" : texts.placeUnknown;
+    if (robot.walk) return [status, common.phases[robot.walk.phase]].filter(Boolean).join(" · ");
+    return [status, place, mode, battery].filter(Boolean).join(" · ") || texts.ready;
   });
   const others = useSwarm(link, (view) => othersWords(view, selected));
   const standing = useStanding(link);
@@ -100,9 +101,9 @@ function About({ link, selected }: { readonly link: SwarmLink | undefined; reado
 export function othersWords({ swarm, visit }: SwarmView, address: string | undefined): string {
   const others = driversOf(swarm, address, visit.name);
   const [name = ""] = others;
-  if (others.length > 1) return `${others.length} other visitors drive it`;
+  if (others.length > 1) return texts.othersDrive(others.length);
   if (others.length === 0) return "";
-  return name !== "" ? `${name} drives it` : "Another visitor drives it";
+  return name !== "" ? texts.drivesIt(name) : texts.anotherDrives;
 }
 
 /** What this visitor may do, and how long: the clock goes on between two updates. */
