@@ -199,6 +199,38 @@ def test_two_fingers_enlarge_the_map_and_a_tap_still_means_what_it_shows(browser
         page.get_by_test_id("zoom-out").wait_for(state="detached")
 
 
+# Where the halo of the chosen robot is on the map: parts of its width and height.
+HALO = """() => {
+  const canvas = document.querySelectorAll("canvas.map-layer")[1];
+  const { data, width, height } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  const wanted = [1, 3, 5].map((i) => parseInt(getComputedStyle(document.body).getPropertyValue("--accent").slice(i, i + 2), 16));
+  const at = [];
+  for (let i = 0; i < width * height; i += 1) {
+    if (data[4 * i + 3] > 200 && wanted.every((value, k) => Math.abs(data[4 * i + k] - value) <= 4)) at.push(i);
+  }
+  const mean = (values) => values.reduce((sum, value) => sum + value, 0) / values.length;
+  return at.length < 50 ? null : [mean(at.map((i) => i % width)) / width, mean(at.map((i) => Math.floor(i / width))) / height];
+}"""
+
+
+def test_ones_own_robot_is_found_among_a_hundred_and_stays_in_sight(browser):
+    with a_gateway("--robots", "100", "--seed", "4") as (up, ready), a_visitor(browser, ready, "Cleo") as page:
+        page.get_by_test_id("zoom-out").wait_for()
+        page.get_by_test_id("joystick").focus()
+        page.keyboard.down("KeyW")
+        wait_until(lambda: len(moves(up)) > 20)
+        page.keyboard.up("KeyW")
+        across, down = wait_until(lambda: page.evaluate(HALO))
+        assert 0.1 < across < 0.9
+        assert 0.1 < down < 0.9
+        page.get_by_test_id("map").focus()
+        page.keyboard.press("0")
+        page.get_by_test_id("zoom-out").wait_for(state="detached")
+        page.get_by_role("button", name="Find my robot").click()
+        page.get_by_test_id("zoom-out").wait_for()
+        assert not barriers_in_both_schemes(page)
+
+
 def test_a_phone_turned_sideways_shows_map_and_joystick_at_once(browser, gateway):
     _, ready = gateway
     with a_visitor(browser, ready, "Ada", **SIDEWAYS) as page:

@@ -16,11 +16,17 @@ interface Props {
   readonly draft?: readonly Point[];
   readonly threshold?: number;
   readonly onWaypoint?: (point: Point) => void;
+  /** Whether robots show their marks. */
+  readonly marked?: boolean;
+  /** Whether the map goes to the chosen robot where there are many, and has a button for it. */
+  readonly finds?: boolean;
   /** What is said aloud, and shown for a while. */
   readonly news?: string;
 }
 
 const TAP_REACH_PX = 28;
+/** From so many robots on one is hard to find. */
+const CROWD = 13;
 const STEP = 1.6;
 const PAN_PX = 60;
 const NO_POINTS: readonly Point[] = [];
@@ -34,6 +40,8 @@ export function MapView({
   draft = NO_POINTS,
   threshold = 0,
   onWaypoint,
+  marked = true,
+  finds = false,
   news = "",
 }: Props) {
   const area = useSwarm(link, ({ swarm }) => swarm.area);
@@ -48,6 +56,8 @@ export function MapView({
   const robots = useRef<HTMLCanvasElement>(null);
   const painter = useRef<Painter>(undefined);
   const gesture = useRef(new Gesture());
+  const tapped = useRef<string>(undefined);
+  const isFindable = useSwarm(link, ({ swarm }) => finds && swarm.roster.length >= CROWD && swarm.robots.get(selected ?? "")?.position !== undefined);
 
   useEffect(() => {
     if (!ground.current || !robots.current) return;
@@ -66,10 +76,17 @@ export function MapView({
         draft,
         threshold,
         cursor: routing ? cursor : undefined,
+        marked,
+        buttons: 1 + Number(isZoomed) + Number(isFindable),
       });
     show();
     return link.subscribe(show);
-  }, [link, selected, draft, threshold, cursor, routing]);
+  }, [link, selected, draft, threshold, cursor, routing, marked, isZoomed, isFindable]);
+
+  useEffect(() => {
+    // Whoever chose it on the map sees it already.
+    if (isFindable && selected !== tapped.current) find();
+  }, [isFindable, selected]);
 
   useEffect(() => {
     const { current: element } = frame;
@@ -87,6 +104,10 @@ export function MapView({
 
   function pinch(by?: Pinch) {
     setZoomed(painter.current?.zoom(by) ?? false);
+  }
+
+  function find() {
+    if (selected !== undefined) setZoomed(painter.current?.find(selected) ?? false);
   }
 
   function step(factor: number, by: Point = STILL) {
@@ -109,7 +130,9 @@ export function MapView({
       return;
     }
     const address = nearest(painting.places, at, TAP_REACH_PX);
-    if (address !== undefined) onSelect?.(address);
+    if (address === undefined) return;
+    tapped.current = address;
+    onSelect?.(address);
   }
 
   function onKeyDown(event: KeyboardEvent) {
@@ -179,6 +202,14 @@ export function MapView({
         {news || hint}
       </p>
       <div className="map-buttons">
+        {isFindable && (
+          <button type="button" data-testid="find" aria-label={texts.findTheRobot} title={texts.findTheRobot} onClick={find}>
+            <svg viewBox="0 0 20 20" width="20" height="20" aria-hidden="true">
+              <circle cx="10" cy="10" r="5" />
+              <path d="M10 1v5M10 14v5M1 10h5M14 10h5" />
+            </svg>
+          </button>
+        )}
         <button type="button" data-testid="zoom-in" aria-label={texts.zoomIn} onClick={() => step(STEP)}>
           +
         </button>

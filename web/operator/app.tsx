@@ -127,7 +127,7 @@ export function Desk({ station, isOnTablet }: DeskProps) {
           </div>
           {!exhibition.on && (
             <div className="overview">
-              <Fleet robots={newest.state.robots} shields={newest.state.shields} mission={newest.state.mission} />
+              <Fleet source={station.source} robots={newest.state.robots} shields={newest.state.shields} mission={newest.state.mission} />
               <div className="pair roomy">
                 <CountersCard counters={newest.state.counters} window={window} />
                 <Rejections rejected={newest.state.rejected} window={window} />

@@ -1,5 +1,7 @@
 // The robots, one a row.
 
+import { type SwarmSource, useSwarm } from "../client";
+import { MarkChip } from "../map/mark_chip";
 import { common, operator as texts } from "../texts";
 import type { LinkQuality, Missions, Rgb, Robot, RobotShield, Shields, Walk } from "./gateway_state";
 import { ago, driftWords } from "./words";
@@ -15,12 +17,15 @@ const STATUS = ["active", "inactive", "lost"] as const;
 const MODE = ["manual", "route"] as const;
 
 interface Props {
+  readonly source: SwarmSource;
   readonly robots: readonly Robot[];
   readonly shields: Shields | undefined;
   readonly mission: Missions | undefined;
 }
 
-export function Fleet({ robots, shields, mission }: Props) {
+export function Fleet({ source, robots, shields, mission }: Props) {
+  const addresses = useSwarm(source, ({ swarm }) => swarm.numbers);
+  const numbers = new Map([...addresses].map(([number, address]) => [address, number]));
   const byName = new Intl.Collator(texts.locale, { numeric: true });
   const sorted = [...robots].sort((a, b) => byName.compare(a.name, b.name) || byName.compare(a.address, b.address));
   const counted = LINKS.map((link) => [link, robots.filter((robot) => robot.link === link).length] as const);
@@ -58,6 +63,7 @@ export function Fleet({ robots, shields, mission }: Props) {
               <Row
                 key={robot.address}
                 robot={robot}
+                number={numbers.get(robot.address)}
                 needed={shields?.tokens_needed}
                 shield={shields?.robots[robot.address]}
                 walk={mission?.robots[robot.address]}
@@ -78,15 +84,17 @@ function modeWords({ mode, drivers }: Robot): string {
 
 interface RowProps {
   readonly robot: Robot;
+  readonly number: number | undefined;
   readonly needed: number | undefined;
   readonly shield: RobotShield | undefined;
   readonly walk: Walk | undefined;
 }
 
-function Row({ robot, needed, shield, walk }: RowProps) {
+function Row({ robot, number, needed, shield, walk }: RowProps) {
   return (
     <tr data-status={STATUS[robot.status]} data-safe-mode={shield?.safe_mode === true}>
       <th scope="row">
+        <MarkChip number={number} />
         <span className="robot-name">{robot.name}</span>
         <span className="address" title={robot.address}>
           …{robot.address.slice(-4)}

@@ -14,6 +14,5 @@ async function german(): Promise<void> {
   Object.assign(operator, own);
 }
 
-await speak(german, () => operator.title);
 const root = document.getElementById("root");
-if (root) createRoot(root).render(<App />);
+if (root) void speak(german, () => operator.title).then(() => createRoot(root).render(<App />));

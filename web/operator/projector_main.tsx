@@ -13,6 +13,5 @@ async function german(): Promise<void> {
   Object.assign(operator, own);
 }
 
-await speak(german, () => operator.projectorTitle);
 const root = document.getElementById("root");
-if (root) createRoot(root).render(<Projector />);
+if (root) void speak(german, () => operator.projectorTitle).then(() => createRoot(root).render(<Projector />));

@@ -140,7 +140,7 @@ describe("a stopped robot", () => {
     const shield = { safeMode, vouchers: [] };
     const stopped = { address: A, status: 0, led: undefined, waypoints: [], position: { x: 0, y: 0 }, shield } as unknown as Robot;
     const swarm = { ...NO_SWARM, robots: new Map([[A, stopped]]) };
-    const scene = { swarm, selected, draft: [], threshold: 0, cursor: undefined };
+    const scene = { swarm, selected, draft: [], threshold: 0, cursor: undefined, marked: true, buttons: 1 };
     const p = fitArea(swarm.area, 300, 300);
     drawRobots(pen as unknown as CanvasRenderingContext2D, p, {} as Theme, scene, new Map([[A, { x: 70, y: 90 }]]), 0, true);
     return middles;

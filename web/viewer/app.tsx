@@ -24,7 +24,7 @@ export function App({ player }: { readonly player: Player }) {
       </header>
       <main>
         <section aria-label={texts.map}>
-          <MapView link={player} selected={chosen} onSelect={(address) => setChosen(address === chosen ? undefined : address)} />
+          <MapView link={player} marked={false} selected={chosen} onSelect={(address) => setChosen(address === chosen ? undefined : address)} />
           <div className="play" role="group" aria-label={texts.playing}>
             <button type="button" className="primary" data-testid="play" onClick={() => player.toggle()}>
               {playing ? texts.pause : texts.play}

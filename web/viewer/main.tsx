@@ -12,7 +12,6 @@ async function german(): Promise<void> {
   Object.assign(viewer, own);
 }
 
-await speak(german, () => viewer.title);
 const root = document.getElementById("root");
 const player = new Player(matchMedia("(prefers-reduced-motion: reduce)").matches);
-if (root) createRoot(root).render(<App player={player} />);
+if (root) void speak(german, () => viewer.title).then(() => createRoot(root).render(<App player={player} />));

@@ -110,6 +110,7 @@ export function Cockpit({ where, link, onLeave }: Props) {
           link={link}
           selected={selected}
           onSelect={setChosen}
+          finds
           routing={routing}
           draft={draft}
           threshold={threshold}

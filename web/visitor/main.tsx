@@ -12,6 +12,5 @@ async function german(): Promise<void> {
   Object.assign(visitor, own);
 }
 
-await speak(german, () => visitor.title);
 const root = document.getElementById("root");
-if (root) createRoot(root).render(<App />);
+if (root) void speak(german, () => visitor.title).then(() => createRoot(root).render(<App />));

@@ -2,6 +2,7 @@
 
 import { useEffect, useState } from "react";
 import { ACTIVE, driversOf, INACTIVE, label, type SwarmLink, type SwarmView, useSwarm } from "../client";
+import { MarkChip } from "../map/mark_chip";
 import { common, visitor as texts } from "../texts";
 import { standingWords } from "./visit_words";
 
@@ -20,22 +21,26 @@ export function RobotPicker({ link, selected, onSelect, obeys, onClearTrail, rou
   const roster = useSwarm(link, ({ swarm }) => swarm.roster);
   const own = useSwarm(link, ({ visit }) => visit.standing?.robot ?? "");
   const isUnderWay = useSwarm(link, ({ swarm }) => (swarm.robots.get(selected ?? "")?.waypoints.length ?? 0) > 0);
+  const number = useSwarm(link, ({ swarm }) => swarm.robots.get(selected ?? "")?.number);
   return (
     <div className="picker">
-      <select
-        data-testid="robot-select"
-        aria-label={texts.robot}
-        value={selected ?? ""}
-        onChange={(event) => onSelect(event.target.value || undefined)}
-      >
-        <option value="">{texts.chooseARobot}</option>
-        {roster.map((robot) => (
-          <option key={robot.address} value={robot.address}>
-            {label(robot)}
-            {robot.address === own && ` · ${texts.yours}`}
-          </option>
-        ))}
-      </select>
+      <span className="chosen">
+        <MarkChip number={number} />
+        <select
+          data-testid="robot-select"
+          aria-label={texts.robot}
+          value={selected ?? ""}
+          onChange={(event) => onSelect(event.target.value || undefined)}
+        >
+          <option value="">{texts.chooseARobot}</option>
+          {roster.map((robot) => (
+            <option key={robot.address} value={robot.address}>
+              {label(robot)}
+              {robot.address === own && ` · ${texts.yours}`}
+            </option>
+          ))}
+        </select>
+      </span>
       {route && (
         <button
           type="button"
