@@ -83,6 +83,15 @@ def test_an_operator_draws_a_mission_compiles_audits_and_sends_it(browser, files
         desk.goto(ready["operator_url"])
         desk.get_by_test_id("to-editor").click()
         desk.get_by_test_id("editor-map").wait_for()
+        desk.get_by_test_id("stop-all").click()
+        desk.get_by_test_id("let-go").wait_for()
+        box = desk.get_by_test_id("stop-all").bounding_box()
+        assert box["y"] >= 8, "clear of the edge"
+        assert box["x"] + box["width"] <= 1280 - 8
+        for _ in range(2):
+            desk.get_by_test_id("to-editor").click()  # which nothing covers
+        desk.get_by_test_id("let-go").click()
+        desk.get_by_test_id("let-go").wait_for(state="detached")
         assert desk.locator("[data-node]").all_text_contents() == ["start"]
         # Snapped: a finger is not that exact.
         tap(desk, 5.1, 2.9)

@@ -60,6 +60,12 @@ def outside(page, *names: str) -> list[str]:
     ]
 
 
+def covered_px(page) -> float:
+    """How much of the map's height what the badge says covers."""
+    badge_, map_ = page.get_by_test_id("badge").bounding_box(), page.get_by_test_id("map").bounding_box()
+    return badge_["y"] + badge_["height"] - map_["y"]
+
+
 def tap(page, across: float, down: float) -> None:
     box = page.get_by_test_id("map").bounding_box()
     page.touchscreen.tap(box["x"] + box["width"] * across, box["y"] + box["height"] * down)
@@ -84,6 +90,7 @@ def test_without_frames_the_controls_are_off_and_they_return_with_the_frames(bro
             assert page.evaluate("window.buzzed.length") == 1, "the thumb is told that it drives nothing"
             page.context.set_offline(True)
             assert "no network" in badge(page, "offline", timeout_s=2)
+            assert covered_px(page) < 10
             assert not barriers_in_both_schemes(page)
             page.context.set_offline(False)
         finally:
@@ -104,6 +111,7 @@ def test_while_the_operator_holds_all_robots_a_phone_says_so_and_its_controls_ar
             wait_until(lambda: moves(up))
             desk.get_by_test_id("stop-all").click()
             assert "the operator holds all robots" in badge(page, "held", timeout_s=2)
+            assert covered_px(page) < 10
             assert page.get_by_test_id("joystick").get_attribute("aria-disabled") == "true"
             assert page.get_by_test_id("joystick").get_attribute("data-held") == "false"
             assert not any(each.is_enabled() for each in controls(page).all())

@@ -32,7 +32,8 @@ const ROBOT_MM = 60;
 const LEAST_RADIUS = 5;
 /** Few robots may be drawn larger than they are, for thumbs. */
 const LEAST_RADIUS_OF_FEW = 7.5;
-const MOST_RADIUS = 13;
+/** On a projector's map robots are as large as they are. */
+const MOST_RADIUS = 20;
 const THING_PX = 9;
 const TURN = 2 * Math.PI;
 

@@ -27,15 +27,19 @@ export function StopAll({ station, held, heardAt_ms }: Props) {
 
   return (
     <div className="stop-all" data-held={held}>
-      {held && (
-        <>
-          <strong role="status">{texts.allStopped}</strong>
-          <button type="button" data-testid="let-go" onClick={() => void say("go")}>
-            {texts.letThemGo}
-          </button>
-        </>
+      {(held || trouble) && (
+        <div className="stop-said">
+          {held && (
+            <>
+              <strong role="status">{texts.allStopped}</strong>
+              <button type="button" data-testid="let-go" onClick={() => void say("go")}>
+                {texts.letThemGo}
+              </button>
+            </>
+          )}
+          {trouble && <strong role="alert">{texts.useTheTerminal(trouble.text)}</strong>}
+        </div>
       )}
-      {trouble && <strong role="alert">{texts.useTheTerminal(trouble.text)}</strong>}
       <button type="button" className="stop" data-testid="stop-all" onClick={() => void say("stop")}>
         {texts.stopAll}
       </button>

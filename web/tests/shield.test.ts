@@ -53,7 +53,7 @@ describe("shields", () => {
     const renewed = play([frame(2, 7000, { shields: [[1, 0, [[3, 100], [2, 30]]]] })], later);
     expect(words(renewed)[2]).toBe("Each vouches for a while: Cleo 10 s, Bo 3 s.");
     const low = play([frame(3, 8000, {})], renewed);
-    expect(words(low).slice(0, 2)).toEqual(["low", "Protected for 2 s more: neighbours must vouch again"]);
+    expect(words(low).slice(0, 2)).toEqual(["low", "Protected for 2 s more"]);
   });
 
   test("only so many tokens count as are needed, those that count longest", () => {
@@ -91,7 +91,7 @@ describe("shields", () => {
 
   test("no seconds are told while nothing is heard", () => {
     const lost = shieldWords(START, A, false);
-    expect(lost.split("\n").slice(0, 2)).toEqual(["unknown", "Protection unknown: no news from the swarm"]);
+    expect(lost.split("\n").slice(0, 2)).toEqual(["unknown", "Protection unknown: no news now"]);
     expect(lost).not.toMatch(/\d s/);
   });
 

@@ -91,7 +91,7 @@ export function Cockpit({ where, link, onLeave }: Props) {
   const inTrouble = words.state === "offline" || words.state === "silent";
   return (
     <>
-      <header className="top">
+      <header className="top" data-state={words.state}>
         <p className="brand" data-testid="me">
           {name === "" ? common.brand : name}
         </p>
