@@ -1,7 +1,7 @@
 // The way in for visitors: the code, where it leads, and for how long.
 
 import { useEffect, useRef, useState } from "react";
-import { operator as texts } from "../texts";
+import { inSameLanguage, operator as texts } from "../texts";
 import { Countdown } from "./countdown";
 import type { Exhibition } from "./exhibition";
 import { order, type Station } from "./station";
@@ -43,7 +43,7 @@ export function Invitation({ station, newest, outOfOrder, exhibition }: Props) {
           {!on && session && <RoomToggle station={station} isShown={session.room !== undefined} />}
           {!on && <CopyLink url={newest.state.qr_url} />}
           {!on && newest.state.projector !== "" && (
-            <a className="button" href={newest.state.projector} target="_blank" rel="noreferrer">
+            <a className="button" href={inSameLanguage(newest.state.projector, window.location.search)} target="_blank" rel="noreferrer">
               {texts.projector}
             </a>
           )}

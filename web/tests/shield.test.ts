@@ -67,17 +67,17 @@ describe("shields", () => {
       { auditor: B, auditee: A, refusal: "output wrong", at_ms: 2000 },
       { auditor: C, auditee: B, refusal: "", at_ms: 2000 },
     ]);
-    expect(words(refused).at(-1)).toBe("Last check, by Bo: failed (output wrong).");
+    expect(words(refused).at(-1)).toBe("Last check, by Bo: failed. It did something else than its program says.");
     expect(words(refused, B).at(-1)).toBe("Last check, by Cleo: passed.");
     const again = play([told(0, [robot(A, 1, "Ada"), robot(B, 2, "Bo")], 3000)], refused);
-    expect(words(again).at(-1)).toContain("output wrong");
+    expect(words(again).at(-1)).toContain("something else");
     expect(play([frame(2, 9000, {})], refused).audits).toEqual([]);
   });
 
   test("who comes late is told the last verdict with the list, and sees no line for it", () => {
     const ada = { ...robot(A, 1, "Ada", [1, []]), audited: [2, "output wrong"] };
     const late = play([told(1, AREA), told(0, [ada, { ...robot(B, 2, "Bo"), audited: null }], 1000)]);
-    expect(words(late).at(-1)).toBe("Last check, by Bo: failed (output wrong).");
+    expect(words(late).at(-1)).toBe("Last check, by Bo: failed. It did something else than its program says.");
     expect(words(late, B).at(-1)).toBe("It was not checked yet.");
     expect(late.audits).toEqual([]);
   });
@@ -118,7 +118,7 @@ describe("shields", () => {
         );
         expect(swarm.audits.length).toBeLessThanOrEqual(256);
         for (const known of swarm.robots.values()) expect(known.shield?.vouchers.length ?? 0).toBeLessThanOrEqual(32);
-        expect(words(swarm, B).at(-1)).toBe("Last check, by Ada: failed (refused).");
+        expect(words(swarm, B).at(-1)).toBe("Last check, by Ada: failed. Its records do not add up.");
       }),
     );
   });

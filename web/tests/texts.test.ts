@@ -4,7 +4,7 @@ import { readdirSync, readFileSync } from "node:fs";
 import { join } from "node:path";
 import ts from "typescript";
 import { describe, expect, test } from "vitest";
-import { languageOf } from "../texts";
+import { inSameLanguage, languageOf } from "../texts";
 import * as de from "../texts/de";
 import * as en from "../texts/en";
 
@@ -85,4 +85,7 @@ test("the language is the address's, else the first of the browser's that we hav
   expect(languageOf("?lang=xx", ["fr", "de-AT", "en"])).toBe("de");
   expect(languageOf("", ["en-GB", "de"])).toBe("en");
   expect(languageOf("", ["fr"])).toBe("en");
+  expect(inSameLanguage("/projector#token=1", "?lang=de")).toBe("/projector?lang=de#token=1");
+  expect(inSameLanguage("/projector#token=1", "?lang=%22%3E")).toBe("/projector?lang=en#token=1");
+  expect(inSameLanguage("/projector#token=1", "")).toBe("/projector#token=1");
 });

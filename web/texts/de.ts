@@ -24,6 +24,14 @@ export const common: typeof en.common = {
   nothingToCount: (work) => `${work}: noch nichts zu zählen`,
   score: (work, score, lately) => `${work}: ${score}, letzte ${lately}`,
   minutes: (n) => `${n} min`,
+  works: { exploration: "Erkundung", patrol: "Patrouille", perimeter: "Grenzwache", tracking: "Verfolgung", warehouse: "Lager" },
+  counted: {
+    "% caught": "% erwischt",
+    "% seen": "% gesehen",
+    "% tracked": "% verfolgt",
+    "% watched": "% überwacht",
+    deliveries: "Lieferungen",
+  },
   phases: { waiting: "wartet", seeking: "sucht", returning: "kehrt um", held: "gestoppt", done: "fertig" },
 };
 
@@ -31,8 +39,7 @@ export const visitor: typeof en.visitor = {
   title: "Phalanx: Steuere den Schwarm",
   nicknames: [
     "Dachs", "Biber", "Falke", "Frettchen", "Gecko", "Reiher", "Steinbock", "Dohle", "Sperber", "Lemur", "Luchs", "Elster", "Marder",
-    "Molch", "Ozelot", "Adler", "Otter", "Pika", "Kiebitz", "Kranich", "Quokka", "Rabe", "Meise", "Robbe", "Igel", "Wiesel",
-    "Schwalbe", "Tapir", "Amsel", "Wombat", "Specht", "Yak",
+    "Molch", "Adler", "Otter", "Kranich", "Rabe", "Meise", "Robbe", "Igel", "Wiesel",
   ],
 
   readyToJoin: "Bereit zum Mitmachen",
@@ -46,7 +53,7 @@ export const visitor: typeof en.visitor = {
   roomCodeHasDigits: "Ein Raumcode hat acht Ziffern.",
   noRoomCodes: "Der Schwarm antwortet nicht, oder er nimmt keine Raumcodes an.",
   scanTheCode: "Scanne den QR-Code",
-  howToScan: "Richte die Kamera deines Handys auf den Code am Bildschirm. Er öffnet diese Seite, und du steuerst die Roboter.",
+  howToScan: "Richte die Kamera deines Handys auf den Code am Bildschirm, dann steuerst du die Roboter.",
   didNotWork: (problem) => `Das hat nicht geklappt: ${problem}.`,
   pasteTheLink: "Oder füge den Link ein, der unter dem Code steht",
   roomCodeWrong: "Der Raumcode war falsch oder hat sich geändert. Tippe den ein, der jetzt auf dem Bildschirm steht",
@@ -62,7 +69,7 @@ export const visitor: typeof en.visitor = {
   over: {
     removed: {
       title: "Die Leitung hat dich entfernt",
-      text: "Deine Sitzung ist beendet. Willst du zurück, dann scanne den neuen Code am Bildschirm und warte, bis die Leitung dich hereinlässt.",
+      text: "Willst du zurück, dann scanne den neuen Code am Bildschirm und warte, bis die Leitung dich hereinlässt.",
     },
     new_code: {
       title: "Die Leitung hat diese Runde beendet",
@@ -70,13 +77,13 @@ export const visitor: typeof en.visitor = {
     },
     replaced: {
       title: "In einem anderen Tab geöffnet",
-      text: "Du bist in einem anderen Tab oder Fenster verbunden. Es geht nur in einem zugleich.",
+      text: "Du bist in einem anderen Tab verbunden. Es geht nur in einem zugleich.",
     },
     full: { title: "Kein Platz frei", text: "Mehr Besucher kann der Schwarm nicht aufnehmen." },
     code: { title: "Dieser Code gilt nicht mehr", text: "Scanne den Code, der jetzt auf dem Bildschirm steht." },
     too_many: {
       title: "Zu viele Versuche",
-      text: "Aus diesem Netz wurden zu oft Codes probiert. Scanne den QR-Code, oder warte ein paar Minuten.",
+      text: "Scanne den QR-Code, oder warte ein paar Minuten.",
     },
   },
   useThisTab: "Hier weitermachen",
@@ -88,7 +95,7 @@ export const visitor: typeof en.visitor = {
   sessionHasEnded: "Deine Sitzung ist beendet",
   noNews: "Gerade nichts Neues vom Schwarm. Die Steuerung ist aus.",
   silent: "Verbunden, aber der Schwarm schweigt. Wenn es so bleibt, sag der Leitung Bescheid.",
-  silentScanAgain: "Verbunden, aber der Schwarm schweigt. Scanne den Code noch einmal; hilft das nicht, sag der Leitung Bescheid.",
+  silentScanAgain: "Verbunden, aber der Schwarm schweigt. Scanne den Code noch einmal.",
   unanswered: "Der Schwarm ist zu hören, antwortet aber nicht. Wenn es so bleibt, sag der Leitung Bescheid.",
   held: "Gestoppt: Die Leitung hält alle Roboter an. Die Steuerung ist aus.",
   live: (robots) => `Live · ${robots}`,
@@ -123,7 +130,7 @@ export const visitor: typeof en.visitor = {
   joystick: "Joystick",
   joystickOf: (robot) => `Joystick: steuere ${robot}`,
   joystickOfNone: "Joystick: Wähle zuerst einen Roboter",
-  holdToDrive: "Halten fährt, loslassen stoppt.",
+  holdToDrive: "Zum Fahren halten, zum Stoppen loslassen.",
   byKeyboard: (tab, keys) => ["Mit der Tastatur: ", tab, " dorthin, dann Pfeiltasten oder ", keys, " halten."],
   light: "Licht",
   lightOf: (colour) => `Licht ${colour}`,
@@ -144,14 +151,14 @@ export const visitor: typeof en.visitor = {
   theMost: (points) => `${points}, mehr geht nicht`,
   start: "Start",
   startTheRoute: (points) => `Route starten: ${points}`,
-  undo: "Zurück",
+  undo: "Rückgängig",
   closeEnough: "Nah genug",
   howClose: "Wie nah an einem Punkt nah genug ist",
   millimetres: (n) => `${n} mm`,
   refused: {
     late: "Dein Befehl kam zu spät: Die Verbindung ist langsam",
     not_allowed: "Diesen Roboter darfst du nicht steuern",
-    busy: "Jemand anders steuert diesen Roboter: Nur er und die Leitung stoppen ihn",
+    busy: "Jemand anders steuert diesen Roboter: Stoppen können ihn nur diese Person und die Leitung",
     too_many: "Zu viele Befehle auf einmal",
     bad: "Das kann der Roboter nicht",
     unknown: "Dieser Roboter ist nicht mehr da",
@@ -182,7 +189,9 @@ export const visitor: typeof en.visitor = {
   noCheckYet: "Er wurde noch nicht geprüft.",
   aRobotThatLeft: "einem Roboter, der weg ist",
   checkPassed: (by) => `Letzte Prüfung, von ${by}: bestanden.`,
-  checkFailed: (by, why) => `Letzte Prüfung, von ${by}: nicht bestanden (${why}).`,
+  checkFailed: (by, why) => `Letzte Prüfung, von ${by}: nicht bestanden. ${why}`,
+  didSomethingElse: "Er tat etwas anderes, als sein Programm vorgibt.",
+  recordsDoNotAddUp: "Seine Aufzeichnungen stimmen nicht.",
 
   mission: "Mission",
   nobodyDrives: "Niemand steuert diese Roboter: Jeder findet seinen Weg selbst.",
@@ -473,7 +482,7 @@ export const operator: typeof en.operator = {
   },
   whatATapDoes: "Was ein Tippen auf die Karte tut",
   lookingAtTheBuilding: "Sehe mir das Gebäude an…",
-  undo: "Zurück",
+  undo: "Rückgängig",
   profile: "Profil",
   profileSealed: "sealed: Nur ein Roboter, der dorthin kommt, kann sie lesen",
   profilePaper: "paper: wie veröffentlicht; wer alles probiert, liest alles",

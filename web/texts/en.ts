@@ -21,6 +21,9 @@ export const common = {
   nothingToCount: (work: string) => `${work}: nothing to count yet`,
   score: (work: string, score: string, lately: string) => `${work}: ${score}, last ${lately}`,
   minutes: (n: number) => `${n} min`,
+  /** Of a swarm's own work, where the gateway's word for it is not of this language. */
+  works: {} as Readonly<Record<string, string>>,
+  counted: {} as Readonly<Record<string, string>>,
   phases: { waiting: "waiting", seeking: "searching", returning: "going back", held: "stopped", done: "done" },
 };
 
@@ -184,7 +187,9 @@ export const visitor = {
   noCheckYet: "It was not checked yet.",
   aRobotThatLeft: "a robot that left",
   checkPassed: (by: string) => `Last check, by ${by}: passed.`,
-  checkFailed: (by: string, why: string) => `Last check, by ${by}: failed (${why}).`,
+  checkFailed: (by: string, why: string) => `Last check, by ${by}: failed. ${why}`,
+  didSomethingElse: "It did something else than its program says.",
+  recordsDoNotAddUp: "Its records do not add up.",
 
   // Missions
   mission: "Mission",

@@ -2,7 +2,7 @@
 
 import * as en from "./en";
 
-export { languageOf, speak } from "./language";
+export { inSameLanguage, languageOf, speak } from "./language";
 export { Mixed } from "./mixed";
 
 /** A copy that another language is written over. Marked as pure below: a page that uses none of a part loads none of it. */

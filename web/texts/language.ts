@@ -10,6 +10,12 @@ export function languageOf(search: string, preferred: readonly string[]): Langua
   return known.find((each) => each !== undefined) ?? "en";
 }
 
+/** The path of another page, which speaks the language that this one's address forces, if it does. */
+export function inSameLanguage(path: string, search: string): string {
+  const forced = new URLSearchParams(search).get("lang");
+  return forced === null ? path : path.replace("#", `?lang=${languageOf(search, [])}#`);
+}
+
 /** Load the page's language, and name the page in it. `german` loads its texts: only those who read them wait for them. */
 export async function speak(german: () => Promise<void>, title: () => string): Promise<void> {
   let language = languageOf(window.location.search, navigator.languages);

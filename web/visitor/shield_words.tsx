@@ -62,7 +62,9 @@ function lastCheck(swarm: Swarm, { audited }: Robot): string {
   if (!audited) return texts.noCheckYet;
   const auditor = swarm.robots.get(audited.auditor);
   const by = auditor ? shortName(auditor) : texts.aRobotThatLeft;
-  return audited.refusal === "" ? texts.checkPassed(by) : texts.checkFailed(by, audited.refusal);
+  if (audited.refusal === "") return texts.checkPassed(by);
+  // The operator's page has the auditor's own words.
+  return texts.checkFailed(by, /^output|^checkpoint wrong/.test(audited.refusal) ? texts.didSomethingElse : texts.recordsDoNotAddUp);
 }
 
 function nameOf(swarm: Swarm, number: number): string {
