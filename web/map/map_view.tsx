@@ -85,7 +85,7 @@ export function MapView({
 
   useEffect(() => {
     // Whoever chose it on the map sees it already.
-    if (isFindable && selected !== tapped.current) find();
+    if (isFindable && selected !== undefined && selected !== tapped.current) setZoomed(painter.current?.find(selected) ?? false);
   }, [isFindable, selected]);
 
   useEffect(() => {

@@ -2,6 +2,7 @@ import { createRoot } from "react-dom/client";
 import { common, operator, speak } from "../texts";
 import { App } from "./app";
 import "./styles.css";
+import "./compromise.css";
 import "./invitation.css";
 import "./tables.css";
 import "../map/map.css";
