@@ -55,12 +55,12 @@ def test_walls_are_drawn_and_landmarks_light_up_as_they_are_decoded(browser, fil
             desk.get_by_test_id("send").click()
             wait_until(lambda: pixels(phone, 0, "--lit") > 50, 30)
             one = pixels(phone, 0, "--lit")
-            assert "1 of 2 decoded" in words(phone, "running")
+            assert "1 of 2 steps unlocked" in words(phone, "running")
             phone.screenshot(path=tmp_path / "running.png")
             assert not barriers_in_both_schemes(phone) + barriers_in_both_schemes(desk)
-            assert "Mission completed: 2 of 2 decoded" in words(phone, "done", 120)
+            assert "Mission completed: 2 of 2 steps unlocked" in words(phone, "done", 120)
             assert pixels(phone, 0, "--lit") > 1.5 * one
-            assert "Bo: mission completed, decoded 2 of 2" in words(phone, "done")
+            assert "Bo: mission completed, 2 of 2 steps unlocked" in words(phone, "done")
             assert phone.evaluate("document.documentElement.scrollWidth") == 390
             phone.screenshot(path=tmp_path / "done.png")
             desk.get_by_test_id("to-editor").click()
@@ -83,6 +83,15 @@ def test_an_operator_draws_a_mission_compiles_audits_and_sends_it(browser, files
         desk.goto(ready["operator_url"])
         desk.get_by_test_id("to-editor").click()
         desk.get_by_test_id("editor-map").wait_for()
+        desk.get_by_test_id("stop-all").click()
+        desk.get_by_test_id("let-go").wait_for()
+        box = desk.get_by_test_id("stop-all").bounding_box()
+        assert box["y"] >= 8, "clear of the edge"
+        assert box["x"] + box["width"] <= 1280 - 8
+        for _ in range(2):
+            desk.get_by_test_id("to-editor").click()  # which nothing covers
+        desk.get_by_test_id("let-go").click()
+        desk.get_by_test_id("let-go").wait_for(state="detached")
         assert desk.locator("[data-node]").all_text_contents() == ["start"]
         # Snapped: a finger is not that exact.
         tap(desk, 5.1, 2.9)

@@ -22,7 +22,7 @@ def shield(page, state: str):
 def cut_off(page) -> int:
     """Lines of the shield's words that do not fit."""
     return page.evaluate(
-        "[...document.querySelectorAll('[data-testid=shield] p')].filter((p) => p.scrollWidth > p.clientWidth).length"
+        "[...document.querySelectorAll('[data-testid=shield] > *')].filter((p) => p.scrollWidth > p.clientWidth).length"
     )
 
 
@@ -30,7 +30,7 @@ def warned(page) -> bool:
     """Whether the shield's words are in the colour of warnings."""
     return page.evaluate(
         "() => { const is = document.createElement('i'); is.style.color = 'var(--warn)'; document.body.append(is);"
-        " const [a, b] = [is, document.querySelector('[data-testid=shield] p')].map((n) => getComputedStyle(n).color);"
+        " const [a, b] = [is, document.querySelector('[data-testid=shield] summary')].map((n) => getComputedStyle(n).color);"
         " is.remove(); return a === b; }"
     )
 
@@ -53,8 +53,9 @@ def test_arcs_show_vouchers_a_refusal_flashes_and_the_liar_goes_grey(browser, tm
         badge(phone, "live")
         choose(phone, "Cleo")
         shield(phone, "whole").wait_for(timeout=15_000)
-        said = shield(phone, "whole").inner_text()
-        assert re.search(r"Shield 4 of 4: \d+ s left without new vouchers\s+(\w+ \d+ s( · )?){4}\s", said)
+        assert shield(phone, "whole").inner_text().strip() == "Protected: 4 neighbours vouch for it"
+        shield(phone, "whole").locator("summary").click()
+        assert re.search(r"for a while: (\w+ \d+ s(, )?){4}\.", shield(phone, "whole").inner_text())
         assert cut_off(phone) == 0
         rings = pixels(phone, 1, "--good")
         assert rings > 12 * 40
@@ -83,7 +84,7 @@ def test_arcs_show_vouchers_a_refusal_flashes_and_the_liar_goes_grey(browser, tm
             box = desk.get_by_test_id(part).bounding_box()
             assert box["y"] >= 0
             assert box["y"] + box["height"] <= 720, part
-        assert "output wrong" in shield(phone, "stopped").inner_text()
+        assert "something else than its program" in shield(phone, "stopped").inner_text()
         assert cut_off(phone) == 0
         assert obeys_nobody(phone)
         assert pixels(phone, 1, "--unlit") > 100
@@ -103,7 +104,8 @@ def test_arcs_show_vouchers_a_refusal_flashes_and_the_liar_goes_grey(browser, tm
         phone.reload()
         badge(phone, "live")
         choose(phone, "Cleo")
-        assert "output wrong" in shield(phone, "stopped").inner_text(), "who comes late is told why"
+        shield(phone, "stopped").locator("summary").click()
+        assert "something else than its program" in shield(phone, "stopped").inner_text(), "who comes late is told why"
         choose(phone, "Ada")
         phone.locator("[data-testid=joystick][aria-disabled=false]").wait_for()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 from contextlib import contextmanager
 
@@ -59,6 +60,12 @@ def outside(page, *names: str) -> list[str]:
     ]
 
 
+def covered_px(page) -> float:
+    """How much of the map's height what the badge says covers."""
+    badge_, map_ = page.get_by_test_id("badge").bounding_box(), page.get_by_test_id("map").bounding_box()
+    return badge_["y"] + badge_["height"] - map_["y"]
+
+
 def tap(page, across: float, down: float) -> None:
     box = page.get_by_test_id("map").bounding_box()
     page.touchscreen.tap(box["x"] + box["width"] * across, box["y"] + box["height"] * down)
@@ -83,6 +90,7 @@ def test_without_frames_the_controls_are_off_and_they_return_with_the_frames(bro
             assert page.evaluate("window.buzzed.length") == 1, "the thumb is told that it drives nothing"
             page.context.set_offline(True)
             assert "no network" in badge(page, "offline", timeout_s=2)
+            assert covered_px(page) < 10
             assert not barriers_in_both_schemes(page)
             page.context.set_offline(False)
         finally:
@@ -103,6 +111,7 @@ def test_while_the_operator_holds_all_robots_a_phone_says_so_and_its_controls_ar
             wait_until(lambda: moves(up))
             desk.get_by_test_id("stop-all").click()
             assert "the operator holds all robots" in badge(page, "held", timeout_s=2)
+            assert covered_px(page) < 10
             assert page.get_by_test_id("joystick").get_attribute("aria-disabled") == "true"
             assert page.get_by_test_id("joystick").get_attribute("data-held") == "false"
             assert not any(each.is_enabled() for each in controls(page).all())
@@ -132,9 +141,9 @@ def test_a_route_is_drawn_and_begun_without_scrolling_and_its_end_is_announced(b
         page.get_by_test_id("threshold").fill("500")
         for _ in range(2):
             tap(page, 0.5, 0.5)
-            page.get_by_text("waypoint").wait_for()
+            page.get_by_text(re.compile(r"Route: \d point")).wait_for()
         page.get_by_test_id("route-undo").click()
-        page.get_by_text("Route: 1 waypoint").wait_for()
+        page.get_by_text("Route: 1 point").wait_for()
         page.get_by_test_id("route-start").click()
         page.get_by_test_id("joystick").wait_for()
         assert page.evaluate("window.scrollY") == 0
@@ -198,6 +207,38 @@ def test_two_fingers_enlarge_the_map_and_a_tap_still_means_what_it_shows(browser
         page.get_by_test_id("zoom-out").wait_for(state="detached")
 
 
+# Where the halo of the chosen robot is on the map: parts of its width and height.
+HALO = """() => {
+  const canvas = document.querySelectorAll("canvas.map-layer")[1];
+  const { data, width, height } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  const wanted = [1, 3, 5].map((i) => parseInt(getComputedStyle(document.body).getPropertyValue("--accent").slice(i, i + 2), 16));
+  const at = [];
+  for (let i = 0; i < width * height; i += 1) {
+    if (data[4 * i + 3] > 200 && wanted.every((value, k) => Math.abs(data[4 * i + k] - value) <= 4)) at.push(i);
+  }
+  const mean = (values) => values.reduce((sum, value) => sum + value, 0) / values.length;
+  return at.length < 50 ? null : [mean(at.map((i) => i % width)) / width, mean(at.map((i) => Math.floor(i / width))) / height];
+}"""
+
+
+def test_ones_own_robot_is_found_among_a_hundred_and_stays_in_sight(browser):
+    with a_gateway("--robots", "100", "--seed", "4") as (up, ready), a_visitor(browser, ready, "Cleo") as page:
+        page.get_by_test_id("zoom-out").wait_for()
+        page.get_by_test_id("joystick").focus()
+        page.keyboard.down("KeyW")
+        wait_until(lambda: len(moves(up)) > 20)
+        page.keyboard.up("KeyW")
+        across, down = wait_until(lambda: page.evaluate(HALO))
+        assert 0.1 < across < 0.9
+        assert 0.1 < down < 0.9
+        page.get_by_test_id("map").focus()
+        page.keyboard.press("0")
+        page.get_by_test_id("zoom-out").wait_for(state="detached")
+        page.get_by_role("button", name="Find my robot").click()
+        page.get_by_test_id("zoom-out").wait_for()
+        assert not barriers_in_both_schemes(page)
+
+
 def test_a_phone_turned_sideways_shows_map_and_joystick_at_once(browser, gateway):
     _, ready = gateway
     with a_visitor(browser, ready, "Ada", **SIDEWAYS) as page:
@@ -206,6 +247,20 @@ def test_a_phone_turned_sideways_shows_map_and_joystick_at_once(browser, gateway
         assert not outside(page, "map", "route-start", "threshold")
         assert page.evaluate("document.documentElement.scrollWidth") == 844
         assert not barriers_in_both_schemes(page)
+
+
+def test_who_prefers_german_reads_german_on_every_page(browser, gateway):
+    _, ready = gateway
+    with a_page(browser, **PHONE, locale="de-AT") as page, a_page(browser, **DESK) as desk:
+        page.goto(insecure(ready["page_url"]))
+        page.get_by_role("heading", name="Scanne den QR-Code").wait_for()
+        assert page.evaluate("document.documentElement.lang") == "de"
+        join(page, ready["qr_url"])
+        assert badge(page, "live").startswith("Live · 6 Roboter")
+        desk.goto(ready["operator_url"].replace("#", "?lang=de#"))
+        desk.get_by_role("button", name="Alle Roboter stoppen").wait_for()
+        assert desk.title() == "Phalanx: Leitung"
+        assert not barriers_in_both_schemes(page) + barriers_in_both_schemes(desk)
 
 
 def test_axe_finds_no_barrier_in_any_state(browser, gateway):

@@ -20,7 +20,10 @@ const packed: Plugin = {
   },
 };
 
-/** The stylesheet behind the first picture, which waits for nothing. */
+/**
+ * The stylesheet behind the first picture, which waits for nothing: it has its looks in attributes, as the content security
+ * policy allows no styles of its own.
+ */
 const styledLater: Plugin = {
   name: "styled later",
   transformIndexHtml: {

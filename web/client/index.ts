@@ -26,7 +26,6 @@ export { SwarmLink, type SwarmSource, type SwarmView } from "./io/swarm_link";
 export { useCommand, useLink, useRequest, useSwarm } from "./react/hooks";
 export {
   type Drift,
-  driftWords,
   type Lit,
   type Missions,
   type Phase,
@@ -51,6 +50,6 @@ export {
   swarmReducer,
 } from "./swarm";
 export { type Point, TRAIL_POINTS, Trail } from "./trail";
-export { type Work, workWords } from "./work";
+export type { Work } from "./work";
 export { NO_VISIT, type OverReason, type Stage, type Visit } from "./visit";
 export type { BrokerState, Health } from "./watch";

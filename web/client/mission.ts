@@ -89,20 +89,6 @@ export function readDrift(words: Json | undefined): Drift {
   return [way ?? 0, turn ?? 0, curve ?? 0];
 }
 
-/** "way +2.9 %, turns −4.8 %, +0.12° a metre": of those that are anything, or "". */
-export function driftWords([way, turn, curve]: Drift): string {
-  const said = [
-    way === 0 ? "" : `way ${signed(way / 10, 1)} %`,
-    turn === 0 ? "" : `turns ${signed(turn / 10, 1)} %`,
-    curve === 0 ? "" : `${signed(curve / 100, 2)}° a metre`,
-  ];
-  return said.filter(Boolean).join(", ");
-}
-
-function signed(value: number, digits: number): string {
-  return `${value < 0 ? "\u2212" : "+"}${Math.abs(value).toFixed(digits)}`;
-}
-
 /** The answer to request 2: `[[x, y, x, y], …]`. */
 export function readWalls(words: Json): readonly Wall[] | undefined {
   if (!Array.isArray(words)) return undefined;

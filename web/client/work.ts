@@ -9,7 +9,6 @@ const LONGEST = 40;
 const MOST_SCORE = 1e6;
 const MOST_S = 86_400;
 const MOST_THINGS = 32;
-const MINUTE_S = 60;
 
 export interface Work {
   readonly name: string;
@@ -50,12 +49,4 @@ function readThings(words: readonly Json[]): readonly Point[] {
     const [x, y] = Array.isArray(place) ? (place as readonly Json[]) : [];
     return readPointXy(x, y) ?? [];
   });
-}
-
-/** What has come of it, as a line. */
-export function workWords({ name, score, counts, lately_s }: Work): string {
-  if (score === undefined) return `${name}: nothing to count yet`;
-  const space = counts.startsWith("%") ? "\u202f" : " ";
-  const lately = lately_s >= 2 * MINUTE_S ? `${Math.round(lately_s / MINUTE_S)} min` : `${Math.round(lately_s)} s`;
-  return `${name}: ${Math.round(score)}${space}${counts}, last ${lately}`;
 }

@@ -1,10 +1,12 @@
 // The live map: tap a robot to choose it; in route mode, tap a place to go there. Two fingers, buttons or keys zoom.
 
 import { type KeyboardEvent, type PointerEvent, useEffect, useRef, useState } from "react";
-import { type Point, type SwarmSource, useSwarm, workWords } from "../client";
+import { type Point, type SwarmSource, useSwarm } from "../client";
+import { common as texts } from "../texts";
 import { Gesture, type Pinch } from "./gesture";
 import { Painter } from "./painter";
 import { nearest, rounded, toArea } from "./projection";
+import { workWords } from "./work_words";
 
 interface Props {
   readonly link: SwarmSource | undefined;
@@ -14,11 +16,17 @@ interface Props {
   readonly draft?: readonly Point[];
   readonly threshold?: number;
   readonly onWaypoint?: (point: Point) => void;
+  /** Whether robots show their marks. */
+  readonly marked?: boolean;
+  /** Whether the map goes to the chosen robot where there are many, and has a button for it. */
+  readonly finds?: boolean;
   /** What is said aloud, and shown for a while. */
   readonly news?: string;
 }
 
 const TAP_REACH_PX = 28;
+/** From so many robots on one is hard to find. */
+const CROWD = 13;
 const STEP = 1.6;
 const PAN_PX = 60;
 const NO_POINTS: readonly Point[] = [];
@@ -32,6 +40,8 @@ export function MapView({
   draft = NO_POINTS,
   threshold = 0,
   onWaypoint,
+  marked = true,
+  finds = false,
   news = "",
 }: Props) {
   const area = useSwarm(link, ({ swarm }) => swarm.area);
@@ -46,6 +56,8 @@ export function MapView({
   const robots = useRef<HTMLCanvasElement>(null);
   const painter = useRef<Painter>(undefined);
   const gesture = useRef(new Gesture());
+  const tapped = useRef<string>(undefined);
+  const isFindable = useSwarm(link, ({ swarm }) => finds && swarm.roster.length >= CROWD && swarm.robots.get(selected ?? "")?.position !== undefined);
 
   useEffect(() => {
     if (!ground.current || !robots.current) return;
@@ -64,10 +76,17 @@ export function MapView({
         draft,
         threshold,
         cursor: routing ? cursor : undefined,
+        marked,
+        buttons: 1 + Number(isZoomed) + Number(isFindable),
       });
     show();
     return link.subscribe(show);
-  }, [link, selected, draft, threshold, cursor, routing]);
+  }, [link, selected, draft, threshold, cursor, routing, marked, isZoomed, isFindable]);
+
+  useEffect(() => {
+    // Whoever chose it on the map sees it already.
+    if (isFindable && selected !== undefined && selected !== tapped.current) setZoomed(painter.current?.find(selected) ?? false);
+  }, [isFindable, selected]);
 
   useEffect(() => {
     const { current: element } = frame;
@@ -85,6 +104,10 @@ export function MapView({
 
   function pinch(by?: Pinch) {
     setZoomed(painter.current?.zoom(by) ?? false);
+  }
+
+  function find() {
+    if (selected !== undefined) setZoomed(painter.current?.find(selected) ?? false);
   }
 
   function step(factor: number, by: Point = STILL) {
@@ -107,7 +130,9 @@ export function MapView({
       return;
     }
     const address = nearest(painting.places, at, TAP_REACH_PX);
-    if (address !== undefined) onSelect?.(address);
+    if (address === undefined) return;
+    tapped.current = address;
+    onSelect?.(address);
   }
 
   function onKeyDown(event: KeyboardEvent) {
@@ -139,15 +164,10 @@ export function MapView({
     });
   }
 
-  const robotsWord = count === 1 ? "1 robot" : `${count} robots`;
-  const help = routing
-    ? "Tap, or use the arrow keys and Enter, to add a waypoint."
-    : onSelect
-      ? "Tap a robot to choose it; plus and minus zoom."
-      : "Plus and minus zoom.";
+  const help = routing ? texts.helpToRoute : onSelect ? texts.helpToChoose : texts.helpToZoom;
   const shape = { aspectRatio: String(Math.min(Math.max(area.width / area.height, 0.7), 2)) };
   const invites = routing && draft.length === 0; // what it covers may be tapped too
-  const hint = invites ? "Tap where the robot shall go" : !routing && isLive && count === 0 ? "No robots yet" : "";
+  const hint = invites ? texts.tapWhereToGo : !routing && isLive && count === 0 ? texts.noRobotsYet : "";
   return (
     <div className="map" ref={frame} data-routing={routing} data-zoomed={isZoomed} style={shape}>
       <canvas ref={ground} className="map-layer" />
@@ -156,7 +176,7 @@ export function MapView({
         type="button"
         className="map-touch"
         data-testid="map"
-        aria-label={`Map with ${robotsWord}. ${help}`}
+        aria-label={texts.mapWith(texts.robots(count), help)}
         onPointerDown={(event) => {
           event.currentTarget.setPointerCapture(event.pointerId);
           gesture.current.down(event.pointerId, pointOf(event));
@@ -182,11 +202,19 @@ export function MapView({
         {news || hint}
       </p>
       <div className="map-buttons">
-        <button type="button" data-testid="zoom-in" aria-label="Zoom in" onClick={() => step(STEP)}>
+        {isFindable && (
+          <button type="button" data-testid="find" aria-label={texts.findTheRobot} title={texts.findTheRobot} onClick={find}>
+            <svg viewBox="0 0 20 20" width="20" height="20" aria-hidden="true">
+              <circle cx="10" cy="10" r="5" />
+              <path d="M10 1v5M10 14v5M1 10h5M14 10h5" />
+            </svg>
+          </button>
+        )}
+        <button type="button" data-testid="zoom-in" aria-label={texts.zoomIn} onClick={() => step(STEP)}>
           +
         </button>
         {isZoomed && (
-          <button type="button" data-testid="zoom-out" aria-label="Zoom out" onClick={() => step(1 / STEP)}>
+          <button type="button" data-testid="zoom-out" aria-label={texts.zoomOut} onClick={() => step(1 / STEP)}>
             −
           </button>
         )}

@@ -4,7 +4,10 @@ import { nameWithDriver, type Point, type Robot } from "../client";
 import type { Projection } from "./projection";
 import type { Theme } from "./theme";
 
-const HEIGHT = 15;
+/** Of letters, in pixels: on a large map they are read from afar. */
+const LEAST_SIZE = 12;
+const MOST_SIZE = 18;
+const LINES = 45;
 /** On each side, or two names would read as one. */
 const APART = 3;
 /** Of more robots than this in sight, there is room for no name. */
@@ -37,6 +40,8 @@ export class Names {
     selected: string | undefined,
     room: { readonly width: number; readonly height: number; readonly buttons: number },
   ): void {
+    const size = Math.round(Math.min(Math.max(room.height / LINES, LEAST_SIZE), MOST_SIZE));
+    const line = size + 3;
     const inSight = robots.flatMap((robot) => {
       const at = places.get(robot.address);
       return at && at.x > 0 && at.y > 0 && at.x < room.width && at.y < room.height ? [{ robot, at }] : [];
@@ -58,14 +63,14 @@ export class Names {
       const chosen = robot.address === selected;
       if (crowded && !chosen) break;
       const name = nameWithDriver(robot);
-      ctx.font = `${chosen ? 700 : 500} 12px system-ui, sans-serif`;
+      ctx.font = `${chosen ? 700 : 500} ${size}px system-ui, sans-serif`;
       const half = widthOf(ctx, name) / 2 + APART;
       const reach = chosen ? rim + 6 : rim;
       const x = Math.min(Math.max(at.x, half + 2), room.width - half - 2);
       // Below the robot, or above it where below is no room or no map.
-      const boxes = [at.y + reach + 2, at.y - reach - 2 - HEIGHT]
-        .filter((top) => top >= 0 && top + HEIGHT <= bottom)
-        .map((top) => ({ left: x - half, top, right: x + half, bottom: top + HEIGHT }));
+      const boxes = [at.y + reach + 2, at.y - reach - 2 - line]
+        .filter((top) => top >= 0 && top + line <= bottom)
+        .map((top) => ({ left: x - half, top, right: x + half, bottom: top + line }));
       const box = boxes.find((each) => !taken.some((other) => overlap(each, other))) ?? (chosen ? boxes[0] : undefined);
       if (!box) continue;
       taken.push(box);

@@ -12,6 +12,10 @@ import { readTheme, type Theme } from "./theme";
 /** More pixels than this per CSS pixel cost a phone more than anybody sees. */
 const MOST_DENSE = 2;
 const MANY = 200;
+/** So many times as large as the whole a robot is shown that was looked for. */
+const FOUND_TIMES = 3;
+/** What of the map's width and height is its edge. */
+const EDGE_PART = 0.2;
 /** Tokens drain slowly: an arc gets shorter by two pixels a second. */
 const DRAIN_EVERY_MS = 100;
 const DRAIN_EVERY_MS_STILL = 1000;
@@ -32,6 +36,8 @@ export class Painter {
   #theme: Theme | undefined;
   #projection: Projection | undefined;
   #zoom: Zoom | undefined;
+  /** A robot that is kept in sight. */
+  #followed: string | undefined;
   #width = 0;
   #height = 0;
   #groundIsOld = true;
@@ -67,7 +73,19 @@ export class Painter {
   /** Follow fingers, a part of a gesture at a time; without one, show the whole area. True if it is not the whole then. */
   zoom(pinch?: Pinch): boolean {
     this.#zoom = pinch && this.#projection && zoomed(this.#projection, this.#width, this.#height, pinch);
+    this.#followed = undefined;
     this.#changed();
+    return this.#zoom !== undefined;
+  }
+
+  /** Bring a robot into the middle, large enough to be seen in a crowd, and keep it in sight until fingers move the map. */
+  find(address: string): boolean {
+    const at = this.#scene?.swarm.robots.get(address)?.position;
+    if (at) {
+      this.#zoom = { times: Math.max(this.#zoom?.times ?? 1, FOUND_TIMES), at };
+      this.#followed = address;
+      this.#changed();
+    }
     return this.#zoom !== undefined;
   }
 
@@ -96,7 +114,12 @@ export class Painter {
 
   #changed(): void {
     if (!this.#scene || this.#width === 0) return;
-    const projection = fitArea(this.#scene.swarm.area, this.#width, this.#height, this.#zoom);
+    const { area, robots: known } = this.#scene.swarm;
+    const followed = this.#followed === undefined ? undefined : known.get(this.#followed)?.position;
+    if (followed && this.#zoom && !this.#isInSight(toScreen(fitArea(area, this.#width, this.#height, this.#zoom), followed))) {
+      this.#zoom = { ...this.#zoom, at: followed };
+    }
+    const projection = fitArea(area, this.#width, this.#height, this.#zoom);
     // After a change of scale the old pixels mean other places.
     const before = this.#projection;
     const rescaled =
@@ -109,6 +132,12 @@ export class Painter {
     this.#motion.aim(places, this.#still.matches || rescaled);
     this.#groundIsOld = true;
     this.#drawSoon();
+  }
+
+  /** Not near the edge: to move the whole map with each step of a robot would be hard to look at. */
+  #isInSight({ x, y }: Point): boolean {
+    const [across, down] = [x / this.#width, y / this.#height];
+    return Math.min(across, down) > EDGE_PART && Math.max(across, down) < 1 - EDGE_PART;
   }
 
   #drawSoon(): void {
@@ -139,7 +168,7 @@ export class Painter {
     drawRobots(robots, this.#projection, this.#theme, this.#scene, this.#motion.places, now_ms, still);
     const shown = shownRobots(swarm);
     const rim = rimOf(this.#projection, swarm, shown.length);
-    const room = { width: this.#width, height: this.#height, buttons: this.#zoom ? 2 : 1 };
+    const room = { width: this.#width, height: this.#height, buttons: this.#scene.buttons };
     const { selected } = this.#scene;
     this.#names.draw(robots, this.#projection, this.#theme, shown, this.#motion.places, rim, selected, room);
     window.clearTimeout(this.#draining);

@@ -4,6 +4,7 @@
 import { INACTIVE, LOST, type Point, type Rgb, type Robot, type Swarm } from "../client";
 import { drawLit, drawWalls } from "./building";
 import { circle } from "./circle";
+import { drawPattern, type Mark, markOf } from "./marks";
 import { gridStep, type Projection, toScreen } from "./projection";
 import { crossOut, drawAudits, drawShields, RING_OFF_PX } from "./shields";
 import type { Theme } from "./theme";
@@ -16,6 +17,10 @@ export interface Scene {
   readonly threshold: number;
   /** Keyboard cursor for waypoints. */
   readonly cursor: Point | undefined;
+  /** Whether robots show their marks; else only what their lights show. */
+  readonly marked: boolean;
+  /** How many buttons are on the map. */
+  readonly buttons: number;
 }
 
 /** Everybody's trail but the selected one's is short: 200 long ones are a tangle, and slow on a phone. */
@@ -27,7 +32,8 @@ const ROBOT_MM = 60;
 const LEAST_RADIUS = 5;
 /** Few robots may be drawn larger than they are, for thumbs. */
 const LEAST_RADIUS_OF_FEW = 7.5;
-const MOST_RADIUS = 13;
+/** On a projector's map robots are as large as they are. */
+const MOST_RADIUS = 20;
 const THING_PX = 9;
 const TURN = 2 * Math.PI;
 
@@ -50,8 +56,19 @@ function isStopped({ shield }: Robot): boolean {
   return shield?.safeMode === true;
 }
 
-function colourOf(robot: Robot, theme: Theme): string {
-  return isStopped(robot) ? theme.unlit : ledColour(robot.led, theme);
+/** How a robot's disc looks: its mark within a rim of the light that it shows. */
+interface Look {
+  readonly rim: string;
+  readonly mark: Mark | undefined;
+}
+
+function lookOf(robot: Robot, theme: Theme, marked: boolean): Look {
+  const isMarked = marked && robot.number !== undefined && !isStopped(robot);
+  return { rim: isStopped(robot) ? theme.unlit : ledColour(robot.led, theme), mark: isMarked ? markOf(robot.number) : undefined };
+}
+
+function trailColour(robot: Robot, theme: Theme, marked: boolean): string {
+  return marked && robot.number !== undefined ? markOf(robot.number).colour : ledColour(robot.led, theme);
 }
 
 function alphaOf(robot: Robot): number {
@@ -80,11 +97,11 @@ export function drawGround(ctx: CanvasRenderingContext2D, p: Projection, theme: 
   const robots = shownRobots(scene.swarm);
   const short = robots.length <= FEW ? TRAIL_OF_FEW : robots.length <= 200 ? TRAIL_OF_MANY : 0;
   for (const robot of short > 0 ? robots : []) {
-    if (robot.address !== scene.selected) drawTrail(ctx, p, robot, short, ledColour(robot.led, theme), 0.35);
+    if (robot.address !== scene.selected) drawTrail(ctx, p, robot, short, trailColour(robot, theme, scene.marked), 0.35);
   }
   const selected = scene.selected === undefined ? undefined : scene.swarm.robots.get(scene.selected);
   if (selected?.position) {
-    drawTrail(ctx, p, selected, selected.trail.length, ledColour(selected.led, theme), 0.8);
+    drawTrail(ctx, p, selected, selected.trail.length, trailColour(selected, theme, scene.marked), 0.8);
     drawRoute(ctx, p, theme, selected.waypoints, selected.threshold, false);
   }
   if (scene.cursor) drawCursor(ctx, toScreen(p, scene.cursor), theme);
@@ -226,7 +243,7 @@ export function drawRobots(
   else {
     for (const robot of robots) {
       const place = places.get(robot.address);
-      if (place && robot.address !== scene.selected) drawRobot(ctx, theme, robot, place, radius);
+      if (place && robot.address !== scene.selected) drawRobot(ctx, theme, robot, place, radius, scene.marked);
     }
   }
   const stopped = robots.filter(isStopped);
@@ -236,12 +253,23 @@ export function drawRobots(
   if (!selected || !place) return;
   // Over the others: among a hundred a point that was just tapped would be under one of them.
   if (selected.position) drawRoute(ctx, p, theme, [selected.position, ...scene.draft], scene.threshold, true);
-  ctx.strokeStyle = theme.accent;
-  ctx.lineWidth = 3;
-  circle(ctx, place.x, place.y, rim + 6);
-  ctx.stroke();
-  drawRobot(ctx, theme, selected, place, terms ? radius : radius + 1);
+  const larger = Math.max(radius, LEAST_RADIUS_OF_FEW);
+  drawHalo(ctx, theme, place, rim + larger - radius + 6);
+  drawRobot(ctx, theme, selected, place, terms ? larger : larger + 1, scene.marked);
   if (isStopped(selected)) crossOut(ctx, theme, [selected], places, radius);
+}
+
+/** Around the chosen robot: light on a wide dark ring or the other way round, so that it stands out of any crowd. */
+function drawHalo(ctx: CanvasRenderingContext2D, theme: Theme, { x, y }: Point, radius: number): void {
+  for (const [colour, width] of [
+    [theme.halo, 9],
+    [theme.accent, 4],
+  ] as const) {
+    ctx.strokeStyle = colour;
+    ctx.lineWidth = width;
+    circle(ctx, x, y, radius);
+    ctx.stroke();
+  }
 }
 
 /** Noses in one path and discs as stamps: a thousand paths of their own take a phone longer than a frame. */
@@ -271,16 +299,17 @@ function drawMany(
     const place = places.get(robot.address);
     if (!place || robot.address === scene.selected) continue;
     ctx.globalAlpha = alphaOf(robot);
-    ctx.drawImage(stamp(colourOf(robot, theme), theme.ink, radius), place.x - half, place.y - half, 2 * half, 2 * half);
+    const stamped = stamp(lookOf(robot, theme, scene.marked), theme.ink, radius);
+    ctx.drawImage(stamped, place.x - half, place.y - half, 2 * half, 2 * half);
   }
   ctx.globalAlpha = 1;
 }
 
 const stamps = new Map<string, HTMLCanvasElement>();
-const MOST_STAMPS = 64;
+const MOST_STAMPS = 512;
 
-function stamp(colour: string, ink: string, radius: number): HTMLCanvasElement {
-  const key = `${colour} ${ink} ${radius}`;
+function stamp(look: Look, ink: string, radius: number): HTMLCanvasElement {
+  const key = `${look.rim} ${look.mark?.colour} ${look.mark?.pattern} ${ink} ${radius}`;
   const known = stamps.get(key);
   if (known) return known;
   if (stamps.size >= MOST_STAMPS) stamps.clear();
@@ -290,20 +319,21 @@ function stamp(colour: string, ink: string, radius: number): HTMLCanvasElement {
   const ctx = made.getContext("2d");
   if (ctx) {
     ctx.scale(density, density);
-    ctx.fillStyle = colour;
-    ctx.strokeStyle = ink;
-    ctx.lineWidth = 1.5;
-    circle(ctx, radius + 1, radius + 1, radius);
-    ctx.fill();
-    ctx.stroke();
+    drawDisc(ctx, look, ink, radius + 1, radius + 1, radius);
   }
   stamps.set(key, made);
   return made;
 }
 
-function drawRobot(ctx: CanvasRenderingContext2D, theme: Theme, robot: Robot, { x, y }: Point, radius: number): void {
+function drawRobot(
+  ctx: CanvasRenderingContext2D,
+  theme: Theme,
+  robot: Robot,
+  { x, y }: Point,
+  radius: number,
+  marked: boolean,
+): void {
   ctx.globalAlpha = alphaOf(robot);
-  const colour = colourOf(robot, theme);
   if (robot.direction !== undefined) {
     // 0 faces +y and degrees turn clockwise on the screen: the nose lies along (-sin, cos).
     const angle = (robot.direction * TURN) / 360;
@@ -316,11 +346,21 @@ function drawRobot(ctx: CanvasRenderingContext2D, theme: Theme, robot: Robot, { 
     ctx.lineTo(x - noseY * radius * 0.72, y + noseX * radius * 0.72);
     ctx.fill();
   }
-  ctx.fillStyle = colour;
-  ctx.strokeStyle = theme.ink;
+  drawDisc(ctx, lookOf(robot, theme, marked), theme.ink, x, y, radius);
+  ctx.globalAlpha = 1;
+}
+
+function drawDisc(ctx: CanvasRenderingContext2D, { rim, mark }: Look, ink: string, x: number, y: number, radius: number): void {
+  ctx.fillStyle = rim;
+  ctx.strokeStyle = ink;
   ctx.lineWidth = 1.5;
   circle(ctx, x, y, radius);
   ctx.fill();
   ctx.stroke();
-  ctx.globalAlpha = 1;
+  if (!mark) return;
+  const inner = 0.76 * radius;
+  ctx.fillStyle = mark.colour;
+  circle(ctx, x, y, inner);
+  ctx.fill();
+  drawPattern(ctx, mark, x, y, inner);
 }

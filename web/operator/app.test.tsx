@@ -235,12 +235,39 @@ describe("the operator page", () => {
     expect((part("compromise-button") as HTMLButtonElement).disabled).toBe(true);
   });
 
+  it("revives a robot that was stopped, once for each click, and says why it could not", async () => {
+    const robots = { B0B0F00D33333333: { safe_mode: true, attack: "crash", lie: null, vouchers: [] } };
+    answer = () => ({ ...STATE, shields: { ...SHIELDS, robots } });
+    await open();
+    expect(part("stopped"), "real robots are revived by hand").toBeNull();
+    answer = () => ({ ...STATE, shields: { ...SHIELDS, robots, revives: true } });
+    await pass(1000);
+    const button = part("stopped")?.querySelector("button") as HTMLButtonElement;
+    expect(button.textContent).toBe("Revive Ada");
+    asked = [];
+    await act(async () => button.click());
+    await act(async () => button.click());
+    expect(asked).toEqual(['revive {"robot":"B0B0F00D33333333"}']);
+    expect(button.disabled, "it begins anew in some seconds").toBe(true);
+    await pass(8000);
+    expect(button.disabled).toBe(false);
+    expect(part("stopped")?.querySelector("[role=alert]")).toBeNull();
+    answer = () => Promise.reject(new Refused("not_allowed"));
+    await act(async () => button.click());
+    await pass(0);
+    expect(part("stopped")?.querySelector("[role=alert]")?.textContent).toContain("not allowed");
+    expect(button.disabled, "it can be tried again at once").toBe(false);
+    answer = () => ({ ...STATE, shields: { ...SHIELDS, revives: true } });
+    await pass(1000);
+    expect(part("stopped")).toBeNull();
+  });
+
   it("shows how far a mission is, and what a robot has learnt of its wheels", async () => {
     const walk = { phase: "seeking", decoded: 2, of: 5, why: "", drift: [29, -48, 0] };
     const mission = { world: "hall", running: null, robots: { B0B0F00D33333333: walk } };
     answer = () => ({ ...STATE, mission });
     await open();
-    expect(part("fleet-table")?.textContent).toContain("seeking 2/5way +2.9 %, turns \u22124.8 %");
+    expect(part("fleet-table")?.textContent).toContain("searching 2/5odometry scale error +2.9 %, turn error \u22124.8 %");
   });
 
   it("shows no volts of a robot that tells none", async () => {

@@ -3,6 +3,7 @@
 
 import { useEffect, useMemo, useState } from "react";
 import { type OverReason, SessionConnection, type SwarmView, sentence, useLink, useSwarm } from "../client";
+import { common, Mixed, operator as texts } from "../texts";
 import { useNow } from "./clock";
 import { type Entry, resumeStore, useEntry } from "./entry";
 import { useExhibition } from "./exhibition";
@@ -33,7 +34,7 @@ export function App() {
   const [entry, again] = useEntry();
   if (entry.kind === "none") return <OpenTheLink refused={entry.refused} />;
   if (entry.kind === "session") return <Connected key={entry.to.url} entry={entry} onAgain={again} />;
-  return <p className="waiting">{entry.tries < 2 ? "Asking the gateway…" : "The gateway does not answer. Trying again…"}</p>;
+  return <p className="waiting">{entry.tries < 2 ? texts.askingTheGateway : texts.tryingAgain}</p>;
 }
 
 interface ConnectedProps {
@@ -111,7 +112,7 @@ export function Desk({ station, isOnTablet }: DeskProps) {
             <Invitation
               station={station}
               newest={newest}
-              outOfOrder={dead ? "Back in a moment" : undefined}
+              outOfOrder={dead ? texts.backInAMoment : undefined}
               exhibition={exhibition}
             />
             {!exhibition.on && (
@@ -126,7 +127,7 @@ export function Desk({ station, isOnTablet }: DeskProps) {
           </div>
           {!exhibition.on && (
             <div className="overview">
-              <Fleet robots={newest.state.robots} shields={newest.state.shields} mission={newest.state.mission} />
+              <Fleet source={station.source} robots={newest.state.robots} shields={newest.state.shields} mission={newest.state.mission} />
               <div className="pair roomy">
                 <CountersCard counters={newest.state.counters} window={window} />
                 <Rejections rejected={newest.state.rejected} window={window} />
@@ -136,7 +137,7 @@ export function Desk({ station, isOnTablet }: DeskProps) {
           )}
         </main>
       )}
-      {!newest && !trouble && <p className="waiting">Asking the gateway…</p>}
+      {!newest && !trouble && <p className="waiting">{texts.askingTheGateway}</p>}
       <Tip />
     </div>
   );
@@ -171,7 +172,7 @@ function Header({ station, state, drawing, onDrawing, isOnTablet }: HeaderProps)
       {/* The overview has a heading of its own. */}
       <p className="brand" {...(drawing && { role: "heading", "aria-level": 1 })}>
         <img src="./icon.svg" alt="" width="28" height="28" />
-        Phalanx <span className="quiet">operator</span>
+        {common.brand} <span className="quiet">{texts.operator}</span>
       </p>
       {state?.mission && (
         <button
@@ -181,13 +182,13 @@ function Header({ station, state, drawing, onDrawing, isOnTablet }: HeaderProps)
           aria-pressed={drawing}
           onClick={() => onDrawing(!drawing)}
         >
-          Mission editor
+          {texts.missionEditor}
         </button>
       )}
       {!isOnTablet && <TabletButton station={station} />}
       {state && (
         <p className="quiet">
-          <Term of="mode">mode</Term> <span className="mono">{state.mode}</span> · up {ago(Math.max(1, state.uptime_s))}
+          <Term of="mode">{texts.mode}</Term> <span className="mono">{state.mode}</span> · {texts.upFor(ago(Math.max(1, state.uptime_s)))}
         </p>
       )}
     </header>
@@ -198,43 +199,33 @@ function Banner({ polled, silent_s }: { readonly polled: Polled; readonly silent
   const { newest, trouble } = polled;
   let text: string | undefined;
   if (trouble === "unreachable")
-    text =
-      silent_s < RESTARTED_AFTER_S
-        ? "Gateway not answering, retrying"
-        : "Gateway not answering, retrying. If it was started again, open the operator link that it printed then";
-  else if (trouble === "incomprehensible") text = "Gateway and page are of different versions: reload this page";
+    text = silent_s < RESTARTED_AFTER_S ? texts.retrying : texts.retryingLong;
+  else if (trouble === "incomprehensible") text = texts.otherVersion;
   else if (newest && !newest.state.broker.connected)
-    text = `The gateway has lost its broker (${newest.state.broker.trouble || "no answer"}), retrying: no visitor gets through`;
+    text = texts.lostItsBroker(newest.state.broker.trouble || texts.noAnswer);
   else if (newest && newest.state.broker.phones !== "") text = sentence(newest.state.broker.phones);
   if (text === undefined) return null;
   return (
     <p className="banner" role="alert" data-testid="banner">
       {text}
       {/* Not read out: an alert is announced anew with every change, and this one changes every second. */}
-      {trouble && newest && <span aria-hidden="true"> · last heard {ago(Math.max(1, silent_s))} ago</span>}
+      {trouble && newest && <span aria-hidden="true">{texts.lastHeard(ago(Math.max(1, silent_s)))}</span>}
     </p>
   );
 }
 
-const OVER: Partial<Record<OverReason, string>> = {
-  removed: "Another operator removed this page.",
-  too_many: "Too many came from this address at once.",
-  full: "The gateway has no room for another.",
-};
-
 function OpenTheLink({ refused, over }: { readonly refused: boolean; readonly over?: OverReason | undefined }) {
+  const why: Partial<Record<OverReason, string>> = texts.over;
   return (
     <main className="open-the-link" data-testid="no-token">
       <img src="./icon.svg" alt="" width="64" height="64" />
-      <h1>This page needs an operator’s code or link</h1>
-      <p>{(over && OVER[over]) ?? (refused ? "The one that it was opened with is not valid, or has been used." : "")}</p>
+      <h1>{texts.needsALink}</h1>
+      <p>{(over && why[over]) ?? (refused ? texts.notValid : "")}</p>
       <p>
-        On a tablet or phone, scan an operator’s code: the operator’s page on the gateway’s machine shows one under
-        “On a tablet”, and so does <span className="mono">phalanx link invite --role operator</span>. Each is valid once.
+        <Mixed parts={texts.scanAnOperatorsCode(<span className="mono">{"phalanx link invite --role operator"}</span>)} />
       </p>
       <p>
-        On the gateway’s machine, open all of the line that begins with <span className="mono">http://127.0.0.1</span>{" "}
-        in the terminal. A restart makes a new one, unless --operator-token-file keeps it.
+        <Mixed parts={texts.openTheLine(<span className="mono">{"http://127.0.0.1"}</span>)} />
       </p>
     </main>
   );
@@ -243,9 +234,9 @@ function OpenTheLink({ refused, over }: { readonly refused: boolean; readonly ov
 function Elsewhere({ onHere }: { readonly onHere: () => void }) {
   return (
     <main className="open-the-link" data-testid="elsewhere">
-      <h1>This page is open in another tab</h1>
+      <h1>{texts.openInAnotherTab}</h1>
       <button type="button" className="primary" onClick={onHere}>
-        Use it here
+        {texts.useItHere}
       </button>
     </main>
   );

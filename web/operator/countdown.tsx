@@ -1,5 +1,6 @@
 // How long the code on the screen is still the newest one.
 
+import { Mixed, operator as texts } from "../texts";
 import { useNow } from "./clock";
 import type { Sample } from "./poll";
 import { clock } from "./words";
@@ -31,17 +32,15 @@ export function Countdown({ newest }: { readonly newest: Sample }) {
       <div>
         <p className="countdown-main">
           {left_s > 0 ? (
-            <>
-              New <Term of="code">code</Term> in <strong>{clock(left_s)}</strong>
-            </>
+            <Mixed parts={texts.newCodeIn(<Term of="code">{texts.code}</Term>, <strong>{clock(left_s)}</strong>)} />
           ) : (
-            "Changing the code…"
+            texts.changingTheCode
           )}
         </p>
         <p className="quiet">
           {overlapping && old_left_s > 0
-            ? `The code before this one works for another ${clock(old_left_s)}`
-            : "Visitors who have joined stay in"}
+            ? texts.oldCodeWorks(clock(old_left_s))
+            : texts.visitorsStay}
         </p>
       </div>
     </div>

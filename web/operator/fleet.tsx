@@ -1,8 +1,10 @@
 // The robots, one a row.
 
-import { driftWords } from "../client";
+import { type SwarmSource, useSwarm } from "../client";
+import { MarkChip } from "../map/mark_chip";
+import { common, operator as texts } from "../texts";
 import type { LinkQuality, Missions, Rgb, Robot, RobotShield, Shields, Walk } from "./gateway_state";
-import { ago } from "./words";
+import { ago, driftWords } from "./words";
 import { Term } from "./terms";
 
 // A DotBot's range: below it brakes out, above it has just been charged.
@@ -14,15 +16,17 @@ const LINKS: readonly LinkQuality[] = ["ok", "quiet", "lost"];
 const STATUS = ["active", "inactive", "lost"] as const;
 const MODE = ["manual", "route"] as const;
 
-const byName = new Intl.Collator("en", { numeric: true });
-
 interface Props {
+  readonly source: SwarmSource;
   readonly robots: readonly Robot[];
   readonly shields: Shields | undefined;
   readonly mission: Missions | undefined;
 }
 
-export function Fleet({ robots, shields, mission }: Props) {
+export function Fleet({ source, robots, shields, mission }: Props) {
+  const addresses = useSwarm(source, ({ swarm }) => swarm.numbers);
+  const numbers = new Map([...addresses].map(([number, address]) => [address, number]));
+  const byName = new Intl.Collator(texts.locale, { numeric: true });
   const sorted = [...robots].sort((a, b) => byName.compare(a.name, b.name) || byName.compare(a.address, b.address));
   const counted = LINKS.map((link) => [link, robots.filter((robot) => robot.link === link).length] as const);
 
@@ -30,28 +34,28 @@ export function Fleet({ robots, shields, mission }: Props) {
     <section className="card fleet" aria-labelledby="fleet-title">
       <header>
         <h2 id="fleet-title">
-          <Term of="fleet">Fleet</Term> <span className="count">{robots.length}</span>
+          <Term of="fleet">{texts.fleet}</Term> <span className="count">{robots.length}</span>
         </h2>
         <p className="tally">
           {counted.map(([link, n]) => (
             <span key={link} className="tag" data-link={link} data-none={n === 0}>
-              {n} {link}
+              {n} {texts.links[link]}
             </span>
           ))}
         </p>
       </header>
-      <section className="scroll" aria-label="Robots" tabIndex={0}>
+      <section className="scroll" aria-label={texts.robots} tabIndex={0}>
         <table data-testid="fleet-table">
           <thead>
             <tr>
-              <th scope="col">Robot</th>
-              <th scope="col"><Term of="led">LED</Term></th>
-              <th scope="col">Battery</th>
-              <th scope="col"><Term of="drive">Mode</Term></th>
-              <th scope="col"><Term of="heard">Heard</Term></th>
-              <th scope="col"><Term of="link">Link</Term></th>
-              {shields && <th scope="col"><Term of="shield">Shield</Term></th>}
-              {mission && <th scope="col"><Term of="mission">Mission</Term></th>}
+              <th scope="col">{texts.robot}</th>
+              <th scope="col"><Term of="led">{texts.led}</Term></th>
+              <th scope="col">{texts.battery}</th>
+              <th scope="col"><Term of="drive">{texts.drives}</Term></th>
+              <th scope="col"><Term of="heard">{texts.heard}</Term></th>
+              <th scope="col"><Term of="link">{texts.link}</Term></th>
+              {shields && <th scope="col"><Term of="shield">{texts.shield}</Term></th>}
+              {mission && <th scope="col"><Term of="mission">{texts.mission}</Term></th>}
             </tr>
           </thead>
           <tbody>
@@ -59,6 +63,7 @@ export function Fleet({ robots, shields, mission }: Props) {
               <Row
                 key={robot.address}
                 robot={robot}
+                number={numbers.get(robot.address)}
                 needed={shields?.tokens_needed}
                 shield={shields?.robots[robot.address]}
                 walk={mission?.robots[robot.address]}
@@ -66,7 +71,7 @@ export function Fleet({ robots, shields, mission }: Props) {
             ))}
           </tbody>
         </table>
-        {robots.length === 0 && <p className="quiet empty">No robot has been heard yet.</p>}
+        {robots.length === 0 && <p className="quiet empty">{texts.noRobotHeard}</p>}
       </section>
     </section>
   );
@@ -74,20 +79,22 @@ export function Fleet({ robots, shields, mission }: Props) {
 
 /** Published pages say no name. */
 function modeWords({ mode, drivers }: Robot): string {
-  return drivers.length === 0 ? MODE[mode] : `driven by ${drivers.map((name) => name || "a visitor").join(", ")}`;
+  return drivers.length === 0 ? texts.modes[MODE[mode]] : texts.drivenBy(drivers.map((name) => name || texts.aVisitor).join(", "));
 }
 
 interface RowProps {
   readonly robot: Robot;
+  readonly number: number | undefined;
   readonly needed: number | undefined;
   readonly shield: RobotShield | undefined;
   readonly walk: Walk | undefined;
 }
 
-function Row({ robot, needed, shield, walk }: RowProps) {
+function Row({ robot, number, needed, shield, walk }: RowProps) {
   return (
     <tr data-status={STATUS[robot.status]} data-safe-mode={shield?.safe_mode === true}>
       <th scope="row">
+        <MarkChip number={number} />
         <span className="robot-name">{robot.name}</span>
         <span className="address" title={robot.address}>
           …{robot.address.slice(-4)}
@@ -99,18 +106,18 @@ function Row({ robot, needed, shield, walk }: RowProps) {
       <td>
         <Battery volts={robot.battery_v} />
       </td>
-      <td data-testid="mode">{walk ? "mission" : modeWords(robot)}</td>
+      <td data-testid="mode">{walk ? texts.modes.mission : modeWords(robot)}</td>
       <td className="number">{ago(robot.last_seen_s)}</td>
       <td>
-        <span className="tag" data-link={robot.link} title={`The robot is ${STATUS[robot.status]}`}>
-          {robot.link}
+        <span className="tag" data-link={robot.link} title={texts.robotIs[STATUS[robot.status]]}>
+          {texts.links[robot.link]}
         </span>
       </td>
       {needed !== undefined && <td>{shield && <Shield shield={shield} needed={needed} />}</td>}
       {walk && (
         <td className="number" title={walk.why}>
           <span className="tag" data-link={walk.phase === "done" ? "ok" : walk.phase === "held" ? "lost" : "quiet"}>
-            {walk.phase}
+            {common.phases[walk.phase]}
           </span>{" "}
           {walk.of > 0 && `${walk.decoded}/${walk.of}`}
           <span className="drift">{driftWords(walk.drift)}</span>
@@ -128,12 +135,12 @@ function Shield({ shield, needed }: { readonly shield: RobotShield; readonly nee
     <>
       {safe_mode ? (
         <span className="tag" data-link="lost">
-          <Term of="safeMode">Safe Mode</Term>
+          <Term of="safeMode">{texts.safeMode}</Term>
         </span>
       ) : (
-        <span className="number" title={vouchers.map(({ name, left_s: s }) => `${name} ${s} s`).join(", ")}>
+        <span className="number" title={vouchers.map(({ name, left_s: s }) => `${name} ${common.seconds(s)}`).join(", ")}>
           {Math.min(vouchers.length, needed)}/{needed}
-          {left_s !== undefined && ` · ${Math.ceil(left_s)} s`}
+          {left_s !== undefined && ` · ${common.seconds(Math.ceil(left_s))}`}
         </span>
       )}
       {attack !== "" && (
@@ -147,7 +154,7 @@ function Shield({ shield, needed }: { readonly shield: RobotShield; readonly nee
 
 function Led({ rgb }: { readonly rgb: Rgb }) {
   const off = rgb.red + rgb.green + rgb.blue === 0;
-  const words = off ? "off" : `red ${rgb.red}, green ${rgb.green}, blue ${rgb.blue}`;
+  const words = off ? texts.off : texts.colour(rgb.red, rgb.green, rgb.blue);
   return (
     <span
       className="led"
@@ -168,7 +175,7 @@ function Battery({ volts }: { readonly volts: number }) {
       <span className="battery-shell" aria-hidden="true">
         <span className="battery-charge" data-low={part < LOW} style={{ width: `${Math.round(part * 100)}%` }} />
       </span>
-      <span className="number">{volts.toFixed(1)} V</span>
+      <span className="number">{texts.volts(common.decimal(volts, 1))}</span>
     </span>
   );
 }

@@ -1,12 +1,12 @@
 // The way in for visitors: the code, where it leads, and for how long.
 
 import { useEffect, useRef, useState } from "react";
+import { inSameLanguage, operator as texts } from "../texts";
 import { Countdown } from "./countdown";
 import type { Exhibition } from "./exhibition";
 import { order, type Station } from "./station";
 import type { Sample } from "./poll";
 import { QrCode } from "./qr_code";
-import { TERMS } from "./terms";
 import { shortUrl } from "./words";
 
 const SAID_FOR_MS = 2500;
@@ -31,8 +31,8 @@ export function Invitation({ station, newest, outOfOrder, exhibition }: Props) {
   }, [on]);
 
   return (
-    <section className="invitation" aria-label="Invitation for visitors">
-      <h1>{newest.state.mission ? "Scan to watch the robots" : "Scan to drive the robots"}</h1>
+    <section className="invitation" aria-label={texts.invitation}>
+      <h1>{newest.state.mission ? texts.scanToWatch : texts.scanToDrive}</h1>
       <QrCode svg={newest.state.qr_svg} outOfOrder={outOfOrder} />
       <p className="page-url">{shortUrl(newest.state.page_url)}</p>
       {session?.room !== undefined && <RoomDigits room={session.room} />}
@@ -43,12 +43,12 @@ export function Invitation({ station, newest, outOfOrder, exhibition }: Props) {
           {!on && session && <RoomToggle station={station} isShown={session.room !== undefined} />}
           {!on && <CopyLink url={newest.state.qr_url} />}
           {!on && newest.state.projector !== "" && (
-            <a className="button" href={newest.state.projector} target="_blank" rel="noreferrer">
-              Projector
+            <a className="button" href={inSameLanguage(newest.state.projector, window.location.search)} target="_blank" rel="noreferrer">
+              {texts.projector}
             </a>
           )}
           <button ref={button} type="button" className={on ? "subtle" : "primary"} onClick={on ? leave : enter}>
-            {on ? "Back to the overview" : "QR only"}
+            {on ? texts.backToTheOverview : texts.qrOnly}
           </button>
         </div>
       </div>
@@ -64,7 +64,7 @@ interface NewCodeProps {
 
 function NewCode({ station, isShared, overlapping }: NewCodeProps) {
   const [trouble, setTrouble] = useState<string>();
-  const tip = isShared ? TERMS.sharedCode : TERMS.newCode;
+  const tip = isShared ? texts.terms.sharedCode : texts.terms.newCode;
   return (
     <>
       <button
@@ -76,7 +76,7 @@ function NewCode({ station, isShared, overlapping }: NewCodeProps) {
         aria-description={tip}
         onClick={async () => setTrouble(await order(station, "rotate"))}
       >
-        New code now
+        {texts.newCodeNow}
       </button>
       {trouble !== undefined && (
         <span className="trouble" role="alert">
@@ -91,7 +91,7 @@ function NewCode({ station, isShared, overlapping }: NewCodeProps) {
 function RoomDigits({ room }: { readonly room: string }) {
   return (
     <p className="room">
-      <span className="quiet">room code</span>{" "}
+      <span className="quiet">{texts.roomCode}</span>{" "}
       <strong className="room-digits" data-testid="room-digits">
         {room.slice(0, 4)} {room.slice(4)}
       </strong>
@@ -104,11 +104,11 @@ function RoomToggle({ station, isShown }: { readonly station: Station; readonly 
     <button
       type="button"
       data-testid="room-toggle"
-      data-tip={TERMS.room}
-      aria-description={TERMS.room}
+      data-tip={texts.terms.room}
+      aria-description={texts.terms.room}
       onClick={() => void order(station, "room", { show: !isShown })}
     >
-      {isShown ? "Hide room code" : "Room code"}
+      {isShown ? texts.hideRoomCode : texts.showRoomCode}
     </button>
   );
 }
@@ -125,15 +125,15 @@ function CopyLink({ url }: { readonly url: string }) {
   async function copy() {
     try {
       await navigator.clipboard.writeText(url);
-      setSaid("Copied");
+      setSaid(texts.copied);
     } catch {
-      setSaid("Not allowed here");
+      setSaid(texts.notAllowedHere);
     }
   }
 
   return (
-    <button type="button" onClick={copy} title="For visitors without a camera; whoever has the link can drive">
-      <span aria-live="polite">{said ?? "Copy link"}</span>
+    <button type="button" onClick={copy} title={texts.whyCopy}>
+      <span aria-live="polite">{said ?? texts.copyLink}</span>
     </button>
   );
 }

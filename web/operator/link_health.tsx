@@ -1,34 +1,22 @@
 // What carries the swarm: the broker, the visitors on it, and the messages that go through.
 
+import { operator as texts } from "../texts";
 import { type Broker, COUNTERS, type Counters, type Visitor } from "./gateway_state";
 import { rate, type TotalsAt } from "./rates";
 import { ago, grouped, perSecond } from "./words";
 import { Term } from "./terms";
 
-const BROKERS: Readonly<Record<string, string>> = {
-  mosquitto: "mosquitto, started by the gateway",
-  external: "not ours",
-};
-
-const COUNTER_WORDS: Readonly<Record<keyof Counters, readonly [string, string]>> = {
-  commands: ["Commands", "carried out by robots"],
-  requests: ["Requests", "answered"],
-  notifications: ["Notifications", "sent to all visitors"],
-  knocks: ["Knocks", "phones that missed a change of the code and were sent on"],
-  reconnects: ["Reconnects", "of the gateway to its broker"],
-};
-
 export function BrokerCard({ broker }: { readonly broker: Broker }) {
   return (
     <section className="card" data-testid="broker" data-connected={broker.connected} aria-labelledby="broker-title">
       <header>
-        <h2 id="broker-title"><Term of="broker">Broker</Term></h2>
+        <h2 id="broker-title"><Term of="broker">{texts.broker}</Term></h2>
         <span className="tag" data-link={broker.connected ? "ok" : "lost"}>
-          {broker.connected ? "connected" : "not connected"}
+          {broker.connected ? texts.connected : texts.notConnected}
         </span>
       </header>
       <p className="mono wrap">{withoutCredentials(broker.url)}</p>
-      <p className="quiet">{BROKERS[broker.name] ?? broker.name}. It carries the messages and cannot read them.</p>
+      <p className="quiet">{texts.brokerCannotRead(texts.brokers[broker.name] ?? broker.name)}</p>
     </section>
   );
 }
@@ -39,21 +27,20 @@ export function VisitorsCard({ visitors }: { readonly visitors: readonly Visitor
     <section className="card visitors" data-testid="visitors" aria-labelledby="visitors-title">
       <header>
         <h2 id="visitors-title">
-          <Term of="visitors">Shared code</Term> <span className="count">{visitors.length}</span>
+          <Term of="visitors">{texts.sharedCode}</Term> <span className="count">{visitors.length}</span>
         </h2>
       </header>
       {recent.length === 0 ? (
-        <p className="quiet">Nobody yet. The code is waiting.</p>
+        <p className="quiet">{texts.nobodyYet}</p>
       ) : (
-        <ul className="scroll" tabIndex={0} aria-label="Visitors, the most recent first">
+        <ul className="scroll" tabIndex={0} aria-label={texts.recentVisitors}>
           {recent.map((visitor) => (
             <li key={visitor.id}>
               <span className="mono visitor-id" title={visitor.id}>
                 {visitor.id}
               </span>
               <span className="quiet number">
-                {grouped(visitor.requests)} {visitor.requests === 1 ? "request" : "requests"} ·{" "}
-                {ago(visitor.last_seen_s)}
+                {texts.requests(visitor.requests, grouped(visitor.requests))} · {ago(visitor.last_seen_s)}
               </span>
             </li>
           ))}
@@ -72,24 +59,24 @@ export function CountersCard({ counters, window }: CountersProps) {
   return (
     <section className="card" data-testid="counters" aria-labelledby="counters-title">
       <header>
-        <h2 id="counters-title"><Term of="messages">Messages</Term></h2>
+        <h2 id="counters-title"><Term of="messages">{texts.messages}</Term></h2>
       </header>
       <table>
         <thead>
           <tr>
-            <th scope="col">Kind</th>
+            <th scope="col">{texts.kind}</th>
             <th scope="col" className="right">
-              Total
+              {texts.total}
             </th>
             <th scope="col" className="right">
-              Per second
+              {texts.perSecond}
             </th>
           </tr>
         </thead>
         <tbody>
           {COUNTERS.map((name) => {
             const perS = rate(window, name);
-            const [title, meaning] = COUNTER_WORDS[name];
+            const [title, meaning] = texts.counters[name];
             return (
               <tr key={name} data-counter={name}>
                 <th scope="row">

@@ -2,6 +2,7 @@
 
 import { useState } from "react";
 import { MapView } from "../map/map_view";
+import { common, operator as texts } from "../texts";
 import type { GatewayState, Lie, Robot } from "./gateway_state";
 import type { Station } from "./station";
 
@@ -14,7 +15,7 @@ export function LiveMap({ station, state }: Props) {
   const [chosen, setChosen] = useState<string>();
   const newest = newestLie(state);
   return (
-    <section className="live" aria-label="Live map">
+    <section className="live" aria-label={texts.liveMap}>
       <MapView link={station.source} selected={chosen ?? newest?.robot.address} onSelect={(address) => setChosen(address === chosen ? undefined : address)} />
       <p className="live-words" data-testid="live-words" data-stopped={newest?.lie.stopped_after_s !== undefined} hidden={!newest}>
         {newest && <LieWords {...newest} />}
@@ -41,13 +42,15 @@ function LieWords({ robot, lie, attack }: Newest) {
   if (lie.stopped_after_s !== undefined) {
     return (
       <>
-        <strong>{robot.name} was stopped</strong> by the others after {`${lie.stopped_after_s.toFixed(1)}\u00a0s`}
+        <strong>{texts.wasStopped(robot.name)}</strong>
+        {texts.byTheOthers(common.decimal(lie.stopped_after_s, 1))}
       </>
     );
   }
   return (
     <>
-      <strong>{robot.name} lies</strong> ({attack}) for {Math.floor(lie.since_s)} s
+      <strong>{texts.lies(robot.name)}</strong>
+      {texts.liesFor(attack, Math.floor(lie.since_s))}
     </>
   );
 }

@@ -2,6 +2,7 @@
 
 import { type ReactNode, useEffect, useState } from "react";
 import { MapView } from "../map/map_view";
+import { Mixed, operator as texts } from "../texts";
 import { useLive } from "./live";
 import { QrCode } from "./qr_code";
 import { shortUrl } from "./words";
@@ -28,45 +29,45 @@ export function Projector() {
   const [token] = useState(takeToken);
   const { shown, away } = useShown(token);
   const live = useLive(token);
-  if (token === "") return <p className="projector-alone">Open this page by the button Projector of the operator's page.</p>;
-  if (!shown) return <p className="projector-alone">Back in a moment</p>;
+  if (token === "") return <p className="projector-alone">{texts.openByTheButton}</p>;
+  if (!shown) return <p className="projector-alone">{texts.backInAMoment}</p>;
   return (
     <main className="projector">
-      <section className="projector-way" aria-label="How to join">
-        <h1>{shown.watch_only ? "Watch the robots with your phone" : "Drive a robot with your phone"}</h1>
+      <section className="projector-way" aria-label={texts.howToJoin}>
+        <h1>{shown.watch_only ? texts.watchWithYourPhone : texts.driveWithYourPhone}</h1>
         <div className="projector-codes">
           {shown.wifi && (
             <div>
               <p>
-                1. Join the Wi-Fi <strong>{shown.wifi.ssid}</strong>
+                <Mixed parts={texts.joinTheWifi(<strong>{shown.wifi.ssid}</strong>)} />
               </p>
               <QrCode svg={shown.wifi.svg} outOfOrder={undefined} />
             </div>
           )}
           <div>
-            {shown.wifi && <p>2. Then scan this one</p>}
-            <QrCode svg={shown.qr_svg} outOfOrder={away ? "Back in a moment" : shown.unreachable || undefined} />
+            {shown.wifi && <p>{texts.thenScan}</p>}
+            <QrCode svg={shown.qr_svg} outOfOrder={away ? texts.backInAMoment : shown.unreachable || undefined} />
           </div>
         </div>
         <p className="projector-address">{shortUrl(shown.page_url)}</p>
         {shown.room !== null && (
           <p data-testid="room">
-            No camera? Open the address, and type <strong className="projector-room">{spaced(shown.room)}</strong>
+            <Mixed parts={texts.noCamera(<strong className="projector-room">{spaced(shown.room)}</strong>)} />
           </p>
         )}
         <ol className="projector-steps">
-          <Step picture={SCAN}>Scan the code</Step>
-          <Step picture={CHOOSE}>Tap a robot</Step>
-          <Step picture={DRIVE}>{shown.watch_only ? "Watch it find its way" : "Drive it"}</Step>
+          <Step picture={SCAN}>{texts.stepScan}</Step>
+          <Step picture={CHOOSE}>{texts.stepTap}</Step>
+          <Step picture={DRIVE}>{shown.watch_only ? texts.stepWatch : texts.stepDrive}</Step>
         </ol>
       </section>
-      <section className="projector-map" aria-label="The robots now">
+      <section className="projector-map" aria-label={texts.robotsNow}>
         {shown.caption !== "" && (
           <p className="projector-caption" data-testid="caption">
             {shown.caption}
           </p>
         )}
-        {shown.held && <p className="projector-caption">All robots are stopped for a moment</p>}
+        {shown.held && <p className="projector-caption">{texts.stoppedForAMoment}</p>}
         <MapView link={live} selected={undefined} onSelect={() => undefined} />
         <People shown={shown} />
       </section>
@@ -79,15 +80,15 @@ function People({ shown: { visitors, queue } }: { readonly shown: Shown }) {
   return (
     <div className="projector-people" data-testid="people">
       <p>
-        <strong>{visitors.length === 1 ? "1 visitor" : `${visitors.length} visitors`}</strong>
+        <strong>{texts.visitorCount(visitors.length)}</strong>
         {visitors.slice(0, MOST_NAMES).map(({ name, robot }, i) => (
-          <span key={i}> {robot === "" ? name : `${name} drives ${robot}`}</span>
+          <span key={i}> {robot === "" ? name : texts.nameDrives(name, robot)}</span>
         ))}
-        {more > 0 && <span> and {more} more</span>}
+        {more > 0 && <span>{texts.andMore(more)}</span>}
       </p>
       {queue.length > 0 && (
         <p>
-          <strong>Next</strong>
+          <strong>{texts.next}</strong>
           {queue.slice(0, MOST_NAMES).map((name, i) => (
             <span key={i}> {`${i + 1}. ${name}`}</span>
           ))}
@@ -157,7 +158,7 @@ async function ask(token: string): Promise<Shown | undefined> {
 function takeToken(): string {
   const given = new URLSearchParams(window.location.hash.slice(1)).get("token");
   if (given !== null && /^[0-9a-f]{1,64}$/.test(given)) {
-    window.history.replaceState(null, "", window.location.pathname);
+    window.history.replaceState(null, "", window.location.pathname + window.location.search);
     try {
       window.sessionStorage.setItem(KEY, given);
     } catch {

@@ -1,5 +1,7 @@
 // The code itself: dark on white whatever the theme, because scanners want light around dark.
 
+import { operator as texts } from "../texts";
+
 interface Props {
   readonly svg: string;
   /** What it is for, for who does not see it. */
@@ -8,7 +10,7 @@ interface Props {
   readonly outOfOrder: string | undefined;
 }
 
-export function QrCode({ svg, label = "QR code that opens the visitor page", outOfOrder }: Props) {
+export function QrCode({ svg, label = texts.qrCode, outOfOrder }: Props) {
   // As an <img> nothing in the drawing can run or load, whatever it says.
   const url = `data:image/svg+xml;charset=utf-8,${encodeURIComponent(svg)}`;
   return (

@@ -1,7 +1,8 @@
 // Messages that the gateway refused, in plain words.
 
+import { operator as texts } from "../texts";
 import { rate, type TotalsAt } from "./rates";
-import { reason, TONES } from "./reasons";
+import { reason } from "./reasons";
 import { grouped, perSecond } from "./words";
 import { Term } from "./terms";
 
@@ -20,11 +21,11 @@ export function Rejections({ rejected, window }: Props) {
     <section className="card" data-testid="rejections" aria-labelledby="rejections-title">
       <header>
         <h2 id="rejections-title">
-          <Term of="refused">Refused messages</Term> <span className="count">{grouped(total)}</span>
+          <Term of="refused">{texts.refusedMessages}</Term> <span className="count">{grouped(total)}</span>
         </h2>
       </header>
       {rows.length === 0 ? (
-        <p className="quiet">None. Every message so far was fresh, genuine and meant for us.</p>
+        <p className="quiet">{texts.noneRefused}</p>
       ) : (
         <ul className="rejections">
           {rows.map(([name, n]) => {
@@ -33,10 +34,10 @@ export function Rejections({ rejected, window }: Props) {
             return (
               <li key={name} data-reason={name} data-tone={tone}>
                 <p className="rejection-head">
-                  <strong>{title}</strong> <span className="tag tone">{TONES[tone]}</span>
+                  <strong>{title}</strong> <span className="tag tone">{texts.tones[tone]}</span>
                   <span className="number rejection-n">
                     {grouped(n)}
-                    {perS > 0 && <span className="quiet"> · {perSecond(perS)}/s</span>}
+                    {perS > 0 && <span className="quiet">{texts.aSecond(perSecond(perS))}</span>}
                   </span>
                 </p>
                 <p className="quiet">{text}</p>

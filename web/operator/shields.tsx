@@ -2,6 +2,7 @@
 
 import { useState } from "react";
 import { sentence } from "../client";
+import { common, Mixed, operator as texts } from "../texts";
 import type { Lie, Refusal, Robot, Shields } from "./gateway_state";
 import { order, type Station } from "./station";
 import { ago } from "./words";
@@ -44,8 +45,8 @@ export function CompromiseCard({ station, robots, shields }: Props) {
   return (
     <section className="card compromise" data-testid="compromise" aria-labelledby="compromise-title">
       <header>
-        <h2 id="compromise-title"><Term of="compromise">Compromise</Term> a robot</h2>
-        <span className="quiet">stopped within {shields.t_val_ms / 1000} s</span>
+        <h2 id="compromise-title"><Mixed parts={texts.compromiseARobot(<Term of="compromise">{texts.compromise}</Term>)} /></h2>
+        <span className="quiet">{texts.stoppedWithin(shields.t_val_ms / 1000)}</span>
       </header>
       <form
         onSubmit={(event) => {
@@ -54,9 +55,9 @@ export function CompromiseCard({ station, robots, shields }: Props) {
         }}
       >
         <label>
-          Robot
+          {texts.robot}
           <select data-testid="victim" value={robot?.address ?? ""} onChange={(event) => setAddress(event.target.value)}>
-            <option value="">Choose one…</option>
+            <option value="">{texts.chooseOne}</option>
             {honest.map((each) => (
               <option key={each.address} value={each.address}>
                 {each.name}
@@ -65,7 +66,7 @@ export function CompromiseCard({ station, robots, shields }: Props) {
           </select>
         </label>
         <label>
-          <Term of="attack">Attack</Term>
+          <Term of="attack">{texts.attack}</Term>
           <select data-testid="attack" value={attack?.name ?? ""} onChange={(event) => setName(event.target.value)}>
             {shields.attacks.map((each) => (
               <option key={each.name} value={each.name}>
@@ -75,11 +76,11 @@ export function CompromiseCard({ station, robots, shields }: Props) {
           </select>
         </label>
         <button type="submit" data-testid="compromise-button" disabled={busy || !robot || !attack}>
-          Compromise
+          {texts.compromiseNow}
         </button>
       </form>
       {lying.length > 0 && (
-        <ul className="scroll lies" data-testid="lies" aria-live="polite" aria-label="Compromised robots">
+        <ul className="scroll lies" data-testid="lies" aria-live="polite" aria-label={texts.compromised}>
           {lying
             .sort((a, b) => a.lie.since_s - b.lie.since_s)
             .map((each) => (
@@ -90,13 +91,11 @@ export function CompromiseCard({ station, robots, shields }: Props) {
       <Stopped station={station} robots={robots} shields={shields} />
       {attack && (
         <p className="quiet">
-          It {attack.does}. Its <Term of="trusted">trusted nodes</Term> stay as they are; visitors are not told which robot it is.
+          <Mixed parts={texts.whatItDoes(attack.does, <Term of="trusted">{texts.trustedNodes}</Term>)} />
         </p>
       )}
       {lying.length > tolerated && (
-        <p className="trouble">
-          {lying.length} robots were compromised, and {tolerated} are tolerated: nothing is promised.
-        </p>
+        <p className="trouble">{texts.moreThanTolerated(lying.length, tolerated)}</p>
       )}
       {trouble !== undefined && (
         <p className="trouble" role="alert">
@@ -126,7 +125,7 @@ function Stopped({ station, robots, shields }: Props) {
     <div className="revive" data-testid="stopped">
       {stopped.map(({ address, name }) => (
         <button key={address} type="button" disabled={asked.has(address)} onClick={() => void revive(address)}>
-          Revive {name}
+          {texts.revive(name)}
         </button>
       ))}
       {trouble !== undefined && (
@@ -147,12 +146,13 @@ interface LyingProps {
 function Lying({ robot, attack, lie: { since_s, stopped_after_s } }: LyingProps) {
   return (
     <li data-stopped={stopped_after_s !== undefined}>
-      <strong>{robot.name}</strong>: {attack}
+      <strong>{robot.name}</strong>
+      {texts.liesWith(attack)}
       {stopped_after_s !== undefined ? (
-        `, stopped after ${stopped_after_s.toFixed(1)} s`
+        texts.liarStopped(common.decimal(stopped_after_s, 1))
       ) : (
         // Not read out: it changes every second.
-        <span aria-hidden="true"> since {Math.floor(since_s)} s</span>
+        <span aria-hidden="true">{texts.liesSince(Math.floor(since_s))}</span>
       )}
     </li>
   );
@@ -162,10 +162,10 @@ export function UnprotectedCard({ why }: { readonly why: string }) {
   return (
     <section className="card" data-testid="unprotected" aria-labelledby="unprotected-title">
       <header>
-        <h2 id="unprotected-title">No shields</h2>
+        <h2 id="unprotected-title">{texts.noShields}</h2>
       </header>
       <p className="quiet">
-        {why ? `${sentence(why)}.` : <>These robots do not <Term of="audits">audit</Term> each other: nothing would stop one that lies.</>}
+        {why ? `${sentence(why)}.` : <Mixed parts={texts.doNotAudit(<Term of="audits">{texts.audit}</Term>)} />}
       </p>
     </section>
   );
@@ -175,16 +175,16 @@ export function AuditsCard({ refusals }: { readonly refusals: readonly Refusal[]
   return (
     <section className="card audits" data-testid="refusals" aria-labelledby="refusals-title">
       <header>
-        <h2 id="refusals-title">Refused <Term of="audits">audits</Term></h2>
+        <h2 id="refusals-title"><Mixed parts={texts.refusedAudits(<Term of="audits">{texts.audits}</Term>)} /></h2>
       </header>
       {refusals.length === 0 ? (
-        <p className="quiet">None so far.</p>
+        <p className="quiet">{texts.noneSoFar}</p>
       ) : (
-        <ul className="scroll" tabIndex={0} aria-label="Refused audits, the newest first">
+        <ul className="scroll" tabIndex={0} aria-label={texts.refusedAuditsNewest}>
           {refusals.map((refusal, i) => (
             <li key={i}>
               <span>
-                {refusal.auditor} refused <strong>{refusal.auditee}</strong>: {refusal.reason}
+                <Mixed parts={texts.refusedRobot(refusal.auditor, <strong>{refusal.auditee}</strong>, refusal.reason)} />
               </span>
               <span className="quiet number">{ago(refusal.ago_s)}</span>
             </li>

@@ -9,22 +9,13 @@ import {
   type SwarmSource,
   UsageError,
 } from "../client";
+import { operator as texts } from "../texts";
 import type { Local } from "./local";
 
 /** A stop is asked for again until it is answered, for so long. */
 const STOP_FOR_MS = 10_000;
 const STOP_AGAIN_MS = 500;
 const AGAIN: readonly Reason[] = ["late", "too_many"];
-const WORDS: Readonly<Record<Reason, string>> = {
-  late: "That came too late. Try again.",
-  not_allowed: "That is not allowed: there is no such robot, or this visitor may not drive it.",
-  busy: "The code has just changed; the one before it has to end first.",
-  too_many: "That was asked too often. Try again.",
-  bad: "The gateway does not understand this page. Reload it.",
-  unknown: "The gateway knows no such visitor, robot or attack.",
-  held: "All robots are stopped.",
-  failed: "The gateway could not do that; its log says why.",
-};
 
 export interface Station {
   /** The swarm as it moves. */
@@ -41,7 +32,7 @@ export async function order(station: Station, what: string, words: object = {}):
     await station.ask(what, words);
     return undefined;
   } catch (error) {
-    return error instanceof Refused ? WORDS[error.reason] : "The gateway does not answer.";
+    return error instanceof Refused ? texts.refused[error.reason] : texts.doesNotAnswer;
   }
 }
 
@@ -67,7 +58,7 @@ export class LinkStation implements Station {
     if (this.#local) {
       return this.#local.hold(held).then(
         () => undefined,
-        () => "The gateway does not answer.",
+        () => texts.doesNotAnswer,
       );
     }
     this.#wanted += 1;
@@ -78,10 +69,10 @@ export class LinkStation implements Station {
         await this.ask(held ? "stop" : "go", {}, 2 * STOP_AGAIN_MS);
         return undefined;
       } catch (error) {
-        if (error instanceof Refused && !AGAIN.includes(error.reason)) return WORDS[error.reason];
+        if (error instanceof Refused && !AGAIN.includes(error.reason)) return texts.refused[error.reason];
         if (error instanceof UsageError) throw error;
       }
-      if (!held || wanted !== this.#wanted || performance.now() > until_ms) return "The gateway does not answer.";
+      if (!held || wanted !== this.#wanted || performance.now() > until_ms) return texts.doesNotAnswer;
       await new Promise((resolve) => setTimeout(resolve, STOP_AGAIN_MS));
     }
   }

@@ -1,6 +1,7 @@
 // The emergency stop: always in sight, and never waiting for anything that this page knows or does not know.
 
 import { useEffect, useState } from "react";
+import { operator as texts } from "../texts";
 import type { Station } from "./station";
 
 interface Props {
@@ -26,17 +27,21 @@ export function StopAll({ station, held, heardAt_ms }: Props) {
 
   return (
     <div className="stop-all" data-held={held}>
-      {held && (
-        <>
-          <strong role="status">All robots are stopped, whatever visitors do.</strong>
-          <button type="button" data-testid="let-go" onClick={() => void say("go")}>
-            Let them go
-          </button>
-        </>
+      {(held || trouble) && (
+        <div className="stop-said">
+          {held && (
+            <>
+              <strong role="status">{texts.allStopped}</strong>
+              <button type="button" data-testid="let-go" onClick={() => void say("go")}>
+                {texts.letThemGo}
+              </button>
+            </>
+          )}
+          {trouble && <strong role="alert">{texts.useTheTerminal(trouble.text)}</strong>}
+        </div>
       )}
-      {trouble && <strong role="alert">{trouble.text} Use the terminal, or the robots’ switches.</strong>}
       <button type="button" className="stop" data-testid="stop-all" onClick={() => void say("stop")}>
-        Stop all robots
+        {texts.stopAll}
       </button>
     </div>
   );

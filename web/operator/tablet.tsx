@@ -2,6 +2,7 @@
 
 import { useState } from "react";
 import { isObject } from "../client";
+import { operator as texts } from "../texts";
 import { QrCode } from "./qr_code";
 import type { Station } from "./station";
 
@@ -24,18 +25,18 @@ export function TabletButton({ station }: { readonly station: Station }) {
   return (
     <>
       <button type="button" data-testid="tablet" aria-expanded={svg !== undefined} onClick={() => (svg === undefined ? void show() : setSvg(undefined))}>
-        {svg === undefined ? "On a tablet" : "Hide the code"}
+        {svg === undefined ? texts.onATablet : texts.hideTheCode}
       </button>
       {trouble && (
         <span className="trouble" role="alert">
-          The gateway does not answer.
+          {texts.doesNotAnswer}
         </span>
       )}
       {svg !== undefined && (
-        <section className="tablet" aria-label="Code for an operator’s tablet">
-          <QrCode svg={svg} label="QR code that makes a tablet an operator’s" outOfOrder={undefined} />
+        <section className="tablet" aria-label={texts.tabletCode}>
+          <QrCode svg={svg} label={texts.tabletQrCode} outOfOrder={undefined} />
           <p>
-            <strong>Whoever scans this is an operator.</strong> One tablet, within ten minutes.
+            <strong>{texts.whoScansIsOperator}</strong> {texts.oneTablet}
           </p>
         </section>
       )}

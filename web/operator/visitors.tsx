@@ -1,9 +1,10 @@
 // Visitors with sessions: who is here, who waits, who drives what; and what the operator does about it.
 
 import { useEffect, useState } from "react";
+import { operator as texts } from "../texts";
 import type { Robot, Session, SessionVisitor } from "./gateway_state";
 import { order, type Station } from "./station";
-import { Term, TERMS } from "./terms";
+import { Term } from "./terms";
 
 /** A second click within so long means it. */
 const CONFIRM_MS = 4000;
@@ -24,27 +25,27 @@ export function SessionCard({ station, session, robots }: Props) {
     <section className="card visitors" data-testid="session" aria-labelledby="session-title">
       <header>
         <h2 id="session-title">
-          <Term of="session">Visitors</Term> <span className="count">{present.length}</span>
+          <Term of="session">{texts.visitors}</Term> <span className="count">{present.length}</span>
         </h2>
         <span className="tag" data-link={session.open ? "ok" : "quiet"} data-testid="door-state">
-          {session.open ? "newcomers are let in" : "newcomers wait for you"}
+          {session.open ? texts.newcomersLetIn : texts.newcomersWait}
         </span>
       </header>
       <div className="buttons">
         <button
           type="button"
           data-testid="door"
-          data-tip={TERMS.door}
-          aria-description={TERMS.door}
+          data-tip={texts.terms.door}
+          aria-description={texts.terms.door}
           onClick={() => void act("door", { open: !session.open })}
         >
-          {session.open ? "Close the door" : "Open the door"}
+          {session.open ? texts.closeTheDoor : texts.openTheDoor}
         </button>
         <Confirmed
           testid="everybody-out"
-          label="Everybody out"
-          sure="Really everybody?"
-          tip={TERMS.everybodyOut}
+          label={texts.everybodyOut}
+          sure={texts.reallyEverybody}
+          tip={texts.terms.everybodyOut}
           onSure={() => void act("everybody_out")}
         />
       </div>
@@ -54,21 +55,21 @@ export function SessionCard({ station, session, robots }: Props) {
         </p>
       )}
       {visitors.length === 0 ? (
-        <p className="quiet">Nobody yet. The code is waiting.</p>
+        <p className="quiet">{texts.nobodyYet}</p>
       ) : (
-        <section className="scroll" aria-label="Visitors and what they may do" tabIndex={0}>
+        <section className="scroll" aria-label={texts.visitorsAndRoles} tabIndex={0}>
           <table data-testid="session-table">
             <thead>
               <tr>
-                <th scope="col">Name</th>
+                <th scope="col">{texts.name}</th>
                 <th scope="col">
-                  <Term of="role">Role</Term>
+                  <Term of="role">{texts.role}</Term>
                 </th>
                 <th scope="col">
-                  <Term of="assigned">Robot</Term>
+                  <Term of="assigned">{texts.robot}</Term>
                 </th>
                 <th scope="col">
-                  <span className="unseen">Actions</span>
+                  <span className="unseen">{texts.actions}</span>
                 </th>
               </tr>
             </thead>
@@ -95,36 +96,36 @@ interface RowProps {
 
 function Row({ visitor, visitors, robots, act }: RowProps) {
   const { visitor: id, name, role, waiting, present } = visitor;
-  const called = name === "" ? `visitor ${id}` : name;
+  const called = name === "" ? texts.visitorNumber(id) : name;
   return (
     <tr data-visitor={id} data-waiting={waiting} data-present={present}>
       <th scope="row">
         <span className="robot-name">{called}</span>
-        {!present && <span className="tag">away</span>}
+        {!present && <span className="tag">{texts.away}</span>}
       </th>
-      <td>{waiting ? <span className="tag" data-link="quiet">waits</span> : role}</td>
+      <td>{waiting ? <span className="tag" data-link="quiet">{texts.waits}</span> : texts.roles[role]}</td>
       <td>{waiting ? "" : <Drives visitor={visitor} visitors={visitors} robots={robots} act={act} called={called} />}</td>
       <td className="acts">
         {waiting && (
-          <button type="button" className="primary" aria-label={`Let ${called} in`} onClick={() => void act("approve", { visitor: id })}>
-            Let in
+          <button type="button" className="primary" aria-label={texts.letNameIn(called)} onClick={() => void act("approve", { visitor: id })}>
+            {texts.letIn}
           </button>
         )}
         {!waiting && role !== "operate" && (
           <button
             type="button"
-            aria-label={role === "drive" ? `Let ${called} watch only` : `Let ${called} drive`}
+            aria-label={role === "drive" ? texts.letNameWatch(called) : texts.letNameDrive(called)}
             onClick={() => void act("role", { visitor: id, role: role === "drive" ? "watch" : "drive" })}
           >
-            {role === "drive" ? "Watch only" : "Let drive"}
+            {role === "drive" ? texts.watchOnly : texts.letDrive}
           </button>
         )}
         <Confirmed
           testid="remove"
-          label="Remove"
-          sure="Really?"
-          tip={TERMS.remove}
-          called={`Remove ${called}`}
+          label={texts.remove}
+          sure={texts.really}
+          tip={texts.terms.remove}
+          called={texts.removeName(called)}
           onSure={() => void act("remove", { visitor: id })}
         />
       </td>
@@ -144,15 +145,15 @@ function Drives({ visitor, visitors, robots, act, called }: RowProps & { readonl
   }
   return (
     <>
-      <select aria-label={`Robot of ${called}`} data-testid="robot-of" value={robot} onChange={(event) => void choose(event.target.value)}>
-        <option value="">none</option>
+      <select aria-label={texts.robotOf(called)} data-testid="robot-of" value={robot} onChange={(event) => void choose(event.target.value)}>
+        <option value="">{texts.none}</option>
         {robots.map((each) => (
           <option key={each.address} value={each.address}>
             {each.name}
           </option>
         ))}
       </select>
-      {place > 0 && <span className="quiet"> in queue: {place}</span>}
+      {place > 0 && <span className="quiet">{texts.inQueue(place)}</span>}
     </>
   );
 }

@@ -1,5 +1,8 @@
 // Numbers and addresses as people read them.
 
+import type { Drift } from "../client";
+import { common, operator as texts } from "../texts";
+
 /** "0:42", "12:05", "1:02:05". */
 export function clock(seconds: number): string {
   const whole = Math.max(0, Math.ceil(seconds));
@@ -10,11 +13,11 @@ export function clock(seconds: number): string {
 
 /** "now", "7 s", "3 min", "2 h", "4 d": how long ago, to the unit that matters. */
 export function ago(seconds: number): string {
-  if (seconds < 1) return "now";
-  if (seconds < 60) return `${Math.floor(seconds)} s`;
-  if (seconds < 3600) return `${Math.floor(seconds / 60)} min`;
+  if (seconds < 1) return texts.now;
+  if (seconds < 60) return common.seconds(Math.floor(seconds));
+  if (seconds < 3600) return common.minutes(Math.floor(seconds / 60));
   if (seconds < 86_400) return `${Math.floor(seconds / 3600)} h`;
-  return `${Math.floor(seconds / 86_400)} d`;
+  return texts.days(Math.floor(seconds / 86_400));
 }
 
 /** "1 234": narrow no-break spaces between thousands. */
@@ -25,12 +28,18 @@ export function grouped(n: number): string {
 /** "0", "0.4", "12": a rate, with a decimal only where it says something. */
 export function perSecond(rate: number): string {
   if (rate === 0) return "0";
-  if (rate < 0.05) return "<0.1";
-  return rate < 9.95 ? rate.toFixed(1) : grouped(rate);
+  if (rate < 0.05) return `<${common.decimal(0.1, 1)}`;
+  return rate < 9.95 ? common.decimal(rate, 1) : grouped(rate);
 }
 
 /** Host and path of a URL: what may be read aloud. The pin is in what is cut off. */
 export function shortUrl(url: string): string {
   const bare = (url.split(/[?#]/, 1)[0] ?? "").replace(/^[a-z]+:\/\//i, "");
   return bare.replace(/\/$/, "");
+}
+
+/** "odometry scale error +2.9 %, turn error −4.8 %": of those that are anything, or "". */
+export function driftWords([way, turn, curve]: Drift): string {
+  const errors = [way && texts.wayError(way), turn && texts.turnError(turn), curve && texts.curveError(curve)];
+  return errors.filter(Boolean).join(", ");
 }

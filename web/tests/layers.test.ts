@@ -7,7 +7,7 @@ import { describe, expect, test } from "vitest";
 const WEB = join(import.meta.dirname, "..");
 
 /** Who may import whom: a file may use its own layer and those before it. */
-const LAYERS = ["client/core", "client/session", "client", "client/io", "client/react", "client/index", "map", "visitor"];
+const LAYERS = ["client/core", "client/session", "client", "client/io", "client/react", "client/index", "texts", "map", "visitor"];
 const PACKAGES: Readonly<Record<string, readonly string[]>> = {
   "client/core": [],
   "client/session": ["@noble/ciphers", "@noble/curves", "@noble/hashes"],
@@ -15,6 +15,7 @@ const PACKAGES: Readonly<Record<string, readonly string[]>> = {
   "client/io": ["@noble/hashes", "mqtt"],
   "client/react": ["react"],
   "client/index": [],
+  texts: ["react"],
   map: ["react"],
   visitor: ["react", "react-dom"],
 };
@@ -23,7 +24,7 @@ const PURE = ["client/core", "client/session", "client"];
 const IMPURE =
   /\b(Date\.now|new Date|Math\.random|performance\.|setTimeout|setInterval|getRandomValues|randomBytes|fetch\(|new WebSocket|localStorage|sessionStorage|document\.|window\.|console\.)/;
 
-const files = ["client", "map", "visitor"].flatMap((folder) =>
+const files = ["client", "texts", "map", "visitor"].flatMap((folder) =>
   readdirSync(join(WEB, folder), { recursive: true, encoding: "utf8" })
     .filter((name) => /\.tsx?$/.test(name))
     .map((name) => join(folder, name)),
@@ -54,7 +55,7 @@ describe("imports", () => {
     for (const name of importsOf(path)) {
       if (name.startsWith(".")) {
         let target = relative(WEB, normalize(join(WEB, dirname(path), name)));
-        if (target === "client") target = "client/index";
+        if (target === "client" || target === "texts") target += "/index";
         expect(LAYERS.indexOf(layerOf(target)), `${path} imports ${target}`).toBeLessThanOrEqual(LAYERS.indexOf(layer));
       } else {
         const owner = name

@@ -39,9 +39,9 @@ describe("missions", () => {
     });
     expect(START.robots.get(A)?.walk).toEqual({ phase: "seeking", decoded: 1, of: 5, why: "", drift: [0, 0, 0] });
     expect(words(START)[0]).toBe("running");
-    expect(words(START)[1]).toBe("1 of 5 decoded.");
-    expect(words(START)[2]).toContain("4 still dark");
-    expect(words(START, A)[3]).toBe("Ada: seeking the next landmark, decoded 1 of 5");
+    expect(words(START)[1]).toBe("1 of 5 steps unlocked.");
+    expect(words(START)[2]).toContain("4 still secret");
+    expect(words(START, A)[3]).toBe("Ada: searching for the next landmark, 1 of 5 steps unlocked");
     expect(words(START, B)[3]).toBe("Bo: waiting to begin");
   });
 
@@ -76,24 +76,24 @@ describe("missions", () => {
 
   test("robots that are held say why, and the end is told apart from a halt", () => {
     const held = play([frame(0, { walks: [[1, "held", 2, 5, "no way left"]] })], START);
-    expect(words(held, A)[3]).toBe("Ada: held: it stopped (no way left), decoded 2 of 5");
+    expect(words(held, A)[3]).toBe("Ada: stopped (no way left), 2 of 5 steps unlocked");
     const halt = play([frame(1, { walks: [[2, "done", 5, 5, ""]], mission: [["m1", 5, 0]] })], held);
     expect(words(halt).slice(0, 3)).toEqual([
       "stopped",
-      "All robots have stopped, 1 of 2 completed: 5 of 5 decoded.",
-      "Nothing is dark any more.",
+      "All robots have stopped, 1 of 2 completed: 5 of 5 steps unlocked.",
+      "Nothing is secret any more.",
     ]);
     const done = play([frame(2, { walks: [[1, "done", 5, 5, ""]] })], halt);
-    expect(words(done).slice(0, 2)).toEqual(["done", "Mission completed: 5 of 5 decoded, all robots have stopped."]);
+    expect(words(done).slice(0, 2)).toEqual(["done", "Mission completed: 5 of 5 steps unlocked, all robots have stopped."]);
     expect(walkWords({ phase: "returning", decoded: 2, of: 5, why: "blocked", drift: [0, 0, 0] })).toBe(
-      "did not find it (blocked): going back to its last landmark, decoded 2 of 5",
+      "did not find it (blocked): going back to its last landmark, 2 of 5 steps unlocked",
     );
   });
 
-  test("what a robot has learnt of its wheels is told of the one that was chosen, and of no other", () => {
+  test("what a robot has learnt of its wheels is read, and no visitor has to read it", () => {
     const next = play([frame(0, { walks: [[1, "seeking", 2, 5, "", [29, -48, 12]]] })], START);
-    expect(words(next, A)[4]).toBe("By its landmarks its wheels err: way +2.9 %, turns \u22124.8 %, +0.12° a metre.");
-    expect(words(next, B)).toHaveLength(4);
+    expect(next.robots.get(A)?.walk?.drift).toEqual([29, -48, 12]);
+    expect(words(next, A)).toHaveLength(4);
     expect(readDrift(["much", 1e9, 7])).toEqual([0, 0, 7]);
   });
 

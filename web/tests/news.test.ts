@@ -1,7 +1,8 @@
 // What visitors are told beside the map: who else drives, who arrived, who was stopped.
 
 import { describe, expect, test } from "vitest";
-import { driversOf, type Json, NO_SWARM, type Swarm, swarmReducer, workWords } from "../client";
+import { driversOf, type Json, NO_SWARM, type Swarm, swarmReducer } from "../client";
+import { workWords } from "../map/work_words";
 import { newsOf } from "../visitor/news";
 import { shieldWords } from "../visitor/shield_words";
 
@@ -99,7 +100,7 @@ describe("news", () => {
   test("a robot that goes into Safe Mode was stopped; one that was already is no news", () => {
     const alive = framed(swarmAt(0), { shields: [[1, 0, []]] }, 100);
     const stopped = framed(alive, { shields: [[1, 1, []]] }, 200);
-    expect(newsOf(alive, stopped, A)).toBe("Ada was stopped: Safe Mode");
+    expect(newsOf(alive, stopped, A)).toBe("Ada was stopped by the others");
     expect(newsOf(stopped, framed(stopped, {}, 300), A)).toBeUndefined();
   });
 });

@@ -39,18 +39,21 @@ describe("shields", () => {
     });
     expect(words(START)).toEqual([
       "whole",
-      "Shield 2 of 2: 4 s left without new vouchers",
-      "Bo 9 s · Cleo 4 s",
-      "No audit heard of yet.",
+      "Protected: 2 neighbours vouch for it",
+      "Each vouches for a while: Bo 9 s, Cleo 4 s.",
+      "Without anything new it stops in 4 s.",
+      "It was not checked yet.",
     ]);
   });
 
   test("tokens drain without another word, and frames renew them", () => {
     const later = play([frame(1, 6000, {})], START);
     expect(words(later)[0]).toBe("thin");
-    expect(words(later).slice(1, 3)).toEqual(["Shield 1 of 2: 1 more must vouch for it", "Bo 4 s"]);
+    expect(words(later).slice(1, 3)).toEqual(["Too few neighbours vouch for it: 1 of 2", "Each vouches for a while: Bo 4 s."]);
     const renewed = play([frame(2, 7000, { shields: [[1, 0, [[3, 100], [2, 30]]]] })], later);
-    expect(words(renewed).slice(1, 3)).toEqual(["Shield 2 of 2: 3 s left without new vouchers", "Cleo 10 s · Bo 3 s"]);
+    expect(words(renewed)[2]).toBe("Each vouches for a while: Cleo 10 s, Bo 3 s.");
+    const low = play([frame(3, 8000, {})], renewed);
+    expect(words(low).slice(0, 2)).toEqual(["low", "Protected for 2 s more"]);
   });
 
   test("only so many tokens count as are needed, those that count longest", () => {
@@ -64,37 +67,32 @@ describe("shields", () => {
       { auditor: B, auditee: A, refusal: "output wrong", at_ms: 2000 },
       { auditor: C, auditee: B, refusal: "", at_ms: 2000 },
     ]);
-    expect(words(refused)[3]).toBe("Refused by Bo: output wrong.");
-    expect(words(refused, B)[3]).toBe("Audited by Cleo: passed.");
+    expect(words(refused).at(-1)).toBe("Last check, by Bo: failed. It did something else than its program says.");
+    expect(words(refused, B).at(-1)).toBe("Last check, by Cleo: passed.");
     const again = play([told(0, [robot(A, 1, "Ada"), robot(B, 2, "Bo")], 3000)], refused);
-    expect(words(again)[3]).toContain("output wrong");
+    expect(words(again).at(-1)).toContain("something else");
     expect(play([frame(2, 9000, {})], refused).audits).toEqual([]);
   });
 
   test("who comes late is told the last verdict with the list, and sees no line for it", () => {
     const ada = { ...robot(A, 1, "Ada", [1, []]), audited: [2, "output wrong"] };
     const late = play([told(1, AREA), told(0, [ada, { ...robot(B, 2, "Bo"), audited: null }], 1000)]);
-    expect(words(late)[3]).toBe("Refused by Bo: output wrong.");
-    expect(words(late, B)[3]).toBe("No audit heard of yet.");
+    expect(words(late).at(-1)).toBe("Last check, by Bo: failed. It did something else than its program says.");
+    expect(words(late, B).at(-1)).toBe("It was not checked yet.");
     expect(late.audits).toEqual([]);
   });
 
   test("a robot in Safe Mode is said to be stopped, and to obey nobody", () => {
     const stopped = play([frame(1, 2000, { shields: [[1, 1, []]] })], START);
     expect(words(stopped)[0]).toBe("stopped");
-    expect(words(stopped)[1]).toContain("Safe Mode");
+    expect(words(stopped)[1]).toBe("Stopped: too few neighbours vouch for it");
     expect(words(stopped)[2]).toContain("obeys nobody");
   });
 
-  test("of every robot there are three lines, whatever its shield: nothing below them moves", () => {
-    const stopped = play([frame(1, 2000, { shields: [[1, 1, []]] })], START);
-    for (const each of [words(START), words(START, B), words(START, "?"), words(stopped)]) expect(each).toHaveLength(4);
-  });
-
-  test("no seconds are told while nothing is heard, and the lines stay as many", () => {
-    const lost = shieldWords(START, A, false).split("\n");
-    expect(lost).toHaveLength(words(START).length);
-    expect(lost.slice(0, 2)).toEqual(["unknown", "Shield not known: no news from the swarm."]);
+  test("no seconds are told while nothing is heard", () => {
+    const lost = shieldWords(START, A, false);
+    expect(lost.split("\n").slice(0, 2)).toEqual(["unknown", "Protection unknown: no news now"]);
+    expect(lost).not.toMatch(/\d s/);
   });
 
   test("of a swarm without shields nothing is said", () => {
@@ -106,7 +104,7 @@ describe("shields", () => {
   test("why robots are unprotected is said whoever is chosen, and gone when they are not", () => {
     const plain = play([told(1, { ...AREA, t_val_ms: undefined, unprotected: "too\nmany" }), told(0, [{ address: A }])]);
     expect([shieldWords(plain, A), shieldWords(plain, undefined)]).toEqual(Array(2).fill("unprotected\nToomany."));
-    expect(shieldWords(play([told(1, AREA)], plain), undefined)).toContain("audit each other");
+    expect(shieldWords(play([told(1, AREA)], plain), undefined)).toContain("check each other");
   });
 
   test("nonsense never throws, and what is kept stays small", () => {
@@ -120,7 +118,7 @@ describe("shields", () => {
         );
         expect(swarm.audits.length).toBeLessThanOrEqual(256);
         for (const known of swarm.robots.values()) expect(known.shield?.vouchers.length ?? 0).toBeLessThanOrEqual(32);
-        expect(words(swarm, B)[3]).toBe("Refused by Ada: refused.");
+        expect(words(swarm, B).at(-1)).toBe("Last check, by Ada: failed. Its records do not add up.");
       }),
     );
   });
@@ -142,7 +140,7 @@ describe("a stopped robot", () => {
     const shield = { safeMode, vouchers: [] };
     const stopped = { address: A, status: 0, led: undefined, waypoints: [], position: { x: 0, y: 0 }, shield } as unknown as Robot;
     const swarm = { ...NO_SWARM, robots: new Map([[A, stopped]]) };
-    const scene = { swarm, selected, draft: [], threshold: 0, cursor: undefined };
+    const scene = { swarm, selected, draft: [], threshold: 0, cursor: undefined, marked: true, buttons: 1 };
     const p = fitArea(swarm.area, 300, 300);
     drawRobots(pen as unknown as CanvasRenderingContext2D, p, {} as Theme, scene, new Map([[A, { x: 70, y: 90 }]]), 0, true);
     return middles;

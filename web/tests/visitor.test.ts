@@ -82,9 +82,9 @@ describe("badge", () => {
   test("says in plain words what is wrong", () => {
     const broker: Where = { via: "broker", host: "swarm:9001" };
     const words = (health: Parameters<typeof badgeWords>[0], robots = 3) => badgeWords(health, broker, robots).text;
-    expect(words({ state: "offline", why: "broker" })).toBe("Broker unreachable at swarm:9001. Trying again… If that lasts, scan the code again.");
+    expect(words({ state: "offline", why: "broker" })).toBe("No connection to swarm:9001. Trying again… If that lasts, scan the code again.");
     expect(words({ state: "offline", why: "network" })).toContain("no network");
-    expect(words({ state: "offline", why: "login" })).toContain("Login refused by the broker at swarm:9001");
+    expect(words({ state: "offline", why: "login" })).toContain("swarm:9001 wants a password");
     expect(words({ state: "late" })).toContain("Controls are off");
     expect(badgeWords({ state: "live" }, broker, 3, true)).toMatchObject({ state: "held" });
     expect(badgeWords({ state: "silent" }, broker, 3, true)).toMatchObject({ state: "silent" });

@@ -3,6 +3,7 @@
 import { useState, useSyncExternalStore } from "react";
 import { counting } from "../client";
 import { MapView } from "../map/map_view";
+import { common, viewer as texts } from "../texts";
 import { type Player, SPEEDS } from "./player";
 
 const MOST_EVENTS = 60;
@@ -18,20 +19,20 @@ export function App({ player }: { readonly player: Player }) {
   return (
     <div className="page view">
       <header className="top">
-        <h1 className="brand">{about["name"] ?? (onMission ? "A mission" : "A run")}</h1>
-        <p className="hint">{about["defence"] !== undefined && `defence ${about["defence"]}, seed ${about["seed"] ?? ""}`}</p>
+        <h1 className="brand">{about["name"] ?? (onMission ? texts.aMission : texts.aRun)}</h1>
+        <p className="hint">{about["defence"] !== undefined && texts.defence(about["defence"], about["seed"] ?? "")}</p>
       </header>
       <main>
-        <section aria-label="Map">
-          <MapView link={player} selected={chosen} onSelect={(address) => setChosen(address === chosen ? undefined : address)} />
-          <div className="play" role="group" aria-label="Play">
+        <section aria-label={texts.map}>
+          <MapView link={player} marked={false} selected={chosen} onSelect={(address) => setChosen(address === chosen ? undefined : address)} />
+          <div className="play" role="group" aria-label={texts.playing}>
             <button type="button" className="primary" data-testid="play" onClick={() => player.toggle()}>
-              {playing ? "Pause" : "Play"}
+              {playing ? texts.pause : texts.play}
             </button>
             <input
               type="range"
-              aria-label="Time"
-              aria-valuetext={`${t_s.toFixed(1)} of ${length.toFixed(0)} seconds`}
+              aria-label={texts.time}
+              aria-valuetext={texts.timeOf(common.decimal(t_s, 1), length.toFixed(0))}
               min={0}
               max={length}
               step={0.05}
@@ -39,27 +40,27 @@ export function App({ player }: { readonly player: Player }) {
               onChange={(event) => player.change({ t_s: Math.min(Number(event.target.value), end_s) })}
             />
             <span className="clock" data-testid="clock">
-              {t_s.toFixed(1)} s
+              {common.seconds(common.decimal(t_s, 1))}
             </span>
-            <select aria-label="Speed" value={speed} onChange={(event) => player.change({ speed: Number(event.target.value) })}>
+            <select aria-label={texts.speed} value={speed} onChange={(event) => player.change({ speed: Number(event.target.value) })}>
               {SPEEDS.map((times) => (
                 <option key={times} value={times}>
-                  {times} ×
+                  {texts.times(times)}
                 </option>
               ))}
             </select>
           </div>
           <p className="hint" role="status" data-testid="loaded">
             {away
-              ? `phalanx does not answer: what came until then, ${end_s.toFixed(0)} s, still plays`
+              ? texts.away(end_s.toFixed(0))
               : ended
-                ? `all ${end_s.toFixed(0)} s are here`
-                : `${end_s.toFixed(0)} s so far; it goes on`}
+                ? texts.allHere(end_s.toFixed(0))
+                : texts.soFar(end_s.toFixed(0))}
           </p>
         </section>
         <div className="beside">
           <section className="panel" aria-labelledby="robot-title">
-            <h2 id="robot-title">{chosen === undefined ? "What is drawn" : `Robot ${chosen}`}</h2>
+            <h2 id="robot-title">{chosen === undefined ? texts.whatIsDrawn : texts.robotNumber(chosen)}</h2>
             {chosen === undefined ? (
               <Legend audited={terms !== undefined} onMission={onMission} />
             ) : (
@@ -67,18 +68,16 @@ export function App({ player }: { readonly player: Player }) {
             )}
           </section>
           <section className="panel" aria-labelledby="events-title">
-            <h2 id="events-title">Until now: {past.length}</h2>
-            {past.length === 0 && <p className="hint">{onMission ? "Nothing is decoded yet." : "No refusals yet."}</p>}
+            <h2 id="events-title">{texts.untilNow(past.length)}</h2>
+            {past.length === 0 && <p className="hint">{onMission ? texts.nothingDecoded : texts.noRefusals}</p>}
             {/* Old and new ones keep their keys: a screen reader is not told all of it again. */}
-            <ul className="events" data-testid="events" tabIndex={0} aria-label="What happened, the newest first">
+            <ul className="events" data-testid="events" tabIndex={0} aria-label={texts.whatHappened}>
               {past.slice(-MOST_EVENTS).reverse().map(([at_s, robot, words], k) => (
                 <li key={past.length - k}>
                   <button type="button" className="quiet" onClick={() => player.change({ t_s: at_s, playing: false })}>
-                    {at_s.toFixed(1)} s
+                    {common.seconds(common.decimal(at_s, 1))}
                   </button>
-                  <span>
-                    robot {robot}: {words}
-                  </span>
+                  <span>{texts.event(robot, words)}</span>
                 </li>
               ))}
             </ul>
@@ -94,28 +93,28 @@ function Legend({ audited, onMission }: { readonly audited: boolean; readonly on
   return (
     <ul className="legend">
       <li>
-        <i className="honest" /> {onMission ? "a robot, where it truly is" : "an honest robot"}
+        <i className="honest" /> {onMission ? texts.robotTruly : texts.honestRobot}
       </li>
       <li>
-        <i className="lamp" /> {onMission ? "a landmark, from when somebody decoded it" : "the goal"}
+        <i className="lamp" /> {onMission ? texts.decodedLandmark : texts.theGoal}
       </li>
       {!onMission && (
         <li>
-          <i className="liar" /> a compromised one: it “lies”
+          <i className="liar" /> {texts.compromisedOne}
         </li>
       )}
       {audited && (
         <>
           <li>
-            <i className="stopped" /> stopped, in Safe Mode: grey, its ring in pieces
+            <i className="stopped" /> {texts.stoppedOne}
           </li>
           <li>
-            <i className="token" /> a token of the ring: another robot vouches for it
+            <i className="token" /> {texts.tokenOfTheRing}
           </li>
           <li>
-            <i className="refused" /> a line with a cross: an audit that was refused
+            <i className="refused" /> {texts.refusedLine}
           </li>
-          <li>Tap a robot to read its shield.</li>
+          <li>{texts.tapToRead}</li>
         </>
       )}
     </ul>
@@ -131,7 +130,7 @@ interface ChosenProps {
 function Chosen({ player, address, onMission }: ChosenProps) {
   const { robots, terms, at_ms } = player.view.swarm;
   const robot = robots.get(address);
-  if (!robot) return <p>It is not here yet.</p>;
+  if (!robot) return <p>{texts.notHereYet}</p>;
   const step = player.run.steps[Math.max(player.run.indexAt(player.moment.t_s), 0)];
   const lies = step?.lies.find(([number]) => number === robot.number)?.[1];
   const tokens = robot.shield && terms ? counting(robot.shield, terms, at_ms) : [];
@@ -139,19 +138,17 @@ function Chosen({ player, address, onMission }: ChosenProps) {
     <>
       <p data-testid="shield">
         {robot.shield?.safeMode === true
-          ? "Stopped, in Safe Mode: it has no tokens."
+          ? texts.stoppedNoTokens
           : terms
-            ? `${tokens.length} of ${terms.needed} tokens`
+            ? texts.tokensOf(tokens.length, terms.needed)
             : onMission
-              ? "A mission's recording does not say who vouches for whom."
-              : "Nobody vouches for robots in this run."}
+              ? texts.recordingSaysNot
+              : texts.nobodyVouches}
       </p>
-      {lies !== undefined && <p>Compromised: {lies}</p>}
+      {lies !== undefined && <p>{texts.compromised(lies)}</p>}
       <ul>
         {tokens.map(({ auditor, until_ms }) => (
-          <li key={auditor}>
-            robot {auditor} vouches for {((until_ms - at_ms) / 1000).toFixed(1)} s more
-          </li>
+          <li key={auditor}>{texts.vouchesFor(auditor, common.decimal((until_ms - at_ms) / 1000, 1))}</li>
         ))}
       </ul>
     </>

@@ -15,6 +15,7 @@ import {
   type Wall,
 } from "../client";
 import { REFUSED_FOR_MS } from "../map/shields";
+import { viewer as texts } from "../texts";
 
 /** What happened at a moment: a robot's own words, or what another says of it. */
 type Event = readonly [t_s: number, robot: number, words: string];
@@ -91,7 +92,7 @@ export class Run {
     for (const [x, y] of step.marks ?? []) if (this.#marks.length < MOST_DRAWN) this.#marks.push({ t: step.t, x, y, type: "" });
     for (const wall of step.walls ?? []) if (this.#walls.length < MOST_DRAWN) this.#walls.push(wall);
     const refused = (step.audits ?? []).filter(([, , , refusal]) => refusal !== "");
-    const told = refused.map(([t, by, of, refusal]): Event => [t, of, `refused a token by robot ${by}: ${refusal}`]);
+    const told = refused.map(([t, by, of, refusal]): Event => [t, of, texts.refusedAToken(by, refusal)]);
     for (const event of [...told, ...(step.events ?? [])].sort((a, b) => a[0] - b[0])) this.events.push(event);
   }
 
@@ -150,7 +151,7 @@ export class Run {
       robots.set(String(number), {
         address: String(number),
         number,
-        name: lies.has(number) ? `${number} lies` : String(number),
+        name: lies.has(number) ? texts.lies(number) : String(number),
         status: ACTIVE,
         mode: 0,
         direction: ((Math.atan2(-Math.cos(rad(heading)), -Math.sin(rad(heading))) * 180) / Math.PI + 360) % 360,

@@ -14,6 +14,7 @@ import {
   useLink,
   useSwarm,
 } from "../client";
+import { common, visitor as texts } from "../texts";
 import { Badge, hostOf } from "./badge";
 import { Cockpit } from "./cockpit";
 import { type Found, forgetCode, keepCode, type Surroundings, takeFromAddress, takeKept } from "./invitation_store";
@@ -69,7 +70,7 @@ export function App() {
 
   async function joinRoom(secret: Secret, nickname: string): Promise<string | undefined> {
     const fixed = await fetchSwarmKey(location.href);
-    if (!fixed) return "The swarm does not answer, or takes no room codes.";
+    if (!fixed) return texts.noRoomCodes;
     setEntry({ kind: "session", to: sessionTo(DIRECT, fixed, secret, nickname) });
     return undefined;
   }
@@ -81,7 +82,7 @@ export function App() {
   if (entry.kind === "naming") {
     const { code } = entry;
     return (
-      <Frame state="nocode" text="Ready to join">
+      <Frame state="nocode" text={texts.readyToJoin}>
         <Join
           storage={storage}
           onJoin={(nickname) => setEntry({ kind: "session", to: sessionTo(code, code.fixed, code.secret, nickname) })}
@@ -92,20 +93,20 @@ export function App() {
   if (entry.kind === "none" || over === "code") {
     const problem = entry.kind === "none" ? entry.problem : codeProblem(entry);
     return (
-      <Frame state="nocode" text="No code yet">
+      <Frame state="nocode" text={texts.noCodeYet}>
         <NoCode problem={problem} storage={storage} onFound={(found) => setEntry(enter(found))} onRoom={joinRoom} />
       </Frame>
     );
   }
   if (over !== undefined)
     return (
-      <Frame state="over" text="Session ended">
+      <Frame state="over" text={texts.sessionEnded}>
         <Over reason={over} onAgain={again} onLeave={leave} />
       </Frame>
     );
   if (isWaiting)
     return (
-      <Frame state="waiting" text="Waiting for the operator">
+      <Frame state="waiting" text={texts.waitingForTheOperator}>
         <WaitingForApproval name={name} />
       </Frame>
     );
@@ -131,7 +132,7 @@ function Frame({ state, text, children }: FrameProps) {
   return (
     <div className="page">
       <header className="top">
-        <p className="brand">Phalanx</p>
+        <p className="brand">{common.brand}</p>
         <div className="status">
           <Badge state={state} text={text} />
         </div>
@@ -143,8 +144,7 @@ function Frame({ state, text, children }: FrameProps) {
 
 function codeProblem(entry: Entry): string {
   const isRoom = entry.kind === "session" && entry.to.invitation?.kind === "room";
-  if (isRoom) return "the room code was wrong, or has changed. Type the one on the screen now";
-  return "this code is no longer valid. Scan the one on the screen now";
+  return isRoom ? texts.roomCodeWrong : texts.codeNotValid;
 }
 
 /** What to do with what was found: who was here before resumes, unless a ticket says more. */

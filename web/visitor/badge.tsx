@@ -1,6 +1,7 @@
 // The badge: one line that says whether all is well, and if not, what is wrong and what to do.
 
 import type { Health } from "../client";
+import { common, visitor as texts } from "../texts";
 
 export type BadgeState = Health["state"] | "held" | "nocode";
 
@@ -22,38 +23,25 @@ export function badgeWords(health: Health, where: Where, robots: number, held = 
     case "connecting":
       return {
         state: "connecting",
-        text: health.broker === "reached" ? "Looking for the swarm…" : `Connecting to the ${isDirect ? "swarm" : "broker"}…`,
+        text: health.broker === "reached" ? texts.lookingForTheSwarm : texts.connecting,
       };
     case "offline":
-      return { state: "offline", text: OFFLINE[isDirect && health.why === "broker" ? "direct" : health.why](where) };
+      return { state: "offline", text: texts.offline[isDirect && health.why === "broker" ? "direct" : health.why](where.host) };
     case "waiting":
-      return { state: "waiting", text: "Waiting for the operator" };
+      return { state: "waiting", text: texts.waitingForTheOperator };
     case "over":
-      return { state: "over", text: "Your session has ended" };
+      return { state: "over", text: texts.sessionHasEnded };
     case "late":
-      return { state: "late", text: "No news from the swarm for a moment. Controls are off." };
+      return { state: "late", text: texts.noNews };
     case "silent":
-      return {
-        state: "silent",
-        text: isDirect
-          ? "Connected, but the swarm is silent. If that lasts, tell the operator."
-          : "Connected, but the swarm is silent. Scan its code again; if that does not help, tell the operator.",
-      };
+      return { state: "silent", text: isDirect ? texts.silent : texts.silentScanAgain };
     case "unanswered":
-      return { state: "unanswered", text: "The swarm is heard, but does not answer. If that lasts, tell the operator." };
+      return { state: "unanswered", text: texts.unanswered };
     case "live":
-      if (held) return { state: "held", text: "Stopped: the operator holds all robots. Controls are off." };
-      return { state: "live", text: robots === 1 ? "Live · 1 robot" : `Live · ${robots} robots` };
+      if (held) return { state: "held", text: texts.held };
+      return { state: "live", text: texts.live(common.robots(robots)) };
   }
 }
-
-const OFFLINE = {
-  network: () => "You are offline: this device has no network. Waiting for it…",
-  direct: ({ host }: Where) => `No connection to the swarm at ${host}. Trying again…`,
-  answer: () => "No answer from the swarm. Trying again… If that lasts, tell the operator.",
-  broker: ({ host }: Where) => `Broker unreachable at ${host}. Trying again… If that lasts, scan the code again.`,
-  login: ({ host }: Where) => `Login refused by the broker at ${host}: it wants a password. Tell the operator.`,
-} as const;
 
 /** Host and port of a broker's URL, as people say it. */
 export function hostOf(broker: string): string {

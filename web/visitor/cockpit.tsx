@@ -2,6 +2,7 @@
 
 import { useCallback, useEffect, useState } from "react";
 import { type Point, type SwarmLink, useCommand, useSwarm } from "../client";
+import { common, Mixed, visitor as texts } from "../texts";
 import { Badge, badgeWords, type Where } from "./badge";
 import type { Wheels } from "./drive";
 import { Joystick } from "./joystick";
@@ -90,25 +91,26 @@ export function Cockpit({ where, link, onLeave }: Props) {
   const inTrouble = words.state === "offline" || words.state === "silent";
   return (
     <>
-      <header className="top">
+      <header className="top" data-state={words.state}>
         <p className="brand" data-testid="me">
-          {name === "" ? "Phalanx" : name}
+          {name === "" ? common.brand : name}
         </p>
         <div className="status">
           <Badge {...words} />
           {inTrouble && (
             <button type="button" className="quiet" data-testid="leave" onClick={onLeave}>
-              Use another code
+              {texts.useAnotherCode}
             </button>
           )}
         </div>
       </header>
       <main className="cockpit">
-        <h1 className="unseen">{onMission ? "Watch the mission" : "Drive the swarm"}</h1>
+        <h1 className="unseen">{onMission ? texts.watchTheMission : texts.driveTheSwarm}</h1>
         <MapView
           link={link}
           selected={selected}
           onSelect={setChosen}
+          finds
           routing={routing}
           draft={draft}
           threshold={threshold}
@@ -145,10 +147,10 @@ export function Cockpit({ where, link, onLeave }: Props) {
                 <div className="stick">
                   <Joystick send={sendWheels} disabled={obeying === undefined} robotName={entry?.name} />
                   <p id="joystick-help" className="stick-help">
-                    Hold to drive, let go to stop.
+                    {texts.holdToDrive}
                     <span className="keys-help">
                       {" "}
-                      By keyboard: <kbd>Tab</kbd> to it, then hold the arrow keys or <kbd>W A S D</kbd>.
+                      <Mixed parts={texts.byKeyboard(<kbd>Tab</kbd>, <kbd>W A S D</kbd>)} />
                     </span>
                   </p>
                 </div>

@@ -3,7 +3,8 @@
 // From the address (and removed from it at once, so that it stays in no history, screenshot or shared link), else from
 // this tab's session storage, where a code is kept until it has admitted us.
 
-import { parseInvitation, sessionFragment, type SessionInvitation, UsageError } from "../client";
+import { BadInvitation, parseInvitation, sessionFragment, type SessionInvitation } from "../client";
+import { visitor as texts } from "../texts";
 
 const CODE_KEY = "phalanx.code";
 /** `pin` and `password` are those of links for programs in mode qrkey. */
@@ -38,10 +39,9 @@ export function takeFromAddress(at: Surroundings): Found | undefined {
 /** The invitation in a link that somebody pasted. */
 export function readLink(text: string): Found {
   try {
-    return text.includes("#j=") ? { code: parseInvitation(text) } : { problem: "this is not the link under a QR code" };
+    return text.includes("#j=") ? { code: parseInvitation(text) } : { problem: texts.notTheLink };
   } catch (error) {
-    // Only our own messages are shown: they never repeat the link.
-    return { problem: error instanceof UsageError ? error.message : "this is not a swarm's link" };
+    return { problem: error instanceof BadInvitation ? texts.linkCutOff : texts.notASwarmsLink };
   }
 }
 

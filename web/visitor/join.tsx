@@ -2,6 +2,7 @@
 
 import { type SubmitEvent, useId, useState } from "react";
 import { BadInvitation, parseRoomCode, type Secret } from "../client";
+import { visitor as texts } from "../texts";
 import { keepNickname, lastNickname, madeUp, NICKNAME_MAX } from "./nickname";
 
 interface NicknameProps {
@@ -24,7 +25,7 @@ function Nickname({ name, onName }: NicknameProps) {
   const id = useId();
   return (
     <>
-      <label htmlFor={id}>Your name, which everybody here sees</label>
+      <label htmlFor={id}>{texts.yourName}</label>
       <input
         id={id}
         data-testid="nickname"
@@ -43,7 +44,7 @@ export function Join({ storage, onJoin }: { readonly storage: Storage | undefine
   const [name, setName, takeName] = useNickname(storage);
   return (
     <main className="no-code">
-      <h1>Join the swarm</h1>
+      <h1>{texts.joinTheSwarm}</h1>
       <form
         className="panel fields"
         onSubmit={(event: SubmitEvent) => {
@@ -53,10 +54,10 @@ export function Join({ storage, onJoin }: { readonly storage: Storage | undefine
       >
         <Nickname name={name} onName={setName} />
         <button type="submit" className="primary" data-testid="join">
-          Join
+          {texts.join}
         </button>
       </form>
-      <p className="lead small">The operator sees your name and what you drive.</p>
+      <p className="lead small">{texts.whatTheOperatorSees}</p>
     </main>
   );
 }
@@ -81,7 +82,7 @@ export function RoomCode({ storage, onRoom }: RoomProps) {
       secret = parseRoomCode(typed);
     } catch (error) {
       if (!(error instanceof BadInvitation)) throw error;
-      setProblem("A room code has eight digits.");
+      setProblem(texts.roomCodeHasDigits);
       return;
     }
     setBusy(true);
@@ -91,7 +92,7 @@ export function RoomCode({ storage, onRoom }: RoomProps) {
 
   return (
     <form className="panel fields" onSubmit={submit}>
-      <label htmlFor={id}>Or type the room code from the screen</label>
+      <label htmlFor={id}>{texts.roomCode}</label>
       <input
         id={id}
         data-testid="room-code"
@@ -111,7 +112,7 @@ export function RoomCode({ storage, onRoom }: RoomProps) {
         </p>
       )}
       <button type="submit" className="primary" data-testid="room-join" disabled={isBusy || typed.trim() === ""}>
-        Join
+        {texts.join}
       </button>
     </form>
   );

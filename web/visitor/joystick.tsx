@@ -1,6 +1,7 @@
 // The virtual joystick: thumb, mouse or keyboard. Whatever takes the hand away from it stops the robot.
 
 import { type KeyboardEvent, type PointerEvent, useEffect, useLayoutEffect, useRef, useState } from "react";
+import { visitor as texts } from "../texts";
 import { buzz } from "./buzz";
 import { clampStick, Drive, isDriveKey, type Stick, stickOfKeys, type Wheels } from "./drive";
 
@@ -109,8 +110,8 @@ export function Joystick({ send, disabled, robotName }: Props) {
       className="joystick"
       data-testid="joystick"
       data-held={stick !== CENTRE}
-      aria-label={robotName ? `Joystick: drive ${robotName}` : "Joystick: choose a robot first"}
-      aria-roledescription="joystick"
+      aria-label={robotName ? texts.joystickOf(robotName) : texts.joystickOfNone}
+      aria-roledescription={texts.joystick}
       aria-describedby="joystick-help"
       aria-disabled={disabled}
       onPointerDown={onPointerDown}

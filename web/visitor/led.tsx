@@ -2,6 +2,7 @@
 
 import { useEffect, useRef } from "react";
 import { type Rgb, type SwarmLink, useSwarm } from "../client";
+import { visitor as texts } from "../texts";
 
 interface Props {
   readonly link: SwarmLink | undefined;
@@ -9,7 +10,7 @@ interface Props {
   readonly command: (name: string, payload: unknown) => boolean;
 }
 
-const PALETTE: readonly (readonly [string, string])[] = [
+const PALETTE: readonly (readonly [keyof typeof texts.colours, string])[] = [
   ["red", "#ff2d2d"],
   ["orange", "#ff8a00"],
   ["yellow", "#ffe100"],
@@ -47,14 +48,14 @@ export function Led({ link, selected, command }: Props) {
   const disabled = selected === undefined;
   return (
     <fieldset className="panel led" disabled={disabled}>
-      <legend>Light</legend>
+      <legend>{texts.light}</legend>
       <div className="palette">
         {PALETTE.map(([name, colour]) => (
           <button
             key={name}
             type="button"
             className="swatch"
-            aria-label={`Light ${name}`}
+            aria-label={texts.lightOf(texts.colours[name])}
             style={{ backgroundColor: colour }}
             onClick={() => send(colour)}
           />
@@ -63,7 +64,7 @@ export function Led({ link, selected, command }: Props) {
           type="color"
           className="any-colour"
           data-testid="led-colour"
-          aria-label="Light of any colour"
+          aria-label={texts.lightOfAnyColour}
           value={hexOf(led)}
           onChange={(event) => send(event.target.value)}
         />

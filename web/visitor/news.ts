@@ -2,6 +2,7 @@
 
 import { useEffect, useState } from "react";
 import { type Swarm, type SwarmLink, shortName } from "../client";
+import { visitor as texts } from "../texts";
 import { buzz } from "./buzz";
 
 const SAID_FOR_MS = 6000;
@@ -41,10 +42,10 @@ export function useNews(link: SwarmLink | undefined, selected: string | undefine
 export function newsOf(before: Swarm, now: Swarm, address: string): string | undefined {
   const [was, is] = [before.robots.get(address), now.robots.get(address)];
   if (!was || !is) return undefined;
-  if (is.shield?.safeMode && was.shield?.safeMode === false) return `${shortName(is)} was stopped: Safe Mode`;
+  if (is.shield?.safeMode && was.shield?.safeMode === false) return texts.wasStopped(shortName(is));
   const end = was.waypoints.at(-1);
   if (!end || is.waypoints.length > 0 || !is.position) return undefined;
   const reach = ROLLS_ON * was.threshold;
   const left = Math.hypot(is.position.x - end.x, is.position.y - end.y);
-  return left <= reach ? `${shortName(is)} has arrived` : undefined;
+  return left <= reach ? texts.hasArrived(shortName(is)) : undefined;
 }

@@ -1,18 +1,16 @@
 // A nickname to begin with: the one that was used last, else one that is easy to say and seldom taken.
 
+import { visitor as texts } from "../texts";
+
 const KEY = "phalanx.nickname";
-const NAMES = [
-  "Badger", "Beaver", "Falcon", "Ferret", "Gecko", "Heron", "Ibex", "Jackdaw", "Kestrel", "Lemur", "Lynx", "Magpie", "Marten",
-  "Newt", "Ocelot", "Osprey", "Otter", "Pika", "Plover", "Puffin", "Quokka", "Raven", "Robin", "Seal", "Shrew", "Stoat",
-  "Swift", "Tapir", "Vole", "Wombat", "Wren", "Yak",
-];
 /** The server cuts it there. */
 export const NICKNAME_MAX = 32;
 
 /** `chance` is in [0, 1). */
 export function madeUp(chance: number): string {
-  const number = Math.floor(chance * NAMES.length * 90);
-  return `${NAMES[number % NAMES.length] ?? ""} ${10 + Math.floor(number / NAMES.length)}`;
+  const names = texts.nicknames;
+  const number = Math.floor(chance * names.length * 90);
+  return `${names[number % names.length] ?? ""} ${10 + Math.floor(number / names.length)}`;
 }
 
 export function lastNickname(storage: Pick<Storage, "getItem"> | undefined): string {

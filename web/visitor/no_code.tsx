@@ -2,6 +2,7 @@
 
 import { type SubmitEvent, useId, useState } from "react";
 import type { Secret } from "../client";
+import { visitor as texts } from "../texts";
 import { type Found, readLink } from "./invitation_store";
 import { RoomCode } from "./join";
 
@@ -29,19 +30,16 @@ export function NoCode({ problem, storage, onRoom, onFound }: Props) {
         <circle cx="33" cy="59" r="8" />
         <circle cx="63" cy="59" r="8" />
       </svg>
-      <h1>Scan the QR code</h1>
-      <p className="lead">
-        Point your phone’s camera at the code on the operator’s screen. It opens this page and lets you drive the
-        robots.
-      </p>
+      <h1>{texts.scanTheCode}</h1>
+      <p className="lead">{texts.howToScan}</p>
       {problem && (
         <p className="problem" role="alert">
-          That did not work: {problem}.
+          {texts.didNotWork(problem)}
         </p>
       )}
       <RoomCode storage={storage} onRoom={onRoom} />
       <form className="panel" onSubmit={submitLink}>
-        <label htmlFor={id}>Or paste the link from under the code</label>
+        <label htmlFor={id}>{texts.pasteTheLink}</label>
         <div className="row">
           <input
             id={id}
@@ -56,7 +54,7 @@ export function NoCode({ problem, storage, onRoom, onFound }: Props) {
             onChange={(event) => setLink(event.target.value)}
           />
           <button type="submit" className="primary" data-testid="link-join" disabled={link.trim() === ""}>
-            Join
+            {texts.join}
           </button>
         </div>
       </form>

@@ -1,14 +1,15 @@
 // Instead of the map: a session that waits for approval, or has ended.
 
 import type { OverReason } from "../client";
+import { Mixed, visitor as texts } from "../texts";
 import { overWords } from "./visit_words";
 
 export function WaitingForApproval({ name }: { readonly name: string }) {
   return (
     <main className="no-code" data-testid="waiting">
-      <h1>Wait for the operator</h1>
+      <h1>{texts.waitForTheOperator}</h1>
       <p className="lead" role="status">
-        The operator has to let you in{name && <> as <strong>{name}</strong></>}. This page goes on by itself.
+        {name === "" ? texts.letsYouIn : <Mixed parts={texts.letsYouInAs(<strong>{name}</strong>)} />}
       </p>
     </main>
   );
@@ -34,7 +35,7 @@ export function Over({ reason, onAgain, onLeave }: Props) {
         </button>
       )}
       <button type="button" data-testid="leave" onClick={onLeave}>
-        Enter a code
+        {texts.enterACode}
       </button>
     </main>
   );

@@ -2,6 +2,8 @@
 
 import { useEffect, useState } from "react";
 import { ACTIVE, driversOf, INACTIVE, label, type SwarmLink, type SwarmView, useSwarm } from "../client";
+import { MarkChip } from "../map/mark_chip";
+import { common, visitor as texts } from "../texts";
 import { standingWords } from "./visit_words";
 
 interface Props {
@@ -19,22 +21,26 @@ export function RobotPicker({ link, selected, onSelect, obeys, onClearTrail, rou
   const roster = useSwarm(link, ({ swarm }) => swarm.roster);
   const own = useSwarm(link, ({ visit }) => visit.standing?.robot ?? "");
   const isUnderWay = useSwarm(link, ({ swarm }) => (swarm.robots.get(selected ?? "")?.waypoints.length ?? 0) > 0);
+  const number = useSwarm(link, ({ swarm }) => swarm.robots.get(selected ?? "")?.number);
   return (
     <div className="picker">
-      <select
-        data-testid="robot-select"
-        aria-label="Robot"
-        value={selected ?? ""}
-        onChange={(event) => onSelect(event.target.value || undefined)}
-      >
-        <option value="">Choose a robot…</option>
-        {roster.map((robot) => (
-          <option key={robot.address} value={robot.address}>
-            {label(robot)}
-            {robot.address === own && " · yours"}
-          </option>
-        ))}
-      </select>
+      <span className="chosen">
+        <MarkChip number={number} />
+        <select
+          data-testid="robot-select"
+          aria-label={texts.robot}
+          value={selected ?? ""}
+          onChange={(event) => onSelect(event.target.value || undefined)}
+        >
+          <option value="">{texts.chooseARobot}</option>
+          {roster.map((robot) => (
+            <option key={robot.address} value={robot.address}>
+              {label(robot)}
+              {robot.address === own && ` · ${texts.yours}`}
+            </option>
+          ))}
+        </select>
+      </span>
       {route && (
         <button
           type="button"
@@ -43,18 +49,18 @@ export function RobotPicker({ link, selected, onSelect, obeys, onClearTrail, rou
           disabled={!obeys}
           onClick={() => route.onTapping(!route.tapping)}
         >
-          {route.tapping ? "Drive" : "Route"}
+          {route.tapping ? texts.drive : texts.route}
         </button>
       )}
       <About link={link} selected={selected} />
       {route && isUnderWay ? (
         <button type="button" className="quiet" data-testid="route-clear" disabled={!obeys} onClick={route.onStop}>
-          Stop route
+          {texts.stopRoute}
         </button>
       ) : (
         selected !== undefined && (
           <button type="button" className="quiet" data-testid="trail-clear" disabled={!obeys} onClick={onClearTrail}>
-            Clear trail
+            {texts.clearTrail}
           </button>
         )
       )}
@@ -66,14 +72,14 @@ function About({ link, selected }: { readonly link: SwarmLink | undefined; reado
   // A string: it renders again only when the words change, not at every frame.
   const words = useSwarm(link, ({ swarm }) => {
     const robot = selected === undefined ? undefined : swarm.robots.get(selected);
-    if (!robot) return "Tap one on the map, or choose it here.";
-    if (robot.shield?.safeMode) return "stopped";
-    const status = robot.status === ACTIVE ? "" : robot.status === INACTIVE ? "not heard for a while" : "lost";
-    const mode = robot.mode === 1 ? "following its route" : "";
-    const battery = robot.battery_v ? `battery ${robot.battery_v.toFixed(1)} V` : "";
-    const place = robot.position ? "" : "position unknown";
-    if (robot.walk) return [status, robot.walk.phase].filter(Boolean).join(" · ");
-    return [status, place, mode, battery].filter(Boolean).join(" · ") || "ready";
+    if (!robot) return texts.tapOne;
+    if (robot.shield?.safeMode) return texts.stopped;
+    const status = robot.status === ACTIVE ? "" : robot.status === INACTIVE ? texts.notHeard : texts.lost;
+    const mode = robot.mode === 1 ? texts.followsItsRoute : "";
+    const battery = robot.battery_v ? texts.battery(common.decimal(robot.battery_v, 1)) : "";
+    const place = robot.position ? "" : texts.placeUnknown;
+    if (robot.walk) return [status, common.phases[robot.walk.phase]].filter(Boolean).join(" · ");
+    return [status, place, mode, battery].filter(Boolean).join(" · ") || texts.ready;
   });
   const others = useSwarm(link, (view) => othersWords(view, selected));
   const standing = useStanding(link);
@@ -100,9 +106,9 @@ function About({ link, selected }: { readonly link: SwarmLink | undefined; reado
 export function othersWords({ swarm, visit }: SwarmView, address: string | undefined): string {
   const others = driversOf(swarm, address, visit.name);
   const [name = ""] = others;
-  if (others.length > 1) return `${others.length} other visitors drive it`;
+  if (others.length > 1) return texts.othersDrive(others.length);
   if (others.length === 0) return "";
-  return name !== "" ? `${name} drives it` : "Another visitor drives it";
+  return name !== "" ? texts.drivesIt(name) : texts.anotherDrives;
 }
 
 /** What this visitor may do, and how long: the clock goes on between two updates. */

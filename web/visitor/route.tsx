@@ -2,6 +2,7 @@
 // together with the map.
 
 import { type Point, type SwarmLink, useSwarm } from "../client";
+import { visitor as texts } from "../texts";
 
 interface Props {
   readonly link: SwarmLink | undefined;
@@ -20,41 +21,39 @@ export function routePayload(threshold: number, points: readonly Point[]) {
 
 export function Route({ link, disabled, draft, onUndo, threshold, onThreshold, onStart }: Props) {
   const most = useSwarm(link, ({ swarm }) => swarm.mostWaypoints);
-  const points = draft.length === 1 ? "1 waypoint" : `${draft.length} waypoints`;
+  const points = texts.points(draft.length);
   return (
     <fieldset className="panel route" disabled={disabled}>
-      <legend>Route: {draft.length >= most ? `${points}, the most` : draft.length > 0 ? points : "tap on the map"}</legend>
+      <legend>{texts.routeOf(draft.length >= most ? texts.theMost(points) : draft.length > 0 ? points : texts.tapOnTheMap)}</legend>
       <div className="buttons">
         <button
           type="button"
           data-testid="route-start"
           className="primary"
-          aria-label={`Start the route: ${points}`}
+          aria-label={texts.startTheRoute(points)}
           disabled={draft.length === 0}
           onClick={onStart}
         >
-          Start
+          {texts.start}
         </button>
         <button type="button" data-testid="route-undo" disabled={draft.length === 0} onClick={onUndo}>
-          Undo
+          {texts.undo}
         </button>
       </div>
       <label className="slider">
-        <span>Reach within</span>
+        <span>{texts.closeEnough}</span>
         <input
           type="range"
           data-testid="threshold"
-          aria-label="Threshold: how near to a waypoint is near enough"
+          aria-label={texts.howClose}
           min="10"
           max="500"
           step="10"
           value={threshold}
-          aria-valuetext={`${threshold} mm`}
+          aria-valuetext={texts.millimetres(threshold)}
           onChange={(event) => onThreshold(Number(event.target.value))}
         />
-        <output>
-          {threshold} mm
-        </output>
+        <output>{texts.millimetres(threshold)}</output>
       </label>
     </fieldset>
   );

@@ -1,15 +1,7 @@
-// The chosen robot's shield in words: how long it lives without new vouchers, who vouches, how its last audit ended.
+// The chosen robot's shield in plain words; behind a tap who vouches, for how long, and how its last audit ended.
 
-import { counting, type Health, LOW_MS, type Robot, sentence, type Swarm, type SwarmLink, shortName, useSwarm } from "../client";
-
-const LEGEND = `unknown
-Robots audit each other.
-Each arc of a ring is a neighbour that vouches.
-A line is an audit: green passed, red refused.`;
-
-const STOPPED = `stopped
-Safe Mode: too few neighbours vouched for it.
-It obeys nobody until the gateway starts again.`;
+import { counting, type Health, LOW_MS, type Robot, sentence, type Swarm, type SwarmLink, shortName, useSwarm, type Voucher } from "../client";
+import { visitor as texts } from "../texts";
 
 interface Props {
   readonly link: SwarmLink | undefined;
@@ -19,14 +11,22 @@ interface Props {
 export function ShieldWords({ link, selected }: Props) {
   // A string: it renders again only when the words change, not at every frame.
   const words = useSwarm(link, ({ swarm, health }) => shieldWords(swarm, selected, isHeard(health)));
-  const [state, ...lines] = words.split("\n");
+  const [state, line, ...details] = words.split("\n");
   if (state === "none") return null;
+  if (details.length === 0) {
+    return (
+      <div className="shield" data-testid="shield" data-state={state}>
+        <p>{line}</p>
+      </div>
+    );
+  }
   return (
-    <div className="shield" data-testid="shield" data-state={state}>
-      {lines.map((line, i) => (
-        <p key={i}>{line}</p>
+    <details className="shield" data-testid="shield" data-state={state}>
+      <summary>{line}</summary>
+      {details.map((detail, i) => (
+        <p key={i}>{detail}</p>
       ))}
-    </div>
+    </details>
   );
 }
 
@@ -35,38 +35,36 @@ function isHeard({ state }: Health): boolean {
   return state === "live";
 }
 
-/** The shield's state, then lines to show, as of the newest frame: always three of a robot, or the page would jump. */
+/** The shield's state, the line that is always shown, and the details behind it; as of the newest state update. */
 export function shieldWords(swarm: Swarm, selected: string | undefined, heard = true): string {
   const { terms, at_ms } = swarm;
   if (swarm.unprotected !== "") return `unprotected\n${sentence(swarm.unprotected)}.`;
   if (!terms) return "none";
   const robot = selected === undefined ? undefined : swarm.robots.get(selected);
-  if (!robot?.shield) return LEGEND;
-  if (robot.shield.safeMode) return `${STOPPED}\n${lastAudit(swarm, robot)}`;
+  if (!robot?.shield) return ["unknown", texts.checkEachOther, texts.whatRingsMean, texts.whatLinesMean].join("\n");
+  const check = lastCheck(swarm, robot);
+  if (robot.shield.safeMode) return ["stopped", texts.tooFewVouched, texts.obeysNobody, check].join("\n");
   // Seconds that stand still would be believed.
-  if (!heard) return `unknown\nShield not known: no news from the swarm.\nWho vouches for it is not known.\n${lastAudit(swarm, robot)}`;
+  if (!heard) return ["unknown", texts.protectionUnknown, check].join("\n");
   const vouchers = counting(robot.shield, terms, at_ms);
-  const names = vouchers.map(
-    ({ auditor, until_ms }) => `${nameOf(swarm, auditor)} ${Math.ceil((until_ms - at_ms) / 1000)} s`,
-  );
+  const left = ({ until_ms }: Voucher) => Math.ceil((until_ms - at_ms) / 1000);
+  const names = vouchers.map((each) => texts.voucher(nameOf(swarm, each.auditor), left(each))).join(", ");
+  const vouched = names === "" ? texts.nobodyVouches : texts.vouchFor(names);
   // With the last one needed the robot is stopped.
   const last = vouchers[terms.needed - 1];
-  const summary = last
-    ? `${Math.ceil((last.until_ms - at_ms) / 1000)} s left without new vouchers`
-    : `${terms.needed - vouchers.length} more must vouch for it`;
-  return [
-    !last ? "thin" : last.until_ms - at_ms < LOW_MS ? "low" : "whole",
-    `Shield ${vouchers.length} of ${terms.needed}: ${summary}`,
-    names.join(" · ") || "Nobody vouches for it yet.",
-    lastAudit(swarm, robot),
-  ].join("\n");
+  if (!last) return ["thin", texts.tooFewVouch(vouchers.length, terms.needed), vouched, check].join("\n");
+  const isLow = last.until_ms - at_ms < LOW_MS;
+  const line = isLow ? texts.protectedFor(left(last)) : texts.protected(vouchers.length);
+  return [isLow ? "low" : "whole", line, vouched, texts.stopsIn(left(last)), check].join("\n");
 }
 
-function lastAudit(swarm: Swarm, { audited }: Robot): string {
-  if (!audited) return "No audit heard of yet.";
+function lastCheck(swarm: Swarm, { audited }: Robot): string {
+  if (!audited) return texts.noCheckYet;
   const auditor = swarm.robots.get(audited.auditor);
-  const by = auditor ? shortName(auditor) : "a robot that left";
-  return audited.refusal === "" ? `Audited by ${by}: passed.` : `Refused by ${by}: ${audited.refusal}.`;
+  const by = auditor ? shortName(auditor) : texts.aRobotThatLeft;
+  if (audited.refusal === "") return texts.checkPassed(by);
+  // The operator's page has the auditor's own words.
+  return texts.checkFailed(by, /^output|^checkpoint wrong/.test(audited.refusal) ? texts.didSomethingElse : texts.recordsDoNotAddUp);
 }
 
 function nameOf(swarm: Swarm, number: number): string {

@@ -1,5 +1,6 @@
 // The mission that runs, in a line or two.
 
+import { operator as texts } from "../../texts";
 import type { Missions } from "../gateway_state";
 import { Term } from "../terms";
 
@@ -9,18 +10,16 @@ export function MissionCard({ mission }: { readonly mission: Missions }) {
   return (
     <section className="card" data-testid="mission-card" aria-labelledby="mission-title">
       <header>
-        <h2 id="mission-title"><Term of="mission">Mission</Term>{running && `: ${running.name}`}</h2>
+        <h2 id="mission-title"><Term of="mission">{texts.mission}</Term>{running && texts.missionNamed(running.name)}</h2>
         <span className="quiet">{world}</span>
       </header>
       {running ? (
         <>
-          <progress className="decoded" max={running.nodes} value={running.nodes - running.left} aria-label="Decoded" />
-          <p>
-            {running.nodes - running.left} of {running.nodes} decoded; {running.completed} of {count} robots completed it.
-          </p>
+          <progress className="decoded" max={running.nodes} value={running.nodes - running.left} aria-label={texts.decodedBar} />
+          <p>{texts.decodedOf(running.nodes - running.left, running.nodes, running.completed, count)}</p>
         </>
       ) : (
-        <p>The robots wait for one: draw it in the mission editor.</p>
+        <p>{texts.drawOne}</p>
       )}
     </section>
   );

@@ -2,6 +2,7 @@
 // compiled and audited, robots that begin it.
 
 import { UsageError } from "../../client";
+import { operator as texts } from "../../texts";
 import type { Station } from "../station";
 import type { Draft, Place, Site, Words } from "./draft";
 
@@ -92,8 +93,8 @@ export class Desk {
     try {
       said = await this.#station.ask(`mission_${what}`, words, ANSWER_WITHIN_MS);
     } catch (error) {
-      if (error instanceof UsageError) throw new Trouble("The mission is too long for this page.", "phalanx mission build takes it");
-      throw new Trouble("The gateway does not answer.");
+      if (error instanceof UsageError) throw new Trouble(texts.missionTooLong, texts.buildTakesIt);
+      throw new Trouble(texts.doesNotAnswer);
     }
     // Of a job that failed, the job says so itself.
     if (isRecord(said) && typeof said["error"] === "string" && said["state"] === undefined)
@@ -106,7 +107,7 @@ function checked<T>(read: (json: unknown) => T, json: unknown): T {
   try {
     return read(json);
   } catch {
-    throw new Trouble("Gateway and page are of different versions.", "reload this page");
+    throw new Trouble(texts.otherVersions, texts.reloadThisPage);
   }
 }
 

@@ -1,6 +1,7 @@
 // The mission editor: draw landmarks and ways on the building's map, compile, audit, send.
 
 import { useEffect, useMemo, useReducer, useState } from "react";
+import { operator as texts } from "../../texts";
 import type { RunningMission } from "../gateway_state";
 import type { Station } from "../station";
 import { type Compiled, Desk, type Job, Trouble, type World } from "./desk";
@@ -12,11 +13,6 @@ import { Worth } from "./worth";
 const POLL_MS = 300;
 const TOOLS = ["landmark", "place", "way"] as const;
 type Tool = (typeof TOOLS)[number];
-const HELP: Readonly<Record<Tool, string>> = {
-  landmark: "Tap a landmark of the building to take it into the mission.",
-  place: "Tap where the robot itself shall be.",
-  way: "Tap one landmark of the mission, then the next.",
-};
 
 export function Editor({ station, running }: { readonly station: Station; readonly running: RunningMission | undefined }) {
   const desk = useMemo(() => new Desk(station), [station]);
@@ -26,7 +22,7 @@ export function Editor({ station, running }: { readonly station: Station; readon
     desk.world().then(setWorld, (error: unknown) => setTrouble(asTrouble(error)));
   }, [desk]);
   if (world) return <Drawing desk={desk} world={world} running={running} />;
-  return trouble ? <Complaint trouble={trouble} /> : <p className="waiting">Looking at the building…</p>;
+  return trouble ? <Complaint trouble={trouble} /> : <p className="waiting">{texts.lookingAtTheBuilding}</p>;
 }
 
 interface DrawingProps {
@@ -86,7 +82,7 @@ function Drawing({ desk, world, running }: DrawingProps) {
       <section className="card drawing">
         <div className="fields">
           <label className="grow">
-            Mission
+            {texts.mission}
             <input
               data-testid="mission-name"
               value={draft.name}
@@ -94,7 +90,7 @@ function Drawing({ desk, world, running }: DrawingProps) {
               onChange={(event) => edit({ kind: "title", name: event.target.value })}
             />
           </label>
-          <div className="tools" role="group" aria-label="What a tap on the map does">
+          <div className="tools" role="group" aria-label={texts.whatATapDoes}>
             {TOOLS.map((each) => (
               <button
                 key={each}
@@ -106,25 +102,25 @@ function Drawing({ desk, world, running }: DrawingProps) {
                   setPicked(undefined);
                 }}
               >
-                {each}
+                {texts.tools[each]}
               </button>
             ))}
           </div>
           <button type="button" data-testid="undo" disabled={history.past.length === 0} onClick={() => edit({ kind: "undo" })}>
-            Undo
+            {texts.undo}
           </button>
         </div>
-        <p className="quiet">{HELP[tool]}</p>
+        <p className="quiet">{texts.toolHelp[tool]}</p>
         <EditorMap world={world} draft={draft} picked={picked} onTap={onTap} />
       </section>
       <div className="side">
         <section className="card">
           <div className="fields">
             <label className="grow">
-              Profile
+              {texts.profile}
               <select data-testid="profile" value={profile} onChange={(event) => setProfile(event.target.value)}>
-                <option value="sealed">sealed: only who lives it can read it</option>
-                <option value="paper">paper: as published, readable by trying all places</option>
+                <option value="sealed">{texts.profileSealed}</option>
+                <option value="paper">{texts.profilePaper}</option>
               </select>
             </label>
             <button
@@ -134,7 +130,7 @@ function Drawing({ desk, world, running }: DrawingProps) {
               disabled={compiling.busy}
               onClick={() => void attempt(() => compiling.start(yaml, profile))}
             >
-              Compile
+              {texts.compile}
             </button>
             <button
               type="button"
@@ -143,7 +139,7 @@ function Drawing({ desk, world, running }: DrawingProps) {
               disabled={!compiling.compiled || !current || compiling.sent}
               onClick={() => void attempt(compiling.send)}
             >
-              Send
+              {texts.send}
             </button>
           </div>
           <Progress compiling={compiling} current={current} running={running} />
@@ -152,9 +148,9 @@ function Drawing({ desk, world, running }: DrawingProps) {
         {compiling.compiled && current && (
           <section className="card">
             <header>
-              <h2>What a captured file is worth</h2>
+              <h2>{texts.worth}</h2>
               <span className="quiet">
-                {compiling.compiled.nodes} nodes · {compiling.compiled.bytes} bytes · {compiling.compiled.profile}
+                {texts.fileOf(compiling.compiled.nodes, compiling.compiled.bytes, compiling.compiled.profile)}
               </span>
             </header>
             <Worth compiled={compiling.compiled} />
@@ -237,16 +233,16 @@ interface ProgressProps {
 
 function Progress({ compiling, current, running }: ProgressProps) {
   const { job, compiled, sent } = compiling;
-  let text = "Compiling turns every landmark into a hash of what a robot will see there.";
-  if (job.state === "compiling") text = job.of > 0 ? `Compiling: ${job.done} of ${job.of} locks` : "Compiling…";
-  else if (compiled && !current) text = "Changed since it was compiled: compile it again.";
+  let text = texts.whatCompilingDoes;
+  if (job.state === "compiling") text = job.of > 0 ? texts.compilingLocks(job.done, job.of) : texts.compiling;
+  else if (compiled && !current) text = texts.changedSince;
   else if (sent && compiled && running?.id === compiled.id)
-    text = `The robots have been put at the start and live it: ${running.nodes - running.left} of ${running.nodes} decoded.`;
-  else if (sent) text = "Sent.";
-  else if (compiled) text = "Compiled. Send puts the robots at the start, and they begin.";
+    text = texts.runsOnRobots(running.nodes - running.left, running.nodes);
+  else if (sent) text = texts.sent;
+  else if (compiled) text = texts.compiled;
   return (
     <>
-      {job.state === "compiling" && <progress max={Math.max(job.of, 1)} value={job.done} aria-label="Compiled" />}
+      {job.state === "compiling" && <progress max={Math.max(job.of, 1)} value={job.done} aria-label={texts.compiledBar} />}
       <p role="status" data-testid="mission-status">
         {text}
       </p>
@@ -275,9 +271,9 @@ function File({ draft, yaml, onRead }: FileProps) {
 
   return (
     <details className="card">
-      <summary>As a file</summary>
+      <summary>{texts.asAFile}</summary>
       <label>
-        What phalanx mission build reads; another mission can be pasted here.
+        {texts.whatTheFileIs}
         <textarea
           data-testid="yaml"
           rows={10}
@@ -293,10 +289,10 @@ function File({ draft, yaml, onRead }: FileProps) {
           disabled={text === undefined}
           onClick={() => void onRead(text ?? yaml).then(() => setText(undefined))}
         >
-          Draw it
+          {texts.drawIt}
         </button>
         <button type="button" data-testid="download" onClick={download}>
-          Download {name}
+          {texts.download(name)}
         </button>
       </div>
     </details>
@@ -307,13 +303,13 @@ function Complaint({ trouble }: { readonly trouble: Trouble }) {
   return (
     <p className="trouble" role="alert" data-testid="mission-trouble">
       {trouble.message}
-      {trouble.hint !== "" && <span className="hint">Hint: {trouble.hint}</span>}
+      {trouble.hint !== "" && <span className="hint">{texts.hint(trouble.hint)}</span>}
     </p>
   );
 }
 
 function asTrouble(error: unknown): Trouble {
-  return error instanceof Trouble ? error : new Trouble("The page broke; reload it.");
+  return error instanceof Trouble ? error : new Trouble(texts.pageBroke);
 }
 
 function round(value: number): number {

@@ -1,6 +1,7 @@
 // The mission as lists: everything that the map does, for keyboards and for who cannot see it.
 
 import { useState } from "react";
+import { operator as texts } from "../../texts";
 import { type Draft, type DraftNode, type Edit, nodeOf, type Site } from "./draft";
 
 interface Props {
@@ -11,15 +12,6 @@ interface Props {
   readonly edit: (edit: Edit) => void;
 }
 
-const KINDS: Readonly<Record<string, string>> = {
-  doorway: "doorway",
-  concave_left: "corner",
-  concave_right: "corner",
-  corner_convex: "inner corner",
-  room: "room",
-  qr: "code",
-};
-
 export function Landmarks({ draft, sites, picked, onPick, edit }: Props) {
   const [chosen, setChosen] = useState(0);
   const free = sites.flatMap((site, i) => (nodeOf(draft, site) ? [] : [[i, site] as const]));
@@ -28,22 +20,22 @@ export function Landmarks({ draft, sites, picked, onPick, edit }: Props) {
     <section className="card" aria-labelledby="landmarks-title">
       <header>
         <h2 id="landmarks-title">
-          Landmarks <span className="count">{draft.nodes.length}</span>
+          {texts.landmarks} <span className="count">{draft.nodes.length}</span>
         </h2>
       </header>
       <div className="fields">
         <label>
-          The building’s
+          {texts.theBuildings}
           <select data-testid="site" value={free.find(([, each]) => each === site)?.[0] ?? ""} onChange={(event) => setChosen(Number(event.target.value))}>
             {free.map(([i, each]) => (
               <option key={i} value={i}>
-                {KINDS[each.type] ?? each.type} at {each.at[0].toFixed(1)}, {each.at[1].toFixed(1)}
+                {texts.kindAt(texts.kinds[each.type] ?? each.type, each.at[0].toFixed(1), each.at[1].toFixed(1))}
               </option>
             ))}
           </select>
         </label>
         <button type="button" data-testid="add-site" disabled={!site} onClick={() => site && edit({ kind: "site", site })}>
-          Add
+          {texts.add}
         </button>
       </div>
       <ul data-testid="nodes">
@@ -73,7 +65,7 @@ function NodeRow({ node, picked, onPick, edit }: RowProps) {
   return (
     <li data-picked={picked}>
       <input
-        aria-label={`Name of ${name}`}
+        aria-label={texts.nameOf(name)}
         value={typed}
         maxLength={60}
         onFocus={() => onPick(name)}
@@ -83,13 +75,13 @@ function NodeRow({ node, picked, onPick, edit }: RowProps) {
           if (event.key === "Enter") event.currentTarget.blur();
         }}
       />
-      <button type="button" aria-pressed={start} aria-label={`${name} is a start`} onClick={() => edit({ kind: "start", name })}>
-        Start
+      <button type="button" aria-pressed={start} aria-label={texts.isAStart(name)} onClick={() => edit({ kind: "start", name })}>
+        {texts.start}
       </button>
-      <button type="button" aria-pressed={final} aria-label={`${name} is final`} onClick={() => edit({ kind: "final", name })}>
-        Final
+      <button type="button" aria-pressed={final} aria-label={texts.isFinal(name)} onClick={() => edit({ kind: "final", name })}>
+        {texts.final}
       </button>
-      <button type="button" className="remove" aria-label={`Remove ${name}`} onClick={() => edit({ kind: "remove", name })}>
+      <button type="button" className="remove" aria-label={texts.removeName(name)} onClick={() => edit({ kind: "remove", name })}>
         ✕
       </button>
     </li>
@@ -107,12 +99,12 @@ export function Ways({ draft, edit }: Pick<Props, "draft" | "edit">) {
     <section className="card" aria-labelledby="ways-title">
       <header>
         <h2 id="ways-title">
-          Ways <span className="count">{draft.ways.length}</span>
+          {texts.ways} <span className="count">{draft.ways.length}</span>
         </h2>
       </header>
       <div className="fields">
         <label>
-          From
+          {texts.from}
           <select data-testid="way-from" value={a} onChange={(event) => setFrom(event.target.value)}>
             {names.map((name) => (
               <option key={name}>{name}</option>
@@ -120,7 +112,7 @@ export function Ways({ draft, edit }: Pick<Props, "draft" | "edit">) {
           </select>
         </label>
         <label>
-          To
+          {texts.to}
           <select data-testid="way-to" value={b} onChange={(event) => setTo(event.target.value)}>
             {names.map((name) => (
               <option key={name}>{name}</option>
@@ -128,7 +120,7 @@ export function Ways({ draft, edit }: Pick<Props, "draft" | "edit">) {
           </select>
         </label>
         <button type="button" data-testid="connect" disabled={a === b} onClick={() => edit({ kind: "connect", from: a, to: b })}>
-          Connect
+          {texts.connect}
         </button>
       </div>
       <ul data-testid="ways">
@@ -137,13 +129,13 @@ export function Ways({ draft, edit }: Pick<Props, "draft" | "edit">) {
           return (
             <li key={i}>
               <span className="wrap">{words}</span>
-              <button type="button" aria-label={`Turn the way ${words}`} onClick={() => edit({ kind: "turn", way })}>
-                Turn
+              <button type="button" aria-label={texts.turnTheWay(words)} onClick={() => edit({ kind: "turn", way })}>
+                {texts.turn}
               </button>
               <button
                 type="button"
                 className="remove"
-                aria-label={`Remove the way ${words}`}
+                aria-label={texts.removeTheWay(words)}
                 onClick={() => edit({ kind: "disconnect", way })}
               >
                 ✕

@@ -1,6 +1,7 @@
 // The building, with its landmarks and the mission that is being drawn on it. Metres, y up; drawn with y down.
 
 import type { PointerEvent } from "react";
+import { operator as texts } from "../../texts";
 import type { World } from "./desk";
 import { type Draft, type DraftNode, nodeOf, type Place, type Site } from "./draft";
 
@@ -45,7 +46,7 @@ export function EditorMap({ world, draft, picked, onTap }: Props) {
       className="editor-map"
       data-testid="editor-map"
       role="img"
-      aria-label={`Map of ${world.name}: ${world.sites.length} landmarks, ${draft.nodes.length} of the mission. The lists below do all that the map does.`}
+      aria-label={texts.editorMap(world.name, world.sites.length, draft.nodes.length)}
       viewBox={`${-edge} ${-edge} ${width + 2 * edge} ${height + 2 * edge}`}
       onPointerUp={onPointerUp}
     >

@@ -1,5 +1,6 @@
 // What a compiled mission is worth: what an attacker with the file must try, what the robot must, and what looks wrong.
 
+import { operator as texts } from "../../texts";
 import type { Compiled } from "./desk";
 
 const UNITS = [
@@ -13,7 +14,7 @@ const UNITS = [
 
 /** A time in the unit that people would use. */
 export function span(seconds: number): string {
-  for (const [size, unit] of UNITS) if (seconds >= size) return `${brief(seconds / size)} ${unit}`;
+  for (const [size, unit] of UNITS) if (seconds >= size) return `${brief(seconds / size)} ${unit === "years" || unit === "days" ? texts.units[unit] : unit}`;
   return `${brief(seconds * 1e6)} µs`;
 }
 
@@ -25,23 +26,23 @@ export function brief(value: number): string {
 export function Worth({ compiled }: { readonly compiled: Compiled }) {
   const { rows, rates } = compiled;
   return (
-    <section className="worth" data-testid="audit" aria-label="Audit">
-      <div className="scroll" tabIndex={0} role="region" aria-label="Audit, node by node">
+    <section className="worth" data-testid="audit" aria-label={texts.auditOf}>
+      <div className="scroll" tabIndex={0} role="region" aria-label={texts.auditByNode}>
         <table>
           <thead>
             <tr>
-              <th scope="col">Node</th>
+              <th scope="col">{texts.node}</th>
               <th scope="col" className="right">
-                To try
+                {texts.toTry}
               </th>
               <th scope="col" className="right">
-                One core
+                {texts.oneCore}
               </th>
               <th scope="col" className="right">
-                One GPU
+                {texts.oneGpu}
               </th>
               <th scope="col" className="right">
-                Robot
+                {texts.robot}
               </th>
             </tr>
           </thead>
@@ -66,10 +67,10 @@ export function Worth({ compiled }: { readonly compiled: Compiled }) {
           <tfoot>
             <tr>
               <th scope="row" colSpan={2}>
-                All that can be guessed
+                {texts.allThatCanBeGuessed}
               </th>
-              <td className="right number">{compiled.core_s === null ? "nothing" : span(compiled.core_s)}</td>
-              <td className="right number">{compiled.gpu_s === null ? "nothing" : span(compiled.gpu_s)}</td>
+              <td className="right number">{compiled.core_s === null ? texts.nothing : span(compiled.core_s)}</td>
+              <td className="right number">{compiled.gpu_s === null ? texts.nothing : span(compiled.gpu_s)}</td>
               <td />
             </tr>
           </tfoot>
@@ -77,15 +78,14 @@ export function Worth({ compiled }: { readonly compiled: Compiled }) {
       </div>
       {compiled.unseen.map((name) => (
         <p key={name} className="trouble">
-          {name}: the building shows no such landmark; no robot will find it.
+          {texts.notShown(name)}
         </p>
       ))}
       {compiled.notes.map((note) => (
-        <p key={note}>Note: {note}.</p>
+        <p key={note}>{texts.note(note)}</p>
       ))}
       <p className="quiet">
-        Assumed: {brief(rates.hash_core)} hashes/s on a core, {brief(rates.hash_gpu)} on a GPU; {brief(rates.kdf_core)}{" "}
-        slow hashes/s (N = 2^12, r = 8) on a core, {brief(rates.kdf_gpu)} on a GPU.
+        {texts.assumed(brief(rates.hash_core), brief(rates.hash_gpu), brief(rates.kdf_core), brief(rates.kdf_gpu))}
       </p>
     </section>
   );
