@@ -29,6 +29,7 @@ from phalanx.world.missions.report import Report, summary
 from phalanx.world.missions.run import run_mission
 from phalanx.world.missions.setup import MissionRun, Part, pool_of
 from phalanx.world.missions.world import MissionRobot, MissionWorld
+from worlds import cheap
 
 OFFICE = load_floorplan("office_40x40")
 START = (3.0, 1.5, math.pi / 2)
@@ -66,9 +67,17 @@ def live(world: MissionWorld, seconds: float) -> None:
         world.advance(world.now_s + 1.0)
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
-def test_a_robot_finds_all_landmarks_of_the_office_and_takes_none_for_another(seed: int) -> None:
-    run = run_of(read_plain("office"), seed=seed)
+@pytest.mark.parametrize(
+    ("profile", "seed"),
+    [
+        (Profile.PAPER, 0),
+        (Profile.SEALED, 1),
+        pytest.param(Profile.PAPER, 1, marks=pytest.mark.long),
+        pytest.param(Profile.SEALED, 0, marks=pytest.mark.long),
+    ],
+)
+def test_a_robot_finds_all_landmarks_of_the_office_and_takes_none_for_another(profile: Profile, seed: int) -> None:
+    run = run_of(cheap(read_plain("office"), profile), profile, seed=seed)
     told = summary(run, run_mission(run))
     assert (told["completed"], told["decoded"], told["false_fixes"]) == (1, 33, 0)
     # Odometry alone would be lost; with fixes it is not.
