@@ -1,20 +1,20 @@
 // The constant rate: what each slot says, and that a stop comes first.
 
 import { describe, expect, test } from "vitest";
-import { type Command, SLOT_MS, Slots } from "../client/session";
+import { type Saying, SLOT_MS, Slots } from "../client/session";
 
 const A = "DECAFBAD00000001";
 
-function command(name: string, more: Partial<Command> = {}): Command {
-  return { robot: A, name, payload: new Uint8Array(0), stop: false, ...more };
+function command(name: string, robot = A): Saying {
+  return { robot, name, say: () => {} };
 }
 
 /** What so many slots say, from `now_ms` on, with the wheels renewed before each. */
-function said(slots: Slots, count: number, wheels?: Command, now_ms = 0): string[] {
+function said(slots: Slots, count: number, wheels?: Saying, now_ms = 0): string[] {
   return Array.from({ length: count }, (_, i) => {
     if (wheels) slots.hold(wheels, now_ms + i * SLOT_MS);
     const taken = slots.take(now_ms + i * SLOT_MS);
-    return taken === undefined ? "alive" : taken.stop ? "stop" : taken.name;
+    return taken?.name ?? "alive";
   });
 }
 
@@ -33,9 +33,9 @@ describe("slots", () => {
   test("a stop takes the next slot, is said once, and forgets what its robot was told before", () => {
     const slots = new Slots();
     slots.put(command("waypoints"));
-    slots.put(command("rgb_led", { robot: "B" }));
+    slots.put(command("rgb_led", "B"));
     slots.hold(command("move_raw"), 0);
-    slots.stop(command("move_raw", { stop: true }));
+    slots.stop(command("stop"));
     expect(slots.hasStop).toBe(true);
     expect(said(slots, 3)).toEqual(["stop", "rgb_led", "alive"]);
     expect(slots.hasStop).toBe(false);
@@ -43,14 +43,14 @@ describe("slots", () => {
 
   test("who drives on within a slot is not stopped by the stop before", () => {
     const slots = new Slots();
-    slots.stop(command("move_raw", { stop: true }));
+    slots.stop(command("stop"));
     expect(said(slots, 2, command("move_raw"))).toEqual(["move_raw", "move_raw"]);
   });
 
   test("a stop of one robot leaves another's wheels alone", () => {
     const slots = new Slots();
     slots.hold(command("move_raw"), 0);
-    slots.stop(command("move_raw", { robot: "B", stop: true }));
+    slots.stop(command("stop", "B"));
     expect(said(slots, 2)).toEqual(["stop", "move_raw"]);
   });
 
@@ -65,9 +65,10 @@ describe("slots", () => {
 
   test("of commands of one name the newest is said; and not more than can wait", () => {
     const slots = new Slots();
-    slots.put(command("rgb_led", { payload: Uint8Array.of(1) }));
-    slots.put(command("rgb_led", { payload: Uint8Array.of(2) }));
-    expect(slots.take(0)?.payload).toEqual(Uint8Array.of(2));
+    const newest = command("rgb_led");
+    slots.put(command("rgb_led"));
+    slots.put(newest);
+    expect(slots.take(0)).toBe(newest);
     expect(slots.take(0)).toBeUndefined();
     const taken = Array.from({ length: 100 }, (_, i) => slots.put(command(`c${i}`)));
     expect(taken.filter(Boolean)).toHaveLength(64);
@@ -77,7 +78,7 @@ describe("slots", () => {
     const slots = new Slots();
     slots.put(command("rgb_led"));
     slots.hold(command("move_raw"), 0);
-    slots.stop(command("move_raw", { robot: "B", stop: true }));
+    slots.stop(command("stop", "B"));
     slots.clear();
     expect(said(slots, 2)).toEqual(["alive", "alive"]);
   });

@@ -1,6 +1,6 @@
 // A constant rate: from the first command on a slot is taken every 100 ms, until nothing is held and nothing was said.
 
-import { type Command, SLOT_MS, Slots } from "../session";
+import { SLOT_MS, Slots } from "../session";
 
 /** Whoever says nothing more frees its place in the rate. */
 const LINGER_MS = 1000;
@@ -11,8 +11,8 @@ export interface Speaker {
   isJoined(): boolean;
   /** Whether a robot is held: then something is said in every slot. */
   holds(): boolean;
-  /** Say a command, or with undefined that nothing is to be said: both are as long. */
-  say(command: Command | undefined, now_ms: number): void;
+  /** Say that nothing is to be said: that is as long as a command. */
+  alive(now_ms: number): void;
 }
 
 /** One client's slots, and the clock that takes them. */
@@ -43,14 +43,15 @@ export class Beat {
       return;
     }
     const now_ms = performance.now();
-    const command = this.slots.take(now_ms);
-    if (command) this.#saidAt_ms = now_ms;
+    const saying = this.slots.take(now_ms);
+    if (saying) this.#saidAt_ms = now_ms;
     else if (!this.#speaker.holds() && now_ms - this.#saidAt_ms > LINGER_MS) {
       this.#pause();
       return;
     }
     this.#beating ??= setInterval(() => this.take(), SLOT_MS);
-    this.#speaker.say(command, now_ms);
+    if (saying) saying.say(now_ms);
+    else this.#speaker.alive(now_ms);
   }
 
   /** Forget what waits: the session is over, or was lost. */

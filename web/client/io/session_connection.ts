@@ -5,7 +5,7 @@
 import { bytesToHex, randomBytes, utf8ToBytes } from "@noble/hashes/utils.js";
 import { PeerError, UsageError } from "../core/errors";
 import { type Json, parseJson } from "../core/json";
-import { type Command, type Reason, type Secret, Session, type SessionEvent, type Where } from "../session";
+import { type Reason, type Secret, Session, type SessionEvent, type Where } from "../session";
 import { NO_VISIT, type OverReason, type Visit } from "../visit";
 import type { BrokerState } from "../watch";
 import { Beat } from "./beat";
@@ -46,7 +46,7 @@ export class SessionConnection implements Transport {
   readonly #beat = new Beat({
     isJoined: () => this.#session?.isJoined === true,
     holds: () => (this.#visit.standing?.robot ?? "") !== "",
-    say: (command, now_ms) => this.#say(command, now_ms),
+    alive: (now_ms) => this.#carry(this.#session ? [this.#session.alive(now_ms)] : []),
   });
   readonly #ticking: ReturnType<typeof setInterval>;
   /** What to try in turn, the first one now. */
@@ -95,14 +95,16 @@ export class SessionConnection implements Transport {
   }
 
   command(address: string, name: string, payload: unknown): boolean {
-    if (this.#session?.hasSeen !== true || !this.#session.isJoined) return false;
+    const session = this.#session;
+    if (session?.hasSeen !== true || !session.isJoined) return false;
     const stop = name === "move_raw" && isRest(payload);
-    const command = { robot: address, name, payload: utf8ToBytes(JSON.stringify(payload)), stop };
-    const now_ms = performance.now();
+    const body = utf8ToBytes(JSON.stringify(payload));
+    const say = (now_ms: number) => this.#carry([session.command(address, name, body, now_ms, stop)]);
+    const saying = { robot: address, name, say };
     const { slots } = this.#beat;
-    if (stop) slots.stop(command);
-    else if (name === "move_raw") slots.hold(command, now_ms);
-    else if (!slots.put(command)) return false;
+    if (stop) slots.stop(saying);
+    else if (name === "move_raw") slots.hold(saying, performance.now());
+    else if (!slots.put(saying)) return false;
     // A page that is put aside may never have another slot.
     if (stop && this.#isHidden) this.#beat.take();
     else this.#beat.start();
@@ -124,16 +126,16 @@ export class SessionConnection implements Transport {
     const session = this.#session;
     if (session?.isJoined !== true) return Promise.reject(new Unanswered("not connected"));
     return this.#requests.open(request, timeout_ms, (sent) => {
-      const ask = () => {
-        const { number, event } = session.request(name, payload, performance.now());
+      const say = (now_ms: number) => {
+        const { number, event } = session.request(name, payload, now_ms);
         sent(number);
         this.#carry([event]);
       };
       this.#asked += 1;
       // An operator's stop waits for nothing, and everybody sees the robots stand still.
       const isPaced = payload.length <= SHORT_BYTES && name !== "stop" && this.#beat.isBeating;
-      if (isPaced) return this.#beat.slots.put({ robot: "", name: `${name} ${this.#asked}`, payload, stop: false, ask });
-      ask();
+      if (isPaced) return this.#beat.slots.put({ robot: "", name: `${name} ${this.#asked}`, say });
+      say(performance.now());
       return true;
     });
   }
@@ -265,14 +267,6 @@ export class SessionConnection implements Transport {
 
   #tick(): void {
     if (this.#session && this.#way?.isOpen === true) this.#carry(this.#session.tick(performance.now()));
-  }
-
-  #say(command: Command | undefined, now_ms: number): void {
-    const session = this.#session;
-    if (session === undefined) return;
-    if (command?.ask) command.ask();
-    else if (command) this.#carry([session.command(command.robot, command.name, command.payload, now_ms, command.stop)]);
-    else this.#carry([session.alive(now_ms)]);
   }
 
   #carry(events: readonly SessionEvent[]): void {

@@ -3,4 +3,4 @@ export { checkWhere, DIRECT, fragmentOf, type Invitation, parseInvitation, parse
 export type { Role, Standing } from "./messages";
 export { type Kind, Secret } from "./secret";
 export { Session, type SessionEvent } from "./session";
-export { type Command, SLOT_MS, Slots } from "./slots";
+export { type Saying, SLOT_MS, Slots } from "./slots";

@@ -1,6 +1,6 @@
 // A constant rate: one record in each slot, whatever is said, so that times and sizes do not tell a turn from a stop.
 //
-// Pure. A command waits for its slot, and names the newest update only when it is sent.
+// Pure, as phalanx/link/session/slots.py is.
 
 /** Between two slots. The gateway stops a robot 300 ms after its last command. */
 export const SLOT_MS = 100;
@@ -10,20 +10,19 @@ export const STEADY_MS = 250;
 const STEADY_SLOTS = 3;
 const WAITING_MAX = 64;
 
-export interface Command {
+/** A command for a robot, or a request, whose robot is "". */
+export interface Saying {
   readonly robot: string;
   readonly name: string;
-  readonly payload: Uint8Array;
-  readonly stop: boolean;
-  /** A request in place of a command: sends it when its slot has come. */
-  readonly ask?: () => void;
+  /** Seals it at this time, and sends it: so it names the newest update. */
+  readonly say: (now_ms: number) => void;
 }
 
 /** What one visitor says next. */
 export class Slots {
-  #steady: { readonly command: Command; readonly until_ms: number } | undefined;
-  readonly #stops = new Map<string, Command>();
-  readonly #waiting = new Map<string, Command>();
+  #steady: { readonly saying: Saying; readonly until_ms: number } | undefined;
+  readonly #stops = new Map<string, Saying>();
+  readonly #waiting = new Map<string, Saying>();
   #steadyInARow = 0;
 
   /** Whether a stop waits for its slot. */
@@ -32,28 +31,28 @@ export class Slots {
   }
 
   /** Say this in every slot, until it is replaced, stopped or not renewed. */
-  hold(command: Command, now_ms: number): void {
-    this.#stops.delete(command.robot);
-    this.#steady = { command, until_ms: now_ms + STEADY_MS };
+  hold(saying: Saying, now_ms: number): void {
+    this.#stops.delete(saying.robot);
+    this.#steady = { saying, until_ms: now_ms + STEADY_MS };
   }
 
   /** Say this in the next slot, before all else, and forget the robot's commands that wait: they came before it. */
-  stop(command: Command): void {
-    if (this.#steady?.command.robot === command.robot) this.#steady = undefined;
-    for (const [key, waiting] of this.#waiting) if (waiting.robot === command.robot) this.#waiting.delete(key);
-    this.#stops.set(command.robot, command);
+  stop(saying: Saying): void {
+    if (this.#steady?.saying.robot === saying.robot) this.#steady = undefined;
+    for (const [key, waiting] of this.#waiting) if (waiting.robot === saying.robot) this.#waiting.delete(key);
+    this.#stops.set(saying.robot, saying);
   }
 
   /** Say this once. A newer command of the same name takes the place of one that waits. False: too many wait. */
-  put(command: Command): boolean {
-    const key = `${command.robot} ${command.name}`;
+  put(saying: Saying): boolean {
+    const key = `${saying.robot} ${saying.name}`;
     if (this.#waiting.size >= WAITING_MAX && !this.#waiting.has(key)) return false;
-    this.#waiting.set(key, command);
+    this.#waiting.set(key, saying);
     return true;
   }
 
   /** What this slot's record says; undefined: nothing, so that it is `alive`. */
-  take(now_ms: number): Command | undefined {
+  take(now_ms: number): Saying | undefined {
     if (this.#steady !== undefined && now_ms >= this.#steady.until_ms) this.#steady = undefined;
     const stop = first(this.#stops);
     if (stop !== undefined) return stop;
@@ -64,7 +63,7 @@ export class Slots {
       return waiting;
     }
     this.#steadyInARow += 1;
-    return this.#steady?.command;
+    return this.#steady?.saying;
   }
 
   /** Forget all: the session is over, or was lost. A joystick's command must not arrive late. */
@@ -76,10 +75,10 @@ export class Slots {
 }
 
 /** Takes out the oldest. */
-function first(queue: Map<string, Command>): Command | undefined {
-  for (const [key, command] of queue) {
+function first(queue: Map<string, Saying>): Saying | undefined {
+  for (const [key, saying] of queue) {
     queue.delete(key);
-    return command;
+    return saying;
   }
   return undefined;
 }
