@@ -10,11 +10,9 @@ from uuid import uuid4
 import pytest
 from hypothesis import HealthCheck, settings
 
-# Tests of attacks and browsers take the first six from here.
-from brokers import a_broker, bare_mosquitto  # noqa: F401
+from brokers import a_broker
 from certificates import make_certificate
 from chromium import CHROMIUM, FLAGS
-from commands import PHALANX, ROOT, a_gateway, called  # noqa: F401
 from phalanx.cli.main import run_command
 from waiting import RUNNING, in_real_time
 

@@ -12,9 +12,10 @@ import time
 
 import pytest
 
-from chromium import PHONE, a_page, badge, choose, insecure, join, moves, wait_until
-from conftest import a_gateway
+from chromium import PHONE, a_page, badge, choose, insecure, join, moves
+from commands import a_gateway
 from phalanx.net import Client
+from waiting import wait_until
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(120)]
 

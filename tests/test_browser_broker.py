@@ -9,11 +9,13 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
-from chromium import a_page, badge, barriers_in_both_schemes, choose, join, wait_until
-from conftest import a_gateway, bare_mosquitto
+from brokers import bare_mosquitto
+from chromium import a_page, badge, barriers_in_both_schemes, choose, join
+from commands import a_gateway
+from operating import ask, visitors
 from phalanx.gateway.serve_pages import PAGES
 from ports import free_port
-from test_browser_sessions import ask, visitors
+from waiting import wait_until
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(180)]
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from chromium import PHONE, a_page, badge, barriers_in_both_schemes, choose, join, pixels, wait_until
-from test_gateway_mission import SMALL, THROUGH, a_mission_gateway
+from chromium import PHONE, a_page, badge, barriers_in_both_schemes, choose, join, pixels
+from mission_swarms import SMALL, THROUGH, a_mission_gateway
+from waiting import wait_until
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(600)]
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import pytest
-import zxingcpp
 
-from chromium import a_page, badge, barriers, barriers_in_both_schemes, choose, join, wait_until
-from conftest import a_gateway
+from chromium import a_page, badge, barriers, barriers_in_both_schemes, choose, join, qr_in
+from commands import a_gateway
 from ports import free_port
+from waiting import wait_until
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(120)]
 
@@ -126,13 +125,3 @@ class TestOperator:
                 assert again["operator_url"] == ready["operator_url"]
                 page.get_by_test_id("banner").wait_for(state="detached")
                 page.get_by_label("Map with 3 robots").wait_for()
-
-
-def qr_in(picture: Path) -> str:
-    import matplotlib.image
-    import numpy as np
-
-    pixels = matplotlib.image.imread(picture)
-    grey = (pixels[..., :3].mean(axis=-1) * 255).astype(np.uint8)
-    (found,) = zxingcpp.read_barcodes(np.ascontiguousarray(grey))
-    return found.text

@@ -11,7 +11,7 @@ import pytest
 import zxingcpp
 
 from chromium import a_page, barriers_in_both_schemes, insecure
-from conftest import a_gateway, called
+from commands import a_gateway, called
 from phalanx.gateway.up import UpOptions
 from ports import free_port
 

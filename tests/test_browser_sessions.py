@@ -6,11 +6,11 @@ from contextlib import contextmanager
 
 import pytest
 
-from chromium import a_page, badge, barriers_in_both_schemes, choose, insecure, join, wait_until
-from conftest import a_gateway
-from phalanx.cli.gateway_of import ask_gateway
+from chromium import a_page, badge, barriers_in_both_schemes, choose, insecure, join, qr_in
+from commands import a_gateway
+from operating import ask, visitors
 from ports import free_port
-from test_browser_operator import qr_in
+from waiting import wait_until
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(180)]
 
@@ -23,14 +23,6 @@ TABLET = {"viewport": {"width": 820, "height": 1180}, "has_touch": True}
 def gateway(state):
     with a_gateway("--robots", "6", "--seed", "4") as (up, ready):
         yield up, ready
-
-
-def ask(request: str, **words):
-    return ask_gateway(None, f"link/{request}", words)
-
-
-def visitors() -> dict[str, dict]:
-    return {each["name"]: each for each in ask("visitors")["visitors"]}
 
 
 @contextmanager

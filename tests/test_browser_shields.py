@@ -7,8 +7,9 @@ import time
 
 import pytest
 
-from chromium import BUZZED, PHONE, a_page, badge, barriers, choose, join, moves, pixels, wait_until
-from conftest import a_gateway
+from chromium import BUZZED, PHONE, a_page, badge, barriers, choose, join, moves, pixels
+from commands import a_gateway
+from waiting import wait_until
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(600)]
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from chromium import a_page, badge, barriers_in_both_schemes, choose, join, wait_until
-from conftest import a_gateway
+from chromium import a_page, badge, barriers_in_both_schemes, choose, join
+from commands import a_gateway
+from waiting import wait_until
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(120)]
 

@@ -11,13 +11,14 @@ from subprocess import PIPE, Popen
 
 import pytest
 
-from chromium import PHONE, a_page, barriers_in_both_schemes, pixels, wait_until
-from conftest import PHALANX, in_real_time
+from chromium import PHONE, a_page, barriers_in_both_schemes, pixels
+from commands import PHALANX
 from phalanx.gateway.serve_view import ViewPages
 from phalanx.net.site import beside
 from phalanx.world.scenarios.play import play
 from phalanx.world.scenarios.scenes import Live
-from test_recording import SCENARIO
+from recorded_scenario import SCENARIO
+from waiting import in_real_time, wait_until
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(120)]
 

@@ -19,9 +19,9 @@ from chromium import (
     insecure,
     join,
     moves,
-    wait_until,
 )
-from conftest import a_gateway
+from commands import a_gateway
+from waiting import wait_until
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(120)]
 

@@ -33,7 +33,7 @@ LONGER = {
     "test_sweep.py",
 }
 # These import from each other still.
-SHARING = ("attacks/", "test_browser")
+SHARING = ("attacks/",)
 # Uses of other objects' private attributes by tests; fewer each time.
 PRIVATE_USES = 215
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from conftest import ROOT
+from commands import ROOT
 from phalanx.attacks.channel import audit_packet
 from phalanx.attacks.hijack import RefuseToAudit
 from phalanx.bti import request, seeking

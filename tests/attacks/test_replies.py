@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from conftest import ROOT
+from commands import ROOT
 from phalanx.world.scenarios.run import Run
 
 

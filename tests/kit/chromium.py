@@ -7,8 +7,6 @@ import shutil
 from contextlib import contextmanager
 from pathlib import Path
 
-from waiting import wait_until  # noqa: F401 - tests of browsers take it from here
-
 # Not 127.0.0.1: browsers count that as secure, and a phone that opens http://192.168.1.7 has no WebCrypto.
 HOST = "swarm.test"
 # The shell has the same engine and no windows: a page takes half of the processor time.
@@ -128,3 +126,15 @@ def pixels(page, layer: int, name: str) -> int:
         page.wait_for_timeout(150)  # it is drawn anew
         counts.append(page.evaluate(COUNT, [layer, name]))
     return min(counts)
+
+
+def qr_in(picture: Path) -> str:
+    """Return what the QR code of a screenshot says."""
+    import matplotlib.image
+    import numpy as np
+    import zxingcpp
+
+    pixels = matplotlib.image.imread(picture)
+    grey = (pixels[..., :3].mean(axis=-1) * 255).astype(np.uint8)
+    (found,) = zxingcpp.read_barcodes(np.ascontiguousarray(grey))
+    return found.text
