@@ -106,15 +106,17 @@ class Asking:
     def is_under_way(self) -> bool:
         return self.robot.request_len > 0 and self.robot.request_row != NO_ROW
 
-    @property
-    def is_given_up(self) -> bool:
-        return self.robot.request_len == 0 and self.robot.request_row == NO_ROW and self.robot.quota == 0
-
     def fill_radio(self) -> None:
         hello = row(bytes(request.AUDIT_HEAD_BYTES))
         request.audit_head(hello, ME + 1, 0, request.HELLO)
         while loop.transmit(self.world, ME, hello, len(hello), BROADCAST) == 0:
             pass
+
+    def retry(self, after_ms: int) -> None:
+        handlers.on_retry(self.fleet, ME, self.work, self.now_ms + after_ms, 0)
+
+    def sent(self) -> list[bytes]:
+        return [action.packet for action in actions.decode(self.work) if isinstance(action, Transmit)]
 
     def carry_out(self, *asked: Action) -> None:
         pybot.perform(self.world, ME, self.now_ms, list(asked))
@@ -130,15 +132,18 @@ def test_a_request_stays_while_its_fragments_have_room_in_the_radio(asking):
     assert asking.is_under_way
 
 
-def test_a_request_is_withdrawn_if_the_radio_has_no_room_for_a_fragment(asking):
+def test_a_fragment_for_which_the_radio_has_no_room_is_sent_after_a_32nd_of_a_round(asking):
     free = int(asking.fleet.request.left[0])
     asking.fill_radio()
-    asking.robot.quota = 1
+    asking.world.retry_us[ME] = -1
     asking.carry_out(Transmit(asking.fragment, int(asking.robot.request_to)))
-    assert asking.is_given_up
-    assert asking.fleet.request.left[0] == free + 1, "its memory is another robot's"
-    handlers.on_retry(asking.fleet, ME, asking.work, asking.now_ms + 5000, 0)
-    assert asking.robot.seeks, "it looks for another auditor"
+    assert asking.is_under_way
+    assert asking.fleet.request.left[0] == free
+    assert asking.world.retry_us[ME] == asking.world.clock[0].now_us + 125_000
+    asking.retry(124)
+    assert asking.sent() == []
+    asking.retry(125)
+    assert asking.sent() == [asking.fragment]
 
 
 def test_no_room_for_anything_else_withdraws_nothing(asking):
@@ -149,19 +154,13 @@ def test_no_room_for_anything_else_withdraws_nothing(asking):
     assert asking.is_under_way
 
 
-def test_a_request_is_withdrawn_if_the_a_node_lets_no_fragment_out(asking):
-    asking.robot.quota = 1
+def test_a_fragment_that_the_a_node_does_not_let_out_is_sent_after_a_32nd_of_a_round(asking):
     again = row(asking.fragment)
     while handlers.take(asking.fleet, ME, asking.work, SEND, asking.now_ms, again, len(again)) > 0:
         pass
     actions.clear(asking.work)
     handlers.ask_with(asking.fleet, ME, asking.work, asking.now_ms, asking.length)
-    assert actions.decode(asking.work) == []
-    assert asking.is_given_up
-
-
-def test_a_robot_whose_radio_holds_a_fragment_asks_for_nothing(asking):
-    for busy, asked in ((1, False), (0, True)):
-        actions.clear(asking.work)
-        handlers.ask(asking.fleet, ME, asking.work, asking.now_ms, busy)
-        assert bool(actions.decode(asking.work)) == asked
+    assert actions.decode(asking.work) == [RetryAt(asking.now_ms + 125)]
+    assert asking.is_under_way
+    asking.retry(125)
+    assert asking.sent() == [asking.fragment], "its bucket has filled a little"

@@ -14,7 +14,7 @@ from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig
 from phalanx.config.radio import RadioConfig
 from phalanx.robot import handlers
-from phalanx.robot.actions import Transmit
+from phalanx.robot.actions import RetryAt, Transmit
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.planner import ToGoal, advice_of
 from phalanx.robot.robot import Robot
@@ -56,10 +56,10 @@ def lived(request):
     """A run in which somebody noted all that one robot was told from outside, and what it then had in its log."""
     noted, handle, no_room, full = [], pybot.handle, handlers.on_no_room, []
 
-    def was_full(fleet, i):
-        no_room(fleet, i)
+    def was_full(fleet, i, now_ms):
         if i == ME:
-            full.append(True)
+            full.append(now_ms)
+        return no_room(fleet, i, now_ms)
 
     def note(world, robots, *advice_and_stage):
         kind = int(world.clock[0].kind)
@@ -70,7 +70,7 @@ def lived(request):
             noted.append((int(world.clock[0].now_us + world.boot_us[ME]) // 1000, NAMES[kind], data))
         handle(world, robots, *advice_and_stage)
         if mine:
-            noted.append((None, "log", (logged(world.fleet, ME), bool(full))))
+            noted.append((None, "log", (logged(world.fleet, ME), full.copy())))
             full.clear()
 
     with pytest.MonkeyPatch.context() as patched:
@@ -93,8 +93,8 @@ def test_the_same_run_fed_to_one_robot_alone_gives_the_same_log_bytes(lived):
     def same():
         nonlocal compared
         right, was_full = next(logs)
-        if was_full:
-            handlers.on_no_room(fleet, 0)
+        for now_ms in was_full:
+            runtime._kept(now_ms, [RetryAt(handlers.on_no_room(fleet, 0, now_ms))])
         assert logged(fleet, 0) == right
         compared += 1
 

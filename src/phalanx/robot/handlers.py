@@ -44,6 +44,8 @@ from .replay import replay_bundled
 
 # What `on_packet` returns beside its actions.
 NOTHING, HEARD, WHOLE = 0, 1, 2
+# A fragment that found no room is sent again after T_audit >> NO_ROOM.
+NO_ROOM = 5
 ID_AT = STATE.at("id")  # as in every other broadcast of a controller's
 ID_BYTES = STATE.at("t") - ID_AT
 
@@ -364,11 +366,17 @@ def on_sent(f: Fleet, i: int, w: Work, now: int, arrived: int, busy: int) -> Non
 
 
 @kernel
-def on_no_room(f: Fleet, i: int) -> None:
-    """Withdraw the request until the next retry: the radio, or the a-node, did not accept a fragment."""
-    rounds.withdraw(f, i)
-    f.robot[i].quota = 0
-    f.robot[i].retry_at = f.robot[i].asked_at + rounds.retry_interval_ms(f)
+def on_no_room(f: Fleet, i: int, now: int) -> int:
+    """Keep the fragment that the radio, or the a-node, did not accept; return when to send it, ms of the robot's clock.
+
+    Its token request stays valid. Giving it up let compromised robots that acknowledge nothing stop a robot: each used
+    up one of the few token requests, and the airtime in which the robot could have asked others (docs/adr/0039).
+    """
+    r = f.robot[i]
+    r.request_next = max(r.request_next - 1, 0)
+    r.repeat_at = now + max(1, f.settings[0].t_audit >> NO_ROOM)
+    r.retry_at = r.repeat_at
+    return int(r.repeat_at)
 
 
 @kernel
@@ -392,7 +400,7 @@ def ask_with(f: Fleet, i: int, w: Work, now: int, length: int) -> None:
     """Send the fragment in `w.packet`; without one, say when to retry. Source: RoboRebound §5.2."""
     if length > 0:
         if send(f, i, w, now, w.packet, length, int(f.robot[i].request_to)) <= 0:
-            on_no_room(f, i)
+            actions.append(w, actions.RETRY_AT, on_no_room(f, i, now), 0)
         return
     at_ms = rounds.next_retry(f, i, now)
     if at_ms >= 0:

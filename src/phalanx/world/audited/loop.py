@@ -206,18 +206,24 @@ def carry_out(world: World, i: int, now: int) -> None:
             packet = w.sent[action.begin : action.begin + action.length]
             left = transmit(world, i, packet, action.length, _addressed(world, packet, action.number))
             if left < 0 and request.is_fragment(packet, action.length):
-                handlers.on_no_room(world.fleet, i)
+                retry_at(world, i, now, handlers.on_no_room(world.fleet, i, now))
         elif action.kind == actions.ACTUATE:
             body.actuate(world, i, w.sent[action.begin : action.begin + action.length], action.length)
         elif action.kind == actions.ROUND_AT:
             push(world.queue, clock.now_us + (action.number - now) * 1000, ROUND, i, action.more)
         elif action.kind == actions.RETRY_AT:
-            at_us = _retry_us(world, i, now, action.number)
-            if world.retry_us[i] < 0 or at_us < world.retry_us[i]:
-                world.retry_us[i] = at_us
-                push(world.queue, at_us, RETRY, i, 0)
+            retry_at(world, i, now, action.number)
         else:
             judged(world, i, action.number, action.more)
+
+
+@kernel
+def retry_at(world: World, i: int, now: int, at_ms: int) -> None:
+    """Enqueue a retry of robot i at `at_ms` of its clock, unless an earlier one is there."""
+    at_us = _retry_us(world, i, now, at_ms)
+    if world.retry_us[i] < 0 or at_us < world.retry_us[i]:
+        world.retry_us[i] = at_us
+        push(world.queue, at_us, RETRY, i, 0)
 
 
 @kernel
