@@ -11,7 +11,6 @@ FILES = {str(path.relative_to(TESTS)): path for path in TESTS.rglob("*.py") if "
 MOST_LINES = 400
 # Each holds one concept; whoever shortens one takes it out.
 LONGER = {
-    "attacks/test_refusals.py",
     "behaviour/observe.py",
     "kit/constructs.py",
     "kit/second_decoder.py",
@@ -32,8 +31,6 @@ LONGER = {
     "test_session_server.py",
     "test_sweep.py",
 }
-# These import from each other still.
-SHARING = ("attacks/",)
 # Uses of other objects' private attributes by tests; fewer each time.
 PRIVATE_USES = 219
 
@@ -57,17 +54,16 @@ def private_uses(tree: ast.AST) -> int:
 
 def test_no_test_is_imported():
     for name, path in FILES.items():
-        if not name.startswith(SHARING):
-            imported = [module for module in modules_of(ast.parse(path.read_text())) if "test_" in module]
-            assert not imported, name
+        imported = [module for module in modules_of(ast.parse(path.read_text())) if "test_" in module]
+        assert not imported, name
 
 
 def test_helpers_are_in_the_kit_and_say_what_they_hold():
-    """Beside what is run from outside: the digests' cases, and peers, which are programs of their own."""
+    """Helpers of attacks stand beside them. The digests' cases and peers are run from outside."""
     for name, path in FILES.items():
-        if name.startswith("kit/"):
+        if name.startswith(("kit/", "attacks/")):
             assert ast.get_docstring(ast.parse(path.read_text())), name
-        elif not name.startswith(("attacks/", "behaviour/", "peers/")):
+        elif not name.startswith(("behaviour/", "peers/")):
             assert path.stem.startswith("test_") or name == "conftest.py", name
 
 

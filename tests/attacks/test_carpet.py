@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 import pytest
+from placed_liars import placed_scenario, stopped_robots
 
-from commands import ROOT
 from phalanx.attacks.channel import audit_packet
 from phalanx.attacks.hijack import RefuseToAudit
 from phalanx.bti import request, seeking
 from phalanx.bti.nodes import Limits, limits_of
 from phalanx.config import BtiConfig
 from phalanx.robot.actions import EVERYBODY, Action
-from phalanx.robot.adversary.attack import own_attack
 from phalanx.robot.adversary.liar import is_audit
 from phalanx.robot.runtime import first_round_ms
-from phalanx.scenarios.attack_spec import AttackSpec
-from phalanx.scenarios.file import find_scenario
-from phalanx.scenarios.scenario import Scenario
 from phalanx.wire.fields import get_u16, row
 from phalanx.wire.table import AUDIT_SEEK
 from phalanx.world.radio.channel import AIRTIME_US, AUDIT_UNICAST, Air
@@ -181,47 +176,24 @@ def places(seed: int) -> np.ndarray:
     return placed([seed, 77], (F_MAX, -95, 8, 20), (1, 0, 0, 0), *auditors)
 
 
-def scenario(seed: int, where: np.ndarray, attack: type[RefuseToAudit], n_max: int = 24) -> Scenario:
-    """Return a mission of which the liars lie from the start, with the default n_max."""
-    own = own_attack(attack)
-    liars = tuple(AttackSpec(name=own.name, own=own, robot=k + 1, at_s=0.1) for k in range(F_MAX))
-    return replace(
-        find_scenario("bti-fig9"),
-        robots=len(where),
-        grid_step_m=1.0,
-        seed=seed,
-        defence="hardened",
-        duration_s=T_VAL_MS / 1000 + 0.6,
-        bti=BtiConfig(f_max=F_MAX, t_audit_ms=T_AUDIT_MS, t_val_ms=T_VAL_MS),
-        n_max=n_max,
-        attacks=liars,
-    )
-
-
-def lives_on(monkeypatch, made: Scenario, where: np.ndarray) -> bool:
-    """Return whether all correct robots live, though all liars talk, and no log shows it."""
-    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
-    import layouts
-
+def lives_on(monkeypatch, attack: type[Noise], seed: int, where: np.ndarray, n_max: int = 24) -> bool:
+    """Return whether all correct robots live, though all liars talk from the start, with the default n_max."""
+    bti = BtiConfig(f_max=F_MAX, t_audit_ms=T_AUDIT_MS, t_val_ms=T_VAL_MS)
+    lasts_s = T_VAL_MS / 1000 + 0.6
+    made = placed_scenario(attack, F_MAX, 0.1, robots=len(where), seed=seed, duration_s=lasts_s, bti=bti, n_max=n_max)
     run = Run(made)
     monkeypatch.setattr(Carpet, "air", run.world.air, raising=False)
     monkeypatch.setattr(Deafen, "limits", limits_of(made.bti, made.radio), raising=False)
-    layouts.drive(run, layouts.Layout(lambda _: where), made.duration_s)
-    told = run.summary()
-    assert all(liar.gained > 50 for liar in run.robots.values()), "they talked"
-    assert all(liar["first_deviation_s"] is None for liar in told["compromised"]), "no log shows it"
-    return not told["correct_in_safe_mode"] and not told["without_quorum"]
+    return not stopped_robots(run, lambda _: where)
 
 
 @pytest.mark.parametrize("n_max, seed", LATE)
 def test_liars_that_fill_all_moments_of_a_victim_s_audits_do_not_stop_it(monkeypatch, n_max, seed):
     """Before, the victim was stopped in each."""
-    where = places(seed)
-    assert lives_on(monkeypatch, scenario(seed, where, Carpet, n_max), where)
+    assert lives_on(monkeypatch, Carpet, seed, places(seed), n_max)
 
 
 @pytest.mark.parametrize("seed", DEAF)
 def test_liars_that_deafen_all_auditors_of_a_victim_do_not_stop_it(monkeypatch, seed):
     """Before, a retry cost no airtime, and the victim was stopped in each."""
-    where = near_auditors(seed)
-    assert lives_on(monkeypatch, scenario(seed, where, Deafen), where)
+    assert lives_on(monkeypatch, Deafen, seed, near_auditors(seed))

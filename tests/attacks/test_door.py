@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_answers import VICTIM
-from test_refusals import Auditee
+from asking import VICTIM
+from auditee import Auditee
 
 from phalanx.bti import request, rounds, trusted
 from phalanx.bti.refusal import Refusal

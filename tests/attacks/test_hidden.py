@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import pytest
-from test_answers import BOOT_MS, GRANT_MS, VICTIM, Asking
+from asking import BOOT_MS, GRANT_MS, VICTIM
+from seeking_robot import Unheard
 
-from phalanx.bti import rounds, seeking
+from phalanx.bti import rounds
 from phalanx.bti.fleet import HARDENED, PAPER
 from phalanx.config import BtiConfig
-from phalanx.robot import handlers
 from phalanx.scenarios.attack_spec import AttackSpec
 from phalanx.scenarios.scenario import Scenario
-from phalanx.wire.fields import row
-from phalanx.wire.table import AUDIT_HERE
 from phalanx.world.scenarios.run import Run
 
 T_AUDIT_MS = 4000
@@ -34,45 +32,6 @@ def test_two_liars_in_other_aisles_stop_nobody_whom_three_auditors_hear(seed):
     assert told["correct_in_safe_mode"] == told["without_quorum"] == []
     assert [liar["first_deviation_s"] for liar in told["compromised"]] == [None, None]
     assert all(run.robots[rob_id - 1].gained > 1000 for rob_id in (11, 12)), "they talked"
-
-
-class Unheard(Asking):
-    """Its fragments are lost."""
-
-    def sends(self, now_ms: int) -> bytes:
-        """Return the fragment that goes out now, if one does."""
-        n = handlers.next_fragment(self.fleet, VICTIM, self.work, now_ms)
-        return self.work.packet[:n].tobytes()
-
-    def loses(self, now_ms: int) -> None:
-        """Lose the last fragment."""
-        seeking.give_up_request(self.fleet, VICTIM, now_ms, self.work.small[1])
-
-    def seeks(self, now_ms: int) -> None:
-        """Send SEEK, and receive answers of all others."""
-        self.loses(now_ms)
-        seeking.write_seek(self.fleet, VICTIM, now_ms, self.work.packet)
-        for rob_id in range(2, 9):
-            self.receives_here(rob_id, int(self.robot.nonce), now_ms)
-        self.robot.quota = 1
-
-    def receives_here(self, rob_id: int, nonce: int, now_ms: int) -> None:
-        here = row(AUDIT_HERE.encode(src=rob_id, dst=VICTIM + 1, nonce=nonce))
-        assert handlers.on_packet(self.fleet, VICTIM, self.work, now_ms, here, len(here)) == handlers.NOTHING
-
-    def pauses_ms(self, now_ms: int) -> list[int]:
-        """Return how long it waits each time, until it gives up."""
-        waited, fragment = [], self.sends(now_ms)
-        assert fragment
-        while True:
-            self.loses(now_ms)
-            if self.robot.request_len == 0:
-                return waited
-            pause_ms = int(rounds.next_retry(self.fleet, VICTIM, now_ms)) - now_ms
-            assert self.sends(now_ms + pause_ms - 1) == b""
-            assert self.sends(now_ms + pause_ms) == fragment, "the same fragment, alone"
-            waited.append(pause_ms)
-            now_ms += pause_ms
 
 
 def begun(at_ms: int, profile: int = HARDENED) -> Unheard:

@@ -6,16 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from asking import BOOT_MS, GRANT_MS, ROUND_MS, VICTIM, Asking
 from opened import Hole, run_with
-from test_answers import BOOT_MS, GRANT_MS, ROUND_MS, VICTIM, Asking
+from seeking_robot import ASKER, Seeking, retry_ms, seek_of, sent
 
 from phalanx.attacks.channel import Mask
-from phalanx.bti import audit, log, request, rounds, seeking
+from phalanx.bti import log, request, rounds, seeking
 from phalanx.bti.fleet import HARDENED, PAPER
 from phalanx.bti.nodes import Limits
 from phalanx.config import BtiConfig
-from phalanx.robot import actions, handlers
-from phalanx.robot.actions import EVERYBODY, Action, RetryAt, RoundAt, Transmit
+from phalanx.robot import handlers
+from phalanx.robot.actions import EVERYBODY, Action, RoundAt
 from phalanx.robot.adversary.liar import is_audit
 from phalanx.scenarios.file import find_scenario
 from phalanx.scenarios.own import find_attacks
@@ -25,7 +26,6 @@ from phalanx.wire.table import AUDIT_HELLO, AUDIT_HERE, AUDIT_SEEK, AUDIT_TOKEN
 from phalanx.world.scenarios.run import Run
 
 DEAF = Hole(handlers, "handle_audit", "sub == seeking.SEEK", "False")
-ASKER = 5
 
 
 class Amplify(Mask):
@@ -97,42 +97,6 @@ def test_where_nobody_answers_they_starve_most_of_a_hub(monkeypatch):
     assert stopped(run_with(monkeypatch, replace(made, duration_s=11.0), DEAF)) >= 8
     nobody_lies = replace(made, attacks=(), duration_s=11.0)
     assert stopped(run_with(monkeypatch, nobody_lies, DEAF)) == 0, "it is not the hole alone"
-
-
-class Seeking(Asking):
-    """A robot whose first round has given it nothing."""
-
-    def __init__(self):
-        super().__init__()
-        rounds.begin_round(self.fleet, VICTIM, BOOT_MS)
-        self.now_ms = BOOT_MS + ROUND_MS
-
-    def senses(self, now_ms: int) -> None:
-        """Take a reading, so that its s-chain is another."""
-        handlers.take(self.fleet, VICTIM, self.work, audit.INPUT, now_ms, row(bytes(8)), 8)
-
-    def event(self, handler, *args: int) -> list[Action]:
-        handler(self.fleet, VICTIM, self.work, *args)
-        return actions.decode(self.work)
-
-    def round_due(self, *, listened: bool) -> list[Action]:
-        return self.event(handlers.on_round, self.now_ms, int(listened), 0)
-
-    def receives(self, packet: bytes, now_ms: int) -> list[Action]:
-        handlers.on_packet(self.fleet, VICTIM, self.work, now_ms, row(packet), len(packet))
-        return actions.decode(self.work)
-
-
-def seek_of(src: int, nonce: int = 77, since: int = 0) -> bytes:
-    return AUDIT_SEEK.encode(src=src, dst=0, nonce=nonce, since=since, share=255)
-
-
-def sent(asked: list[Action]) -> list[bytes]:
-    return [each.packet for each in asked if isinstance(each, Transmit)]
-
-
-def retry_ms(asked: list[Action]) -> int:
-    return min(each.at_ms for each in asked if isinstance(each, RetryAt))
 
 
 def test_a_robot_that_lacks_tokens_listens_then_seeks_and_asks_those_that_answer():

@@ -8,173 +8,23 @@ from __future__ import annotations
 import hashlib
 import struct
 
-import numpy as np
 import pytest
-from caught import MARKS, Judge
-from test_answers import BOOT_MS, VICTIM, Asking
+from asking import BOOT_MS, VICTIM
+from auditee import ASKED_MS, DELTA_MS, SKEW_MS, Auditee
+from edited_requests import CHECKED, entry, parts, segment_at, tokens, with_segment, with_tokens
 
-from phalanx.bti import audit, log, request, rounds, trusted
+from phalanx.bti import audit, log, request, rounds
 from phalanx.bti.audit import ACMD, INPUT, RECV, SEND
-from phalanx.bti.fleet import HARDENED, PENDING
-from phalanx.bti.log import ENTRY_HEAD_BYTES
+from phalanx.bti.fleet import PENDING
 from phalanx.bti.refusal import Refusal
-from phalanx.robot import handlers
 from phalanx.robot.adversary.liar import MOTION
-from phalanx.robot.controllers import dispatch
-from phalanx.robot.controllers.python_controller import Act, unpack_outputs
 from phalanx.wire.fields import row
 from phalanx.wire.table import CHECKPOINT, KIND_SENSOR, KIND_STATE
-
-DELTA_MS, SKEW_MS = 100, 50
-# From the first INPUT on, before which a-nodes make no request.
-STEPS = 4
-ASKED_MS = 60  # after an INPUT
-
-
-class Auditee(Asking):
-    """A robot with true nodes, whose c-node chains and logs what a test says."""
-
-    def __init__(self, **said):
-        super().__init__(**said)
-        self.judge = Judge(self.fleet, self.config)
-        self.round_begins(BOOT_MS)
-        self.step = 0
-
-    def due_ms(self, step: int | None = None) -> int:
-        """When an INPUT is due, the next one if nothing is said."""
-        return int(rounds.grid(self.fleet, VICTIM, self.step if step is None else step))
-
-    def chained(self, kind: int, t_ms: int, payload: bytes) -> bytes:
-        """The entry, from the trusted node."""
-        n = handlers.chain(self.fleet, VICTIM, self.work, kind, t_ms, row(payload), len(payload))
-        assert n > 0
-        return self.work.entry[:n].tobytes()
-
-    def logs(self, entry: bytes) -> None:
-        assert log.append(self.fleet, VICTIM, row(entry), len(entry)) == 0
-
-    def polled(self, t_ms: int) -> bytes:
-        return self.chained(INPUT, t_ms, MOTION.pack(KIND_SENSOR, 1, t_ms, self.step, 2.0, 0.0, 0.0))
-
-    def thinks(self, entry: bytes) -> list[tuple[int, bytes]]:
-        """What the controller puts out on an INPUT: kind and payload of each."""
-        self.work.entry[: len(entry)] = row(entry)
-        n = handlers.run_controller(self.fleet, VICTIM, self.work, len(entry))
-        self.step += 1
-        told = unpack_outputs(self.work.out[:n].tobytes())
-        return [(ACMD if isinstance(each, Act) else SEND, each.payload) for each in told]
-
-    def senses(self, t_ms: int | None = None, late_ms: int = 0) -> None:
-        """An INPUT when it is due, or then, and its outputs so much later."""
-        t_ms = self.due_ms() if t_ms is None else t_ms
-        entry = self.polled(t_ms)
-        self.logs(entry)
-        for kind, payload in self.thinks(entry):
-            self.logs(self.chained(kind, t_ms + late_ms, payload))
-
-    def hears_of(self, t_ms: int) -> bytes:
-        """A state of robot 3's; the controller knows it, the log not yet."""
-        packet = MOTION.pack(KIND_STATE, 3, t_ms, 5.0, 5.0, 0.0, 0.0)
-        entry = self.chained(RECV, t_ms, packet)
-        f, s = self.fleet, self.fleet.settings[0]
-        dispatch.on_recv(s.controller, f.params, 1, t_ms, row(packet), len(packet), f.state[VICTIM])
-        self.robot.state_len = dispatch.size(s.controller, f.state[VICTIM])
-        return entry
-
-    def goes_on(self) -> None:
-        for _ in range(STEPS):
-            self.senses()
-
-    def asks(self, now_ms: int | None = None) -> tuple[int, bytes]:
-        """The auditor's id and the request; a while after the last INPUT if nothing is said."""
-        return self.ask(self.due_ms(self.step - 1) + ASKED_MS if now_ms is None else now_ms)
-
-    def verdict(self, asked: tuple[int, bytes]) -> int:
-        auditor, q = asked
-        return self.judge(VICTIM, auditor - 1, q)[0]
-
-    def covered(self) -> None:
-        """Its log begins at a checkpoint with f_max + 1 tokens."""
-        self.goes_on()
-        for k in range(self.config.tokens_needed):
-            now_ms = self.due_ms(self.step - 1) + ASKED_MS
-            while True:  # the a-node's bucket
-                if handlers.next_fragment(self.fleet, VICTIM, self.work, now_ms) > 0:
-                    break
-                self.robot.quota = 1
-                self.senses()
-                now_ms = self.due_ms(self.step - 1) + ASKED_MS
-            q = self.fleet.request.rows[self.robot.request_row, : int(self.robot.request_len)].tobytes()
-            rounds.withdraw(self.fleet, VICTIM)
-            auditor = int(self.robot.request_to)
-            assert self.verdict((auditor, q)) == 0
-            assert self.gets(self.token(auditor, q, PENDING), now_ms) == k + 1
-        assert not self.robot.booted
-        assert self.robot.tokens_start == self.config.tokens_needed
-        for _ in range(20):
-            self.senses()
-        self.round_begins(self.due_ms(self.step - 1))
-
-    def between(self, now_ms: int) -> tuple[int, np.ndarray, np.ndarray]:
-        """A token request, made; the s-node has still to sign: its auditor, and both records."""
-        rounds.withdraw(self.fleet, VICTIM)
-        auditor = int(rounds.next_candidate(self.fleet, VICTIM, now_ms))
-        treq, auth = row(bytes(request.TREQ_BYTES)), row(bytes(30))
-        assert trusted.anode_token_request(HARDENED, self.fleet.anode[VICTIM], now_ms, auditor, treq) >= 0
-        log.mark(self.fleet, VICTIM, log.FLUSH_A)
-        return auditor, treq, auth
-
-    def signed(self, auditor: int, treq: np.ndarray, auth: np.ndarray) -> tuple[int, bytes]:
-        """The rest of it."""
-        assert trusted.snode_make_auth(HARDENED, self.fleet.snode[VICTIM], treq[request.TREQ_BYTES - 8 :], auth) >= 0
-        log.mark(self.fleet, VICTIM, log.FLUSH_S)
-        n = int(request._write(self.fleet, VICTIM, treq, auth, row(bytes(30))))
-        return auditor, self.fleet.request.rows[self.robot.request_row, :n].tobytes()
 
 
 @pytest.fixture
 def auditee():
     return Auditee()
-
-
-def segment_at(q: bytes) -> int:
-    return len(q) - int.from_bytes(q[request.AT_SEGMENT_LEN :][:4], "little")
-
-
-def with_segment(q: bytes, segment: bytes) -> bytes:
-    """The request with another segment."""
-    head = bytearray(q[: segment_at(q)])
-    head[request.AT_SEGMENT_LEN : request.AT_SEGMENT_LEN + 4] = len(segment).to_bytes(4, "little")
-    return bytes(head) + segment
-
-
-def parts(segment: bytes) -> list[bytes]:
-    found, at = [], 0
-    while at < len(segment):
-        size = 1 if segment[at] in MARKS else ENTRY_HEAD_BYTES + int.from_bytes(segment[at + 5 : at + 7], "little")
-        found.append(segment[at : at + size])
-        at += size
-    return found
-
-
-def tokens(q: bytes) -> list[bytes]:
-    at = [request.HEAD_BYTES + k * request.TOKEN_BYTES for k in range(q[request.AT_TOKENS])]
-    return [q[each : each + request.TOKEN_BYTES] for each in at]
-
-
-def with_tokens(q: bytes, shown: list[bytes]) -> bytes:
-    head = bytearray(q[: request.HEAD_BYTES])
-    rest = q[request.HEAD_BYTES + q[request.AT_TOKENS] * request.TOKEN_BYTES :]
-    head[request.AT_TOKENS] = len(shown)
-    return bytes(head) + b"".join(shown) + rest
-
-
-def entry(kind: int, t_ms: int, payload: bytes) -> bytes:
-    """As a node would have made it."""
-    return struct.pack("<BIH", kind, t_ms, len(payload)) + payload
-
-
-CHECKED = bytes([log.CHECKPOINT])
 
 
 class TestStart:

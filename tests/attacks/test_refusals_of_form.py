@@ -6,17 +6,18 @@ import hashlib
 import struct
 
 import pytest
-from test_answers import VICTIM
-from test_refusals import (
+from asking import VICTIM
+from auditee import DELTA_MS, SKEW_MS, Auditee
+from edited_requests import (
     CHECKED,
-    DELTA_MS,
-    SKEW_MS,
-    Auditee,
     entry,
-    parts,
     segment_at,
+    shown_of,
+    start_of,
     tokens,
+    with_byte,
     with_segment,
+    with_start,
     with_tokens,
 )
 
@@ -37,32 +38,6 @@ def auditee():
 @pytest.fixture
 def as_printed():
     return Auditee(profile=PAPER)
-
-
-def start_at(q: bytes) -> int:
-    return request.HEAD_BYTES + q[request.AT_TOKENS] * request.TOKEN_BYTES
-
-
-def start_of(q: bytes) -> bytes:
-    return q[start_at(q) :][: int.from_bytes(q[request.AT_CHECKPOINT_LEN :][:2], "little")]
-
-
-def with_start(q: bytes, start: bytes) -> bytes:
-    """The request with another start of its log."""
-    at = start_at(q)
-    head = bytearray(q[:at])
-    head[request.AT_CHECKPOINT_LEN : request.AT_CHECKPOINT_LEN + 2] = len(start).to_bytes(2, "little")
-    return bytes(head) + start + q[at + len(start_of(q)) :]
-
-
-def with_byte(q: bytes, at: int, value: int) -> bytes:
-    return q[:at] + bytes([value]) + q[at + 1 :]
-
-
-def shown_of(auditee, edit) -> int:
-    """The verdict on a true request whose segment's parts `edit` has changed."""
-    auditor, q = auditee.asks()
-    return auditee.verdict((auditor, with_segment(q, b"".join(edit(parts(q[segment_at(q) :]))))))
 
 
 class TestHead:

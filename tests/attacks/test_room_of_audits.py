@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from test_answers import VICTIM
-from test_refusals import Auditee, entry, parts, segment_at, with_segment
-from test_refusals_of_form import shown_of
+from asking import VICTIM
+from auditee import Auditee
+from edited_requests import entry, parts, segment_at, shown_of, with_segment
 
 from phalanx.bti import audit, log
 from phalanx.bti.audit import ACMD, ENTRY_HEAD_BYTES, INPUT, SEND

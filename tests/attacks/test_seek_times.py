@@ -7,9 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from test_answers import BOOT_MS, GRANT_MS, ROUND_MS, VICTIM
-from test_hidden import Unheard
-from test_mask import ASKER, Seeking, retry_ms, seek_of
+from asking import BOOT_MS, GRANT_MS, ROUND_MS, VICTIM
+from seeking_robot import ASKER, Seeking, Unheard, retry_ms, seek_of
 
 from phalanx.bti import rounds, seeking
 
