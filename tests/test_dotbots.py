@@ -357,7 +357,7 @@ class TestUp:
         assert "no controller of DotBots" in error
         assert "Connection refused" in error
         assert "dotbot run controller" in hint
-        assert [("asks nobody who they are" in line) for line in warning] == [True] * (host != "127.0.0.1")
+        assert [("its API has no login" in line) for line in warning] == [True] * (host != "127.0.0.1")
 
     @pytest.mark.parametrize("more", [("--robots", "3"), ("--mission", "office"), ("--defence", "none")])
     def test_what_real_robots_cannot_be_told_is_refused(self, phalanx, more):
