@@ -10,9 +10,8 @@ from setuptools import setup
 ROOT = Path(__file__).resolve().parent
 sys.path[:0] = [str(ROOT / "release"), str(ROOT)]
 
+from build_commands import KERNELS, BdistWheel, BuildExt, BuildPy, Sdist
 from readme import for_index
-
-from commands import KERNELS, BdistWheel, BuildExt, BuildPy, Sdist
 
 # The same sources give the same bytes, whenever and wherever they are built: not the time of a checkout, nor the places
 # of libraries that some Pythons would have written into what they link.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import re
-import sys
 from pathlib import Path
 
 import pytest
@@ -44,11 +43,10 @@ def installed(request, tmp_path, monkeypatch):
     if request.param == "wheel":
         monkeypatch.syspath_prepend(str(ROOT / "release"))
         monkeypatch.chdir(ROOT)
-        from commands import copy_documents
+        from build_commands import copy_documents
 
         copy_documents(tmp_path / "documents")
         monkeypatch.setattr(command, "PACKAGE", tmp_path)
-        sys.modules.pop("commands")
 
 
 def test_each_document_that_a_message_names_is_printed(installed):

@@ -295,7 +295,7 @@ class TestDeterminism:
         )
 
         def digest(switch):
-            env = os.environ | {"PHALANX_PURE": switch, "PYTHONPATH": str(ROOT / "tests")}
+            env = os.environ | {"PHALANX_PURE": switch, "PYTHONPATH": str(ROOT / "tests" / "kit")}
             done = subprocess.run([sys.executable, "-c", script], env=env, capture_output=True, text=True, timeout=150)
             assert done.returncode == 0, done.stderr
             return done.stdout

@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from phalanx.bti import request as audits
 from phalanx.bti.fleet import make_fleet
 from phalanx.bti.log import logged
-from phalanx.bti.request import is_fragment
 from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig
 from phalanx.config.radio import RadioConfig
-from phalanx.robot import handlers
 from phalanx.robot.actions import RetryAt, Transmit
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.planner import ToGoal, advice_of
@@ -54,7 +53,7 @@ def alone(run):
 @pytest.fixture(scope="module", params=[SWARM, LOSSY], ids=["heard", "lossy"])
 def lived(request):
     """A run in which somebody noted all that one robot was told from outside, and what it then had in its log."""
-    noted, handle, no_room, full = [], pybot.handle, handlers.on_no_room, []
+    noted, handle, no_room, full = [], pybot.handle, audits.postpone, []
 
     def was_full(fleet, i, now_ms):
         if i == ME:
@@ -76,7 +75,7 @@ def lived(request):
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(pybot, "handle", note)
         patched.setattr(loop, "carry_out", loop.carry_out.py_func)
-        patched.setattr(handlers, "on_no_room", was_full)
+        patched.setattr(audits, "postpone", was_full)
         run = Run(request.param)
         robot, boot_ms = alone(run), int(run.world.boot_us[ME]) // 1000
         run.advance(SWARM.duration_s)
@@ -94,7 +93,7 @@ def test_the_same_run_fed_to_one_robot_alone_gives_the_same_log_bytes(lived):
         nonlocal compared
         right, was_full = next(logs)
         for now_ms in was_full:
-            runtime._kept(now_ms, [RetryAt(handlers.on_no_room(fleet, 0, now_ms))])
+            runtime._kept(now_ms, [RetryAt(audits.postpone(fleet, 0, now_ms))])
         assert logged(fleet, 0) == right
         compared += 1
 
@@ -136,7 +135,7 @@ def test_a_robot_that_nobody_answers_is_stopped_when_its_tokens_have_run_out():
             runtime.on_check(now_ms)
         elif runtime.audit_ms == now_ms:
             sent = [row(each.packet) for each in runtime.on_audit(now_ms) if isinstance(each, Transmit)]
-            asked += sum(is_fragment(each, len(each)) for each in sent)
+            asked += sum(audits.is_fragment(each, len(each)) for each in sent)
         else:
             runtime.on_reading(now_ms, b"\x02" + bytes(26))
         assert now_ms <= boot_ms + SWARM.bti.t_val_ms + 2 * SWARM.bti.p_check_ms

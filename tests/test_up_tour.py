@@ -18,7 +18,7 @@ def test_it_chooses_what_is_shown():
         done = called("up", "--tour", *words)
         assert (done.returncode, "the tour chooses" in done.stderr) == (2, True), done.stderr
     done = called("up", "--tour", "--robots", "3")
-    assert (done.returncode, "do not audit" in done.stderr) == (2, True), done.stderr
+    assert (done.returncode, "needs robots that audit" in done.stderr) == (2, True), done.stderr
 
 
 @pytest.mark.waits

@@ -70,7 +70,7 @@ class Judge:
         path.write_bytes(pickle.dumps((arrays, self.config, requests)))
         child = subprocess.run(
             [sys.executable, str(HERE / "caught.py"), str(path)],
-            env=os.environ | {"PHALANX_PURE": "1", "PYTHONWARNINGS": "error", "PYTHONPATH": str(HERE.parent)},
+            env=os.environ | {"PHALANX_PURE": "1", "PYTHONWARNINGS": "error", "PYTHONPATH": str(HERE.parent / "kit")},
             capture_output=True,
             text=True,
         )

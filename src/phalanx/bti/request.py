@@ -38,6 +38,8 @@ AT_REQUEST, AT_INDEX, AT_COUNT = map(table.AUDIT_FRAGMENT.at, ("request", "index
 REPLY_T, REPLY_MAC = map(table.AUDIT_TOKEN.at, ("t", "mac"))
 AUTH_MAC = table.AUTHENTICATOR.at("mac")
 TREQ_BYTES = table.TOKEN_REQUEST.size
+# A fragment that found no room is sent again after T_audit >> POSTPONED.
+POSTPONED = 5
 
 
 @kernel
@@ -158,6 +160,20 @@ def next_fragment(f: Fleet, i: int, now: int, packet: Row) -> int:
     copy(packet, FRAGMENT_HEAD_BYTES, f.request.rows[r.request_row], begin, length)
     r.request_next += 1
     return int(FRAGMENT_HEAD_BYTES + length)
+
+
+@kernel
+def postpone(f: Fleet, i: int, now: int) -> int:
+    """Keep the fragment that the radio, or the a-node, did not accept; return when to send it, ms of the robot's clock.
+
+    Its token request stays valid. Giving it up let compromised robots that acknowledge nothing stop a robot: each used
+    up one of the few token requests, and the airtime in which the robot could have asked others (docs/adr/0039).
+    """
+    r = f.robot[i]
+    r.request_next = max(r.request_next - 1, 0)
+    r.repeat_at = now + max(1, f.settings[0].t_audit >> POSTPONED)
+    r.retry_at = r.repeat_at
+    return int(r.repeat_at)
 
 
 @kernel

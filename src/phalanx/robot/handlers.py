@@ -5,7 +5,7 @@ The surroundings call a handler for each event, and carry out the actions in `wo
     on_boot      the mission key was loaded        on_round   T_audit has passed, or the robot has listened
     on_reading   the sensors were read             on_retry   the time of a `RETRY_AT` has come
     on_advice    a planner has advised             on_sent    the radio has sent a fragment, or given it up
-    on_packet    a packet has arrived              on_no_room the radio did not accept a fragment
+    on_packet    a packet has arrived
 
 The protocol in short (RoboRebound §3; docs/spec/rebound.md):
 
@@ -44,8 +44,6 @@ from .replay import replay_bundled
 
 # What `on_packet` returns beside its actions.
 NOTHING, HEARD, WHOLE = 0, 1, 2
-# A fragment that found no room is sent again after T_audit >> NO_ROOM.
-NO_ROOM = 5
 ID_AT = STATE.at("id")  # as in every other broadcast of a controller's
 ID_BYTES = STATE.at("t") - ID_AT
 
@@ -366,20 +364,6 @@ def on_sent(f: Fleet, i: int, w: Work, now: int, arrived: int, busy: int) -> Non
 
 
 @kernel
-def on_no_room(f: Fleet, i: int, now: int) -> int:
-    """Keep the fragment that the radio, or the a-node, did not accept; return when to send it, ms of the robot's clock.
-
-    Its token request stays valid. Giving it up let compromised robots that acknowledge nothing stop a robot: each used
-    up one of the few token requests, and the airtime in which the robot could have asked others (docs/adr/0039).
-    """
-    r = f.robot[i]
-    r.request_next = max(r.request_next - 1, 0)
-    r.repeat_at = now + max(1, f.settings[0].t_audit >> NO_ROOM)
-    r.retry_at = r.repeat_at
-    return int(r.repeat_at)
-
-
-@kernel
 def ask(f: Fleet, i: int, w: Work, now: int, busy: int) -> None:
     """Send the next fragment, or say when to retry; while the radio holds one, wait for `on_sent`."""
     if busy == 0:
@@ -400,7 +384,7 @@ def ask_with(f: Fleet, i: int, w: Work, now: int, length: int) -> None:
     """Send the fragment in `w.packet`; without one, say when to retry. Source: RoboRebound §5.2."""
     if length > 0:
         if send(f, i, w, now, w.packet, length, int(f.robot[i].request_to)) <= 0:
-            actions.append(w, actions.RETRY_AT, on_no_room(f, i, now), 0)
+            actions.append(w, actions.RETRY_AT, request.postpone(f, i, now), 0)
         return
     at_ms = rounds.next_retry(f, i, now)
     if at_ms >= 0:

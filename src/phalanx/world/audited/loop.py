@@ -206,7 +206,7 @@ def carry_out(world: World, i: int, now: int) -> None:
             packet = w.sent[action.begin : action.begin + action.length]
             left = transmit(world, i, packet, action.length, _addressed(world, packet, action.number))
             if left < 0 and request.is_fragment(packet, action.length):
-                retry_at(world, i, now, handlers.on_no_room(world.fleet, i, now))
+                retry_at(world, i, now, request.postpone(world.fleet, i, now))
         elif action.kind == actions.ACTUATE:
             body.actuate(world, i, w.sent[action.begin : action.begin + action.length], action.length)
         elif action.kind == actions.ROUND_AT:

@@ -175,7 +175,7 @@ def _actions(world: World, robot: Robot, kind: int, now_ms: int, seen: bytes, ar
         return robot.on_packet(now_ms, world.packet[: world.packet_len[0]].tobytes())
     if kind == loop.WAKE:
         return robot.on_wake(now_ms) if isinstance(robot, Liar) and robot.lies(now_ms) else []
-    # Other robots in Python learn that their radio is full by `on_no_room`.
+    # Other robots in Python keep a fragment for which their radio has no room.
     robot.busy = bool(world.runs[robot.i] == TRACED and world.air.nic[robot.i].long_used)
     if kind == loop.ROUND:
         return robot.on_round(now_ms, listened=bool(arg))
