@@ -38,7 +38,7 @@ def test_robots_whose_hello_is_relayed_from_far_away_are_not_asked_in_vain_for_l
     assert stopped(promises, "relayed", f_max, 0) == []
 
 
-def test_liars_that_relay_seek_and_its_answers_both_ways_are_not_lost(promises):
+def test_liars_that_relay_seek_and_its_answers_both_ways_are_not_stopped(promises):
     """The exception on docs/promises.md."""
     assert len(stopped(promises, "relayed", 1, 0, both=1.0)) > 5
 
