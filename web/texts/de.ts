@@ -565,6 +565,7 @@ export const operator: typeof en.operator = {
   nameDrives: (name, robot) => `${name} steuert ${robot}`,
   andMore: (n) => ` und ${n} weitere`,
   next: "Als Nächstes",
+  nextDrives: (name, robot, s) => `${name}: ${robot} in etwa ${s} s`,
 };
 
 export const viewer: typeof en.viewer = {

@@ -576,6 +576,7 @@ export const operator = {
   nameDrives: (name: string, robot: string) => `${name} drives ${robot}`,
   andMore: (n: number) => ` and ${n} more`,
   next: "Next",
+  nextDrives: (name: string, robot: string, s: number) => `${name}: ${robot} in about ${s} s`,
 };
 
 /** The page of `phalanx sim view`. */
