@@ -525,6 +525,13 @@ export const operator: typeof en.operator = {
   isAStart: (name) => `${name} ist ein Start`,
   final: "Ziel",
   isFinal: (name) => `${name} ist ein Ziel`,
+  nodeWords: {
+    within_m: "Zählt bis, m",
+    timeout_s: "Höchstens, s",
+    do: "Tut dort",
+    wait: "Wartet auf Nachrichten",
+    send: "Sendet Nachrichten",
+  },
   ways: "Wege",
   from: "Von",
   to: "Nach",

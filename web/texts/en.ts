@@ -535,6 +535,13 @@ export const operator = {
   isAStart: (name: string) => `${name} is a start`,
   final: "Final",
   isFinal: (name: string) => `${name} is final`,
+  nodeWords: {
+    within_m: "Counts within, m",
+    timeout_s: "Time limit, s",
+    do: "Does there",
+    wait: "Waits for messages",
+    send: "Sends messages",
+  },
   ways: "Ways",
   from: "From",
   to: "To",

@@ -135,6 +135,23 @@ describe("the mission editor", () => {
     }
   });
 
+  it("takes what a robot does at a node that is picked", async () => {
+    await open();
+    await act(async () => part("nodes")?.querySelector("input")?.focus());
+    for (const [word, typed] of [["do", "pick shelf=3"], ["wait", "go, on"], ["within_m", "1.5"], ["timeout_s", "soon"]]) {
+      const input = part(`word-${word}`) as HTMLInputElement;
+      input.value = typed ?? "";
+      await act(async () => {
+        input.focus();
+        input.blur();
+      });
+    }
+    await press("compile");
+    expect((asked.find(({ what }) => what === "compile")?.words as { mission: string }).mission).toContain(
+      'do: {"pick": {"shelf": 3}}, wait: ["go", "on"], within_m: 1.5, timeout_s: "soon"}',
+    );
+  });
+
   it("says so when the building cannot be had", async () => {
     answers["world"] = () => ({ ...WORLD, walls: "none" });
     await open();
