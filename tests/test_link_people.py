@@ -5,14 +5,19 @@ from __future__ import annotations
 import asyncio
 import json
 import time
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
+from types import SimpleNamespace
 
 import pytest
 
 from commands import a_gateway, called
 from phalanx.cli.gateway_of import ask_gateway
+from phalanx.gateway.operator_desk import OperatorDesk
+from phalanx.gateway.projector import Projector
 from phalanx.link.session import Role, parse_invitation
 from phalanx.link.session.errors import EndReason
+from phalanx.world import Dotbots
+from serving import serving
 from session_front import visiting
 from waiting import eventually
 
@@ -120,3 +125,24 @@ async def test_what_a_command_cannot_do_is_said(monkeypatch):
     assert (code, "a robot again" in err, "approve --watch Ada" in err) == (1, True, True)
     assert "nobody can be removed who has the shared code" in (await link("kick", "Ada"))[2]
     assert (await asked("people"))["by_shared_code"] == 1
+
+
+async def test_the_projector_lists_visitors_and_who_gets_which_robot_next_and_no_operator():
+    swarm, visitors = Dotbots(2, 1, time.time), ("Ada", "Bob", "Dan", "Eve", "Fay")
+    async with serving(swarm, assign="one-each", turn_ms=60_000) as link:
+        desk = OperatorDesk(link, swarm, link.gateway.brakes, "http://x/", print)
+        shown = SimpleNamespace(link=link, gateway=link.gateway, desk=desk, page_url="http://x/", qr_url="http://x/#j=")
+        ticket = parse_invitation(desk.do("invite", {"role": "operate"})["url"])
+        async with AsyncExitStack() as here:
+            for invitation, name in ((ticket, "Op"), *((link.invitation, name) for name in visitors)):
+                visit = await here.enter_async_context(visiting(link.port, invitation, name))
+                await eventually(lambda visit=visit: visit.frames)
+            told, robots = Projector(shown, "", None).state(), [robot.name for robot in swarm.robots()]
+            assert [(each["name"], each["robot"]) for each in told["visitors"]] == [
+                *zip(visitors, (*robots, "", "", ""), strict=True)
+            ]
+            assert [(each["name"], each["robot"]) for each in told["queue"]] == [
+                *zip(visitors[2:], (*robots, ""), strict=True)
+            ]
+            assert 50 < told["queue"][0]["left_s"] <= told["queue"][1]["left_s"] <= 60
+            assert told["queue"][2]["left_s"] == 0

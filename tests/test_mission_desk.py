@@ -5,18 +5,22 @@ from __future__ import annotations
 import asyncio
 import json
 import time
+from dataclasses import replace
+from operator import attrgetter
 
 import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mission_swarms import THROUGH, Silent, plain_of
+from commands import called
+from mission_swarms import SMALL, THROUGH, Silent, plain_of
 from phalanx.cli.mission.files import read_plain
 from phalanx.config.builtin import built_in
 from phalanx.errors import UsageError
 from phalanx.gateway.missions.desk import TEXT_MAX_BYTES, MissionDesk, _read, parse_profile, requests_of
-from phalanx.mission import Profile
+from phalanx.mission import Profile, plain_mission
+from phalanx.mission.authoring.document import words_of_mission
 from waiting import eventually
 
 
@@ -142,6 +146,26 @@ class TestDesk:
         mine, theirs = plain_of(json.dumps(again)), read_plain(name)
         assert mine == theirs
 
+    @pytest.mark.parametrize("name", built_in("missions"))
+    def test_the_words_of_a_mission_describe_it(self, name):
+        mission = read_plain(name)
+        again = plain_mission(words_of_mission(mission))
+        by_ends = attrgetter("source", "target")
+        assert replace(again, ways=sorted(again.ways, key=by_ends)) == replace(
+            mission, ways=sorted(mission.ways, key=by_ends)
+        )
+
+    async def test_the_mission_that_runs_can_be_read_back(self, desk):
+        assert await desk("running") == {}
+        job = await compiled(desk)
+        assert await desk("running") == {}, "it was not sent"
+        await desk("send", {"id": job["id"]})
+        told = await desk("running")
+        assert [(node["name"], node["at"]) for node in told["nodes"]] == [("start", [1.5, 3]), ("door", [5, 3])]
+        nodes = {node["name"]: node["words"] for node in told["nodes"]}
+        again = {"mission": told["name"], **told["rest"], "nodes": nodes, "ways": [["start", "door"]]}
+        assert plain_of(json.dumps(again)) == plain_of()
+
     async def test_too_much_is_refused_before_it_is_read(self, desk):
         answer = await desk("read", {"mission": "x" * (TEXT_MAX_BYTES + 1)})
         assert answer["hint"] == f"at most {TEXT_MAX_BYTES} from this page"
@@ -152,6 +176,21 @@ class TestDesk:
         nodes = ", ".join(f"n{i}: {{see: *s}}" for i in range(1, 21))
         job = await compiled(desk, f"mission: many\nnodes: {{n0: {{start: true, see: &s [{see}]}}, {nodes}}}")
         assert "5250 ways" in job["error"]
+
+    async def test_what_is_wrong_with_nodes_is_told_as_the_command_tells_it(self, desk, tmp_path):
+        alone = "mission: alone\nnodes: {start: {start: true, see: {position: [1.5, 3.0]}}}"
+        for text, name, problem in (
+            (THROUGH.partition("ways:")[0], "door", "unreachable from any start"),
+            (alone, "start", "the only node"),
+        ):
+            job = await compiled(desk, text)
+            (found,) = [row["problems"] for row in job["audit"]["nodes"] if row["name"] == name]
+            assert problem in found[0]
+            (tmp_path / "mission.yaml").write_text(text)
+            (tmp_path / "small.yaml").write_text(SMALL)
+            files = str(tmp_path / "mission.yaml"), "--map", str(tmp_path / "small.yaml")
+            told = json.loads(called("mission", "audit", *files, "--json").stdout)
+            assert json.loads(json.dumps(job["audit"] | {"rates": job["rates"], "trial": None})) == told
 
     async def test_garbage_is_answered_with_a_line_and_nothing_breaks(self, desk, caplog):
         for what in ("read", "compile", "send"):

@@ -4,6 +4,7 @@
 import { useEffect, useMemo, useState } from "react";
 import { type OverReason, SessionConnection, type SwarmView, sentence, useLink, useSwarm } from "../client";
 import { common, Mixed, operator as texts } from "../texts";
+import { useFragment } from "./address";
 import { useNow } from "./clock";
 import { type Entry, resumeStore, useEntry } from "./entry";
 import { useExhibition } from "./exhibition";
@@ -89,24 +90,26 @@ export function Desk({ station, isOnTablet }: DeskProps) {
   const exhibition = useExhibition();
   const { newest, trouble } = polled;
   const window = useWindow(newest);
-  const [drawing, setDrawing] = useState<boolean>();
+  const [drawing, setDrawing] = useFragment("#mission");
+  const [wasOpened, setWasOpened] = useState(false);
+  if (drawing && !wasOpened) setWasOpened(true);
   const silent_ms = useNow(1000) - (newest?.at_ms ?? 0);
 
   const dead = trouble !== undefined && silent_ms > DEAD_AFTER_MS;
   return (
     <div className="page" data-tablet={isOnTablet} data-exhibition={exhibition.on} data-trouble={trouble !== undefined}>
       {!exhibition.on && (
-        <Header station={station} state={newest?.state} drawing={drawing === true} onDrawing={setDrawing} isOnTablet={isOnTablet} />
+        <Header station={station} state={newest?.state} drawing={drawing} onDrawing={setDrawing} isOnTablet={isOnTablet} />
       )}
       <StopAll station={station} held={newest?.state.held === true} heardAt_ms={newest?.at_ms ?? 0} />
       <Banner polled={polled} silent_s={silent_ms / 1000} />
       {/* Once opened it stays, hidden: what is drawn must not be lost to a look at the overview. */}
-      {drawing !== undefined && newest?.state.mission && (
+      {wasOpened && newest?.state.mission && (
         <div hidden={!drawing}>
           <Editor station={station} running={newest.state.mission.running} />
         </div>
       )}
-      {newest && !drawing && (
+      {newest && !(drawing && newest.state.mission) && (
         <main>
           <div className="stage">
             <Invitation

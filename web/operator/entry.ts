@@ -20,6 +20,7 @@ import { dropToken, takeToken } from "./token";
 /** Where the websocket is, seen from where the front end serves this page. */
 const ABOVE = "../link";
 const AGAIN_MS = 1000;
+const LINK = /^#(j|token)=/;
 
 /** Of this origin; visitors' are others. */
 export const resumeStore = new ResumeStore(browserStores(), "phalanx.operator.");
@@ -37,9 +38,10 @@ export function useEntry(): readonly [Entry, () => void] {
   const again = useCallback(() => setRound((before) => before + 1), []);
 
   useEffect(() => {
-    // A new link pasted into this tab changes only the fragment, and loads nothing.
-    window.addEventListener("hashchange", again);
-    return () => window.removeEventListener("hashchange", again);
+    // A new link pasted into this tab changes only the fragment, and loads nothing. Others are parts of the page.
+    const pasted = () => LINK.test(window.location.hash) && again();
+    window.addEventListener("hashchange", pasted);
+    return () => window.removeEventListener("hashchange", pasted);
   }, [again]);
 
   useEffect(() => {

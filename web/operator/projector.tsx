@@ -18,7 +18,8 @@ interface Shown {
   readonly room: string | null;
   readonly watch_only: boolean;
   readonly visitors: readonly { readonly name: string; readonly robot: string }[];
-  readonly queue: readonly string[];
+  /** With the robot that each gets, and when; robot "": no turn ends by then. */
+  readonly queue: readonly { readonly name: string; readonly robot: string; readonly left_s: number }[];
   readonly caption: string;
   readonly held: boolean;
   readonly wifi: { readonly ssid: string; readonly svg: string } | null;
@@ -89,8 +90,8 @@ function People({ shown: { visitors, queue } }: { readonly shown: Shown }) {
       {queue.length > 0 && (
         <p>
           <strong>{texts.next}</strong>
-          {queue.slice(0, MOST_NAMES).map((name, i) => (
-            <span key={i}> {`${i + 1}. ${name}`}</span>
+          {queue.slice(0, MOST_NAMES).map(({ name, robot, left_s }, i) => (
+            <span key={i}> {`${i + 1}. ${robot === "" ? name : texts.nextDrives(name, robot, left_s)}`}</span>
           ))}
         </p>
       )}

@@ -14,6 +14,7 @@ import {
   toYaml,
   wayBetween,
 } from "../operator/mission/draft";
+import { readWord, shownWord } from "../operator/mission/node_words";
 import { brief, span } from "../operator/mission/worth";
 
 const DOOR: Site = { type: "doorway", at: [9, 12], see: { doorway: [9, 12], facing: 90 }, width: 2 };
@@ -106,6 +107,30 @@ describe("drawing", () => {
     const lift = { from: "a", to: "b", both: false, rest: { do: "lift" } };
     const lifted = historyReducer({ now: { ...history.now, ways: [lift] }, past: [] }, { kind: "turn", way: lift });
     expect(lifted.now.ways).toEqual([{ ...lift, both: true }]);
+  });
+
+  test("a word of a node is set, taken out and undone", () => {
+    const set = play([{ kind: "word", name: "start", word: "within_m", value: 2 }]);
+    expect(set.now.nodes[0]?.words).toMatchObject({ within_m: 2 });
+    const out = play([{ kind: "word", name: "start", word: "within_m", value: undefined }], set);
+    expect(out.now.nodes[0]?.words).toEqual(EMPTY.now.nodes[0]?.words);
+    expect(play([{ kind: "undo" }], out).now).toEqual(set.now);
+  });
+
+  test("words are typed as they are shown", () => {
+    for (const [word, value, typed] of [
+      ["within_m", 1.5, "1.5"],
+      ["timeout_s", "soon", "soon"],
+      ["do", "lift", "lift"],
+      ["do", { pick: { shelf: 3, from: "the left" } }, "pick shelf=3 from=the left"],
+      ["wait", ["door open", "go"], "door open, go"],
+      ["send", undefined, ""],
+    ] as const) {
+      expect(shownWord(value)).toBe(typed);
+      expect(readWord(word, typed)).toEqual(value);
+    }
+    expect(shownWord({ lift: {} })).toBe("lift");
+    expect(readWord("wait", " go ,, on ")).toEqual(["go", "on"]);
   });
 
   test("everything can be taken back, a typed title at once", () => {

@@ -92,9 +92,18 @@ describe("a swarm's own work", () => {
 describe("news", () => {
   test("a robot whose route ends at its end has arrived; elsewhere it was only stopped", () => {
     const [far, near] = [swarmAt(100, { waypoints: POINTS }), swarmAt(470, { waypoints: POINTS })];
-    expect(newsOf(near, framed(near, { routes: [[1, 0, 0, 1, ""]] }, 100), A)).toBe("Ada has arrived");
-    expect(newsOf(far, framed(far, { routes: [[1, 0, 0, 1, ""]] }, 100), A)).toBeUndefined();
-    expect(newsOf(near, framed(near, {}, 100), A)).toBeUndefined();
+    const ended = (swarm: Swarm) => framed(swarm, { routes: [[1, 0, 0, 1, ""]] }, 100);
+    expect(newsOf(near, ended(near), A, POINTS[1])).toBe("Ada has arrived");
+    expect(newsOf(far, ended(far), A, POINTS[1])).toBeUndefined();
+    expect(newsOf(near, framed(near, {}, 100), A, POINTS[1])).toBeUndefined();
+  });
+
+  test("a robot that goes by itself does not arrive, and one that goes on by itself has arrived", () => {
+    const [near, on] = [swarmAt(470, { waypoints: POINTS }), swarmAt(470, { waypoints: [POINTS[1], { x: 900, y: 0, z: 0 }] })];
+    expect(newsOf(near, swarmAt(470), A)).toBeUndefined();
+    expect(newsOf(on, near, A, POINTS[1]), "it was just sent").toBeUndefined();
+    expect(newsOf(on, swarmAt(470), A, POINTS[1]), "it has not set out").toBeUndefined();
+    expect(newsOf(near, on, A, POINTS[1])).toBe("Ada has arrived");
   });
 
   test("a robot that goes into Safe Mode was stopped; one that was already is no news", () => {

@@ -496,6 +496,7 @@ export const operator: typeof en.operator = {
   changedSince: "Seit dem Übersetzen geändert: Übersetze neu.",
   runsOnRobots: (n, of) => `Die Roboter stehen am Start und führen sie aus: ${n} von ${of} entschlüsselt.`,
   sent: "Gesendet.",
+  compiledBut: (look, more) => `Übersetzt, aber sieh nach: ${look}${more > 0 ? ` (und ${more} weitere unten)` : ""}`,
   compiled: "Übersetzt. Senden stellt die Roboter an den Start, und sie fahren los.",
   compiledBar: "Übersetzt",
   asAFile: "Als Datei",
@@ -525,6 +526,13 @@ export const operator: typeof en.operator = {
   isAStart: (name) => `${name} ist ein Start`,
   final: "Ziel",
   isFinal: (name) => `${name} ist ein Ziel`,
+  nodeWords: {
+    within_m: "Zählt bis, m",
+    timeout_s: "Höchstens, s",
+    do: "Tut dort",
+    wait: "Wartet auf Nachrichten",
+    send: "Sendet Nachrichten",
+  },
   ways: "Wege",
   from: "Von",
   to: "Nach",
@@ -540,8 +548,13 @@ export const operator: typeof en.operator = {
   toTry: "Zu probieren",
   oneCore: "Ein Kern",
   oneGpu: "Eine GPU",
+  withMap: "Mit Karte",
   units: { years: "Jahre", days: "Tage" },
-  allThatCanBeGuessed: "Alles, was sich raten lässt",
+  allThatCanBeGuessed: {
+    most: "Alles, was sich raten lässt, höchstens",
+    nearest: "ebenso, das Nächste zuerst",
+    plan: "ebenso, mit der Karte",
+  },
   nothing: "nichts",
   notShown: (name) => `${name}: Das Gebäude hat keine solche Landmarke; kein Roboter wird sie finden.`,
   note: (note) => `Hinweis: ${note}.`,
@@ -565,6 +578,7 @@ export const operator: typeof en.operator = {
   nameDrives: (name, robot) => `${name} steuert ${robot}`,
   andMore: (n) => ` und ${n} weitere`,
   next: "Als Nächstes",
+  nextDrives: (name, robot, s) => `${name}: ${robot} in etwa ${s} s`,
 };
 
 export const viewer: typeof en.viewer = {

@@ -506,6 +506,7 @@ export const operator = {
   changedSince: "Changed since it was compiled: compile it again.",
   runsOnRobots: (n: number, of: number) => `The robots have been put at the start and carry it out: ${n} of ${of} decoded.`,
   sent: "Sent.",
+  compiledBut: (look: string, more: number) => `Compiled, but look at this: ${look}${more > 0 ? ` (and ${more} more below)` : ""}`,
   compiled: "Compiled. Send puts the robots at the start, and they begin.",
   compiledBar: "Compiled",
   asAFile: "As a file",
@@ -535,6 +536,13 @@ export const operator = {
   isAStart: (name: string) => `${name} is a start`,
   final: "Final",
   isFinal: (name: string) => `${name} is final`,
+  nodeWords: {
+    within_m: "Counts within, m",
+    timeout_s: "Time limit, s",
+    do: "Does there",
+    wait: "Waits for messages",
+    send: "Sends messages",
+  },
   ways: "Ways",
   from: "From",
   to: "To",
@@ -550,8 +558,13 @@ export const operator = {
   toTry: "To try",
   oneCore: "One core",
   oneGpu: "One GPU",
+  withMap: "With map",
   units: { years: "years", days: "days" },
-  allThatCanBeGuessed: "All that can be guessed",
+  allThatCanBeGuessed: {
+    most: "All that can be guessed, at most",
+    nearest: "likewise, nearest first",
+    plan: "likewise, with the map",
+  },
   nothing: "nothing",
   notShown: (name: string) => `${name}: the building shows no such landmark; no robot will find it.`,
   note: (note: string) => `Note: ${note}.`,
@@ -576,6 +589,7 @@ export const operator = {
   nameDrives: (name: string, robot: string) => `${name} drives ${robot}`,
   andMore: (n: number) => ` and ${n} more`,
   next: "Next",
+  nextDrives: (name: string, robot: string, s: number) => `${name}: ${robot} in about ${s} s`,
 };
 
 /** The page of `phalanx sim view`. */

@@ -47,7 +47,7 @@ export function Cockpit({ where, link, onLeave }: Props) {
   const isLive = health.state === "live" && !held && drives;
   const steered = stopped ? undefined : selected;
   const obeying = isLive ? steered : undefined;
-  const [sentOnRoutes] = useState(() => new Set<string>());
+  const [sentOnRoutes] = useState(() => new Map<string, Point>());
   const news = useNews(link, selected, sentOnRoutes);
   const command = useCommand(link, selected);
   const sendWheels = useCallback(
@@ -77,13 +77,14 @@ export function Cockpit({ where, link, onLeave }: Props) {
 
   function startRoute() {
     if (!command("waypoints", routePayload(threshold, draft))) return;
-    if (selected !== undefined) sentOnRoutes.add(selected);
+    const end = draft.at(-1);
+    if (end) sentOnRoutes.set(selected ?? "", end);
     setDraft(NO_POINTS);
     setRouting(false);
   }
 
   function stopRoute() {
-    if (selected !== undefined) sentOnRoutes.delete(selected);
+    sentOnRoutes.delete(selected ?? "");
     command("waypoints", routePayload(threshold, []));
   }
 

@@ -1,7 +1,7 @@
 // What is said aloud of the robots that this visitor cares for: that one arrived, that one was stopped.
 
 import { useEffect, useState } from "react";
-import { type Swarm, type SwarmLink, shortName } from "../client";
+import { type Point, type Swarm, type SwarmLink, shortName } from "../client";
 import { visitor as texts } from "../texts";
 import { buzz } from "./buzz";
 
@@ -9,8 +9,8 @@ const SAID_FOR_MS = 6000;
 /** A robot rolls on a little after it has arrived. */
 const ROLLS_ON = 1.5;
 
-/** The newest of it, for a while; else "". `mine` keeps its identity. */
-export function useNews(link: SwarmLink | undefined, selected: string | undefined, mine: ReadonlySet<string>): string {
+/** The newest of it, for a while; else "". `mine`: ends of the routes that this page sent, until robots arrive. */
+export function useNews(link: SwarmLink | undefined, selected: string | undefined, mine: Map<string, Point>): string {
   const [news, setNews] = useState("");
 
   useEffect(() => {
@@ -19,9 +19,10 @@ export function useNews(link: SwarmLink | undefined, selected: string | undefine
     return link.subscribe(() => {
       const now = link.view.swarm;
       if (now === before) return;
-      for (const address of new Set([...mine, ...(selected === undefined ? [] : [selected])])) {
-        const said = newsOf(before, now, address);
+      for (const address of new Set([...mine.keys(), selected ?? ""])) {
+        const said = newsOf(before, now, address, mine.get(address));
         if (said === undefined) continue;
+        mine.delete(address);
         setNews(said);
         buzz(120, 80, 120);
       }
@@ -38,14 +39,14 @@ export function useNews(link: SwarmLink | undefined, selected: string | undefine
   return news;
 }
 
-/** What happened to a robot between two states of the swarm, if it is worth saying. */
-export function newsOf(before: Swarm, now: Swarm, address: string): string | undefined {
+/** What happened to a robot between two states of the swarm, if it is worth saying. `end`: of the route sent to it. */
+export function newsOf(before: Swarm, now: Swarm, address: string, end?: Point): string | undefined {
   const [was, is] = [before.robots.get(address), now.robots.get(address)];
   if (!was || !is) return undefined;
   if (is.shield?.safeMode && was.shield?.safeMode === false) return texts.wasStopped(shortName(is));
-  const end = was.waypoints.at(-1);
-  if (!end || is.waypoints.length > 0 || !is.position) return undefined;
-  const reach = ROLLS_ON * was.threshold;
-  const left = Math.hypot(is.position.x - end.x, is.position.y - end.y);
-  return left <= reach ? texts.hasArrived(shortName(is)) : undefined;
+  // A robot that nobody drives has routes of its own, before and after: only the end of this one counts.
+  const isNear = (point?: Point) =>
+    point && end && Math.hypot(point.x - end.x, point.y - end.y) <= ROLLS_ON * was.threshold;
+  const hasArrived = isNear(was.waypoints.at(-1)) && !isNear(is.waypoints.at(-1)) && isNear(is.position);
+  return hasArrived ? texts.hasArrived(shortName(is)) : undefined;
 }

@@ -5,6 +5,7 @@ Its token opens only this. Whoever sees the page may join, as whoever sees the c
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from phalanx.crypto.keys import hkdf_sha256
 from phalanx.errors import UsageError
 
 from .operator_desk import qr_svg
+from .session_link import now
 
 if TYPE_CHECKING:
     from .running import Running
@@ -67,16 +69,27 @@ class Projector:
         running = self._running
         desk, robots = running.desk, running.gateway.swarm.robots()
         names = {robot.address: robot.name for robot in robots}
-        here = [each for each in desk.visitors() if each["present"] and not each["waiting"]]
+        known = desk.visitors()
+        here = [each for each in known if each["present"] and not each["waiting"] and each["role"] != "operate"]
         return {
             "page_url": running.page_url,
             "qr_svg": desk.qr_svg(running.qr_url),
             "room": running.link.server.door.room,
             "watch_only": running.gateway.missions is not None,
             "visitors": [{"name": each["name"], "robot": names.get(each["robot"], "")} for each in here],
-            "queue": [each["name"] for each in sorted(here, key=lambda each: each["place"]) if each["place"]],
+            "queue": self._queue(here, [each["visitor"] for each in known if each["robot"]], names),
             "caption": self.caption,
             "held": running.gateway.brakes.held,
             "wifi": self._wifi,
             "unreachable": self._unreachable,
         }
+
+    def _queue(self, here: list[dict[str, Any]], drivers: list[int], names: dict[str, str]) -> list[dict[str, Any]]:
+        """Return who waits, in order, with the robot whose turn ends by then; "" if none will be free."""
+        assignment, now_ms = self._running.link.server.assignment, now().ms
+        turns = sorted((assignment.left_ms(each, now_ms), assignment.robot_of(each) or "") for each in drivers)
+        queue = []
+        for each in sorted((each for each in here if each["place"]), key=lambda each: each["place"]):
+            left_ms, robot = turns[each["place"] - 1] if each["place"] <= len(turns) else (0, "")
+            queue.append({"name": each["name"], "robot": names.get(robot, ""), "left_s": math.ceil(left_ms / 1000)})
+        return queue

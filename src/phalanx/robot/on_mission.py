@@ -110,6 +110,9 @@ class OnMission(Swarm, Protocol):
     def progress(self) -> Progress | None:
         """Return the mission that runs, or ran last."""
 
+    def plain(self) -> Mission | None:
+        """Return the source of the mission that `progress` returns; None without, or if only its files are known."""
+
     def walks(self) -> Sequence[Walk]:
         """Return one for every robot."""
 

@@ -22,7 +22,11 @@ export interface WorthRow {
   readonly core_s: number;
   readonly gpu_s: number;
   readonly robot_ms: number;
+  /** Tries of who has the floor plan; null: as many as without. */
+  readonly by_plan: number | null;
   readonly problems: readonly string[];
+  /** Why no robot can be expected to decode it. */
+  readonly infeasible: readonly string[];
   readonly out_of_reach: boolean;
 }
 
@@ -32,9 +36,8 @@ export interface Compiled {
   readonly bytes: number;
   readonly profile: string;
   readonly rows: readonly WorthRow[];
-  /** Of all that can be guessed; null if nothing can. */
-  readonly core_s: number | null;
-  readonly gpu_s: number | null;
+  /** Of all that can be guessed, on a core and on a GPU: at most, the nearest first, with the floor plan. Null: nothing can. */
+  readonly costs: Readonly<Record<"most" | "nearest" | "plan", readonly [number | null, number | null]>>;
   readonly notes: readonly string[];
   /** Nodes of which the building shows no such landmark. */
   readonly unseen: readonly string[];
@@ -70,6 +73,12 @@ export class Desk {
 
   async world(): Promise<World> {
     return checked(readWorld, await this.#ask("world"));
+  }
+
+  /** The mission that runs; undefined: none, or one that only robots can read. */
+  async running(): Promise<Draft | undefined> {
+    const said = await this.#ask("running");
+    return isRecord(said) && said["nodes"] === undefined ? undefined : checked(readDraft, said);
   }
 
   async read(yaml: string): Promise<Draft> {
@@ -180,8 +189,11 @@ function readCompiled(it: Words): Compiled {
     nodes: finite(it["nodes"]),
     bytes: finite(it["bytes"]),
     profile: text(it["profile"]),
-    core_s: audit["core_s"] === null ? null : finite(audit["core_s"]),
-    gpu_s: audit["gpu_s"] === null ? null : finite(audit["gpu_s"]),
+    costs: {
+      most: [finiteOrNull(audit["core_s"]), finiteOrNull(audit["gpu_s"])],
+      nearest: [finiteOrNull(audit["nearest_core_s"]), finiteOrNull(audit["nearest_gpu_s"])],
+      plan: [finiteOrNull(audit["plan_core_s"]), finiteOrNull(audit["plan_gpu_s"])],
+    },
     notes: list(audit["problems"]).map(text),
     unseen: list(it["unseen"]).map(text),
     rates: {
@@ -198,7 +210,9 @@ function readCompiled(it: Words): Compiled {
         core_s: finite(row["core_s"]),
         gpu_s: finite(row["gpu_s"]),
         robot_ms: finite(row["robot_ms"]),
+        by_plan: finiteOrNull(row["by_plan"]),
         problems: list(row["problems"]).map(text),
+        infeasible: list(row["infeasible"]).map(text),
         out_of_reach: row["out_of_reach"] === true,
       };
     }),
@@ -227,6 +241,10 @@ function text(json: unknown): string {
 function finite(json: unknown): number {
   if (typeof json !== "number" || !Number.isFinite(json)) throw new TypeError("a number");
   return json;
+}
+
+function finiteOrNull(json: unknown): number | null {
+  return json === null ? null : finite(json);
 }
 
 function place(json: unknown): Place {

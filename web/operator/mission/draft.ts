@@ -54,6 +54,8 @@ export type Edit =
   | { readonly kind: "remove"; readonly name: string }
   | { readonly kind: "start"; readonly name: string }
   | { readonly kind: "final"; readonly name: string }
+  /** Undefined takes the word out. */
+  | { readonly kind: "word"; readonly name: string; readonly word: string; readonly value: unknown }
   | { readonly kind: "connect"; readonly from: string; readonly to: string }
   | { readonly kind: "turn"; readonly way: DraftWay }
   | { readonly kind: "disconnect"; readonly way: DraftWay }
@@ -132,6 +134,15 @@ function edited(draft: Draft, edit: Exclude<Edit, { readonly kind: "undo" }>): D
       return {
         ...draft,
         nodes: nodes.map((node) => (node.name === edit.name ? { ...node, [edit.kind]: !node[edit.kind] } : node)),
+      };
+    case "word":
+      return {
+        ...draft,
+        nodes: nodes.map((node) => {
+          if (node.name !== edit.name) return node;
+          const rest = Object.entries(node.words).filter(([word]) => word !== edit.word);
+          return { ...node, words: Object.fromEntries(edit.value === undefined ? rest : [...rest, [edit.word, edit.value]]) };
+        }),
       };
     case "connect": {
       const { from, to } = edit;

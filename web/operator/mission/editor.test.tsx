@@ -5,6 +5,7 @@ import { act } from "react";
 import { createRoot, type Root } from "react-dom/client";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
 import { type Json, NO_SWARM, NO_VISIT, Refused, Unanswered, UsageError } from "../../client";
+import type { RunningMission } from "../gateway_state";
 import type { Station } from "../station";
 import { Editor } from "./editor";
 
@@ -15,7 +16,7 @@ const WORLD = {
   walls: [[0, 0, 8, 0]],
   sites: [{ type: "doorway", at: [5, 3], see: { doorway: [5, 3], facing: 90 }, width: 1.2 }],
 };
-const ROW = { name: "door1", candidates: 278, core_s: 2.78, gpu_s: 0.00993, robot_ms: 170, problems: ["too near"], out_of_reach: false };
+const ROW = { name: "door1", candidates: 278, core_s: 2.78, gpu_s: 0.00993, robot_ms: 170, by_plan: null, problems: ["too near"], infeasible: [], out_of_reach: false };
 const COMPILED = {
   state: "compiled",
   id: "ab".repeat(16),
@@ -23,7 +24,7 @@ const COMPILED = {
   nodes: 2,
   bytes: 634,
   profile: "sealed",
-  audit: { nodes: [ROW], core_s: null, gpu_s: null, robot_ms: 170, out_of_reach: 1, problems: ["nothing can be tried"] },
+  audit: { nodes: [ROW], core_s: null, gpu_s: null, nearest_core_s: null, nearest_gpu_s: null, plan_core_s: 61, plan_gpu_s: 0.5, robot_ms: 170, out_of_reach: 1, problems: ["nothing can be tried"] },
   rates: { hash_core: 1.4e7, hash_gpu: 5e9, kdf_core: 100, kdf_gpu: 28_000 },
   unseen: ["door1"],
 };
@@ -48,6 +49,7 @@ beforeEach(async () => {
   asked = [];
   answers = {
     world: () => WORLD,
+    running: () => ({}),
     compile: () => ({}),
     job: () => COMPILED,
     send: () => ({}),
@@ -61,9 +63,9 @@ afterEach(() => {
   vi.unstubAllGlobals();
 });
 
-async function open(): Promise<void> {
+async function open(running?: RunningMission): Promise<void> {
   root = createRoot(document.body.appendChild(document.createElement("div")));
-  await act(async () => root?.render(<Editor station={station} running={undefined} />));
+  await act(async () => root?.render(<Editor station={station} running={running} />));
   await pass(0);
 }
 
@@ -94,13 +96,25 @@ describe("the mission editor", () => {
     expect(part("mission-status")?.textContent).toBe("Compiling: 3 of 9 locks");
     answers["job"] = () => COMPILED;
     await pass(300);
-    expect(part("audit")?.textContent).toContain("door1too near2782.78 s9.93 ms170 ms");
-    expect(part("audit")?.textContent).toContain("All that can be guessednothingnothing");
+    expect(part("audit")?.textContent).toContain("door1too near2782.78 s9.93 ms–170 ms");
+    expect(part("audit")?.textContent).toContain("All that can be guessed, at mostnothingnothing");
+    expect(part("audit")?.textContent).toContain("likewise, with the map1.02 min500 ms");
     expect(part("audit")?.textContent).toContain("door1: the building shows no such landmark");
     await press("send");
     expect(asked.at(-1)?.words).toEqual({ id: COMPILED.id });
     expect(part("mission-status")?.textContent).toBe("Sent.");
     expect((part("send") as HTMLButtonElement).disabled).toBe(true);
+  });
+
+  it("shows the mission that runs, and how far robots are with it", async () => {
+    const node = { name: "door", words: { final: true, see: { doorway: [5, 3] } }, at: [5, 3], type: "doorway" };
+    answers["running"] = () => ({ name: "through", nodes: [node], ways: [], rest: {} });
+    await open({ id: "ab", name: "through", nodes: 2, left: 1, completed: 0 });
+    expect((part("mission-name") as HTMLInputElement).value).toBe("through");
+    expect(part("nodes")?.querySelectorAll("li")).toHaveLength(1);
+    expect(part("mission-status")?.textContent).toContain("carry it out: 1 of 2 decoded");
+    await act(async () => part("nodes")?.querySelector<HTMLButtonElement>("li button")?.click());
+    expect(part("mission-status")?.textContent).toContain("Compiling turns every landmark");
   });
 
   it("does not send what was changed since it was compiled", async () => {
@@ -113,6 +127,22 @@ describe("the mission editor", () => {
     expect(part("audit")).toBeNull();
     await press("undo");
     expect((part("send") as HTMLButtonElement).disabled).toBe(false);
+  });
+
+  it("says what is wrong with a mission that compiles", async () => {
+    await open();
+    await press("compile");
+    await pass(300);
+    expect(part("mission-status")?.textContent).toBe("Compiled, but look at this: door1: too near (and 1 more below)");
+    const fine = { ...COMPILED, unseen: [], audit: { ...COMPILED.audit, nodes: [{ ...ROW, problems: [] }] } };
+    answers["job"] = () => fine;
+    await press("compile");
+    await pass(300);
+    expect(part("mission-status")?.textContent).toContain("Compiled. Send puts");
+    answers["job"] = () => ({ ...fine, audit: { ...fine.audit, nodes: [{ ...ROW, problems: [], infeasible: ["too far"] }] } });
+    await press("compile");
+    await pass(300);
+    expect(part("mission-status")?.textContent).toBe("Compiled, but look at this: door1: infeasible too far");
   });
 
   it("says in one line what went wrong, and what to do", async () => {
@@ -133,6 +163,23 @@ describe("the mission editor", () => {
       expect((part("compile") as HTMLButtonElement).disabled).toBe(false);
       if (before) answers[what] = before;
     }
+  });
+
+  it("takes what a robot does at a node that is picked", async () => {
+    await open();
+    await act(async () => part("nodes")?.querySelector("input")?.focus());
+    for (const [word, typed] of [["do", "pick shelf=3"], ["wait", "go, on"], ["within_m", "1.5"], ["timeout_s", "soon"]]) {
+      const input = part(`word-${word}`) as HTMLInputElement;
+      input.value = typed ?? "";
+      await act(async () => {
+        input.focus();
+        input.blur();
+      });
+    }
+    await press("compile");
+    expect((asked.find(({ what }) => what === "compile")?.words as { mission: string }).mission).toContain(
+      'do: {"pick": {"shelf": 3}}, wait: ["go", "on"], within_m: 1.5, timeout_s: "soon"}',
+    );
   });
 
   it("says so when the building cannot be had", async () => {

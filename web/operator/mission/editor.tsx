@@ -8,7 +8,7 @@ import { type Compiled, Desk, type Job, Trouble, type World } from "./desk";
 import { type Draft, historyReducer, nearest, newDraft, nodeOf, type Place, toYaml } from "./draft";
 import { Landmarks, Ways } from "./lists";
 import { EditorMap } from "./map";
-import { Worth } from "./worth";
+import { findings, Worth } from "./worth";
 
 const POLL_MS = 300;
 const TOOLS = ["landmark", "place", "way"] as const;
@@ -17,23 +17,32 @@ type Tool = (typeof TOOLS)[number];
 export function Editor({ station, running }: { readonly station: Station; readonly running: RunningMission | undefined }) {
   const desk = useMemo(() => new Desk(station), [station]);
   const [world, setWorld] = useState<World>();
+  const [begun, setBegun] = useState<Draft>();
   const [trouble, setTrouble] = useState<Trouble>();
   useEffect(() => {
-    desk.world().then(setWorld, (error: unknown) => setTrouble(asTrouble(error)));
+    Promise.all([desk.world(), desk.running()]).then(
+      ([found, draft]) => {
+        setBegun(draft);
+        setWorld(found);
+      },
+      (error: unknown) => setTrouble(asTrouble(error)),
+    );
   }, [desk]);
-  if (world) return <Drawing desk={desk} world={world} running={running} />;
+  if (world) return <Drawing desk={desk} world={world} begun={begun} running={running} />;
   return trouble ? <Complaint trouble={trouble} /> : <p className="waiting">{texts.lookingAtTheBuilding}</p>;
 }
 
 interface DrawingProps {
   readonly desk: Desk;
   readonly world: World;
+  /** The mission that ran when the editor was opened. */
+  readonly begun: Draft | undefined;
   readonly running: RunningMission | undefined;
 }
 
-function Drawing({ desk, world, running }: DrawingProps) {
+function Drawing({ desk, world, begun, running }: DrawingProps) {
   const [history, edit] = useReducer(historyReducer, world, ({ bounds, start }) => ({
-    now: newDraft(bounds, start),
+    now: begun ?? newDraft(bounds, start),
     past: [],
   }));
   const [tool, setTool] = useState<Tool>("landmark");
@@ -142,7 +151,7 @@ function Drawing({ desk, world, running }: DrawingProps) {
               {texts.send}
             </button>
           </div>
-          <Progress compiling={compiling} current={current} running={running} />
+          <Progress compiling={compiling} current={current} running={running} isTheRunning={draft === begun} />
           {trouble && <Complaint trouble={trouble} />}
         </section>
         {compiling.compiled && current && (
@@ -229,9 +238,11 @@ interface ProgressProps {
   readonly compiling: Compiling;
   readonly current: boolean;
   readonly running: RunningMission | undefined;
+  /** What is drawn is the mission that ran when the editor was opened. */
+  readonly isTheRunning: boolean;
 }
 
-function Progress({ compiling, current, running }: ProgressProps) {
+function Progress({ compiling, current, running, isTheRunning }: ProgressProps) {
   const { job, compiled, sent } = compiling;
   let text = texts.whatCompilingDoes;
   if (job.state === "compiling") text = job.of > 0 ? texts.compilingLocks(job.done, job.of) : texts.compiling;
@@ -239,7 +250,8 @@ function Progress({ compiling, current, running }: ProgressProps) {
   else if (sent && compiled && running?.id === compiled.id)
     text = texts.runsOnRobots(running.nodes - running.left, running.nodes);
   else if (sent) text = texts.sent;
-  else if (compiled) text = texts.compiled;
+  else if (compiled) text = compiledWords(findings(compiled));
+  else if (running && isTheRunning) text = texts.runsOnRobots(running.nodes - running.left, running.nodes);
   return (
     <>
       {job.state === "compiling" && <progress max={Math.max(job.of, 1)} value={job.done} aria-label={texts.compiledBar} />}
@@ -248,6 +260,10 @@ function Progress({ compiling, current, running }: ProgressProps) {
       </p>
     </>
   );
+}
+
+function compiledWords([first, ...more]: readonly string[]): string {
+  return first === undefined ? texts.compiled : texts.compiledBut(first, more.length);
 }
 
 interface FileProps {

@@ -3,6 +3,7 @@
 import { useState } from "react";
 import { operator as texts } from "../../texts";
 import { type Draft, type DraftNode, type Edit, nodeOf, type Site } from "./draft";
+import { NodeWords } from "./node_words";
 
 interface Props {
   readonly draft: Draft;
@@ -84,6 +85,7 @@ function NodeRow({ node, picked, onPick, edit }: RowProps) {
       <button type="button" className="remove" aria-label={texts.removeName(name)} onClick={() => edit({ kind: "remove", name })}>
         ✕
       </button>
+      {picked && <NodeWords node={node} edit={edit} />}
     </li>
   );
 }

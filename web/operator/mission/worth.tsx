@@ -1,7 +1,7 @@
 // What a compiled mission is worth: what an attacker with the file must try, what the robot must, and what looks wrong.
 
 import { operator as texts } from "../../texts";
-import type { Compiled } from "./desk";
+import type { Compiled, WorthRow } from "./desk";
 
 const UNITS = [
   [31_557_600, "years"],
@@ -12,6 +12,8 @@ const UNITS = [
   [1e-3, "ms"],
 ] as const;
 
+const COSTS = ["most", "nearest", "plan"] as const;
+
 /** A time in the unit that people would use. */
 export function span(seconds: number): string {
   for (const [size, unit] of UNITS) if (seconds >= size) return `${brief(seconds / size)} ${unit === "years" || unit === "days" ? texts.units[unit] : unit}`;
@@ -21,6 +23,18 @@ export function span(seconds: number): string {
 /** Three digits that matter. */
 export function brief(value: number): string {
   return value >= 1e5 ? value.toExponential(2).replace("e+", "e") : String(Number(value.toPrecision(3)));
+}
+
+/** What looks wrong, node by node, as the command tells it. */
+export function findings({ rows, unseen }: Compiled): readonly string[] {
+  return [
+    ...rows.flatMap((row) => looks(row).map((look) => `${row.name}: ${look}`)),
+    ...unseen.map((name) => texts.notShown(name)),
+  ];
+}
+
+function looks({ infeasible, problems }: WorthRow): readonly string[] {
+  return [...infeasible.map((why) => `infeasible ${why}`), ...problems];
 }
 
 export function Worth({ compiled }: { readonly compiled: Compiled }) {
@@ -42,6 +56,9 @@ export function Worth({ compiled }: { readonly compiled: Compiled }) {
                 {texts.oneGpu}
               </th>
               <th scope="col" className="right">
+                {texts.withMap}
+              </th>
+              <th scope="col" className="right">
                 {texts.robot}
               </th>
             </tr>
@@ -51,7 +68,7 @@ export function Worth({ compiled }: { readonly compiled: Compiled }) {
               <tr key={row.name}>
                 <th scope="row">
                   {row.name}
-                  {row.problems.map((problem) => (
+                  {looks(row).map((problem) => (
                     <span key={problem} className="problem">
                       {problem}
                     </span>
@@ -60,19 +77,25 @@ export function Worth({ compiled }: { readonly compiled: Compiled }) {
                 <td className="right number">{row.out_of_reach ? "> 2^128" : brief(row.candidates)}</td>
                 <td className="right number">{row.out_of_reach ? "–" : span(row.core_s)}</td>
                 <td className="right number">{row.out_of_reach ? "–" : span(row.gpu_s)}</td>
+                <td className="right number">{row.out_of_reach || row.by_plan === null ? "–" : brief(row.by_plan)}</td>
                 <td className="right number">{brief(row.robot_ms)} ms</td>
               </tr>
             ))}
           </tbody>
           <tfoot>
-            <tr>
-              <th scope="row" colSpan={2}>
-                {texts.allThatCanBeGuessed}
-              </th>
-              <td className="right number">{compiled.core_s === null ? texts.nothing : span(compiled.core_s)}</td>
-              <td className="right number">{compiled.gpu_s === null ? texts.nothing : span(compiled.gpu_s)}</td>
-              <td />
-            </tr>
+            {COSTS.map((how) => (
+              <tr key={how}>
+                <th scope="row" colSpan={2}>
+                  {texts.allThatCanBeGuessed[how]}
+                </th>
+                {compiled.costs[how].map((cost_s, i) => (
+                  <td key={i} className="right number">
+                    {cost_s === null ? texts.nothing : span(cost_s)}
+                  </td>
+                ))}
+                <td colSpan={2} />
+              </tr>
+            ))}
           </tfoot>
         </table>
       </div>

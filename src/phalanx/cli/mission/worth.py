@@ -14,11 +14,9 @@ from phalanx.config.lidar import LidarConfig
 from phalanx.errors import UsageError
 from phalanx.mission import BuildOptions, Mission, Profile, build
 from phalanx.mission.landmarks import FloorPlan
-from phalanx.mission.worth.audit import Audit, Rates, audit
-from phalanx.mission.worth.feasible import look_ahead
+from phalanx.mission.worth.audit import Audit, Rates, audit_in
 from phalanx.mission.worth.guessing import OUT_OF_REACH
 from phalanx.mission.worth.outlook import time_for_s
-from phalanx.mission.worth.shown import shown_by
 from phalanx.world.missions.orders import orders_of
 from phalanx.world.missions.report import summary
 from phalanx.world.missions.run import run_mission
@@ -55,10 +53,7 @@ def tell_worth(
         floor = building(name, doors, swept=True)
     if trial and floor is None:
         raise UsageError("no map to run the mission in", "--map MAP, or map: NAME in the mission")
-    shown = shown_by(floor, offset_mm) if floor else None
-    outlook = look_ahead(told, None, floor, eye)
-    seen = floor.extraction if floor else None
-    report = audit(told, form, open_start=open_start, rates=rates, plan=shown, outlook=outlook, doors=seen)
+    report = audit_in(floor, told, form, open_start=open_start, rates=rates, offset_mm=offset_mm, lidar=eye)
     options = BuildOptions(profile=form, offset_mm=offset_mm)
     lived = None
     if trial and floor:

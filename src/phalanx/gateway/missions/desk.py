@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import inspect
 import logging
-import math
 import os
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -20,11 +19,11 @@ from typing import Any
 
 from phalanx.errors import BadPayload, PhalanxError, Unknown, UsageError
 from phalanx.mission import BuildOptions, Landmark, Mission, Node, Profile, build
-from phalanx.mission.authoring.document import WrittenMission
+from phalanx.mission.authoring.document import WrittenMission, words_of_alias, words_of_mission
 from phalanx.mission.authoring.findable import apart_in
 from phalanx.mission.landmarks import Site, landmarks_of
 from phalanx.mission.landmarks.sites import is_shown
-from phalanx.mission.worth.audit import Rates, audit
+from phalanx.mission.worth.audit import Rates, audit_in
 from phalanx.robot.on_mission import OnMission
 
 log = logging.getLogger(__name__)
@@ -87,6 +86,11 @@ class MissionDesk:
         """Return a mission's YAML as an editor needs it. Raises: UsageError: it describes no mission; says where."""
         return await asyncio.to_thread(_read, text)
 
+    async def running(self) -> dict[str, Any]:
+        """Return the mission that runs as `read` does; empty: none runs, or only its files are known."""
+        plain = self._swarm.plain()
+        return await asyncio.to_thread(_drawn, words_of_mission(plain), plain) if plain else {}
+
     def compile(self, text: str, profile: Profile) -> None:
         """Begin to compile a mission's YAML; `job` tells what comes of it."""
         self.stop()
@@ -117,7 +121,7 @@ class MissionDesk:
         job.locks = sum(len(node.see) for node in plain.nodes)
         if job.locks > LOCKS_MAX:
             raise UsageError(f"a mission with {job.locks} ways to see its nodes", f"at most {LOCKS_MAX} from this page")
-        worth = audit(plain, profile)
+        worth = audit_in(self._swarm.plan, plain, profile)
         # One core less than there are: the gateway needs some of the last.
         with ThreadPoolExecutor(max(1, (os.cpu_count() or 1) - 1)) as pool:
 
@@ -179,6 +183,7 @@ def requests_of(desk: MissionDesk) -> dict[str, Callable[[dict[str, Any]], Await
 
     return {
         "mission_world": asked(lambda _: desk.world()),
+        "mission_running": asked(lambda _: desk.running()),
         "mission_job": asked(lambda _: desk.job()),
         "mission_read": asked(lambda words: desk.read(_text(words, "mission"))),
         "mission_compile": asked(
@@ -206,8 +211,11 @@ def _written(text: str) -> WrittenMission:
 
 def _read(text: str) -> dict[str, Any]:
     written = _written(text)
-    plain = written.mission()
-    words = _named(written.words)
+    return _drawn(_named(written.words), written.mission())
+
+
+def _drawn(words: dict[str, Any], plain: Mission) -> dict[str, Any]:
+    """Return a mission as an editor needs it, from the words of its file and what they mean."""
     places = {node.name: _place(node) for node in plain.nodes}
     return {
         "name": plain.name,
@@ -241,24 +249,13 @@ def _ways(words: Any) -> Iterator[dict[str, Any]]:
 
 
 def _site(site: Site) -> dict[str, Any]:
-    see = [_alias(alias) for alias in site.aliases]
+    see = [words_of_alias((alias,), DIGITS) for alias in site.aliases]
     return {
         "type": site.type,
         "at": _rounded(site.place_m),
         "see": see[0] if len(see) == 1 else see,
         "width": round(site.width_m, DIGITS) or None,
     }
-
-
-def _alias(landmark: Landmark) -> dict[str, Any]:
-    words: dict[str, Any] = {landmark.type: _rounded((landmark.x_m, landmark.y_m))}
-    if landmark.orientation_rad is not None:
-        words["facing"] = round(math.degrees(landmark.orientation_rad), DIGITS)
-    if landmark.area_m2 is not None:
-        words["area"] = round(landmark.area_m2, DIGITS)
-    if landmark.text is not None:
-        words["text"] = landmark.text
-    return words
 
 
 def _unseen(plain: Mission, sites: Sequence[Site]) -> list[str]:

@@ -1,4 +1,4 @@
-"""A mission's YAML file becomes a `Mission`; every complaint begins with the file and the line.
+"""A mission's YAML file becomes a `Mission`, and back; every complaint begins with the file and the line.
 
 The words of the file are tabled in docs/spec/mission.md.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 import reprlib
+from dataclasses import asdict
 from itertools import pairwise
 from typing import Any
 
@@ -16,7 +17,7 @@ import yaml
 from phalanx.config.mission import CodingConfig
 from phalanx.config.written import compose, line_of, named, words_of
 from phalanx.errors import UsageError, did_you_mean
-from phalanx.mission.graph import Draft, Mission
+from phalanx.mission.graph import Draft, Mission, Node
 from phalanx.mission.observable import LANDMARK_TYPES, Action, Landmark, Observable, Position, Sensor, Time
 from phalanx.mission.refused import Misplaced, under
 
@@ -30,6 +31,7 @@ WAY = {"from", "to", "both", "direction", "do"}
 AT_NODE_M = 1.0
 _BRIEF = reprlib.Repr()
 _BRIEF.maxlevel = 1  # a YAML file of a few lines can name itself into lists of lists without end
+DIGITS = 9  # after the point, of numbers that are written
 TOKEN = re.compile(r"[0-9a-f]{32,200}")  # at least 128 random bits
 
 
@@ -117,6 +119,65 @@ def plain_mission(words: Any) -> Mission:
         if error.place[0] == "ways" and isinstance(error.place[1], int):
             error.place = ("ways", written[error.place[1]])
         raise
+
+
+def words_of_mission(mission: Mission) -> dict[str, Any]:
+    """Return the words of a file that describes this mission: `plain_mission` reads them."""
+    ways = {(way.source, way.target): way for way in mission.ways}
+    told: dict[tuple[str, str], dict[str, Any]] = {}
+    for (source, target), way in ways.items():
+        back = ways.get((target, source))
+        alike = back is not None and back.do == way.do and back.direction_rad is way.direction_rad is None
+        if alike and (target, source) in told:
+            told[target, source]["both"] = True
+            continue
+        told[source, target] = {"from": source, "to": target, **_given(direction=way.direction_rad, do=way.do)}
+    return {
+        "mission": mission.name,
+        **_given(map=mission.floor_plan, roam=mission.roam, repeatable=mission.repeatable),
+        **_given(area=mission.area_m and list(mission.area_m), coding=mission.coding and asdict(mission.coding)),
+        "nodes": {node.name: _words_of(node) for node in mission.nodes},
+        "ways": list(told.values()),
+    }
+
+
+def words_of_alias(alias: tuple[Observable, ...], digits: int = DIGITS) -> dict[str, Any]:
+    """Return the words under `see` for one way to experience a node; numbers are rounded to so many digits."""
+    words: dict[str, Any] = {}
+    for thing in alias:
+        if isinstance(thing, Landmark):
+            area = None if thing.area_m2 is None else round(thing.area_m2, digits)
+            words |= {thing.type: [round(thing.x_m, digits), round(thing.y_m, digits)]}
+            words |= _given(digits, facing=thing.orientation_rad, area=area, text=thing.text)
+        elif isinstance(thing, Position):
+            words["position"] = [round(thing.x_m, digits), round(thing.y_m, digits)]
+        elif isinstance(thing, Sensor):
+            words.setdefault("sensor", []).append(thing.value.decode(errors="replace"))
+        elif isinstance(thing, Action):
+            words |= _given(action=thing)
+        elif isinstance(thing, Time):
+            words["time"] = thing.t_s
+    return words
+
+
+def _words_of(node: Node) -> dict[str, Any]:
+    see = [words_of_alias(alias) for alias in node.see]
+    flags = _given(start=node.start, final=node.final, join=node.join, chained=node.chained)
+    limits = {"within_m": node.within_m, **_given(timeout_s=node.timeout_s, width=node.width_m, part=node.part)}
+    return {**flags, "see": see, **_given(do=node.do, send=list(node.send), wait=list(node.wait)), **limits}
+
+
+def _given(digits: int = DIGITS, /, **words: Any) -> dict[str, Any]:
+    """Return those words that say something; actions and directions as files have them."""
+    given: dict[str, Any] = {}
+    for name, value in words.items():
+        if isinstance(value, Action):
+            given[name] = {value.name: dict(value.args)}
+        elif name in ("direction", "facing") and value is not None:
+            given[name] = round(math.degrees(value), digits)
+        elif value:
+            given[name] = value
+    return given
 
 
 def _coding(words: Any) -> CodingConfig:

@@ -13,19 +13,21 @@ from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from phalanx.config.lidar import ExtractionConfig
+from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.mission.authoring.compiling import PAPER_CODING, SEALED_CODING, alias_offset, place_of
 from phalanx.mission.file.canonical import Shape, shape_of
 from phalanx.mission.file.records import Profile
 from phalanx.mission.graph import Mission, Node
+from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.observable import MM_PER_M, Landmark, cell_of
 from phalanx.mission.walk.cells import BIN_STEPS, RINGS
 from phalanx.mission.walk.search import WINDOWS
 
+from .feasible import look_ahead
 from .guessing import OUT_OF_REACH, Alias, Guess, landmark_of
 from .outlook import Outlook
-from .shown import Shown
+from .shown import Shown, shown_by
 
 PAPER_SCRYPT = 8 << 12  # N * r that the assumed rates of scrypt are for
 
@@ -78,6 +80,33 @@ class Audit:
         costs = {name: cost_s for name, cost_s in asdict(self).items() if name.endswith("_s")}
         endless = {name: None for name, cost_s in costs.items() if cost_s is not None and math.isinf(cost_s)}
         return {**asdict(self), **endless, "nodes": rows}
+
+
+def audit_in(
+    floor: FloorPlan | None,
+    mission: Mission,
+    profile: Profile,
+    *,
+    open_start: bool = False,
+    rates: Rates | None = None,
+    offset_mm: int = 1,
+    lidar: LidarConfig | None = None,
+) -> Audit:
+    """Audit a mission for a building that the attacker has the floor plan of; None is any building.
+
+    Args:
+        open_start, rates: as `audit`.
+        offset_mm: the compiler rounds offsets to multiples of so much.
+    """
+    return audit(
+        mission,
+        profile,
+        open_start=open_start,
+        rates=rates,
+        plan=shown_by(floor, offset_mm) if floor else None,
+        outlook=look_ahead(mission, None, floor, lidar),
+        doors=floor.extraction if floor else None,
+    )
 
 
 def audit(
@@ -188,6 +217,8 @@ def _problems(
         if problem not in out.setdefault(name, []):
             out[name].append(problem)
 
+    if len(mission.nodes) == 1:
+        tell(mission.nodes[0].name, "the only node: robots have completed the mission where they start")
     reached = _reachable(mission)
     for node in mission.nodes:
         if node.name not in reached:

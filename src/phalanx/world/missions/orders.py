@@ -32,6 +32,7 @@ class Orders:
     parts: tuple[Part, ...]  # robot i gets part i modulo their number
     pool: tuple[Action, ...] = ()
     controller: tuple[bytes, ...] = ()  # messages that a controller sends when the robots start
+    plain: Mission | None = None  # what the files were built from, if that is known here
 
     def run(self, **how: Any) -> MissionRun:
         """The run in which robots live it; one for each part if nothing else is said.
@@ -86,7 +87,7 @@ def orders_of_files(
     starts = [start or _start(plain, part, plan) for part in plain.parts]
     names = [_title(plain, part) if is_watched else "" for part in plain.parts]
     parts = tuple(Part(*file, begin, title) for file, begin, title in zip(files, starts, names, strict=True))
-    return Orders(name, plan, parts, pool_of(plain), messages)
+    return Orders(name, plan, parts, pool_of(plain), messages, plain)
 
 
 def start_of(plan: FloorPlan) -> Pose:

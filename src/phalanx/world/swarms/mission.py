@@ -199,6 +199,10 @@ class MissionSwarm(Roster):
             parts[0].mission.header.mission_id.hex(), self._orders.name, nodes, nodes - len(self._lit), done
         )
 
+    def plain(self) -> Mission | None:
+        """Return the mission's source, see `OnMission`."""
+        return self._orders.plain if self._orders else None
+
     def walks(self) -> Sequence[Walk]:
         """One for every robot."""
         return [
