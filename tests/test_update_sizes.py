@@ -69,9 +69,27 @@ counts = st.one_of(st.integers(1, 130), st.sampled_from([100, 125, 126, 250, 500
 shares = st.sampled_from([0.0, 0.01, 0.3, 1.0])
 
 
-@settings(deadline=None, max_examples=40)
-@given(counts, st.integers(0, 2**32), st.sampled_from([1e3, 9e4, 9e6, 2e7]), shares, shares, shares)
+any_fleet = given(counts, st.integers(0, 2**32), st.sampled_from([1e3, 9e4, 9e6, 2e7]), shares, shares, shares)
+
+
+@settings(max_examples=10)
+@any_fleet
 def test_every_update_is_short_and_all_of_it_is_told_in_the_end(robots, seed, spread_mm, change, come, driven):
+    updates_are_short_and_complete(robots, seed, spread_mm, change, come, driven)
+
+
+@pytest.mark.long
+@settings(max_examples=100)
+@any_fleet
+def test_every_update_of_many_fleets_is_short_and_all_of_it_is_told_in_the_end(
+    robots, seed, spread_mm, change, come, driven
+):
+    updates_are_short_and_complete(robots, seed, spread_mm, change, come, driven)
+
+
+def updates_are_short_and_complete(
+    robots: int, seed: int, spread_mm: float, change: float, come: float, driven: float
+) -> None:
     fleet, frames, uptime_s = Fleet(robots, seed, spread_mm), Frames(), 0.0
     told = [tell_robot(each, NOW, 0) | {"n": frames.number(each.address)} for each in fleet.robots.values()]
     frames.next(list(fleet.robots.values()), NOW, uptime_s)
