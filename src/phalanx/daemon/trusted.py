@@ -23,7 +23,7 @@ from .settings import RobotSettings
 
 log = logging.getLogger(__name__)
 
-# Compiled when the package is installed (release/commands.py).
+# Compiled when the package is installed (release/build_commands.py).
 PROGRAM = Path(__file__).parents[1] / "trusted_node"
 AT_T = ENTRY.at("t")
 # To nobody: chained by no a-node and never let out, but the answer has the time.

@@ -15,7 +15,7 @@ TITLE = re.compile(r'^(?:# |""")(.+?)(?:"""|$)', re.MULTILINE)
 
 
 def root() -> Path:
-    """Return the folder that has FOLDERS: one in the installed package (release/commands.py), or the clone."""
+    """Return the folder that has FOLDERS: one in the installed package (release/build_commands.py), or the clone."""
     installed = PACKAGE / "documents"
     return installed if installed.is_dir() else PACKAGE.parents[1]
 
