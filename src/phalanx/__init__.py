@@ -1,18 +1,18 @@
-"""Phalanx keeps robot swarms in honest hands: who may command, what may be done, what is really done.
+"""Security for robot swarms: access control, encoded missions, and audits that stop compromised robots.
 
 Its packages, each imported when it is first used:
 
-    link        who may command: servers and clients behind a QR code
-    mission     what may be done: missions that a robot can read only by experiencing them
-    bti         what is really done: logs, audits, tokens
-    robot       one robot, its controllers, and the interface of a swarm
+    link        encrypted sessions between servers and clients, paired by a QR code
+    mission     encoded missions: a robot decodes a step only where and when it is due
+    bti         logs of robots, audits by neighbours, audit tokens
+    robot       the program of one robot, its controllers, and the interface to a swarm
     world       simulated swarms: scenarios, `simulate`, arrays
-    gateway     pages for visitors and the operator, before any swarm
-    net         brokers and sockets
-    config      the papers' parameters
-    errors      whose fault it is
+    gateway     web pages for visitors and the operator of any swarm
+    net         MQTT brokers and sockets
+    config      parameters of the papers and of Phalanx
+    errors      exceptions
 
-Twelve robots audit each other; one stops to do what it is told, and is stopped:
+Twelve robots audit each other. Robot 5 is compromised after 10 s and enters safe mode soon after:
 
     >>> from phalanx.world import simulate
     >>> result = simulate("flock-12", attacks="hijack:robot=5,at=10", every_s=0.5)
@@ -21,7 +21,7 @@ Twelve robots audit each other; one stops to do what it is told, and is stopped:
     (1, 121, 12, 2) True
 """
 
-# Nothing is imported here: Ctrl-C has a traceback until `__main__.py`, which comes after us, has its say.
+# Import nothing here: until `__main__.py`, which runs next, sets the handler, Ctrl-C prints a traceback.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
@@ -32,7 +32,7 @@ __all__ = ["__version__", "bti", "config", "errors", "gateway", "link", "mission
 
 
 def __getattr__(name: str) -> "Any":
-    # `import phalanx` alone is enough for `phalanx.link.Server`, and costs nobody the rooms that are not used.
+    # After `import phalanx`, `phalanx.link.Server` works, and packages that are not used are not imported.
     if name in __all__:
         from importlib import import_module  # noqa: PLC0415
 

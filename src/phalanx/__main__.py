@@ -1,15 +1,15 @@
-"""What `phalanx` and `python -m phalanx` start."""
+"""Entry point of `phalanx` and `python -m phalanx`."""
 
-import _signal as signal  # type: ignore[import-not-found]  # `signal` imports more, and Ctrl-C may come meanwhile
+import _signal as signal  # type: ignore[import-not-found]  # `signal` imports more modules, and Ctrl-C may come meanwhile
 
-# While a second's worth of modules is imported, Ctrl-C ends us without a word: a module may swallow what
-# Python makes of it. Then `runs`, in `cli/options.py`, has it answered.
+# The imports take about a second. Until they are done, Ctrl-C ends the process silently, since a module could
+# swallow KeyboardInterrupt. Afterwards `runs` in `cli/options.py` handles it.
 if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-# `release/phalanx` has had it wait until here, while Python and an installer's script began.
+# `release/phalanx` blocks SIGINT while Python and an installer's script start.
 signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
-from phalanx.cli import main  # noqa: E402  # only now
+from phalanx.cli import main  # noqa: E402  # after the signal is set
 
 if __name__ == "__main__":
     main()

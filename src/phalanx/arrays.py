@@ -1,4 +1,4 @@
-"""Array types of kernels: the element type and the number of axes, for mypy and for the kernel compiler.
+"""Array types of kernels: element type and number of axes, for mypy and for the kernel compiler.
 
 `F64x2` is an array of float64 with two axes. Arrays of records name their dtype: `Annotated[Any, Records(ROBOT)]` has
 one axis, `Records(TOKEN, 3)` has three, and `Records(ROBOT, 0)` is a single record.
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Records:
-    """Records of one dtype in an array of so many axes; without axes, a single record."""
+    """Annotation for an array of records with `axes` axes; with 0 axes, for a single record."""
 
     dtype: np.dtype[Any]
     axes: int = 1
@@ -35,12 +35,12 @@ U64x2: TypeAlias = Annotated[NDArray[np.uint64], 2]
 F32x1: TypeAlias = Annotated[NDArray[np.float32], 1]
 F64x1: TypeAlias = Annotated[NDArray[np.float64], 1]
 F64x2: TypeAlias = Annotated[NDArray[np.float64], 2]
-Params: TypeAlias = F64x1  # a mission's parameters, as kernels read them
+Params: TypeAlias = F64x1  # a controller's parameters, as kernels read them
 BOOLx1: TypeAlias = Annotated[NDArray[np.bool_], 1]
 
 
 def layout(*declared: str) -> np.dtype[Any]:
-    """Return the dtype of records whose fields are declared as "NAME TYPE", or several names of one type.
+    """Return the record dtype with fields declared as "NAME TYPE", or "NAME NAME … TYPE" for several of one type.
 
     Types are numpy's ("i8", "u1", "8u1" for eight bytes); fields are aligned as a C compiler aligns them.
     """

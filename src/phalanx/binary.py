@@ -1,6 +1,6 @@
-"""Load the binary of the compiled kernels; one that does not fit the sources or the trusted nodes is refused.
+"""Load the compiled kernels; reject a binary that does not match the sources or the trusted nodes.
 
-Nothing here needs a kernel, so `phalanx doctor` can name what is wrong with them.
+This file needs no kernels, so `phalanx doctor` can report what is wrong with them.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from .errors import Unavailable
 INSTALL_COMPILER = "install gcc or clang, or name one in CC"
 NAME = "phalanx._kernels"
 ROOT = Path(__file__).parent
-HINT = "run make setup, or pip install ., to compile them; PHALANX_PURE=1 runs them as Python, slowly"
+HINT = "run make setup, or pip install ., to compile them; PHALANX_PURE=1 runs them as slow Python"
 
 
 def is_pure() -> bool:
-    """Return whether all kernels are to run as Python."""
+    """Return True if all kernels run as Python: the environment sets PHALANX_PURE."""
     return os.environ.get("PHALANX_PURE", "0") not in ("", "0")
 
 
 def load_binary() -> tuple[Any, dict[str, dict[str, Any]]]:
-    """Return the module of the compiled kernels, and its table: hashes of sources, and slots of other functions.
+    """Return the module of the compiled kernels and its table: hashes of sources, and slots of linked functions.
 
-    Raises: Unavailable: there is none, it cannot be loaded, or a source or the size of a trusted node has changed since
-        the kernels were compiled.
+    Raises: Unavailable: the binary is missing or cannot be loaded, or a source or the size of a trusted node has
+        changed since the kernels were compiled.
     """
     try:
         module = importlib.import_module(NAME)
@@ -56,10 +56,10 @@ def _check_age(hashes: dict[str, str]) -> None:
 
 
 def _check_nodes(sizes: dict[str, list[int]]) -> None:
-    """Raise Unavailable if the trusted nodes that are here have other sizes than those that the kernels know."""
+    """Raise Unavailable if the installed trusted nodes differ in size from those the kernels were compiled for."""
     try:
         found = sizes_of_nodes()
-    except ImportError:  # kernels that need them say so (bti/trusted.py)
+    except ImportError:  # not installed: bti/trusted.py raises when a kernel needs them
         return
     if found != sizes:
         raise Unavailable("the kernels were compiled for trusted nodes of another size", HINT)

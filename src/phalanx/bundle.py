@@ -1,12 +1,12 @@
-"""Pass many arrays to a kernel by one address; Python and kernels read them as attributes.
+"""Bundles: many arrays passed to a kernel by one address, and read as attributes in Python and in kernels.
 
 A class of arrays is declared as a NamedTuple `Queue` with, beside it,
 
     pack = bundled(Queue)
 
 and kernels are called with `pack(Queue(...))`. The caller keeps the bundle alive. Fields are arrays in C order,
-numbers, tuples of numbers, and bundles, as their annotations say. Elements of arrays may change; the fields may not.
-A bundle in which an array is read-only goes only to kernels that write to none of its arrays.
+numbers, tuples of numbers or bundles, as annotated. Elements of arrays may change, fields may not.
+A bundle with a read-only array can be passed only to kernels that write to none of its arrays.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _T = TypeVar("_T", bound=tuple[Any, ...])
 
 
 class _Packed:
-    """A bundle as kernels take it: of each class of bundles, one subclass."""
+    """A bundle packed for kernels; each class of bundles has one subclass."""
 
     bundle_class: ClassVar[Any]
     _address: int
@@ -40,7 +40,7 @@ class _Packed:
         self.__dict__["_fields_kept"] = tuple(bundle)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the fields: another process has other addresses."""
+        """Pickle the fields instead of their addresses, which are valid in this process only."""
         cls: Any = type(self).bundle_class
         return _repacked, (cls(*(getattr(self, name) for name in cls._fields)),)
 
@@ -49,12 +49,12 @@ class _Packed:
 
 
 def _repacked(bundle: Any) -> Any:
-    """Return a bundle that was pickled, packed if kernels are compiled in this process."""
+    """Return an unpickled bundle, packed if kernels are compiled in this process."""
     return bundle if PURE else type(bundle).__packed__(bundle)
 
 
 def _read_only_in(bundle: Any) -> str:
-    """Return the name of the first array in a bundle that is read-only, "" if there is none."""
+    """Return the name of the first read-only array in a bundle, or "" if there is none."""
     for name in bundle._fields:
         value = getattr(bundle, name)
         if isinstance(value, np.ndarray) and not value.flags.writeable:
@@ -65,6 +65,7 @@ def _read_only_in(bundle: Any) -> str:
 
 
 def _words_of(value: Any) -> list[int]:
+    """Return the 64-bit words that store a field: addresses, lengths and numbers."""
     if isinstance(value, np.ndarray):
         return [value.ctypes.data, *value.shape]
     if isinstance(value, _Packed):
@@ -75,12 +76,12 @@ def _words_of(value: Any) -> list[int]:
 
 
 def _is_number(value: Any, typ: ValueType) -> bool:
-    """Return whether a value is a number of this type, and one that a word of a bundle holds."""
+    """Return True if a value is a number of this type that fits into a 64-bit word of a bundle."""
     return typ in (INT, FLOAT, BOOL) and isinstance(value, float) == (typ == FLOAT)
 
 
 def _check(bundle: Any) -> None:
-    """Raises: TypeError: a field is not what its annotation says."""
+    """Check the fields of a bundle. Raises: TypeError: a field does not match its annotation."""
     cls: Any = type(bundle)
     for name, typ in fields_of(cls):
         value = getattr(bundle, name)
@@ -95,11 +96,11 @@ def _check(bundle: Any) -> None:
         else:
             fits = _is_number(value, typ)
         if not fits:
-            raise TypeError(f"{type(bundle).__name__}.{name}: {named(typ)} in C order belongs there")
+            raise TypeError(f"{type(bundle).__name__}.{name}: expected {named(typ)} in C order")
 
 
 def bundled(fields: type[_T]) -> Callable[[_T], _T]:
-    """Return a function that packs a bundle for kernels; uncompiled, it returns the bundle itself."""
+    """Return a function that packs a bundle for compiled kernels, and returns it unchanged for uncompiled ones."""
     packed_class: Any = type(fields.__name__, (_Packed,), {"__module__": fields.__module__, "bundle_class": fields})
     fields.__bundled__, fields.__packed__ = True, packed_class  # type: ignore[attr-defined]
 

@@ -1,8 +1,9 @@
-"""Whose fault an error is, which decides what the caller does next.
+"""Exceptions, by who has to act.
 
-`PeerError`: bytes from outside are wrong. Expected under attack: counted by `reason`, survived, never answered.
-`UsageError`: we were called wrongly; one clear line to a person, who can mend it.
-`Unavailable`: the world said no (a broker, a port); one clear line, and trying again may help.
+`PeerError`: bytes from a peer are invalid. Expected under attack: the receiver counts it by `reason`, goes on,
+    and does not reply.
+`UsageError`: the caller passed something invalid; shown to the user as one line, with a hint how to fix it.
+`Unavailable`: a resource outside the process (a broker, a port) failed; trying again may help.
 """
 
 from __future__ import annotations
@@ -11,59 +12,59 @@ import re
 from collections.abc import Iterable
 from typing import ClassVar
 
-ALIKE = 0.6  # so alike, a name is what was meant
-RENAMED = {"bound": "hardened", "frames": "packets", "frame_max_bytes": "packet_max_bytes"}  # names of earlier releases
+ALIKE = 0.6  # similarity from which a name counts as a misspelling of another
+RENAMED = {"bound": "hardened", "frames": "packets", "frame_max_bytes": "packet_max_bytes"}  # former names
 
 
 class PhalanxError(Exception):
-    """Anything that Phalanx raises on purpose."""
+    """Base class of all exceptions that Phalanx defines."""
 
 
-class _Told(PhalanxError):
-    """For a person to read: what is wrong and where, lower case, no full stop; and what to do about it, or ""."""
+class _ErrorWithHint(PhalanxError):
+    """An error shown to the user: what is wrong and where, lower case, no full stop; and a hint, or ""."""
 
     def __init__(self, message: str, hint: str = "") -> None:
         super().__init__(message)
         self.hint = hint
 
 
-class UsageError(_Told):
-    """The caller can mend this: a bad value, a missing file, a port in use.
+class UsageError(_ErrorWithHint):
+    """An error that the caller can fix: a bad value, a missing file.
 
     Class attributes:
-        exit_code: of the command line.
+        exit_code: exit code of the command line.
     """
 
     exit_code: ClassVar[int] = 2
 
 
-class Unavailable(_Told):
-    """The world said no: a broker that cannot be reached, a port in use, a swarm that does not answer."""
+class Unavailable(_ErrorWithHint):
+    """A resource outside the process failed: an unreachable broker, a port in use, a swarm that does not answer."""
 
 
-class KernelDefect(_Told):
-    """A compiled function would have left an array or divided by zero: a defect of ours; file and line say where."""
+class KernelDefect(_ErrorWithHint):
+    """A kernel would have indexed outside an array or divided by zero: a bug in Phalanx, at the given file and line."""
 
 
 class OwnDefect(KernelDefect):
-    """A function of a user's file would have left an array or divided by zero, or returned what it must not."""
+    """A kernel of a user's file indexed outside an array, divided by zero, or returned an invalid value."""
 
 
 class OwnFileError(UsageError):
-    """A user's file does what it must not; file and line say where."""
+    """A user's file is invalid, at the given file and line."""
 
     exit_code = 1
 
 
 class OutsideSubset(OwnFileError):
-    """A user's file uses what cannot be compiled."""
+    """A user's file uses Python that the kernel compiler does not support."""
 
 
 class PeerError(PhalanxError):
-    """Bytes from a peer are wrong.
+    """Bytes from a peer are invalid.
 
     Class attributes:
-        reason: under which it is counted: the class's name in small letters, if the class sets no other.
+        reason: key under which receivers count the error; by default the class name in snake case.
     """
 
     reason: ClassVar[str] = "peer_error"
@@ -74,30 +75,32 @@ class PeerError(PhalanxError):
 
 
 class Defective(PeerError):
-    """A defect of ours kept us from reading a peer's bytes; it is logged, and the message is rejected."""
+    """A bug in Phalanx prevented reading a peer's bytes; it is logged, and the message is rejected."""
 
     reason = "defect"
 
 
 class TooLarge(PeerError):
-    """More bytes than this receiver reads."""
+    """The message is longer than this receiver accepts."""
 
 
 class MalformedJwe(PeerError):
-    """Not the one compact JWE form that the link speaks."""
+    """The message is not a compact JWE in the one form that the link accepts."""
 
 
 class NotAuthentic(PeerError):
-    """The tag does not verify: another key, or altered on the way."""
+    """The tag or signature does not verify: another key was used, or the bytes were altered."""
 
 
 class MalformedEnvelope(PeerError):
-    """Authentic, but not a timestamp with a payload (or not a pin message, where one was due)."""
+    """The message is authentic, but not a timestamp with a payload (or not a pin message where one is expected)."""
 
 
 class Stale(PeerError):
-    """The timestamp is further from now than the tolerance. `skew_s` is it minus our clock, seconds: the message was
-    authentic, so a client may take this for the error of its own clock.
+    """The timestamp differs from the receiver's clock by more than the tolerance.
+
+    `skew_s` is the timestamp minus the receiver's clock, in seconds. The message was authentic, so a client may use it
+    to correct its own clock.
     """
 
     def __init__(self, skew_s: float, tolerance_s: float) -> None:
@@ -106,44 +109,45 @@ class Stale(PeerError):
 
 
 class Replayed(PeerError):
-    """This epoch has seen this IV before."""
+    """A message with this IV was received before in this epoch."""
 
 
 class CacheFull(PeerError):
-    """The replay cache cannot remember one more message, and must not forget one."""
+    """The replay cache is full, and no entry is old enough to drop."""
 
 
 class Overrun(PeerError):
-    """Arrived faster than they were read; dropped unread."""
+    """Messages arrived faster than they were read; this one was dropped unread."""
 
 
 class WrongTopic(PeerError):
-    """Not a topic that this receiver reads, or not one of a live epoch."""
+    """The receiver does not read this topic, or its epoch is over."""
 
 
 class BadPayload(PeerError):
-    """The words inside the envelope make no sense to the handler."""
+    """The payload inside the envelope is not valid for the handler."""
 
 
 class Late(PeerError):
-    """A joystick's command that lay here unread for longer than a joystick's word is good for."""
+    """A joystick command waited longer in the queue than joystick commands are valid."""
 
 
 class Held(PeerError):
-    """The operator has stopped all robots: nobody moves one now."""
+    """The command moves a robot while the operator's stop of all robots is in force."""
 
 
 class Unknown(PeerError):
-    """No such command, request or robot."""
+    """The command, request or robot does not exist."""
 
 
 class HandlerFailed(PeerError):
-    """A handler broke on what a peer said. The peer hears nothing; the fault is ours, and logged as such."""
+    """A handler raised an exception on a peer's message: a bug in Phalanx; it is logged, the peer gets no reply."""
 
 
 class OpenError(PeerError):
-    """A sealed message was refused. One type, whatever went wrong: `cause` is the specific error, whose reason this
-    has.
+    """A sealed message was rejected, for any reason.
+
+    One type for all causes, so that a caller treats them alike. `cause` is the specific error; `reason` is the same.
     """
 
     def __init__(self, cause: PeerError) -> None:
@@ -153,10 +157,10 @@ class OpenError(PeerError):
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return `did you mean X? ` for a hint, or nothing if no known name is like it."""
+    """Return "did you mean X? " for a hint, or "" if no known name is similar."""
     if RENAMED.get(name) in (known := tuple(known)):
         return f"did you mean {RENAMED[name]}? "
-    import difflib  # noqa: PLC0415  # only who errs waits for it
+    import difflib  # noqa: PLC0415  # slow to import, and needed for errors only
 
     lower = {each.lower(): each for each in known}
     near = difflib.get_close_matches(name.lower(), lower, 1, ALIKE)

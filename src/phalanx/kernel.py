@@ -1,10 +1,10 @@
 """Mark kernels, load their compiled functions, and run them as Python with PHALANX_PURE=1.
 
-An auditor catches a compromised robot by running its controller again and comparing bytes. The bytes must be the same
-on every machine, or an honest robot would be refused. A simulated fleet replays so much that plain Python would take
-hours for minutes. So everything that robots run is written once, in a typed subset of Python
+An auditor detects a compromised robot by running its controller again and comparing bytes. The bytes must be equal on
+every machine, or auditors would reject honest robots. Simulated swarms replay so many logs that plain Python would take
+hours for minutes of a run. So everything that robots run is written once, in a typed subset of Python
 (docs/reference/kernels.md) that is translated to C when the package is built. With PHALANX_PURE=1 all kernels run
-uncompiled, for a debugger and as the oracle of tests; `kernel.py_func` is the same function uncompiled.
+uncompiled, for a debugger and as the oracle of tests; `kernel.py_func` is the uncompiled function of one kernel.
 
 Rules for kernels that auditors replay: float64 with + - * / and `math.sqrt` in a written order. No other function of
 `math`, no sum over an array, and no division by a number that can be zero.
@@ -31,12 +31,12 @@ from .errors import Defective, KernelDefect, OwnDefect, Unavailable
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 logger = logging.getLogger(__name__)
-# Whether kernels run as Python.
+# True if kernels run as Python.
 PURE = binary.is_pure()
 _BUILDING = os.environ.get("PHALANX_PURE") == "build"
-# Hints of violations: in the package's kernels, and in a user's file.
+# Hints for failed checks: in the package's kernels, and in a user's file.
 PACKAGE_DEFECT = "a defect of Phalanx: please report it"
-FILE_DEFECT = "a defect of this file: its kernels may not do that"
+FILE_DEFECT = "fix this file: its kernels must not do that"
 # Addresses of C functions that kernels call, by their symbols.
 ADDRESSES: dict[str, int] = {}
 
@@ -47,7 +47,7 @@ if not PURE:
 
 
 def _prepare(compiled: Any) -> None:
-    """Set the conversions of a kernel's arguments from its annotations, at its first call."""
+    """Set the conversions of a kernel's arguments from its annotations; called at its first call."""
     function = compiled.py_func
     made, parameters = operations(function, compiled.entry[1])
     names = function.__code__.co_varnames[:parameters]
@@ -58,8 +58,8 @@ def _violation(file: str, line: int, what: int, index: int, size: int) -> BaseEx
     """Return the exception for a check that failed in compiled code."""
     if what == RAISED:
         return _raised.pop(index, None) or OwnDefect(f"{file}:{line}: an exception", FILE_DEFECT)
-    words = f"{file}:{line}: {message(what, index, size)}"
-    return OwnDefect(words, FILE_DEFECT) if what >= IN_OWN else KernelDefect(words, PACKAGE_DEFECT)
+    text = f"{file}:{line}: {message(what, index, size)}"
+    return OwnDefect(text, FILE_DEFECT) if what >= IN_OWN else KernelDefect(text, PACKAGE_DEFECT)
 
 
 def _raise_violation(file: str, line: int, what: int, index: int, size: int) -> None:
@@ -78,13 +78,13 @@ def _log(error: KernelDefect, times: int = 1) -> None:
     logger.error("%s: %s; %s rejected", error, error.hint, which)
 
 
-# Exceptions of users' kernels that run uncompiled, until compiled code has unwound.
+# Exceptions of users' kernels that run uncompiled, kept until compiled code has unwound.
 _raised: dict[int, BaseException] = {}
 MOST_RAISED = 64
 
 
 def keep_raised(error: BaseException) -> int:
-    """Return the number by which compiled code hands on an exception, as the violation `RAISED`."""
+    """Store an exception and return the number by which compiled code passes it on, as the violation `RAISED`."""
     number = max(_raised, default=0) + 1
     _raised[number] = error
     _raised.pop(number - MOST_RAISED, None)
@@ -96,9 +96,9 @@ if _compiled:
 
 
 def reads_peer(*, rejected: int) -> Callable[[_F], _F]:
-    """Return a decorator, below `@kernel`, for a kernel that reads a peer's bytes.
+    """Return a decorator, placed below `@kernel`, for a kernel that reads a peer's bytes.
 
-    If a check fails, it returns `rejected`, and the defect is logged: a peer's bytes never stop a robot.
+    If a check fails, the kernel returns `rejected`, and the defect is logged: a peer's bytes never stop a robot.
     """
 
     def mark(function: _F) -> _F:
@@ -110,7 +110,7 @@ def reads_peer(*, rejected: int) -> Callable[[_F], _F]:
 
 @contextlib.contextmanager
 def reading_peer() -> Iterator[None]:
-    """Read a peer's bytes in the body, with kernels that have no `reads_peer`.
+    """Context for reading a peer's bytes with kernels that have no `reads_peer`.
 
     Raises: Defective: a kernel's check failed; the defect is logged.
     """
@@ -122,7 +122,7 @@ def reading_peer() -> Iterator[None]:
 
 
 def _guarded(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function that runs a kernel with `reads_peer` uncompiled."""
+    """Return an uncompiled kernel with `reads_peer`, wrapped to return `rejected` if it fails."""
 
     @functools.wraps(function)
     def call(*arguments: Any) -> Any:
@@ -140,7 +140,7 @@ def _guarded(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def kernel(function: _F) -> _F:
-    """Return the compiled function of a kernel, or the function itself where it is not compiled."""
+    """Return the compiled function of a kernel, or the function itself if it is not compiled."""
     function.__kernel__ = True  # type: ignore[attr-defined]
     if _compiled is None:
         DECLARED.append(function)
@@ -161,7 +161,7 @@ def kernel(function: _F) -> _F:
 
 
 def intrinsic(name: str) -> Callable[[_F], _F]:
-    """Return a decorator for a function that the compiler knows by this name; uncompiled it runs as it is."""
+    """Return a decorator for a function that the compiler implements under this name; uncompiled it runs as written."""
 
     def mark(function: _F) -> _F:
         function.__intrinsic__ = name  # type: ignore[attr-defined]
@@ -172,12 +172,12 @@ def intrinsic(name: str) -> Callable[[_F], _F]:
 
 @dataclass(frozen=True, slots=True)
 class Linked:
-    """A kernel in another library: compiled code finds its address in a table, which `link` sets.
+    """Declaration of a kernel in another library: compiled code takes its address from a table that `link` sets.
 
     Attributes:
         symbol: C symbol of the table.
         most: number of addresses in the table.
-        writes: names of the parameters that it writes to.
+        writes: names of the parameters that the kernel writes to.
     """
 
     symbol: str
@@ -186,7 +186,7 @@ class Linked:
 
 
 def linked(declared: _F, how: Linked, called: Callable[..., Any]) -> _F:
-    """Return a kernel that is only declared here; the first parameter of `declared` is its place in the table.
+    """Return a kernel that another library implements; the first parameter of `declared` is its index in the table.
 
     Args:
         called: the function to call uncompiled.
@@ -203,14 +203,14 @@ def linked(declared: _F, how: Linked, called: Callable[..., Any]) -> _F:
 
 
 def link(symbol: str, address: int) -> None:
-    """Set the address of a C function that kernels call, or of a table of them."""
+    """Set the address of a C function that kernels call, or of a table of such functions."""
     ADDRESSES[symbol] = address
     if symbol in _table["slots"]:
         _compiled.link(_table["slots"][symbol], address)
 
 
 def written(declared: _F, body: list[str], scope: dict[str, Any]) -> _F:
-    """Return the kernel with the head of `declared` and the lines of `body`, whose names `scope` defines."""
+    """Return a kernel with the signature of `declared` and the source lines `body`; `scope` defines their names."""
     lines = [f"def {declared.__name__}({', '.join(inspect.signature(declared).parameters)}):", *body]
     names = {**declared.__globals__, **scope}
     exec(compile("\n    ".join(lines), declared.__code__.co_filename, "exec"), names)  # noqa: S102 - declarations of ours

@@ -1,4 +1,4 @@
-"""Packages whose names are loaded when they are first used: whoever wants one of them does not wait for all."""
+"""Lazy imports for packages: each name is imported when it is first used."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Any
 
 
 def loaded_when_used(package: str, found_in: Mapping[str, str]) -> Callable[[str], Any]:
-    """Return a package's `__getattr__`.
+    """Return a `__getattr__` for a package that imports names when they are first used.
 
     Args:
-        found_in: of each name that is loaded so, the module that has it: "module" within the package, ".module" beside.
+        found_in: maps each such name to the module that defines it: "module" in the package, ".module" beside it.
     """
 
     def get(name: str) -> Any:

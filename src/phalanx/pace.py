@@ -1,10 +1,10 @@
-"""Rates of clients, visitors and addresses, a token bucket each. Times are seconds on a clock that never runs back."""
+"""Token buckets that limit the rates of clients, visitors and addresses. Times are seconds on a monotonic clock."""
 
 from __future__ import annotations
 
 
 class Pace:
-    """A token bucket: up to so many at once. What exceeds it is waited for, or refused."""
+    """Token bucket: `per_s` tokens a second, at most `at_once` stored. Callers wait for more, or refuse the request."""
 
     __slots__ = ("_at_once", "_at_s", "_left", "_per_s")
 
@@ -13,29 +13,29 @@ class Pace:
         self._left, self._at_s = at_once, now_s
 
     def wait_s(self, now_s: float) -> float:
-        """Return how long to wait before one more may be used; 0: not at all."""
+        """Return the seconds until a token is available; 0 if one is available now."""
         self._left = min(self._at_once, self._left + (now_s - self._at_s) * self._per_s)
         self._at_s = now_s
         return 0.0 if self._left >= 1.0 else (1.0 - self._left) / self._per_s
 
     def use(self, count: float = 1.0) -> None:
-        """Use so many; a debt that this makes is waited for."""
+        """Take `count` tokens, even more than are left: `wait_s` includes the debt."""
         self._left -= count
 
     def take(self, now_s: float) -> bool:
-        """Use one; return whether there was one."""
+        """Take a token if one is available; return False if not."""
         if self.wait_s(now_s):
             return False
         self._left -= 1.0
         return True
 
     def is_full(self, now_s: float) -> bool:
-        """Return whether nothing was used lately."""
+        """Return True if the bucket is full again: no token was taken lately."""
         return self._left + (now_s - self._at_s) * self._per_s >= self._at_once
 
 
 class Paces:
-    """A pace for each address, forgotten when it is full again."""
+    """Token buckets by address; `forget` drops those that are full."""
 
     def __init__(self, per_s: float, at_once: float) -> None:
         self._per_s, self._at_once = per_s, at_once
@@ -45,12 +45,12 @@ class Paces:
         return len(self._of)
 
     def of(self, address: str, now_s: float) -> Pace:
-        """Return the pace of an address."""
+        """Return the token bucket of an address, which is made at the first call."""
         pace = self._of.get(address)
         if pace is None:
             pace = self._of[address] = Pace(self._per_s, self._at_once, now_s)
         return pace
 
     def forget(self, now_s: float) -> None:
-        """Forget addresses that used nothing lately; call it about once a second."""
+        """Drop the addresses whose buckets are full; call it about once a second."""
         self._of = {address: pace for address, pace in self._of.items() if not pace.is_full(now_s)}

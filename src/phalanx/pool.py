@@ -1,7 +1,8 @@
-"""Where rows of bytes lie: in pages that take memory only once they are written, and in rows that are lent.
+"""Memory for rows of bytes: pages that take memory only once they are written, and a pool of rows to borrow.
 
-Of a thousand robots a handful show or hear a request at any moment. With a row each of their own, all rows would be
-memory, and cold; of rows that are lent the one given back last is lent next, and the others are never touched.
+Of a thousand simulated robots only a few send or receive a request at any moment. A row for each robot would take
+memory for all of them and would rarely be in a cache. A pool lends the row that was returned last and leaves the others
+untouched.
 """
 
 from __future__ import annotations
@@ -18,17 +19,17 @@ from phalanx.arrays import I32x1, I64x1, U8x2
 from phalanx.bundle import bundled
 from phalanx.kernel import kernel
 
-LINE_BYTES = 64  # of a processor's caches
+LINE_BYTES = 64  # cache line of the processor
 SMALL_BYTES = 1 << 20
 PAGE_BYTES = mmap.PAGESIZE
 NO_ROW = -1
 
 
 def sparse(*shape: int) -> NDArray[np.uint8]:
-    """Return zeroed bytes that take memory only by the page, and only where something was written.
+    """Return zeroed bytes that take memory page by page, and only where something was written.
 
-    numpy asks for pages of 2 MB where it can: of rows that are used in part, all would be memory.
-    Raises: MemoryError: there is no room for so many addresses.
+    numpy asks for pages of 2 MB where it can, so rows that are used in part would take memory in full.
+    Raises: MemoryError: the address space has no room.
     """
     size = math.prod(shape)
     if size < SMALL_BYTES:
@@ -43,36 +44,36 @@ def sparse(*shape: int) -> NDArray[np.uint8]:
 
 
 def lines(size: int) -> int:
-    """Return the least multiple of a cache line's length that is not below `size`, in bytes."""
+    """Return `size` in bytes, rounded up to whole cache lines."""
     return -(-size // LINE_BYTES) * LINE_BYTES
 
 
 class Pool(NamedTuple):
-    """As many rows as there can be borrowers: there is always one left."""
+    """A pool of rows; it has a row for each borrower, so it never runs out."""
 
     rows: U8x2  # (P, R)
-    free: I32x1  # (P,), those that nobody has, the next at the end
-    left: I64x1  # (1,), how many those are
+    free: I32x1  # (P,), stack of the free rows' numbers, the next one to lend on top
+    left: I64x1  # (1,), number of free rows
 
 
 pack = bundled(Pool)
 
 
 def make_pool(borrowers: int, size: int) -> Pool:
-    """Rows of `size` bytes for so many borrowers at once."""
+    """Return a pool of rows of `size` bytes for at most `borrowers` borrowers at once."""
     free = np.arange(borrowers - 1, -1, -1, dtype=np.int32)
     return pack(Pool(sparse(borrowers, size), free, np.array([borrowers], np.int64)))
 
 
 @kernel
 def lend(pool: Pool) -> int:
-    """A row, by its number; what is in it is anybody's last."""
+    """Return the number of a free row, which still has the bytes of its last borrower."""
     pool.left[0] -= 1
     return int(pool.free[pool.left[0]])
 
 
 @kernel
 def give_back(pool: Pool, row: int) -> None:
-    """The row is free again; its bytes stay until it is lent next."""
+    """Return a row to the pool; its bytes stay as they are."""
     pool.free[pool.left[0]] = row
     pool.left[0] += 1

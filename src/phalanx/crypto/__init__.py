@@ -1,4 +1,4 @@
-"""Each primitive once."""
+"""Cryptographic primitives: JWE, key derivation, SHA3-256."""
 
 from .jwe import IV_BYTES, open_jwe, seal_jwe
 from .keys import Key, hkdf_sha256

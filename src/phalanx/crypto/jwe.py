@@ -1,7 +1,7 @@
-"""The one JWE form that the link speaks: compact, `dir`, A256GCM (RFC 7516).
+"""The only JWE form of the link: compact, `dir`, A256GCM (RFC 7516).
 
-A general JOSE library reads headers that the sender chose; here there is one header, compared as bytes. Only this file
-encodes or decodes base64url, and it accepts a segment only in the one form it would write itself.
+A general JOSE library obeys headers that the sender chose. Here the header is fixed and compared as bytes. Only this
+file encodes or decodes base64url, and it accepts only canonical segments.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ TAG_BYTES = 16
 HEADER = b'{"alg":"dir","enc":"A256GCM"}'
 
 
-# Characters that base64url does not have become one that no base64 has.
+# Characters outside base64url become "!", which is invalid in base64 too.
 _TO_BASE64 = bytes.maketrans(b"-_+/=", b"+/!!!")
 _TO_BASE64URL = bytes.maketrans(b"+/", b"-_")
 _PADDING = (b"", b"===", b"==", b"=")
@@ -36,7 +36,7 @@ def decode_base64url(segment: bytes) -> bytes:
         raw = binascii.a2b_base64(segment.translate(_TO_BASE64) + _PADDING[len(segment) % 4], strict_mode=True)
     except binascii.Error as error:
         raise MalformedJwe("a segment is not base64url") from error
-    # Spare bits in the last character: one message has one text, in every language that reads it.
+    # The unused bits of the last character must be zero, so that a message has one text in every implementation.
     rest = len(raw) % 3
     if rest and encode_base64url(raw[-rest:]) != segment[-rest - 1 :]:
         raise MalformedJwe("a segment is not canonical base64url")
@@ -47,25 +47,28 @@ HEADER_SEGMENT = encode_base64url(HEADER)
 
 
 def seal_jwe(plaintext: bytes, key: Key, iv: bytes) -> bytes:
-    """The compact JWE of `plaintext`. `iv` is 12 bytes, never used twice with one key. Source: RFC 7516 §5.1, §7.1."""
+    """Return the compact JWE of `plaintext`; never use one 12-byte `iv` twice with a key.
+
+    Source: RFC 7516 §5.1, §7.1.
+    """
     sealed = key.cipher.encrypt(iv, plaintext, HEADER_SEGMENT)
     return b".".join((HEADER_SEGMENT, b"", *map(encode_base64url, (iv, sealed[:-TAG_BYTES], sealed[-TAG_BYTES:]))))
 
 
 def open_jwe(token: bytes, key: Key, max_bytes: int) -> tuple[bytes, bytes]:
-    """Return (IV, plaintext) of a compact JWE, of untrusted bytes; longer than `max_bytes` it is not even decrypted.
+    """Return (IV, plaintext) of a compact JWE from untrusted bytes; above `max_bytes` it is rejected undecrypted.
 
-    Raises: TooLarge, MalformedJwe, NotAuthentic. Source: RFC 7516 §5.2, restricted as docs/spec/link.md says.
+    Raises: TooLarge, MalformedJwe, NotAuthentic. Source: RFC 7516 §5.2, restricted by docs/spec/link.md.
     """
-    # Two bytes of slack for the base64 rounding, then the ciphertext is measured exactly.
+    # A rough limit with slack for base64 rounding; the exact length of the ciphertext is checked below.
     if len(token) > (max_bytes + IV_BYTES + TAG_BYTES + len(HEADER)) * 4 // 3 + 16:
         raise TooLarge(f"{len(token)} bytes sealed, limit {max_bytes} bytes of plaintext")
     parts = token.split(b".", 5)
     if len(parts) != 5 or parts[0] != HEADER_SEGMENT or parts[1] != b"":
-        raise MalformedJwe("not five segments, or another header")
+        raise MalformedJwe("not five segments, or not the expected header")
     iv, ciphertext, tag = (decode_base64url(part) for part in parts[2:])
     if len(iv) != IV_BYTES or len(tag) != TAG_BYTES:
-        raise MalformedJwe("IV or tag of another length")
+        raise MalformedJwe("IV or tag of the wrong length")
     if len(ciphertext) > max_bytes:
         raise TooLarge(f"{len(ciphertext)} bytes of plaintext, limit {max_bytes}")
     try:

@@ -1,4 +1,4 @@
-"""Keys: derived from a secret (HKDF) or a passphrase (scrypt), held so that printing is harmless, kept under a lock."""
+"""Keys: derivation from a secret (HKDF) or a passphrase (scrypt), a type that hides them, encrypted key files."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from phalanx.errors import NotAuthentic, PeerError
 
 FORM = "phalanx keys, version 1"
 SALT_BYTES, NONCE_BYTES, KEY_BYTES = 16, 12, 32
-LOG2_N, R = 17, 8  # 128 MiB, and some tenths of a second, for each guess
-LIMIT = 1 << 20  # bytes of a sealed text
+LOG2_N, R = 17, 8  # each guess of a passphrase costs 128 MiB and some tenths of a second
+LIMIT = 1 << 20  # bytes of a key file
 
 
 @dataclass(frozen=True, slots=True, repr=False, eq=False)  # not a bytes subclass: str() of one prints the bytes
 class Key:
-    """32 bytes of AES-256 key, and the cipher made of them once: making it costs as much as a short message."""
+    """A 32-byte AES-256 key with its cipher, made once: to make it costs as much as to encrypt a short message."""
 
     raw: bytes
     cipher: AESGCM = field(init=False)
@@ -41,7 +41,7 @@ def hkdf_sha256(secret: bytes, info: bytes, length: int) -> bytes:
 
 
 def scrypt(password: bytes, salt: bytes, *, log2_n: int, r: int, length: int) -> bytes:
-    """Return `length` bytes derived from `password`, at a cost of 128 * r * 2^log2_n bytes of memory, passed twice.
+    """Return `length` bytes derived from `password`; each call takes 128 * r * 2^log2_n bytes of memory.
 
     Source: RFC 7914, p = 1.
     """
@@ -50,36 +50,36 @@ def scrypt(password: bytes, salt: bytes, *, log2_n: int, r: int, length: int) ->
 
 
 class CorruptData(PeerError):
-    """Not a sealed text, or not as it was written."""
+    """The bytes are not a key file, or were changed."""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Lock:
-    """A salt and the key that a passphrase makes with it; to make one takes scrypt's time and memory."""
+    """A salt, and the key derived from it and a passphrase with scrypt, which is slow on purpose."""
 
     salt: bytes
     key: bytes
 
     @classmethod
     def of(cls, passphrase: str, salt: bytes) -> Lock:
-        """The key for this passphrase and salt (16 random bytes)."""
+        """Return the lock for a passphrase and a salt of 16 random bytes."""
         return cls(salt, scrypt(passphrase.encode(), salt, log2_n=LOG2_N, r=R, length=KEY_BYTES))
 
     def __repr__(self) -> str:
         return "<Lock>"
 
     def seal(self, plain: bytes, nonce: bytes) -> str:
-        """A text of plain letters, a checksum in it; `nonce` is 12 random bytes, never twice with one key."""
+        """Return an ASCII key file with `plain` encrypted, and a checksum; `nonce` is 12 random bytes, never reused."""
         sealed = AESGCM(self.key).encrypt(nonce, plain, FORM.encode() + self.salt)
         whole = self.salt + nonce + sealed
-        told = {"form": FORM, "sealed": base64.b64encode(whole).decode(), "sha256": hashlib.sha256(whole).hexdigest()}
-        return json.dumps(told, indent=1) + "\n"
+        fields = {"form": FORM, "sealed": base64.b64encode(whole).decode(), "sha256": hashlib.sha256(whole).hexdigest()}
+        return json.dumps(fields, indent=1) + "\n"
 
 
 def unlock(text: bytes, passphrase: str) -> tuple[Lock, bytes]:
-    """Return the lock that a text was sealed with, and what it says; its form is checked before scrypt is run.
+    """Return the lock and the decrypted bytes of a key file; its form is checked before the slow scrypt.
 
-    Raises: CorruptData: it is none, or was changed. NotAuthentic: the passphrase is another.
+    Raises: CorruptData: not a key file, or changed. NotAuthentic: the passphrase is wrong.
     """
     whole = _whole(text)
     salt, rest = whole[:SALT_BYTES], whole[SALT_BYTES:]
@@ -87,20 +87,21 @@ def unlock(text: bytes, passphrase: str) -> tuple[Lock, bytes]:
     try:
         return lock, AESGCM(lock.key).decrypt(rest[:NONCE_BYTES], rest[NONCE_BYTES:], FORM.encode() + salt)
     except InvalidTag as error:
-        raise NotAuthentic("another passphrase") from error
+        raise NotAuthentic("wrong passphrase") from error
 
 
 def _whole(text: bytes) -> bytes:
+    """Return salt, nonce and ciphertext of a key file, its checksum verified."""
     if len(text) > LIMIT:
         raise CorruptData(f"longer than {LIMIT} bytes")
     try:
-        told = json.loads(text)
-        whole = base64.b64decode(told["sealed"], validate=True)
-        form, checksum = told["form"], told["sha256"]
+        content = json.loads(text)
+        whole = base64.b64decode(content["sealed"], validate=True)
+        form, checksum = content["form"], content["sha256"]
     except (ValueError, KeyError, TypeError, RecursionError, binascii.Error) as error:
-        raise CorruptData("no file of keys") from error
+        raise CorruptData("not a key file") from error
     if form != FORM:
-        raise CorruptData("no file of keys")
+        raise CorruptData("not a key file")
     if len(whole) < SALT_BYTES + NONCE_BYTES or checksum != hashlib.sha256(whole).hexdigest():
-        raise CorruptData("its checksum is another")
+        raise CorruptData("the checksum does not match")
     return whole

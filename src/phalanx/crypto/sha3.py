@@ -1,7 +1,7 @@
-"""SHA3-256: hashlib for single messages; for a search, Keccak-f[1600] over eight messages side by side (FIPS 202).
+"""SHA3-256: hashlib for single messages, and Keccak-f[1600] over eight messages at once for searches (FIPS 202).
 
-A hash search asks for thousands of digests of messages that differ in one place. hashlib takes 0.6 us for each, nearly
-all of it the call; here lane i of eight messages lies in one row, so that each step of the permutation is on vectors.
+A hash search computes thousands of digests of messages that differ in eight bytes. hashlib takes 0.6 us for each,
+nearly all of it call overhead. Here lane i of eight messages is one row, so that the permutation works on vectors.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from phalanx.kernel import kernel, written
 
 DIGEST_BYTES = 32
 RATE_BYTES = 136
-SUFFIX = 0x06  # SHA-3's two bits, and the first of the padding
+SUFFIX = 0x06  # SHA-3's domain bits 01, and the first bit of the padding
 
 
 def _round_constants() -> list[int]:
-    """The 24 constants of iota, by the LFSR of FIPS 202 §3.2.5."""
+    """Return the 24 constants of iota, by the LFSR of FIPS 202 §3.2.5."""
     constants, register = [], 1
     for _ in range(24):
         constant = 0
@@ -43,11 +43,11 @@ def _turn(lane: np.uint64, bits: int) -> np.uint64:
 
 
 def _rounds() -> list[str]:
-    """All rounds of Keccak-f[1600] over eight messages, written out (FIPS 202 §3.2); lane x, y is number x + 5 y.
+    """Return source lines of Keccak-f[1600] over eight messages (FIPS 202 §3.2); lane x, y is number x + 5 y.
 
-    Written out, for only then gcc uses vectors: 210 ns a hash with two lanes in a vector, which every x86-64 has.
+    The steps are unrolled, or gcc would not vectorise them: 210 ns a hash with the 128-bit vectors of any x86-64.
     """
-    # A check within the loop over j keeps gcc from vectors (460 ns a hash): after this one it finds all others to hold.
+    # A bounds check in the loop over j prevents vectors (460 ns a hash). After this access gcc can drop the others.
     highest = "_ = a[199]"
     lines = [f"a{k} = a[{8 * k} + j]" for k in range(25)]
     # theta
@@ -68,7 +68,7 @@ def _rounds() -> list[str]:
 
 
 def _permute(a: U64x1) -> None:
-    """Keccak-f[1600] on 25 rows of 8 lanes, (200,)."""
+    """Apply Keccak-f[1600] to eight states: 25 rows of 8 lanes, (200,)."""
 
 
 _permute = written(_permute, _rounds(), {"turn": _turn, "iota": _IOTA})
@@ -78,7 +78,11 @@ _permute = written(_permute, _rounds(), {"turn": _turn, "iota": _IOTA})
 def find(  # noqa: C901, PLR0912  # a kernel is one function
     template: U64x1, word: int, shift: np.uint64, patches: U64x1, targets: U64x2
 ) -> tuple[int, int]:
-    """(index of the first patch whose digest is a target, the target), or (-1, -1). targets: (t, 4), sorted."""
+    """Return (index of the first patch whose digest is a target, row of the target), or (-1, -1).
+
+    Args:
+        targets: (t, 4), sorted by the first column.
+    """
     a = np.empty(200, np.uint64)
     n, lanes, many = patches.shape[0], template.shape[0], targets.shape[0]
     for first in range(0, n, 8):
@@ -115,12 +119,12 @@ def find(  # noqa: C901, PLR0912  # a kernel is one function
 
 
 def sha3_256(message: bytes) -> bytes:
-    """SHA3-256 of one message. Source: FIPS 202."""
+    """Return the SHA3-256 of one message. Source: FIPS 202."""
     return hashlib.sha3_256(message).digest()
 
 
 class Targets:
-    """Digests to look for, as the search wants them; which one it was is told by its first place in the list."""
+    """Digests to search for, sorted; `place` maps a sorted row back to its index in the list."""
 
     def __init__(self, digests: list[bytes]) -> None:
         rows = np.frombuffer(b"".join(digests), "<u8").astype(np.uint64).reshape(-1, 4)
@@ -128,14 +132,14 @@ class Targets:
         self.rows: NDArray[np.uint64] = np.ascontiguousarray(rows[self._order])
 
     def place(self, row: int) -> int:
-        """Return the position in the list of a sorted row's digest."""
+        """Return the index in the list of a sorted row's digest."""
         return int(self._order[row])
 
 
-@lru_cache(maxsize=256)  # a robot that sees the same asks for the same, six times a step
+@lru_cache(maxsize=256)  # a robot with an unchanged view repeats its searches, six times a step
 def padded(message: bytes, at: int) -> NDArray[np.uint64]:
-    """A message with its suffix and padding, in words, (n,); eight of its bytes, zeros, are to be patched."""
-    assert not any(message[at : at + 8]), "the patch is put over zeros"
+    """Return a message with suffix and padding as 64-bit words, (n,); the eight bytes from `at` on, to patch, are 0."""
+    assert not any(message[at : at + 8]), "the patched bytes must be zero"
     length = len(message)
     padded = bytearray(message.ljust((length // RATE_BYTES + 1) * RATE_BYTES, b"\x00"))
     padded[length] = SUFFIX
@@ -144,10 +148,10 @@ def padded(message: bytes, at: int) -> NDArray[np.uint64]:
 
 
 def find_patched(message: bytes, at: int, patches: NDArray[np.uint64], targets: Targets) -> tuple[int, int] | None:
-    """Which of many messages has a digest that is wanted; they differ in eight bytes, zeros in `message`, from `at` on.
+    """Find the first of many messages whose digest is a target.
 
-    These are each of the patches, (n,), little-endian, in this order.
-    Returns: (index of the patch, place of the digest in the targets' list), of the first that matches, or None.
+    Each message is `message` with one of the `patches`, (n,), little-endian, in place of the eight zeros at `at`.
+    Returns: (index of the patch, index of the digest in the targets' list) of the first match, or None.
     Source: Encoded graphs §V-A (search()).
     """
     template = padded(message, at)

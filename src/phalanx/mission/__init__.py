@@ -1,7 +1,7 @@
-"""Encoded missions: what a robot can only read by living it (the second shield).
+"""Encoded missions: a robot decodes a step of its task only when it observes the right thing in the right place.
 
-Write one as a `Draft` or in YAML (`plain_mission`), `build` it, check it with `check_signature` and `admit`, and walk
-it: `Walker.step(state, experience)` gives the next state and an `Outcome`.
+Write a mission as a `Draft` or in YAML (`plain_mission`) and `build` it. On the robot, check it with `check_signature`
+and `admit`, then execute it: `Walker.step(state, experience)` returns the next state and an `Outcome`.
 """
 
 from .authoring.compiling import BuildOptions, Built, build

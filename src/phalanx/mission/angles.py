@@ -1,4 +1,4 @@
-"""Sine, cosine and arctangent of any angle without a libm: polynomials, so that every machine replays the same bits.
+"""Sine, cosine and arctangent by polynomials instead of libm, so that all machines compute the same bits in a replay.
 
 The coefficients are those of FreeBSD's msun (k_sin.c, k_cos.c, s_atan.c); results are within 2e-15 of the true values
 for angles up to a thousand turns.
@@ -27,7 +27,7 @@ def _nearest(x: float) -> int:
 
 @kernel
 def sin_cos(angle_rad: float) -> tuple[float, float]:
-    """(sine, cosine) of an angle within a thousand turns."""
+    """Return (sine, cosine) of an angle within a thousand turns."""
     quarter = _nearest(angle_rad * (1.0 / HALF_PI))
     x = (angle_rad - quarter * _HALF_PI_HIGH) - quarter * _HALF_PI_LOW
     q = x * x
@@ -57,7 +57,7 @@ def sin_cos(angle_rad: float) -> tuple[float, float]:
 
 @kernel
 def _arctangent(x: float) -> float:
-    """Of x in [0, 1]."""
+    """Return the arctangent of x in [0, 1]."""
     if x < 0.4375:
         base, y = 0.0, x
     elif x < 0.6875:
@@ -81,7 +81,7 @@ def _arctangent(x: float) -> float:
 
 @kernel
 def atan2(y: float, x: float) -> float:
-    """The angle of the vector (x, y), in [-pi, pi]; 0 for the zero vector."""
+    """Return the angle of the vector (x, y) in [-pi, pi]; 0 for the zero vector."""
     across, along = abs(y), abs(x)
     if across == 0.0 and along == 0.0:
         return 0.0
@@ -93,12 +93,12 @@ def atan2(y: float, x: float) -> float:
 
 @kernel
 def wrap(angle_rad: float) -> float:
-    """The same angle in [-pi, pi], to the nearest turn; within a thousand turns."""
+    """Return the angle wrapped to [-pi, pi]; it must be within a thousand turns."""
     return angle_rad - TWO_PI * _nearest(angle_rad * (1.0 / TWO_PI))
 
 
 def wrap_rad(angle_rad: float) -> float:
-    """The same angle in [-pi, pi), however far round it is."""
+    """Return the angle wrapped to [-pi, pi), of any size."""
     return angle_rad - TWO_PI * math.floor((angle_rad + math.pi) / TWO_PI)
 
 

@@ -1,7 +1,7 @@
-"""A mission in plain words: what an operator writes, before it is encoded.
+"""A mission as an operator writes it, before it is encoded.
 
-Nodes are states, ways lead from one to the next. `Draft` is the small API with which missions are written as code; a
-YAML file (see `authoring`) goes through the same calls.
+Nodes are states, ways lead from one node to the next. `Draft` is the API to write missions in Python; YAML files (see
+`authoring`) are read with the same calls.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ SEND_LIMIT = 16
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Node:
-    """One state of a mission."""
+    """A state of a mission, entered by observing one of its aliases."""
 
-    name: str  # for people; sealed into the payload, absent from the paper profile
-    # The ways to experience it, each a conjunction of observables; one is enough
+    name: str  # for display; in the encrypted payload of the sealed profile, absent from the paper profile
+    # Aliases, each a conjunction of observables; one of them is enough
     see: tuple[tuple[Observable, ...], ...]
     do: Action | None = None
     start: bool = False
     final: bool = False
-    join: bool = False  # every predecessor must have been decoded before
-    chained: bool = False  # what the node before released is part of the conjunction (sealed nodes always are)
-    within_m: float = 0.0  # a landmark counts only from so near; 0 from anywhere (a file has 1 m where things are done)
-    timeout_s: int = 0  # until the next validation, before the robot goes back; 0 is the robot's own
+    join: bool = False  # all predecessors must be decoded first
+    chained: bool = False  # the hash of the previous node is part of the conjunction (always so when sealed)
+    within_m: float = 0.0  # largest distance to the landmark; 0 is any (YAML files: 1 m by default for nodes that act)
+    timeout_s: int = 0  # time for the next node, before the robot goes back; 0 is the robot's default
     send: tuple[str, ...] = ()  # names of messages released here
     wait: tuple[str, ...] = ()  # names of messages that are part of the conjunction
-    part: str = ""  # which robot's half of the mission this is
-    width_m: float | None = None  # of a doorway, for `audit` alone
+    part: str = ""  # name of the part of the mission, one part per robot
+    width_m: float | None = None  # of a doorway, used by `audit` only
 
     @property
     def place(self) -> tuple[float, float] | None:
-        """Return the node's place, map frame: the middle of its aliases' places."""
+        """Return the mean of the aliases' places, map frame, or None."""
         places = [thing for alias in self.see for thing in alias if isinstance(thing, Landmark | Position)]
         if not places:
             return None
@@ -60,19 +60,19 @@ class PlainWay:
 
     source: str
     target: str
-    direction_rad: float | None = None  # map frame; None is straight from place to place, if both have one
-    do: Action | None = None  # an action that leads there; None is to drive
+    direction_rad: float | None = None  # map frame; None is the straight line, if both nodes have a place
+    do: Action | None = None  # action that leads to the target; None is to drive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mission:
-    """A plain mission, checked: every name exists once, every way leads somewhere. Raises: UsageError."""
+    """A plain mission, checked on creation: names are unique and ways lead to existing nodes. Raises: UsageError."""
 
     name: str
     nodes: tuple[Node, ...]
     ways: tuple[PlainWay, ...]
     coding: CodingConfig | None = None
-    # x0, y0, x1, y1 of the map, for `audit` and `draw`; None is the box around all places
+    # x0, y0, x1, y1 of the map, for `audit` and `draw`; None is the bounding box of all places
     area_m: tuple[float, float, float, float] | None = None
     roam: bool = False  # nodes may be decoded in any order (paper profile only: exploration, Fig. 9)
     repeatable: bool = False  # a robot may start it more than once
@@ -80,11 +80,11 @@ class Mission:
 
     def __post_init__(self) -> None:
         if not 0 < len(self.nodes) <= NODE_LIMIT:
-            raise Misplaced(UsageError(f"a mission of {len(self.nodes)} nodes", f"1 to {NODE_LIMIT}"), "nodes")
+            raise Misplaced(UsageError(f"a mission of {len(self.nodes)} nodes", f"use 1 to {NODE_LIMIT}"), "nodes")
         names = {node.name: node for node in self.nodes}
         if len(names) < len(self.nodes):
             twice = next(node.name for i, node in enumerate(self.nodes) if names[node.name] is not self.nodes[i])
-            raise Misplaced(UsageError(f"two nodes are called {twice!r}", "a name belongs to one node"), "nodes", twice)
+            raise Misplaced(UsageError(f"two nodes are called {twice!r}", "rename one of them"), "nodes", twice)
         for i, node in enumerate(self.nodes):
             with under("nodes", i):
                 _check_node(node)
@@ -92,8 +92,8 @@ class Mission:
             if not any(node.start for node in self.nodes if node.part == part):
                 its_own = next(i for i, node in enumerate(self.nodes) if node.part == part)
                 of_part = f" of part {part!r}" if part else ""
-                told = UsageError(f"no node{of_part} is marked as a start", "start: true on one node")
-                raise Misplaced(told, "nodes", *([its_own] if part else []))
+                problem = UsageError(f"no node{of_part} is marked as a start", "add start: true to one node")
+                raise Misplaced(problem, "nodes", *([its_own] if part else []))
         self._check_area()
         _check_ways(self.ways, names)
         self._check_messages()
@@ -102,16 +102,17 @@ class Mission:
         if self.area_m is not None:
             x0, y0, x1, y1 = self.area_m
             if not -VALUE_MAX < x0 < x1 < VALUE_MAX or not -VALUE_MAX < y0 < y1 < VALUE_MAX:
-                told = UsageError(f"area is {[x0, y0, x1, y1]}", "x0, y0, x1, y1 in metres; x0 below x1, y0 below y1")
-                raise Misplaced(told, "area")
+                hint = "use x0, y0, x1, y1 in metres; x0 below x1, y0 below y1"
+                problem = UsageError(f"area is {[x0, y0, x1, y1]}", hint)
+                raise Misplaced(problem, "area")
 
     def _check_messages(self) -> None:
         senders: dict[str, str] = {}
         for i, node in enumerate(self.nodes):
             for name in node.send:
                 if name in senders:
-                    told = UsageError(f"message {name!r} is sent twice", "one node releases a message")
-                    raise Misplaced(told, "nodes", i, "send")
+                    problem = UsageError(f"message {name!r} is sent by two nodes", "send it from one node")
+                    raise Misplaced(problem, "nodes", i, "send")
                 senders[name] = node.name
         sorter: TopologicalSorter[str] = TopologicalSorter()
         for node in self.nodes:
@@ -120,17 +121,18 @@ class Mission:
             sorter.prepare()
         except CycleError as error:
             names = error.args[1]
-            told = UsageError(f"nodes wait for each other's messages: {', '.join(names)}", "somebody has to be first")
-            raise Misplaced(told, "nodes", names[0], "wait") from error
+            message = f"nodes wait for each other's messages: {', '.join(names)}"
+            problem = UsageError(message, "let one of them wait for none")
+            raise Misplaced(problem, "nodes", names[0], "wait") from error
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """The halves of the mission; one without a name, if it was not divided."""
+        """Return the names of the mission's parts; [""] if it is not divided."""
         return tuple(dict.fromkeys(node.part for node in self.nodes))
 
     @property
     def box_m(self) -> tuple[float, float, float, float]:
-        """x0, y0, x1, y1 of the map."""
+        """Return x0, y0, x1, y1 of the map: `area_m`, or the bounding box of all places."""
         if self.area_m is not None:
             return self.area_m
         places = [node.place for node in self.nodes if node.place is not None] or [(0.0, 0.0)]
@@ -138,37 +140,39 @@ class Mission:
         return min(xs), min(ys), max(xs), max(ys)
 
 
-def _check_node(node: Node) -> None:  # noqa: C901  # one limit after the other
+def _check_node(node: Node) -> None:  # noqa: C901  # a list of limits
     if not 0 < len(node.name.encode("utf-8", "replace")) <= 100 or not node.name.isprintable():
-        raise UsageError(f"a node called {node.name!r}", "1 to 100 bytes that can be printed")
+        raise UsageError(f"a node called {node.name!r}", "use 1 to 100 bytes of printable characters")
     if not 0 < len(node.see) <= ALIAS_LIMIT:
-        raise UsageError(f"node {node.name!r} can be experienced in {len(node.see)} ways", f"1 to {ALIAS_LIMIT}")
+        raise UsageError(f"node {node.name!r} has {len(node.see)} alternatives to see", f"use 1 to {ALIAS_LIMIT}")
     for alias in node.see:
         with under("see"):
             if not alias and not node.wait:
-                raise UsageError(f"node {node.name!r} has nothing to experience", "see: a landmark, a position, ...")
+                raise UsageError(f"node {node.name!r} has nothing to see", "add see: a landmark, a position, ...")
             shape = shape_of(alias)
             for thing in alias:
                 _check_seen(node.name, thing)
         if len(node.wait) + shape.messages > 3:
-            raise Misplaced(UsageError(f"node {node.name!r} waits for {len(node.wait)} messages", "at most 3"), "wait")
+            many = UsageError(f"node {node.name!r} waits for {len(node.wait)} messages", "use at most 3")
+            raise Misplaced(many, "wait")
         if node.do is not None and shape.action:
-            raise Misplaced(UsageError(f"node {node.name!r} sees one action and does another", "one of the two"), "do")
+            both = UsageError(f"node {node.name!r} has an action under see and under do", "remove one of them")
+            raise Misplaced(both, "do")
     if node.do is not None:
         with under("do"):
             action_bytes(node.do)
     with under("within_m"):
         if not 0 <= node.within_m <= REACH_LIMIT_M:
-            raise UsageError(f"node {node.name!r} counts within {node.within_m} m", f"0 to {REACH_LIMIT_M}")
+            raise UsageError(f"within_m of node {node.name!r} is {node.within_m}", f"use 0 to {REACH_LIMIT_M}")
     with under("width"):
         if node.width_m is not None and not 0 < node.width_m < VALUE_MAX:
-            raise UsageError(f"node {node.name!r} has a width of {node.width_m} m", "metres, above 0")
+            raise UsageError(f"node {node.name!r} has a width of {node.width_m} m", "use metres, above 0")
     with under("timeout_s"):
         if not 0 <= node.timeout_s <= TIMEOUT_LIMIT_S:
-            raise UsageError(f"node {node.name!r} times out after {node.timeout_s} s", f"0 to {TIMEOUT_LIMIT_S}")
+            raise UsageError(f"node {node.name!r} times out after {node.timeout_s} s", f"use 0 to {TIMEOUT_LIMIT_S}")
     with under("send"):
         if len(node.send) > SEND_LIMIT:
-            raise UsageError(f"node {node.name!r} sends {len(node.send)} messages", f"at most {SEND_LIMIT}")
+            raise UsageError(f"node {node.name!r} sends {len(node.send)} messages", f"use at most {SEND_LIMIT}")
 
 
 def _check_seen(name: str, thing: Observable) -> None:
@@ -177,9 +181,9 @@ def _check_seen(name: str, thing: Observable) -> None:
     if not isinstance(thing, Landmark) or thing.area_m2 is None:
         return
     if thing.type != "room":
-        raise UsageError(f"node {name!r} sees a {thing.type} with an area", "rooms have one")
+        raise UsageError(f"node {name!r} sees a {thing.type} with an area", "give an area to rooms only")
     if thing.area_m2 <= 0:
-        raise UsageError(f"node {name!r} sees a room with an area of {thing.area_m2} m2", "square metres, above 0")
+        raise UsageError(f"node {name!r} sees a room with an area of {thing.area_m2} m2", "use m2, above 0")
 
 
 def _check_ways(ways: tuple[PlainWay, ...], names: dict[str, Node]) -> None:
@@ -189,8 +193,8 @@ def _check_ways(ways: tuple[PlainWay, ...], names: dict[str, Node]) -> None:
         with under("ways", i):
             _check_way(way, names)
             if (way.source, way.target) in seen or way.source == way.target:
-                between = f"from {way.source!r} to {way.target!r}"
-                raise UsageError(f"a second way, or one in place, {between}", "leave it out")
+                problem = "a way leads" if way.source == way.target else "a second way leads"
+                raise UsageError(f"{problem} from {way.source!r} to {way.target!r}", "remove it")
             seen.add((way.source, way.target))
             out[way.source] = out.get(way.source, 0) + 1
             if out[way.source] > WAY_LIMIT:
@@ -200,18 +204,19 @@ def _check_ways(ways: tuple[PlainWay, ...], names: dict[str, Node]) -> None:
 def _check_way(way: PlainWay, names: dict[str, Node]) -> None:
     for end in (way.source, way.target):
         if end not in names:
-            raise UsageError(f"a way leads to {end!r}, which is no node", "check the names under ways")
+            raise UsageError(f"a way has an end {end!r}, which is not a node", "check the names under ways")
     if names[way.source].part != names[way.target].part:
-        raise UsageError(f"the way from {way.source!r} to {way.target!r} joins two parts", "send a message instead")
+        between = f"from {way.source!r} to {way.target!r}"
+        raise UsageError(f"the way {between} joins two parts of the mission", "use a message instead")
     if way.do is not None:
         action_bytes(way.do)
     if way.direction_rad is not None and not abs(way.direction_rad) < VALUE_MAX:
-        raise UsageError(f"the way from {way.source!r} has direction {way.direction_rad}", "degrees or radians")
+        raise UsageError(f"the way from {way.source!r} has direction {way.direction_rad}", "use a finite angle")
 
 
 @dataclass(slots=True)
 class Draft:
-    """A mission being written.
+    """Builder of a `Mission`.
 
     >>> from phalanx.mission import Draft, Landmark, Position
     >>> draft = Draft("fetch")
@@ -231,7 +236,7 @@ class Draft:
     ways: list[PlainWay] = field(default_factory=list)
 
     def node(self, name: str, *see: Observable | tuple[Observable, ...], **more: Any) -> None:
-        """Add a node; every argument after the name is one way to experience it. What else is said is as in `Node`."""
+        """Add a node; each positional argument after the name is an alias, keyword arguments are fields of `Node`."""
         aliases = tuple(alias if isinstance(alias, tuple) else (alias,) for alias in see)
         self.nodes.append(Node(name=name, see=aliases or ((),), **more))
 
@@ -244,7 +249,7 @@ class Draft:
         direction_rad: float | None = None,
         do: Action | None = None,
     ) -> None:
-        """Add a way; with `both` also the one back, in the opposite direction."""
+        """Add a way; with `both` also the way back, in the opposite direction."""
         self.ways.append(PlainWay(source=source, target=target, direction_rad=direction_rad, do=do))
         if both:
             back = None if direction_rad is None else direction_rad + math.pi

@@ -1,8 +1,8 @@
 """Define observables and their canonical bytes, the only thing that is ever hashed.
 
-A node of a mission is a conjunction of observables. Their bytes are integers behind tags and lengths, never formatted
-floats and never bare concatenation: "1" + "12" would be "11" + "2". All values that a robot measures are put into cells
-counted from an offset that the compiler chose, so that what was encoded lies in the middle of its cell.
+A node of a mission is a conjunction of observables. Their bytes are integers with tags and lengths, never formatted
+floats or bare concatenations: "1" + "12" would equal "11" + "2". All measured values are quantised into cells. The
+compiler chooses the offset of the cells so that the encoded value lies in the middle of its cell.
 """
 
 from __future__ import annotations
@@ -29,29 +29,29 @@ _KINDS = {name: kind for kind, name in enumerate(LANDMARK_TYPES)}
 MM_PER_M = 1000
 OFFSET_RAD = 1e-4  # unit of an orientation's offset
 OFFSET_M2 = 1e-2  # unit of an area's offset
-APART_M, APART_MAX = 0.1, 255  # unit, and what stands for "nothing near looks the same"
+APART_M, APART_MAX = 0.1, 255  # unit of Offset.apart, and its value for "no look-alike"
 VALUE_MAX = 1e6
-LONGEST_S = 1e12  # no clock of ours gets there
-# What nobody has told of a landmark: who does not know the building must expect its like so near.
+LONGEST_S = 1e12  # beyond any plausible clock
+# Distance to the next look-alike that is assumed if it is unknown.
 UNTOLD_M = 3.0
-# The doubt of who says nothing of it: 12 cm and 2.5 degrees. Surer than `place_m`, or such a robot would begin nowhere.
+# Default covariance of a pose: 12 cm and 2.5 degrees, less than `place_m`, or no robot without its own could start.
 UNSURE = (0.0144, 0.0, 0.0, 0.0144, 0.0, 0.0019)
 
 
 @dataclass(frozen=True, slots=True)
 class Landmark:
-    """Something that stays where it is.
+    """A fixed landmark of a building.
 
     Args:
-        type: one of LANDMARK_TYPES; "concave" is the paper's word for a reflex corner (jambs, pillars, wall ends), told
-            once for each wall of it that is seen: at its left end, or at its right one, for who stands before it;
-            "corner_convex" is the corner of a room.
-        x_m, y_m: map frame; when observed, as the robot's estimated pose puts it.
-        orientation_rad: map frame, or None; a doorway's counts modulo half a turn.
-        area_m2: of a room's triangle, or None.
-        text: of a QR code, or None.
-        apart_m: from here to the next thing that looks the same, of one that is drawn in a map.
-    Raises: UsageError: no such type, or a number that is none.
+        type: one of LANDMARK_TYPES. "corner_convex" is the corner of a room. "concave" is the paper's word for a reflex
+            corner (jambs, pillars, wall ends), with one landmark for each visible wall: "concave_left" is the left end
+            of the wall as seen by the robot, "concave_right" the right end.
+        x_m, y_m: map frame; of an observed landmark, computed from the robot's estimated pose.
+        orientation_rad: map frame, or None; that of a doorway counts modulo half a turn.
+        area_m2: area of a room's triangle, or None.
+        text: text of a QR code, or None.
+        apart_m: distance to the next landmark that looks the same, for landmarks of a map.
+    Raises: UsageError: unknown type, or a number out of range.
     Source: Encoded graphs §IV-A, §V-B, Eq. 1-3.
     """
 
@@ -65,19 +65,19 @@ class Landmark:
 
     def __post_init__(self) -> None:
         if self.type not in LANDMARK_TYPES:
-            raise UsageError(f"there is no landmark type {self.type!r}", f"one of {', '.join(LANDMARK_TYPES)}")
+            raise UsageError(f"there is no landmark type {self.type!r}", f"use one of {', '.join(LANDMARK_TYPES)}")
         turn, area = self.orientation_rad or 0.0, self.area_m2 or 0.0
         if not (
             abs(self.x_m) < VALUE_MAX and abs(self.y_m) < VALUE_MAX and abs(turn) < VALUE_MAX and abs(area) < VALUE_MAX
         ):
-            raise UsageError(f"a {self.type} at {self.x_m}, {self.y_m}", "metres and radians, below a million")
+            raise UsageError(f"a {self.type} at {self.x_m}, {self.y_m}", "use metres and radians, below a million")
 
 
 class InSight(Sequence[Landmark]):
-    """Landmarks of a scan as kernel arrays; objects are made on demand.
+    """Landmarks of a scan as kernel arrays; `Landmark` objects are made on demand.
 
     Args:
-        rows: (k, 5) as `rows_of` has them; none has a text.
+        rows: (k, 5) from `rows_of`; none has a text.
     """
 
     def __init__(self, rows: NDArray[np.float64]) -> None:
@@ -85,7 +85,7 @@ class InSight(Sequence[Landmark]):
 
     @cached_property
     def told(self) -> tuple[Landmark, ...]:
-        """All of them; the same objects each time."""
+        """Return all landmarks, the same objects each time."""
         return tuple(
             Landmark(LANDMARK_TYPES[int(kind)], x, y, number_or_none(turn), number_or_none(area))
             for kind, x, y, turn, area in self.rows.tolist()
@@ -103,53 +103,53 @@ class InSight(Sequence[Landmark]):
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """The robot itself is there; map frame. Raises: UsageError: a number that is none."""
+    """The robot is at a position, map frame. Raises: UsageError: a number out of range."""
 
     x_m: float
     y_m: float
 
     def __post_init__(self) -> None:
         if not (abs(self.x_m) < VALUE_MAX and abs(self.y_m) < VALUE_MAX):
-            raise UsageError(f"a position at {self.x_m}, {self.y_m}", "metres, below a million")
+            raise UsageError(f"a position at {self.x_m}, {self.y_m}", "use metres, below a million")
 
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """A sensor says exactly this: a text, a colour's name, bytes."""
+    """A sensor reads exactly these bytes: a text, the name of a colour."""
 
     value: bytes
 
 
 @dataclass(frozen=True, slots=True)
 class Action:
-    """Something out of the robot's pool of actions."""
+    """An action that the robot can perform."""
 
-    name: str  # as the robot's pool has it
+    name: str  # name in the robot's list of actions
     # Sorted by name; numbers are rounded to thousandths when they are encoded
     args: tuple[tuple[str, float | str], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Time:
-    """The mission's clock is in the window around `t_s`; the window's length is in the file. Raises: UsageError."""
+    """The mission's clock is in the time window of `t_s`; the file has its length. Raises: UsageError."""
 
     t_s: float
 
     def __post_init__(self) -> None:
         if not 0 <= self.t_s < LONGEST_S:
-            raise UsageError(f"a time of {self.t_s} s", "seconds on the mission's clock, 0 or later")
+            raise UsageError(f"a time of {self.t_s} s", "use seconds on the mission's clock, 0 or later")
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """An encoded message has come: from a controller or another robot."""
+    """An encoded message was received, from a controller or another robot."""
 
     value: bytes
 
 
 @dataclass(frozen=True, slots=True)
 class Direction:
-    """A sector of the full turn, counted from the map's x axis, counter-clockwise."""
+    """A sector of the full turn, counted counter-clockwise from the map's x axis."""
 
     sector: int
     of: int
@@ -157,7 +157,7 @@ class Direction:
 
 @dataclass(frozen=True, slots=True)
 class Previous:
-    """Release of the previous node."""
+    """The hash of the previous node, for chained nodes."""
 
     secret: bytes
 
@@ -165,24 +165,24 @@ class Previous:
 Observable = Landmark | Position | Sensor | Action | Direction | Time | Message | Previous
 
 
-# The upper triangle of one of three numbers, row by row.
+# Upper triangle of a (3, 3) covariance, row by row.
 Covariance = tuple[float, float, float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class Experience:
-    """All that a robot can try at one moment.
+    """All observables that a robot has at one moment.
 
     Args:
-        t_s: the mission's clock; never runs backwards.
-        x_m, y_m, heading_rad: the robot's estimated pose, map frame: odometry since the last fix.
+        t_s: time on the mission's clock, monotonic.
+        x_m, y_m, heading_rad: estimated pose of the robot, map frame: the last fix plus odometry.
         travelled_m: path length by odometry since the start.
-        landmarks: seen at this moment, put into the map frame by the estimated pose.
-        sensors: other readings, as bytes.
-        actions: what the robot can do (or has just done): the pool that is searched.
-        messages: encoded messages that came since the last experience.
-        blocked: the way that the robot was told to take is blocked.
-        spread: how sure the pose is: the upper triangle of the covariance of x, y and heading, row by row.
+        landmarks: landmarks in sight, transformed into the map frame with the estimated pose.
+        sensors: other sensor readings, as bytes.
+        actions: actions that the robot can perform or has just performed; the search tries all.
+        messages: encoded messages received since the last experience.
+        blocked: the instructed way is blocked.
+        spread: upper triangle of the covariance of x, y and heading, row by row.
     """
 
     t_s: float
@@ -199,10 +199,10 @@ class Experience:
 
 
 class Offset(NamedTuple):
-    """Offset of a cell's middle for one alias of one node; stored integers.
+    """Offset of the cells for one alias of a node, in stored integers.
 
-    x and y in mm within ± half a cell; the orientation in 1e-4 rad and the area in 0.01 m2, likewise. And how far it is
-    to the next thing that looks the same, in 0.1 m rounded down, at most APART_MAX: that far and farther is far enough.
+    x and y are in mm, the orientation in 1e-4 rad, the area in 0.01 m2, each within ± half a cell. `apart` is the
+    distance to the next landmark that looks the same, in 0.1 m rounded down; APART_MAX also means that there is none.
     """
 
     x: int = 0
@@ -213,17 +213,17 @@ class Offset(NamedTuple):
 
     @property
     def natural(self) -> tuple[float, float, float, float]:
-        """In metres, metres, radians, square metres."""
+        """Return the offset in metres, metres, radians, square metres."""
         return self.x / MM_PER_M, self.y / MM_PER_M, self.orientation * OFFSET_RAD, self.area * OFFSET_M2
 
     @property
     def apart_m(self) -> float:
-        """How far nothing looks the same, for certain."""
+        """Return the distance in m within which nothing looks the same; infinite for APART_MAX."""
         return math.inf if self.apart == APART_MAX else self.apart * APART_M
 
 
 class Cell(NamedTuple):
-    """A measured thing in whole numbers. -1 where there is no orientation or no area."""
+    """A quantised measurement; bin is -1 without an orientation, area is -1 without an area."""
 
     x: int
     y: int
@@ -232,7 +232,7 @@ class Cell(NamedTuple):
 
 
 def cell_of(coding: CodingConfig, offset: Offset, x_m: float, y_m: float, thing: Landmark | None = None) -> Cell:
-    """The cell of a position, with the orientation's bin and the area's if `thing` has them.
+    """Return the cell of a position, with the bins of the orientation and area of `thing` if it has them.
 
     Source: Encoded graphs §IV-A; docs/spec/mission.md (round((x - offset) / delta)).
     """
@@ -244,7 +244,7 @@ def cell_of(coding: CodingConfig, offset: Offset, x_m: float, y_m: float, thing:
 
 
 def rows_of(landmarks: Sequence[Landmark]) -> NDArray[np.float64]:
-    """(k, 5) kind, x, y, orientation and area of landmarks, NaN where there is none: as kernels take them."""
+    """Return landmarks as a kernel array: (k, 5) kind, x, y, orientation and area, NaN for None."""
     if isinstance(landmarks, InSight):
         return landmarks.rows
     rows = [(_KINDS[it.type], it.x_m, it.y_m, it.orientation_rad, it.area_m2) for it in landmarks]
@@ -252,28 +252,28 @@ def rows_of(landmarks: Sequence[Landmark]) -> NDArray[np.float64]:
 
 
 def number_or_nan(value: float | None) -> float:
-    """Return NaN for None, as kernels take it."""
+    """Return a float for kernels, with NaN for None."""
     return math.nan if value is None else float(value)
 
 
 def number_or_none(value: float) -> float | None:
-    """Return None for NaN, as kernels give it."""
+    """Return None for NaN, other values unchanged."""
     return None if math.isnan(value) else value
 
 
 def steps_of(coding: CodingConfig) -> tuple[float, float, float, float]:
-    """From one cell to the next: metres, metres, radians, square metres."""
+    """Return the size of a cell: metres, metres, radians, square metres."""
     delta_m = coding.delta_mm / MM_PER_M
     return delta_m, delta_m, coding.bin_rad, coding.area_m2
 
 
 def bins_of(coding: CodingConfig, landmark_type: str) -> int:
-    """How many bins an orientation can fall into: half as many where front and back look alike."""
+    """Return the number of orientation bins: half as many for landmarks whose front and back look alike."""
     return coding.heading_bins // 2 if landmark_type in HALF_TURN_TYPES else coding.heading_bins
 
 
 def offset_of(coding: CodingConfig, thing: Landmark | Position) -> Offset:
-    """The offset that puts `thing` in the middle of its cell, to the mm, 1e-4 rad and 0.01 m2."""
+    """Return the offset that puts `thing` in the middle of its cell, to the mm, 1e-4 rad and 0.01 m2."""
 
     def rest(value: float, step: float, unit: float) -> int:
         return round((value - round(value / step) * step) / unit)
@@ -292,7 +292,7 @@ def offset_of(coding: CodingConfig, thing: Landmark | Position) -> Offset:
 
 
 def middle_of(coding: CodingConfig, offset: Offset, cell: Cell) -> tuple[float, float, float | None]:
-    """(x_m, y_m, orientation_rad or None) of a cell's middle: what a match says about the world."""
+    """Return (x_m, y_m, orientation_rad or None) of the middle of a cell: the true place of a match."""
     x_m = (cell.x * coding.delta_mm + offset.x) / MM_PER_M
     y_m = (cell.y * coding.delta_mm + offset.y) / MM_PER_M
     if cell.bin < 0:
@@ -301,10 +301,10 @@ def middle_of(coding: CodingConfig, offset: Offset, cell: Cell) -> tuple[float, 
 
 
 def sector_of(direction_rad: float, sectors: int) -> int:
-    """The sector that a direction lies in; sector 0 is centred on the map's x axis."""
+    """Return the sector of a direction; sector 0 is centred on the map's x axis."""
     return round(direction_rad / TWO_PI * sectors) % sectors
 
 
 def window_of(coding: CodingConfig, t_s: float) -> int:
-    """The window of time that `t_s` lies in."""
+    """Return the number of the time window of `t_s`."""
     return math.floor(t_s * MM_PER_M / coding.window_ms)

@@ -1,4 +1,4 @@
-"""Errors of missions: why one from outside is refused, and which part of an author's file is wrong."""
+"""Errors of missions: reasons to reject a mission from outside, and errors with their place in an author's file."""
 
 from __future__ import annotations
 
@@ -9,44 +9,44 @@ from phalanx.errors import PeerError, UsageError
 
 
 class MalformedMission(PeerError):
-    """Not the bytes of a mission file, a start key or a payload."""
+    """The bytes are not a mission file, start key, payload or claim."""
 
 
 class Unsigned(PeerError):
-    """Nobody signed this mission, or somebody who is not trusted."""
+    """The mission has no signature, or that of an untrusted key."""
 
 
 class Altered(PeerError):
-    """A decoded record does not fit its file: it was changed or moved."""
+    """A decoded record does not fit its mission file: it was changed or moved."""
 
 
 class NotForUs(PeerError):
-    """The mission names other robots."""
+    """The mission is restricted to other robots."""
 
 
 class OutsideWindow(PeerError):
-    """The mission begins later, or is over."""
+    """The present time is outside the mission's period of validity."""
 
 
 class AlreadyStarted(PeerError):
-    """This robot has started this mission before, and it may be started once."""
+    """This robot has started the mission before, and it is not repeatable."""
 
 
 class Misplaced(UsageError):
-    """An error inside one part of a mission, with its place.
+    """An error in a mission, with its place in the document.
 
     Attributes:
-        place: the way to that part from the top: a text is a key, a number counts items or keys from 0.
+        place: path from the top of the document: a string is a key, a number is an index of an item or key, from 0.
     """
 
-    def __init__(self, told: UsageError, *place: str | int) -> None:
-        super().__init__(str(told), told.hint)
-        self.place: tuple[str | int, ...] = (*place, *(told.place if isinstance(told, Misplaced) else ()))
+    def __init__(self, error: UsageError, *place: str | int) -> None:
+        super().__init__(str(error), error.hint)
+        self.place: tuple[str | int, ...] = (*place, *(error.place if isinstance(error, Misplaced) else ()))
 
 
 @contextlib.contextmanager
 def under(*place: str | int) -> Iterator[None]:
-    """Prefix errors raised in this context with their place."""
+    """Context that prefixes the place of each UsageError raised in it with `place`."""
     try:
         yield
     except UsageError as error:

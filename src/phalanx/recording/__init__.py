@@ -1,1 +1,1 @@
-"""MCAP files: write them, and read whatever such a file holds within limits."""
+"""MCAP files: write recordings of runs, and read untrusted ones within limits."""

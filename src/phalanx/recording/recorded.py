@@ -1,4 +1,4 @@
-"""Read a recording as it lies in the file, without its index, within bounds, and a cut file up to there: mcap.dev."""
+"""Read MCAP recordings sequentially, within size limits, without the index; truncated files too. Source: mcap.dev."""
 
 from __future__ import annotations
 
@@ -19,13 +19,16 @@ from phalanx.errors import Unavailable, UsageError
 from .recorder import TOPICS
 
 CUT_SHORT = "cut short"
-MOST_CHUNK_BYTES = 1 << 24  # ours are of 1 MiB, and a message more
+MOST_CHUNK_BYTES = 1 << 24  # the recorder's chunks have 1 MiB, and at most one message more
 MOST_BYTES = 1 << 30
 
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """A message of a topic of ours, read; a file's metadata, `metadata` and their name; or CUT_SHORT."""
+    """A decoded message of a recording.
+
+    Metadata have the topic "metadata NAME"; a truncated file ends with the topic CUT_SHORT.
+    """
 
     topic: str
     t_ns: int
@@ -33,17 +36,20 @@ class Said:
 
 
 def is_recording(path: Path) -> bool:
-    """Return whether it is meant to be one, by its name or its first bytes."""
+    """Return True if a path looks like a recording, by its name or its first bytes."""
     if path.suffix == ".mcap":
         return True
     try:
-        return path.is_file() and _begins(path)  # a pipe is not opened: that may take for ever
+        return path.is_file() and _begins(path)  # opening a pipe could block for ever
     except OSError:
         return False
 
 
 def read_recording(path: Path, hint: str, most_bytes: int = MOST_BYTES) -> Iterator[Said]:
-    """Yield what is in it. Raises: UsageError: no recording, or over `most_bytes`. Unavailable: it cannot be read."""
+    """Yield the messages and metadata of a recording.
+
+    Raises: UsageError: not a recording, or it unpacks to over `most_bytes`. Unavailable: the file cannot be read.
+    """
     topics: dict[int, str] = {}
     try:
         for record in _records(path, hint, most_bytes):
@@ -58,26 +64,27 @@ def read_recording(path: Path, hint: str, most_bytes: int = MOST_BYTES) -> Itera
                 yield Said(topic, record.log_time, words)
     except EndOfFile as error:
         if not topics:
-            what = "was cut short before its first part was whole" if _begins(path) else "is no recording"
-            raise UsageError(f"{path} {what}", hint) from error
+            problem = "was cut short before its first message" if _begins(path) else "is not a recording"
+            raise UsageError(f"{path} {problem}", hint) from error
         yield Said(CUT_SHORT, 0, None)
     except OSError as error:
         raise Unavailable(f"cannot read {path}: {error.strerror}", hint) from error
     except UsageError:
         raise
-    except Exception as error:  # what reads a format raises what it likes
-        raise UsageError(f"{path} is no recording, or damaged", hint) from error
+    except Exception as error:  # the parsers raise many types
+        raise UsageError(f"{path} is not a recording, or is damaged", hint) from error
 
 
 def _begins(path: Path) -> bool:
+    """Return True if a file begins with the magic bytes of MCAP."""
     with path.open("rb") as file:
         return file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC
 
 
 def _records(path: Path, hint: str, most_bytes: int) -> Iterator[Any]:
-    """Yield records, chunks unpacked, once it is known to how much they unpack: a file may lie about that."""
-    if path.exists() and not path.is_file():  # a pipe that nobody writes would be waited for
-        raise UsageError(f"{path} is no file", hint)
+    """Yield records, with chunks unpacked; check the unpacked size before, as a file may state a false one."""
+    if path.exists() and not path.is_file():  # reading a pipe without a writer would block
+        raise UsageError(f"{path} is not a regular file", hint)
     unpacked = 0
     with path.open("rb") as file:
         whole: Any = _Whole(file)
@@ -91,21 +98,21 @@ def _records(path: Path, hint: str, most_bytes: int) -> Iterator[Any]:
                 size = max(size, zstandard.frame_content_size(record.data))
             unpacked += size
             if record.compression not in ("zstd", ""):
-                hint = "only zstd is read, and what is not packed"
-                raise UsageError(f"{path} is packed as {record.compression[:20]!r}", hint)
+                hint = "use zstd, or no compression"
+                raise UsageError(f"{path} is compressed as {record.compression[:20]!r}", hint)
             if size > MOST_CHUNK_BYTES or unpacked > most_bytes:
-                raise UsageError(f"{path} unpacks to more than is read", "phalanx writes no such file")
+                raise UsageError(f"{path} unpacks to more than the size limit", "use a recording made by phalanx")
             yield from breakup_chunk(record)
 
 
 class _Whole:
-    """A file of which so much is read as was asked for: mcap takes the rest of a cut file for all of it."""
+    """A file whose `read` returns all requested bytes or raises: mcap would take a short read for complete."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file
 
     def read(self, length: int) -> bytes:
-        """So many bytes. Raises: EndOfFile: there are fewer. ValueError: nobody needs so many."""
+        """Return `length` bytes. Raises: EndOfFile: fewer are left. ValueError: above MOST_CHUNK_BYTES."""
         if length > MOST_CHUNK_BYTES:
             raise ValueError(length)
         data = self._file.read(length)

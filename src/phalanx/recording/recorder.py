@@ -1,6 +1,6 @@
-"""A run in an MCAP file, which opens in Foxglove: scene, frames and log, and how they are drawn.
+"""Record a run in an MCAP file for Foxglove: scene, coordinate frames and log.
 
-Times are the run's own, from 0: the same run gives the same bytes. Source: mcap.dev; Foxglove's schemas.
+Times are those of the run, from 0, so the same run gives the same bytes. Source: mcap.dev; Foxglove's schemas.
 """
 
 from __future__ import annotations
@@ -33,7 +33,10 @@ TOPICS: dict[str, Any] = {"/scene": SceneUpdate, "/tf": FrameTransforms, "/log":
 
 
 class Recorder:
-    """An MCAP file that grows; use as `with`. Raises: UsageError: no such folder. Unavailable: it cannot be written."""
+    """Context manager that writes an MCAP file.
+
+    Raises: UsageError: the folder does not exist. Unavailable: the file cannot be written.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -42,9 +45,9 @@ class Recorder:
 
     def __enter__(self) -> Self:
         if not self._path.absolute().parent.is_dir():
-            raise UsageError(f"no folder {self._path.parent}", "make it first")
+            raise UsageError(f"no folder {self._path.parent}", "create it first")
         try:
-            flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC  # nobody's link is followed
+            flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC  # follow no symbolic link
             self._file = os.fdopen(os.open(self._path, flags, 0o666), "wb")
             self._writer: Any = Writer(self._file)
             self._writer.start(profile="", library=f"phalanx {__version__}")
@@ -66,14 +69,14 @@ class Recorder:
                 raise self._unwritable(failure) from failure
 
     def _begin(self) -> None:
-        """Write the messages at the start of a run's file."""
+        """Write the first messages of the file; subclasses override this."""
 
     def _channel(self, topic: str, encoding: str, name: str, language: str, schema: bytes) -> None:
         number = self._writer.register_schema(name, language, schema)
         self._channels[topic] = int(self._writer.register_channel(topic, encoding, number))
 
     def put(self, topic: str, t_ns: int, message: Any) -> None:
-        """Write a message of the topic's schema; a dict is JSON. Raises: Unavailable: the disk is full."""
+        """Write a message of the topic's schema; a dict is written as JSON. Raises: Unavailable: writing failed."""
         data = json.dumps(message).encode() if isinstance(message, dict) else message.SerializeToString()
         try:
             self._writer.add_message(self._channels[topic], t_ns, data, t_ns)
@@ -81,31 +84,31 @@ class Recorder:
             raise self._unwritable(error) from error
 
     def log(self, t_ns: int, level: Log.Level.ValueType, name: str, message: str) -> None:
-        """A line of the log."""
+        """Write a line of the log."""
         self.put("/log", t_ns, Log(timestamp=time_of(t_ns), level=level, name=name, message=message))
 
     def _unwritable(self, error: OSError) -> Unavailable:
-        return Unavailable(f"cannot write {self._path}: {error.strerror}", "another place for --record")
+        return Unavailable(f"cannot write {self._path}: {error.strerror}", "choose another path for --record")
 
 
 def time_of(t_ns: int) -> Timestamp:
-    """A time of the run."""
+    """Return a time of the run as a protobuf timestamp."""
     return Timestamp(seconds=t_ns // NS, nanos=t_ns % NS)
 
 
 def pose_at(x_m: float, y_m: float, z_m: float = 0.0) -> Pose:
-    """A place, unturned."""
+    """Return a pose with this position and no rotation."""
     return Pose(position=Vector3(x=x_m, y=y_m, z=z_m), orientation=Quaternion(w=1.0))
 
 
 def cylinder(x_m: float, y_m: float, across_m: float, height_m: float, colour: Color) -> CylinderPrimitive:
-    """A disc on the ground."""
+    """Return an upright cylinder that stands on the ground."""
     size = Vector3(x=across_m, y=across_m, z=height_m)
     return CylinderPrimitive(pose=pose_at(x_m, y_m), size=size, bottom_scale=1.0, top_scale=1.0, color=colour)
 
 
 def frame(t_ns: int, name: str, x_m: float, y_m: float, heading_rad: float) -> FrameTransform:
-    """A frame in the world's, x forward."""
+    """Return the transform of a robot's frame, x forward, in the world frame."""
     return FrameTransform(
         timestamp=time_of(t_ns),
         parent_frame_id=WORLD,

@@ -1,1 +1,1 @@
-"""Scenario files, what the robots of a scenario run, and users' own files: for the simulator and for real robots."""
+"""Scenario files, controllers of their robots, and users' own files, for simulated and real robots."""

@@ -1,4 +1,4 @@
-"""Find what the robots of a scenario run: the controller and its parameters, a planner, an adversary's plan."""
+"""Derive what the robots of a scenario run: controller, parameters, planner, and the adversary's plan."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from .attack_spec import AttackSpec
 from .scenario import Scenario
 
 MakeController = Callable[[int], Controller]
-# Robots that never lie again.
+# Stop time of an attack without an end.
 FOREVER_MS = (1 << 32) - 1
 
 
 def driving(scenario: Scenario) -> Declaration:
-    """Return the declaration of the scenario's controller; a protocol has the flock's body and parameters."""
+    """Return the declaration of the scenario's controller; a protocol in Python has that of the flock controller."""
     return dispatch.BUNDLED.get(scenario.controller, dispatch.BUNDLED["flock"])
 
 
@@ -37,7 +37,7 @@ def params_of(scenario: Scenario, mission: int = 1) -> NDArray[np.float64]:
     """Return the parameters of the scenario's controller, the same for all robots.
 
     Args:
-        mission: the number of the mission's key.
+        mission: number of the mission's key.
     """
     bundled = driving(scenario)
     if bundled.config is WheelsConfig:
@@ -52,19 +52,20 @@ def params_of(scenario: Scenario, mission: int = 1) -> NDArray[np.float64]:
         )
     if bundled.config is GuardConfig:
         return bundled.params(replace(scenario.guard, mission=mission))
-    # Claims push a robot no faster in a long T_val than in 10 s. Other defences have no limit.
+    # With a longer T_val, false claims push a robot for longer: the limit shrinks, so that they push it no further
+    # than within 10 s. Other defences have no limit.
     longer = max(1.0, scenario.bti.t_val_ms / BtiConfig().t_val_ms)
     crowd = scenario.flock.crowd / longer if scenario.defence == "hardened" else NO_CROWD
     return bundled.params(replace(scenario.flock, crowd=crowd))
 
 
 def number_of(scenario: Scenario, controller: MakeController | None) -> int:
-    """Return a fleet's number of the controller; 0 for a researcher's own."""
+    """Return the number of the controller in `dispatch`; 0 for a user's Python class."""
     return 0 if controller else dispatch.NUMBERS[scenario.controller]
 
 
 def with_room(scenario: Scenario, controller: MakeController | None) -> Scenario:
-    """Return the scenario with room for the state and the readings of a researcher's own controller."""
+    """Return the scenario with `state_bytes` and `reading_bytes` large enough for a user's own controller."""
     senses = getattr(controller, "senses", None)
     is_own = controller is None and scenario.controller in OWN
     capacity = dispatch.capacity(number_of(scenario, None), params_of(scenario)) if is_own else 0
@@ -79,7 +80,7 @@ def with_room(scenario: Scenario, controller: MakeController | None) -> Scenario
 def on_stage(
     scenario: Scenario, controller: MakeController | None
 ) -> tuple[Scenario, MakeController | None, Stage | None]:
-    """Return the scenario with room for a protocol's readings and states, its controllers, and its stage.
+    """Return the scenario adapted to a protocol's readings and states, the protocol's controllers, and its stage.
 
     Without a protocol the scenario and the controller stay the same, and the stage is None.
     """
@@ -95,18 +96,18 @@ def on_stage(
 def adviser(
     scenario: Scenario, controller: MakeController | None, planner: MakePlanner | None = None
 ) -> MakePlanner | None:
-    """Return what makes a planner for each robot, None if no guard drives them.
+    """Return the factory of the robots' planners, None if their controller is not the guard.
 
-    Raises: UsageError: a planner, but no guard.
+    Raises: UsageError: a planner without the guard.
     """
     advised = driving(scenario).advised is not None and controller is None
     if planner and not advised:
-        raise UsageError("a planner, but nobody that it could advise", "a mission with controller: guard")
+        raise UsageError("a planner, but no controller that takes its advice", "use a scenario with controller: guard")
     return planner or ToGoal if advised else None
 
 
 def plan_of(scenario: Scenario, spec: AttackSpec, boot_ms: int, chance: np.random.Generator) -> Plan:
-    """Return the plan of the attack `spec` in a robot whose clock showed `boot_ms` at the beginning."""
+    """Return the plan of attack `spec` for a robot whose clock showed `boot_ms` at the start of the run."""
     return Plan(
         ids=tuple(range(1, scenario.robots + 1)),
         goal_m=scenario.goal_m,

@@ -1,4 +1,4 @@
-"""Read and write scenarios as YAML. Keys are the fields of dataclasses (config/reader.py)."""
+"""Read and write scenarios as YAML; keys are the fields of the dataclasses (config/reader.py)."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from .attack_spec import AttackSpec
 from .scenario import Scenario
 
 MOST_BYTES = 1 << 16
-HINT = "a file ends in .yaml; phalanx sim list shows built-in ones"
+HINT = "use a file that ends in .yaml, or a built-in scenario from phalanx sim list"
 SCHEMA_NAME = "scenario.schema.json"
-# Fields that a file cannot set: a scenario has them once, for all parts that need them; sizes are the controller's.
+# Fields that a file cannot set: they are derived from other fields of the scenario, or from its controller (sizes).
 SIZES = {"advice_bytes", "reading_bytes", "command_bytes", "state_bytes", "evidence_max_bytes", "evidence_bytes_per_s"}
 DERIVED: Derived = {
     BtiConfig: frozenset({"n_max", *SIZES}),
@@ -33,35 +33,41 @@ DERIVED: Derived = {
 
 
 def find_scenario(name: str) -> Scenario:
-    """Return a built-in scenario or the one in a file. Raises: UsageError: neither. Unavailable: it cannot be read."""
+    """Return a built-in scenario or the one in a file.
+
+    Raises: UsageError: no such scenario or file, or an invalid one. Unavailable: the file cannot be read.
+    """
     known = built_in("scenarios")
     if name in known:
         return parse_scenario(known[name].read_bytes(), f"{name}.yaml")
     if Path(name).suffix not in (".yaml", ".yml") and not Path(name).exists():
-        hint = f"{did_you_mean(name, known)}phalanx sim list shows them; a file ends in .yaml"
+        hint = f"{did_you_mean(name, known)}phalanx sim list shows all; the name of a file ends in .yaml"
         raise UsageError(f"no scenario {name!r}", hint)
     return read_scenario(Path(name))
 
 
 def read_scenario(path: Path) -> Scenario:
-    """Return the scenario in a file. Raises: UsageError: no such file, or no scenario. Unavailable: unreadable."""
+    """Return the scenario in a file.
+
+    Raises: UsageError: no such file, or an invalid scenario. Unavailable: the file cannot be read.
+    """
     return parse_scenario(read_at_most(path, MOST_BYTES, HINT), str(path))
 
 
 def parse_scenario(data: bytes, source: str) -> Scenario:
-    """Return the scenario in YAML of at most 64 KiB; without a name it gets that of its file, the `source`.
+    """Parse a scenario in YAML of at most 64 KiB; one without a name is named after its file, `source`.
 
-    Raises: UsageError: it is not a scenario.
+    Raises: UsageError: the scenario is invalid.
     """
     if len(data) > MOST_BYTES:
-        raise UsageError(f"{source}: longer than {MOST_BYTES >> 10} KiB", "a scenario is a page of YAML")
-    reader = Reader(source, "phalanx docs reference/scenarios has examples", DERIVED, {AttackSpec: _attack_meant})
+        raise UsageError(f"{source}: longer than {MOST_BYTES >> 10} KiB", "use a scenario, a page of YAML")
+    reader = Reader(source, "phalanx docs reference/scenarios has examples", DERIVED, {AttackSpec: _suggest_attack})
     scenario: Scenario = reader.root(Scenario, data, "scenario")
     return scenario if scenario.name else dataclasses.replace(scenario, name=Path(source).stem)
 
 
 def scenario_schema() -> dict[str, Any]:
-    """Return a JSON schema (draft 2020-12) of scenario files. Source: json-schema.org."""
+    """Return the JSON schema (draft 2020-12) of scenario files. Source: json-schema.org."""
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "phalanx scenario",
@@ -70,11 +76,12 @@ def scenario_schema() -> dict[str, Any]:
 
 
 def written_scenario(scenario: Scenario) -> dict[str, Any]:
-    """Return the content of a file with this scenario; as JSON it is YAML too."""
+    """Return a scenario as the content of its file, to write as JSON, which is also YAML."""
     written: dict[str, Any] = as_written(scenario, DERIVED)
     return written
 
 
-def _attack_meant(word: str) -> str:
-    near = difflib.get_close_matches(word, swarm_attacks(), 1, ALIKE) or [word]
+def _suggest_attack(name: str) -> str:
+    """Return the right form of an attack that was written as a bare name."""
+    near = difflib.get_close_matches(name, swarm_attacks(), 1, ALIKE) or [name]
     return f"- name: {near[0]}"

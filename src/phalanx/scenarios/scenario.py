@@ -1,4 +1,4 @@
-"""A scenario: the settings of a run, which decide every byte of a simulation, with the seed."""
+"""A scenario: all settings of a simulated run. Together with the seed they determine every byte of it."""
 
 from __future__ import annotations
 
@@ -25,61 +25,63 @@ from phalanx.wire.guarded import GUARD_MEMORY, SIGNED_BYTES, WISH
 
 from .attack_spec import LONGEST_S, AttackSpec
 
-PROTOCOLS = tuple(protocols())  # in plain Python
+PROTOCOLS = tuple(protocols())  # controllers in plain Python
 CONTROLLERS = (*bundled(), *PROTOCOLS)
-GUARD = "guard"  # the one that planners advise
-WHEELS = "wheels"  # the one that obeys orders
+GUARD = "guard"  # the controller that planners advise
+WHEELS = "wheels"  # the controller that executes signed orders
 Formation = Literal["grid", "line", "ring", "islands"]
 MOST_ROBOTS = 65_535
-# A log of more neighbours does not fit into a request. The channel is full at 130 already.
+# The log of more neighbours does not fit into an audit request. The radio channel is full at 130 already.
 MOST_NEIGHBOURS = 340
-# A flock that closes up has more neighbours than its grid: n_max is so many times as large, and a few more.
+# A flock gets denser than its start grid: n_max is CLOSER times the grid's number of neighbours, plus SPARE.
 CLOSER, SPARE = 1.5, 4
 _Obstacle = TypeVar("_Obstacle", Disc, Box)
 ROWS = ("line", "ring")  # formations of a single row
-# Room for orders in the log of a robot on wheels, as many bytes as so many neighbours broadcast.
+# Room for orders in the log of a robot on wheels, in units of the bytes that a neighbour broadcasts.
 ORDERS_AS_NEIGHBOURS = 40
 MOST_AREA_M = 65.0  # a waypoint is 16 bits of millimetres
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """A swarm: where it starts, its task, which robots lie, and its defence; `flock` and `bti` are adapted to these.
+    """A swarm: start positions, task, compromised robots, and defence; `flock`, `bti` and `guard` are adapted to them.
 
-    Raises: UsageError: a value is out of range, or two contradict each other.
+    Raises: UsageError: a value is out of range, or two values contradict each other.
     Source: RoboRebound §4, §5.2, §5.3; docs/reference/scenarios.md.
     """
 
-    name: str = described("", "what it is called")
-    about: str = described("", "what it shows, in a line")
-    robots: int = described(25, "on a square grid, ids 1.. row by row from the corner at the origin")
+    name: str = described("", "name of the scenario")
+    about: str = described("", "description in one line")
+    robots: int = described(25, "number of robots; ids count from 1, row by row from the corner at the origin")
     formation: Formation = described(  # noqa: RUF009 - made a field
-        "grid", "or in a line, in a ring, or on two grids, the second a step out of the first one's hearing"
+        "grid", "a square grid, a line, a ring, or islands: two grids out of radio range of each other by one step"
     )
-    grid_step_m: float = within(25.0, 0.01, 1e4, "between two robots of the grid, the line or the ring")
+    grid_step_m: float = within(25.0, 0.01, 1e4, "distance of adjacent robots in the formation")
     d_m: float = described(20.0, "spacing that the flock keeps")
-    goal_m: tuple[float, float] = described((500.0, 500.0), "where it goes")
+    goal_m: tuple[float, float] = described((500.0, 500.0), "goal of the swarm")
     duration_s: float = within(150.0, 0.1, LONGEST_S, "simulated time")
     defence: Defence = described(  # noqa: RUF009 - made a field
         "hardened",
-        "none: nothing stops compromised robots; paper: RoboRebound as printed; hardened: ours",
+        "none: nothing stops compromised robots; paper: RoboRebound as published; hardened: with Phalanx's additions",
     )
-    controller: str = described("flock", "what honest robots run")
-    seed: int = described(0, "chooses broadcasts' phases, back-offs, and robots to compromise")
-    attacks: tuple[AttackSpec, ...] = described((), "at most one a robot")
+    controller: str = described("flock", "controller of honest robots")
+    seed: int = described(0, "chooses phases of broadcasts, back-offs, and the robots to compromise")
+    attacks: tuple[AttackSpec, ...] = described((), "attacks, at most one per robot")
     obstacles: tuple[Disc | Box, ...] = described(
-        (), "on the ground; the flock must be told to avoid them (c1_beta, c2_beta)"
+        (), "obstacles on the ground; the flock avoids them only if c1_beta and c2_beta are set"
     )
-    area_m: tuple[float, float] = described((2.0, 2.0), "what robots on wheels stay within")
-    gateway_key: str = described("", "whose orders robots on wheels obey: Ed25519, public, 64 hexadecimal digits")
-    operator_key: str = described("", "whose stop they obey, the same")
-    order_looks: int = within(16, 1, 255, "so many orders' signatures they look at from one reading to the next")
-    contact_m: float = within(1.0, 0.0, 1e3, "two robots as near as that touch")
-    n_max: int | None = described(None, "neighbours provided for; None for what grid and radio's range come to")
+    area_m: tuple[float, float] = described((2.0, 2.0), "area that robots on wheels stay in")
+    gateway_key: str = described(
+        "", "public Ed25519 key, 64 hexadecimal digits: robots on wheels execute orders signed with it"
+    )
+    operator_key: str = described("", "public Ed25519 key: robots on wheels stop at an order signed with it")
+    order_looks: int = within(16, 1, 255, "most signatures that a robot on wheels checks between two readings")
+    contact_m: float = within(1.0, 0.0, 1e3, "distance at which two robots collide")
+    n_max: int | None = described(None, "neighbours provided for; None: derived from formation and radio range")
     hub: int = described(
         0,
-        "so many robots, the first, stand where aisles meet: the others, each in its aisle, hear them alone; "
-        "0: all hear all in range",
+        "the first so many robots stand where aisles meet; the others, each in its aisle, receive packets only from "
+        "them; 0: every robot receives all packets in range",
     )
     bti: BtiConfig = field(default_factory=BtiConfig, metadata=description("parameters of the audits"))
     flock: FlockConfig = field(default_factory=FlockConfig, metadata=description("parameters of the controller"))
@@ -89,13 +91,13 @@ class Scenario:
     def __post_init__(self) -> None:
         for name in ("robots", "seed", "hub"):
             if not isinstance(getattr(self, name), Integral):
-                raise UsageError(f"{name} is {getattr(self, name)!r}", "a whole number")
+                raise UsageError(f"{name} is {getattr(self, name)!r}", "use a whole number")
         if not all(isinstance(each, AttackSpec) for each in self.attacks):
-            raise UsageError(f"attacks are {self.attacks!r}", "a tuple of AttackSpec")
+            raise UsageError(f"attacks are {self.attacks!r}", "use a tuple of AttackSpec")
         if not 1 <= self.robots <= MOST_ROBOTS:
-            raise UsageError(f"{self.robots} robots", f"1 to {MOST_ROBOTS}")
+            raise UsageError(f"{self.robots} robots", f"use 1 to {MOST_ROBOTS}")
         if not 0 <= self.hub <= self.robots:
-            raise UsageError(f"hub is {self.hub}", f"0 to {self.robots}, as there are robots")
+            raise UsageError(f"hub is {self.hub}", f"use 0 to {self.robots}, the number of robots")
         check_limits(self)
         if self.formation not in get_args(Formation):
             raise _none_such("formation", self.formation, get_args(Formation))
@@ -106,19 +108,20 @@ class Scenario:
         if self.controller not in CONTROLLERS and self.controller not in OWN:
             raise _no_controller(self.controller)
         if not 0 <= self.seed < 1 << 32:
-            raise UsageError(f"seed is {self.seed}", "0 to 4294967295")
+            raise UsageError(f"seed is {self.seed}", "use 0 to 4294967295")
         self._check_driven()
         self._check_attacks()
-        self._agree()
+        self._derive()
 
-    def _agree(self) -> None:
+    def _derive(self) -> None:
+        """Set `bti`, `flock` and `guard` to agree with the other fields."""
         n_max = self._neighbours() if self.n_max is None else self.n_max
         guarded = self.controller == GUARD
         advised = OWN[self.controller].advised if self.controller in OWN else None
         sizes = {"advice_bytes": advised.size if advised else 0}
         if guarded:
             signed = bool(self.guard.adviser_key)
-            key_bytes = SIGNER_KEY_BYTES * signed  # behind what a guard remembers
+            key_bytes = SIGNER_KEY_BYTES * signed  # after the guard's memory in its state
             sizes["advice_bytes"] = SIGNED_BYTES if signed else WISH.size
             sizes["state_bytes"] = GUARD_MEMORY.size + NEIGHBOUR_BYTES * n_max + key_bytes
         bti = replace(self.bti, n_max=n_max, **sizes)
@@ -129,22 +132,22 @@ class Scenario:
 
     @property
     def robots_per_edge(self) -> int:
-        """Return how many robots a row of the grid has, or of the larger of two grids; the last may be shorter."""
+        """Return the robots in a row of the grid, or of the larger of two grids; the last row may be shorter."""
         return math.isqrt(self.grids[0] - 1) + 1
 
     @property
     def starts_m(self) -> list[tuple[float, float]]:
-        """Return N places, where the robots stand at first. Raises: UsageError: wheels do not fit into their area."""
+        """Return the N start positions. Raises: UsageError: robots on wheels do not fit into `area_m`."""
         n, step_m, row = self.robots, self.grid_step_m, self.robots_per_edge
         if self.controller == WHEELS:
             corner_m = [(side_m - step_m * (row - 1)) / 2 for side_m in self.area_m]
             if min(corner_m) <= 0:
-                raise UsageError(f"area_m has no room for {n} robots", "a larger one, or a smaller grid_step_m")
+                raise UsageError(f"area_m has no room for {n} robots", "use a larger area_m or a smaller grid_step_m")
             return [(corner_m[0] + i % row * step_m, corner_m[1] + i // row * step_m) for i in range(n)]
         if self.formation == "ring":
             radius_m, turn = step_m / 2 / math.sin(math.pi / max(n, 2)), math.tau / n
             around = [(math.cos(i * turn), math.sin(i * turn)) for i in range(n)]
-            # To the millimetre: a cosine's last bit differs between machines.
+            # Rounded to the millimetre: the last bit of a cosine differs between machines.
             return [(round(radius_m * (1 + x), 3), round(radius_m * (1 + y), 3)) for x, y in around]
         edge = n if self.formation == "line" else row
         apart_m = edge * step_m + math.ceil(self.radio.range_m)
@@ -156,7 +159,7 @@ class Scenario:
 
     @property
     def task(self) -> Task:
-        """Return the task of a protocol's robots."""
+        """Return the task for the robots of a protocol."""
         return Task(
             starts_m=tuple(self.starts_m),
             step_m=self.grid_step_m,
@@ -169,18 +172,18 @@ class Scenario:
 
     @property
     def grids(self) -> tuple[int, ...]:
-        """Return how many robots stand on each grid."""
+        """Return the number of robots on each grid."""
         half = self.robots // 2
         return (self.robots - half, half) if self.formation == "islands" else (self.robots,)
 
     @property
     def robots_in_range(self) -> float:
-        """Return how many robots a robot in the middle can hear, itself included, while the grid keeps its step."""
+        """Return the estimated robots in radio range of one in the middle of the formation, itself included."""
         steps = self.radio.range_m / self.grid_step_m
         return min(1 + 2 * steps if self.formation in ROWS else math.pi * steps**2, self.robots)
 
     def drawn_attacks(self) -> tuple[AttackSpec, ...]:
-        """Return the attacks with their robots, no two the same: ranked by SHA-256, the same with any library."""
+        """Return the attacks, each with a different robot; unset robots are drawn by SHA-256 of seed and id."""
         named = {attack.robot for attack in self.attacks}
 
         def rank(robot: int) -> bytes:
@@ -204,23 +207,24 @@ class Scenario:
         t_val_s: float | None = None,
         seed: int | None = None,
     ) -> Scenario:
-        """Return the scenario with other values; None leaves one as it is. Raises: UsageError: as for the scenario.
+        """Return the scenario with other values; None keeps a value. Raises: UsageError: as for the scenario.
 
-        `spacing_m` is both the grid's step and the spacing that the flock keeps; `attacks` replace the scenario's own.
+        `spacing_m` sets both `grid_step_m` and `d_m`; `attacks` replaces the attacks of the scenario.
         """
         audits = _given(f_max=f_max)
         for name, value in (("t_audit", t_audit_s), ("t_val", t_val_s)):
             if value is not None:
                 low_ms, high_ms = limits_in(BtiConfig, f"{name}_ms")
-                check_within(f"{name}_s", value, low_ms / 1000, high_ms / 1000)  # in seconds, as they are given
+                check_within(f"{name}_s", value, low_ms / 1000, high_ms / 1000)  # messages in seconds, as given
                 audits[f"{name}_ms"] = round(1000 * value)
-        # The n_max that `_agree` gave `bti` before must not refuse a larger f_max.
+        # `_derive` set n_max in `bti` for the former f_max: raise it, or `bti` would reject a larger f_max.
         quorum = quorum_of(self.bti.f_max if f_max is None else f_max)
         bti = replace(self.bti, **audits, n_max=max(self.bti.n_max, quorum))
         plain = _given(robots=robots, duration_s=duration_s, defence=defence, attacks=attacks, seed=seed)
         return replace(self, bti=bti, **plain, **_given(grid_step_m=spacing_m, d_m=spacing_m))
 
     def _check_driven(self) -> None:
+        """Check the fields of robots on wheels."""
         for name in ("gateway_key", "operator_key"):
             check_key(name, getattr(self, name))
         for side_m in self.area_m:
@@ -234,17 +238,19 @@ class Scenario:
             against = attack.attack.against if attack.attack.scene == "protocol" else ""
             if against not in ("", self.controller):
                 hint = f"controller: {against}"
-                raise UsageError(f"{attack.name} says nothing that robots of {self.controller} hear", hint)
+                raise UsageError(f"attack {attack.name} has no effect on controller {self.controller}", hint)
             if attack.robot is not None:
                 if not 1 <= attack.robot <= self.robots:
-                    raise UsageError(f"{attack.name} in robot {attack.robot}", f"robots are 1 to {self.robots}")
+                    raise UsageError(f"{attack.name} in robot {attack.robot}", f"use a robot from 1 to {self.robots}")
                 if attack.robot in seen:
-                    raise UsageError(f"two attacks in robot {attack.robot}", "one a robot")
+                    raise UsageError(f"two attacks in robot {attack.robot}", "use at most one attack per robot")
                 seen.add(attack.robot)
         if len(self.attacks) > self.robots:
-            raise UsageError(f"{len(self.attacks)} attacks and {self.robots} robots", "one a robot")
+            message = f"{len(self.attacks)} attacks for {self.robots} robots"
+            raise UsageError(message, "use at most one attack per robot")
 
     def _neighbours(self) -> int:
+        """Return the number of neighbours to provide for, with room for orders."""
         provided = min(self.robots - 1, math.ceil(CLOSER * self.robots_in_range) + SPARE, MOST_NEIGHBOURS)
         orders = ORDERS_AS_NEIGHBOURS if self.controller == WHEELS else 0
         return max(provided, self.bti.quorum) + orders
@@ -252,7 +258,7 @@ class Scenario:
     def _flock(self, bti: BtiConfig) -> FlockConfig:
         obstacles = (
             () if self.controller in PROTOCOLS else self.obstacles
-        )  # protocols avoid obstacles by rules of their own
+        )  # protocols have their own obstacle avoidance
         return replace(
             self.flock,
             goal_m=self.goal_m,
@@ -276,19 +282,19 @@ class Scenario:
         for start_m in self.starts_m:
             guard.check_start(start_m)
         if self.robots > 1 and self.grid_step_m < guard.apart_m:
-            raise UsageError(f"grid_step_m is {self.grid_step_m:g}", f"at least apart_m, which is {guard.apart_m:g}")
+            raise UsageError(f"grid_step_m is {self.grid_step_m:g}", f"use at least apart_m, {guard.apart_m:g}")
         return guard
 
 
 def in_scenarios() -> list[str]:
-    """Return the names of the controllers that a scenario can run; the others wait for orders."""
+    """Return the names of the controllers that a scenario can run alone; the others need orders."""
     from phalanx.robot.controllers.dispatch import BUNDLED  # noqa: PLC0415 - it takes long to import
 
     return [name for name, each in BUNDLED.items() if each.config in (FlockConfig, GuardConfig)] + [*PROTOCOLS]
 
 
 def for_robots(scenario: Scenario) -> Scenario:
-    """Return the scenario unchanged. Raises: UsageError: its robots have no room to start."""
+    """Return the scenario unchanged. Raises: UsageError: `area_m` has no room for its robots."""
     _ = scenario.starts_m
     return scenario
 
@@ -303,10 +309,10 @@ def _given(**options: Any) -> dict[str, Any]:
 
 def _no_controller(name: str) -> UsageError:
     if ".py" in name:
-        hint = f"a scenario names no file; a controller of your own is an option: --controller {name}"
+        hint = f"a scenario cannot name a file: use the option --controller {name}"
         return UsageError(f"no controller {name!r} in a scenario", hint)
     return _none_such("controller", name, in_scenarios())
 
 
-def _none_such(what: str, name: str, known: Sequence[str]) -> UsageError:
-    return UsageError(f"no {what} {name!r}", f"{did_you_mean(name, known)}one of {', '.join(known)}")
+def _none_such(kind: str, name: str, known: Sequence[str]) -> UsageError:
+    return UsageError(f"no {kind} {name!r}", f"{did_you_mean(name, known)}use one of {', '.join(known)}")

@@ -1,1 +1,1 @@
-"""The file of an encoded mission: canonical bytes, both profiles' cryptography, records, signatures."""
+"""The file format of encoded missions: canonical bytes, cryptography of both profiles, records, signatures."""

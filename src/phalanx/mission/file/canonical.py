@@ -1,7 +1,7 @@
-"""Canonical bytes: one meaning, one spelling (docs/spec/mission.md); and the cursor that reads such bytes.
+"""Canonical bytes of observables, with one encoding per value (docs/spec/mission.md), and a reader for them.
 
-A version byte, then for every observable, in the order of the tags: tag u8, length u16, content; all little-endian.
-Texts and readings go in as their SHA3-256, so that the bytes of one shape always have one length.
+A version byte; then, in the order of the tags, tag u8, length u16 and content of each observable; all little-endian.
+Texts and readings are encoded as their SHA3-256, so that all bytes of one shape have the same length.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ from phalanx.wire import Record
 from phalanx.wire import missions as table
 
 LARGEST_ARGUMENT = 1e12
-AT_POSITION = 1 + len(LANDMARK_TYPES)  # Shape.place of a node that is the robot's own position
+AT_POSITION = 1 + len(LANDMARK_TYPES)  # Shape.place for the robot's own position
 ARG_LIMIT, NAME_LIMIT = 16, 200
 MILLI = 1000
-SEVERAL = 3  # sensors or messages in one node, at most
+SEVERAL = 3  # most sensors, and most messages, in one node
 _BEGIN = table.CANONICAL.encode(observables=b"")
-_SHAPE_BITS = (3, 1, 1, 1, 2, 2, 1, 1, 1)  # of each field of a Shape
+_SHAPE_BITS = (3, 1, 1, 1, 2, 2, 1, 1, 1)  # width of each field of a Shape
 
 
 class Reader:
-    """A cursor over untrusted bytes: each call returns a value or raises MalformedMission."""
+    """Sequential reader of untrusted bytes; each method returns a value or raises MalformedMission."""
 
     def __init__(self, raw: bytes) -> None:
         self.raw = raw
@@ -46,37 +46,37 @@ class Reader:
 
     @property
     def left(self) -> int:
-        """Bytes not read yet."""
+        """Return the number of bytes not read yet."""
         return len(self.raw) - self.at
 
     def take(self, count: int) -> bytes:
-        """The next `count` bytes."""
+        """Read `count` bytes."""
         if count > self.left:
             raise MalformedMission(f"{count} bytes wanted at {self.at}, {self.left} left")
         self.at += count
         return self.raw[self.at - count : self.at]
 
     def unpack(self, record: Record) -> tuple[Any, ...]:
-        """The next record's fixed part."""
+        """Read the fixed part of a record."""
         return record.form.unpack(self.take(record.size))
 
     def number(self, record: Record) -> int:
-        """The next record's one number: a count, or what begins with it."""
+        """Read a record of a single number."""
         (number,) = self.unpack(record)
         return int(number)
 
     def behind(self, length: Record) -> bytes:
-        """Bytes behind a length."""
+        """Read a length and that many bytes."""
         return self.take(self.number(length))
 
     def end(self) -> None:
-        """Nothing may follow."""
+        """Check that all bytes were read."""
         if self.left:
             raise MalformedMission(f"{self.left} bytes too many")
 
 
 def text_of(raw: bytes) -> str:
-    """UTF-8. Raises: MalformedMission."""
+    """Decode UTF-8. Raises: MalformedMission."""
     try:
         return raw.decode()
     except UnicodeDecodeError as error:
@@ -84,9 +84,9 @@ def text_of(raw: bytes) -> str:
 
 
 class Shape(NamedTuple):
-    """Which observables a node is made of, by presence or count: what a robot needs to know to try."""
+    """The kinds and numbers of observables in a node: a robot needs them to try it."""
 
-    place: int = 0  # 0 none, 1 + index in LANDMARK_TYPES, or AT_POSITION
+    place: int = 0  # 0 for none, 1 + index in LANDMARK_TYPES, or AT_POSITION
     oriented: int = 0
     area: int = 0
     text: int = 0
@@ -98,7 +98,7 @@ class Shape(NamedTuple):
 
     @property
     def code(self) -> int:
-        """Sixteen bits, as stored."""
+        """Return the stored 16 bits."""
         code = 0
         for value, bits in zip(reversed(self), reversed(_SHAPE_BITS), strict=True):
             code = code << bits | value
@@ -106,7 +106,7 @@ class Shape(NamedTuple):
 
 
 def parse_shape(code: int) -> Shape:
-    """The shape with this code. Raises: MalformedMission: no shape has it."""
+    """Return the shape with this code. Raises: MalformedMission: the code is invalid."""
     values = []
     for bits in _SHAPE_BITS:
         values.append(code & ((1 << bits) - 1))
@@ -114,21 +114,22 @@ def parse_shape(code: int) -> Shape:
     shape = Shape(*values)
     landmark = 1 <= shape.place < AT_POSITION
     if code or shape.place > AT_POSITION or (not landmark and (shape.oriented or shape.area or shape.text)):
-        raise MalformedMission("no such shape of a node")
+        raise MalformedMission("invalid shape of a node")
     return shape
 
 
 def shape_of(observables: Sequence[Observable]) -> Shape:
-    """The shape of a conjunction.
+    """Return the shape of a conjunction.
 
-    Raises: UsageError: more than one place, or more of a kind than the format can say.
+    Raises: UsageError: more than one place, or more observables of a kind than the format allows.
     """
     places = [thing for thing in observables if isinstance(thing, Landmark | Position)]
     counts = {kind: sum(isinstance(thing, kind) for thing in observables) for kind in (Sensor, Message, Action, Time)}
     if len(places) > 1:
-        raise UsageError("two places in one node", "one landmark or one position; make two nodes of them")
+        raise UsageError("two places in one node", "use one landmark or one position, or make two nodes")
     if max(counts[Sensor], counts[Message]) > SEVERAL or max(counts[Action], counts[Time]) > 1:
-        raise UsageError("too many observables in one node", f"{SEVERAL} readings, {SEVERAL} messages, one of the rest")
+        hint = f"use at most {SEVERAL} readings, {SEVERAL} messages, and one of each other kind"
+        raise UsageError("too many observables in one node", hint)
     place, oriented, area, text = 0, 0, 0, 0
     if places:
         thing = places[0]
@@ -147,7 +148,7 @@ def _tlv(tag: int, content: bytes) -> bytes:
 
 
 def place_bytes(shape: Shape, cell: Cell, text: str | None = None) -> bytes:
-    """The observable that says where: a landmark's cell, or the robot's own."""
+    """Return the bytes of the place: a landmark's cell, the robot's own, or b"" for shapes without a place."""
     if not shape.place:
         return b""
     if shape.place == AT_POSITION:
@@ -163,12 +164,12 @@ def cell_at(shape: Shape) -> int:
 
 
 def action_bytes(action: Action) -> bytes:
-    """name, then per argument its name, a type byte, and thousandths or text.
+    """Return the bytes of an action: its name, and the name, type byte and value of each argument.
 
-    Raises: UsageError: too long, or an argument that is no number.
+    Numbers are stored in thousandths. Raises: UsageError: a name or value is too long, or a number out of range.
     """
     if len(action.args) > ARG_LIMIT:
-        raise UsageError(f"action {action.name!r} has {len(action.args)} arguments", f"at most {ARG_LIMIT}")
+        raise UsageError(f"action {action.name!r} has {len(action.args)} arguments", f"use at most {ARG_LIMIT}")
     out = [_short(action.name)]
     for name, value in sorted(action.args):
         if isinstance(value, str):
@@ -177,22 +178,22 @@ def action_bytes(action: Action) -> bytes:
             thousandths = table.NUMBER.form.pack(round(value * MILLI))
             out += [_short(name), table.ARGUMENT.form.pack(table.OF_NUMBER), thousandths]
         else:
-            raise UsageError(f"argument {name!r} of {action.name!r} is {value}", "a text, or a number below 1e12")
+            raise UsageError(f"argument {name!r} of {action.name!r} is {value}", "use a text, or a number below 1e12")
     return b"".join(out)
 
 
 def parse_action(raw: bytes) -> Action:
-    """The action with these bytes. Raises: MalformedMission."""
+    """Parse an action. Raises: MalformedMission."""
     reader = Reader(raw)
     name = _name(reader)
     args: list[tuple[str, float | str]] = []
     while reader.left:
         key, kind = _name(reader), reader.number(table.ARGUMENT)
         if kind > table.OF_TEXT or len(args) == ARG_LIMIT:
-            raise MalformedMission("not an action's argument")
+            raise MalformedMission("an invalid argument of an action, or too many")
         value: float | str = _name(reader) if kind == table.OF_TEXT else reader.number(table.NUMBER) / MILLI
         if kind == table.OF_NUMBER and not abs(float(value)) < LARGEST_ARGUMENT:
-            raise MalformedMission("a number in an action that cannot be said")
+            raise MalformedMission("an argument of an action is out of range")
         args.append((key, value))
     return Action(name, tuple(args))
 
@@ -200,14 +201,14 @@ def parse_action(raw: bytes) -> Action:
 def _name(reader: Reader) -> str:
     raw = reader.behind(table.NAME)
     if not 0 < len(raw) <= NAME_LIMIT:
-        raise MalformedMission("a name or text of an action has no possible length")
+        raise MalformedMission("a name or text of an action is empty or too long")
     return text_of(raw)
 
 
 def _short(text: str) -> bytes:
     raw = text.encode("utf-8", "surrogatepass")
     if not 0 < len(raw) <= NAME_LIMIT or text != text.encode("utf-8", "ignore").decode():
-        raise UsageError(f"{text[:40]!r} as a name or value of an action", f"1 to {NAME_LIMIT} bytes of text")
+        raise UsageError(f"{text[:40]!r} as a name or value of an action", f"use 1 to {NAME_LIMIT} bytes of text")
     return table.NAME.form.pack(len(raw)) + raw
 
 
@@ -221,9 +222,9 @@ def canonical(
     previous: bytes | None = None,
     direction: Direction | None = None,
 ) -> bytes:
-    """Return the canonical bytes of a conjunction; sensors and messages are sorted, `place` is from `place_bytes`.
+    """Return the canonical bytes of a conjunction; sensors and messages are sorted.
 
-    `previous` is released by the node before, `direction` is a way's.
+    `place` is from `place_bytes`, `previous` is the hash of the previous node, `direction` belongs to a way.
     Source: docs/spec/mission.md; Encoded graphs §III-A, Fig. 2, with tags for the paper's "+".
     """
     out = [_BEGIN, place]
@@ -239,16 +240,16 @@ def canonical(
 
 
 def with_direction(node: bytes, direction: Direction) -> bytes:
-    """A node's canonical bytes with a direction after them: what an edge is the hash of (paper profile)."""
+    """Return a node's canonical bytes followed by a direction; its hash encodes a way (paper profile)."""
     return node + _tlv(table.OF_DIRECTION, table.DIRECTION.form.pack(direction.sector, direction.of))
 
 
-# The hashes of the paper profile, as printed. They commit to what they encode and hide nothing from whoever tries all
-# of it (docs/spec/mission.md says how long that takes). H_i, a node's own, is the SHA3-256 of its canonical bytes.
+# The hashes of the paper profile, as published. They commit to the encoded values, but do not hide them: anyone can
+# try all values (docs/spec/mission.md has the time needed). H_i of a node is the SHA3-256 of its canonical bytes.
 
 
 def direction_hash(observed: bytes, sector: int, sectors: int) -> bytes:
-    """Return H_ij of a way that is a direction: of the node, and the direction. Source: Encoded graphs §IV-A."""
+    """Return H_ij of a way that is a direction, from the node's bytes and the sector. Source: Encoded graphs §IV-A."""
     return sha3_256(with_direction(observed, Direction(sector, sectors)))
 
 
@@ -258,5 +259,5 @@ def action_hash(mark: bytes, action: Action) -> bytes:
 
 
 def message_of(observed: bytes, index: int) -> bytes:
-    """Return C_ij, the message of a node's `index`-th send, made of what it sensed. Source: Encoded graphs §III-B-3."""
+    """Return C_ij, the `index`-th message of a node, derived from its bytes. Source: Encoded graphs §III-B-3."""
     return sha3_256(table.MESSAGE + table.NTH.form.pack(index) + observed)

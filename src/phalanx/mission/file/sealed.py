@@ -1,8 +1,8 @@
-"""The sealed profile's cryptography: no stored byte depends on an observation except through scrypt.
+"""Cryptography of the sealed profile: stored bytes depend on observations only through scrypt.
 
-Node v has a random secret S and a random gate G. Whoever holds G and makes the observation again gets M and W out of
-scrypt: M is stored and commits to the key, W opens S, and S opens the payload. Each W and each payload key seals one
-message, so the nonce is zero. Only this file derives or opens anything of a sealed node.
+Each node has a random secret S and a random gate G. From G and the observation scrypt derives M and W: M is stored and
+commits to the key, W decrypts S, and a key derived from S decrypts the payload. Each W and each payload key encrypts
+one message, so the nonce is zero. Only this file derives keys of sealed nodes or decrypts them.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from .canonical import Reader, action_bytes, parse_action, text_of
 from .records import SECRET_BYTES, TAG_BYTES, Header, NodeRecord, Profile
 
 NONCE = bytes(12)
-PAD = 64  # payloads grow in such steps, so that their length tells little
+PAD = 64  # payloads are padded to multiples of this, so that their length reveals little
 
 
 @dataclass(frozen=True, slots=True)
 class WayOut:
-    """One way in a payload: the gate of the node it leads to (`onward`), and the instruction to get there."""
+    """A way in a payload: the encrypted gate of its target (see `onward`), and the action to get there."""
 
     gate: Gate
     do: Action | None = None
@@ -37,25 +37,26 @@ class WayOut:
 
 @dataclass(frozen=True, slots=True)
 class Payload:
-    """Contents of a sealed node, readable once it is opened."""
+    """Decrypted content of a sealed node."""
 
     name: str
     do: Action | None
-    place_m: tuple[float, float] | None  # where the node is, map frame, to the mm
-    sends: tuple[bytes, ...]  # messages of 32 bytes to give out
+    place_m: tuple[float, float] | None  # place of the node, map frame, to the mm
+    sends: tuple[bytes, ...]  # messages of 32 bytes to send
     ways: tuple[WayOut, ...]  # in the order of the record's ways
 
 
 def node_salt(gate: bytes, messages: tuple[bytes, ...], header: Header, node: int, alias: int) -> bytes:
-    """The salt of one alias: nobody without the gate, and the messages, can begin to try."""
+    """Return the salt of an alias, derived from the gate and the messages: without them no try is possible."""
     info = b"phalanx mission gate" + header.mission_id + table.OF_ALIAS.form.pack(node, alias)
     return hkdf_sha256(gate + b"".join(sorted(messages)), info, SECRET_BYTES)
 
 
 def onward(gate: bytes, share: bytes, header: Header, node: int, target: int) -> bytes:
-    """Return the share of a gate as the payload before it has it, or back: only who held that node's gate can use it.
+    """Encrypt or decrypt the share of a target's gate with the gate of the node whose payload has it.
 
-    An auditor of a decode, which opens the payload too, has the salt, which is made of the gate, and not the gate.
+    An auditor of a decode can decrypt the payload too, but has only a salt derived from the node's gate, not the gate,
+    so that it cannot use the gates in the payload.
     """
     info = b"phalanx mission onward" + header.mission_id + table.OF_WAY.form.pack(node, target)
     pad = hkdf_sha256(gate, info, SECRET_BYTES)
@@ -63,10 +64,10 @@ def onward(gate: bytes, share: bytes, header: Header, node: int, target: int) ->
 
 
 def try_observation(header: Header, canonical: bytes, hint: Hint, salt: bytes) -> tuple[bytes, bytes]:
-    """(mark M, key W) of what was observed; the one slow step.
+    """Return (mark M, key W) of an observation, with scrypt; the only slow step.
 
-    The hint is part of it: with another offset the same cell would be elsewhere, for a robot whose start key was
-    altered, and for an auditor who is told the offset by whom it audits.
+    The hint is hashed too, because with another offset the same cell would be at another place. A robot could get such
+    an offset from an altered start key, an auditor from the robot that it audits.
     """
     coding = header.coding
     out = scrypt(canonical + hint.encode(), salt, log2_n=coding.kdf_log2_n, r=coding.kdf_r, length=table.TRIED.size)
@@ -75,16 +76,16 @@ def try_observation(header: Header, canonical: bytes, hint: Hint, salt: bytes) -
 
 
 def seal_secret(header: Header, node: int, alias: int, key: bytes, secret: bytes) -> bytes:
-    """S under W."""
+    """Encrypt the secret S with the key W."""
     return AESGCM(key).encrypt(NONCE, secret, header.digest + table.OF_ALIAS.form.pack(node, alias))
 
 
 def open_secret(header: Header, node: int, alias: int, key: bytes, sealed: bytes) -> bytes:
-    """S, or Altered: the mark was right, so the record or the header is not."""
+    """Decrypt the secret S with the key W. Raises: Altered: the mark matched, so the record or header was changed."""
     try:
         return AESGCM(key).decrypt(NONCE, sealed, header.digest + table.OF_ALIAS.form.pack(node, alias))
     except InvalidTag as error:
-        raise Altered("a node's secret does not open under its own mark") from error
+        raise Altered("the secret of a matching node does not decrypt") from error
 
 
 def _payload_key(secret: bytes) -> AESGCM:
@@ -96,24 +97,24 @@ def _bound_to(header: Header, node: int, record: NodeRecord) -> bytes:
 
 
 def seal_payload(header: Header, node: int, record: NodeRecord, secret: bytes, payload: Payload) -> bytes:
-    """The payload under HKDF(S), bound to the header, the node and all of its record."""
+    """Encrypt a payload with a key derived from S; header, index and record of the node are authenticated."""
     return _payload_key(secret).encrypt(NONCE, encode_payload(payload), _bound_to(header, node, record))
 
 
 def open_payload(header: Header, node: int, record: NodeRecord, secret: bytes) -> Payload:
-    """The payload, or Altered."""
+    """Decrypt and parse a payload. Raises: Altered: the payload, the record or the header was changed."""
     try:
         raw = _payload_key(secret).decrypt(NONCE, record.payload, _bound_to(header, node, record))
         payload = parse_payload(raw)
     except (InvalidTag, MalformedMission) as error:
-        raise Altered("a node's payload does not open under its own secret") from error
+        raise Altered("the payload of an opened node does not decrypt") from error
     if len(payload.ways) != len(record.ways) or len(payload.sends) != record.sends:
-        raise Altered("a payload does not fit its record")
+        raise Altered("a payload does not match its record")
     return payload
 
 
 def direction_tag(secret: bytes, target: int, sector: int) -> bytes:
-    """Return the tag stored for the direction of a way; decoders try each sector."""
+    """Return the tag that is stored for the direction of a way; robots try each sector."""
     message = b"dir" + table.OF_SECTOR.form.pack(target, sector)
     return hmac.digest(secret, message, "sha256")[:TAG_BYTES]
 
@@ -133,7 +134,7 @@ def _action(action: Action | None) -> bytes:
 
 
 def encode_payload(payload: Payload) -> bytes:
-    """Length, content, and zeros up to the next step of PAD bytes."""
+    """Return length and content of a payload, padded with zeros to a multiple of PAD bytes."""
     name = payload.name.encode()
     place = (0, 0, 0)
     if payload.place_m is not None:
@@ -143,16 +144,16 @@ def encode_payload(payload: Payload) -> bytes:
     out.append(table.COUNT_U16.form.pack(len(payload.ways)))
     out += [_action(way.do) + way.gate.encode() for way in payload.ways]
     content = b"".join(out)
-    told = table.COUNT_U32.form.pack(len(content)) + content
-    return told.ljust(-(-len(told) // PAD) * PAD, b"\x00")
+    raw = table.COUNT_U32.form.pack(len(content)) + content
+    return raw.ljust(-(-len(raw) // PAD) * PAD, b"\x00")
 
 
 def parse_payload(raw: bytes) -> Payload:
-    """The payload in these bytes; they were sealed, but by whoever wrote the file. Raises: MalformedMission."""
+    """Parse decrypted bytes, which are untrusted: anyone may have written the file. Raises: MalformedMission."""
     outer = Reader(raw)
     reader = Reader(outer.behind(table.COUNT_U32))
     if outer.left >= PAD or any(outer.take(outer.left)):
-        raise MalformedMission("a payload is not padded with zeros")
+        raise MalformedMission("a payload has invalid padding")
     name, do = text_of(reader.behind(table.COUNT_U8)), _parse_action(reader)
     given, x_mm, y_mm = reader.unpack(table.PLACE)
     place = (x_mm / MM_PER_M, y_mm / MM_PER_M) if given else None

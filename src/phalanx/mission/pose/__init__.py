@@ -1,1 +1,1 @@
-"""Estimate a robot's pose and covariance: an extended Kalman filter over landmarks and odometry."""
+"""Pose estimation: an extended Kalman filter over landmarks and odometry."""

@@ -1,7 +1,7 @@
-"""A robot's belief: its pose, what is wrong with its odometry, and how sure it is of both.
+"""A robot's belief: mean and covariance of its pose and of the systematic errors of its odometry.
 
-Wheels that are too large, a track that is too narrow and a pull to one side are the same all day: the filter learns
-them from corrections, and what it has learnt is the drift that Encoded graphs §VI-F speaks of.
+Errors from wheels that are too large, a track that is too narrow or a pull to one side are constant. The filter
+estimates them from corrections; they are the drift of Encoded graphs §VI-F.
 """
 
 from __future__ import annotations
@@ -20,35 +20,35 @@ from phalanx.mission.angles import sin_cos, wrap
 from .spread import Sight, Sighting, corrected, not_surer
 
 Pose = tuple[float, float, float]
-# x, y, heading; then per metre of way, per radian of turn, and radians per metre: what odometry leaves out.
+# x, y, heading; then the scale error of distances, the scale error of turns, and the undetected turn in rad per metre.
 X, Y, HEADING, WAY, TURN, CURVE = range(6)
 COUNT = 6
 NUMBERS = COUNT + COUNT * (COUNT + 1) // 2
-# Of the first radian of turns beside a wall so much may not have happened, and of more with the root: turns to and
-# fro slip both ways.
+# Standard deviation of wheel slip in the first radian of turns beside a wall; it grows with the square root of the
+# turn, as slip in turns to both sides cancels in part.
 SLIP = 0.05
 UPPER = tuple((i, j) for i in range(COUNT) for j in range(i, COUNT))
 
 
 class Wheels(NamedTuple):
-    """How wrong odometry may be: standard deviations."""
+    """Standard deviations of odometry errors."""
 
-    way: float  # share of the way that is always left out, or too much
-    turn: float  # likewise of turns
-    curve: float  # radians that it turns for each metre, unseen
-    way_noise: float  # metres in the first metre, and with the root of the way
-    turn_noise: float  # radians in the first radian, likewise
-    curve_noise: float  # radians in the first metre, likewise
+    way: float  # scale error of distances
+    turn: float  # scale error of turns
+    curve: float  # undetected turn in radians per metre
+    way_noise: float  # metres in the first metre; grows with the square root of the distance
+    turn_noise: float  # radians in the first radian; grows likewise
+    curve_noise: float  # radians in the first metre; grows likewise
 
 
 @kernel
 def moved(
     mean: F64x1, spread: F64x2, way_m: float, turn_rad: float, touches: bool, wheels: Wheels
 ) -> tuple[F64x1, F64x2]:
-    """(mean, spread) after odometry says: so far, forwards or backwards, and turned by so much.
+    """Return (mean, covariance) after odometry has measured a distance, negative for backwards, and a turn.
 
     Args:
-        touches: the robot is so near to something that its wheels may turn where it cannot.
+        touches: the robot may touch an obstacle, so that its wheels slip.
     """
     n = len(mean)
     way = way_m * (1.0 + mean[WAY])
@@ -82,7 +82,7 @@ def moved(
     sure[HEADING, HEADING] += (
         wheels.turn_noise * wheels.turn_noise * about + wheels.curve_noise * wheels.curve_noise * far
     )
-    if touches:  # a way that a wall takes is lost wholly, and always to the same side
+    if touches:  # the whole distance may be slip, and always in the same direction
         sure[X, X] = (math.sqrt(sure[X, X]) + far) * (math.sqrt(sure[X, X]) + far)
         sure[Y, Y] = (math.sqrt(sure[Y, Y]) + far) * (math.sqrt(sure[Y, Y]) + far)
         sure[HEADING, HEADING] += SLIP * SLIP * about
@@ -101,20 +101,20 @@ def _driven(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
-    """Pose and drift as a filter knows them; nothing that holds one changes it."""
+    """Mean and covariance of pose and drift; treat as immutable."""
 
     mean: F64x1  # (6,)
     spread: F64x2  # (6, 6) covariance
 
     @property
     def pose(self) -> tuple[float, float, float]:
-        """x, y in metres and heading in radians, map frame."""
+        """Return x, y in metres and heading in radians, map frame."""
         x, y, heading = self.mean[:3].tolist()
         return x, y, heading
 
     @property
     def doubt(self) -> tuple[float, float, float, float, float, float]:
-        """Covariance of the pose: its upper triangle, row by row; what `Experience` takes."""
+        """Return the upper triangle of the pose's covariance, row by row, for `Experience`."""
         (xx, xy, xt), (_, yy, yt), (_, _, tt) = self.spread[:3, :3].tolist()
         return xx, xy, xt, yy, yt, tt
 
@@ -126,22 +126,23 @@ class Belief:
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """The mean, and the upper triangle of the covariance, row by row: 27 of them, as in a checkpoint."""
+        """Return the 27 numbers of a checkpoint: the mean, and the upper triangle of the covariance, row by row."""
         return *self.mean.tolist(), *(float(self.spread[i, j]) for i, j in UPPER)
 
     def moved(self, way_m: float, turn_rad: float, wheels: Wheels, *, touches: bool = False) -> Belief:
-        """After odometry says so; `touches` as above."""
+        """Return the belief after odometry; arguments as in the function `moved`."""
         return Belief(*moved(self.mean, self.spread, float(way_m), float(turn_rad), touches, wheels))
 
     def driven(self, before: Pose, after: Pose, wheels: Wheels, *, touches: bool = False) -> Belief:
-        """After odometry, in a frame of its own, came from one pose to another; `touches` as above."""
+        """Return the belief after odometry has moved between two poses of its own frame; `touches` as in `moved`."""
         return Belief(*_driven(self.mean, self.spread, before, after, touches, wheels))
 
     def corrected(self, sightings: tuple[Sighting, ...], sight: Sight, floor: tuple[float, float]) -> Belief:
-        """After landmarks were recognised, one after the other: each as the pose after those before puts it.
+        """Return the belief after recognised landmarks, processed one after the other.
 
         Args:
-            floor: m and rad that a pose is never surer than.
+            sightings: each computed from the pose after the previous ones.
+            floor: smallest standard deviations of a pose, in m and rad.
         """
         mean, spread = self.mean, self.spread
         for sighting in sightings:
@@ -151,12 +152,12 @@ class Belief:
 
 
 def of_numbers(numbers: Sequence[float]) -> Belief | None:
-    """The belief that has these numbers; None if they are no mean and covariance of a robot's."""
+    """Return the belief with these `Belief.numbers`, or None if they are not a valid mean and covariance."""
     if len(numbers) != NUMBERS or not all(math.isfinite(value) for value in numbers):
         return None
     mean, spread = np.array(numbers[:COUNT]), np.zeros((COUNT, COUNT))
     for (i, j), value in zip(UPPER, numbers[COUNT:], strict=True):
         spread[i, j] = spread[j, i] = value
     own = np.diag(spread)
-    # Rounding may leave a little too much beside the diagonal.
+    # Tolerance for rounding errors off the diagonal.
     return Belief(mean, spread) if np.all(own > 0) and np.all(spread**2 <= 1.0001 * np.outer(own, own)) else None

@@ -1,7 +1,7 @@
-"""How sure a pose is, and what follows for one landmark: where it may be, whether a match fits, what a match tells.
+"""Covariance of a pose, and what follows for a landmark: uncertainty of its place, misfit of a match, correction.
 
-A pose that is off by (dx, dy, turn) puts a landmark seen at offset (ox, oy) off by (dx - oy turn, dy + ox turn). That
-is linear, so that three numbers and their covariance are all that a robot needs.
+If the pose is off by (dx, dy, turn), a landmark seen at offset (ox, oy) is off by (dx - oy turn, dy + ox turn). This is
+linear, so the mean and covariance of three numbers are enough.
 """
 
 from __future__ import annotations
@@ -17,32 +17,32 @@ from phalanx.mission.angles import wrap
 
 
 class Sight(NamedTuple):
-    """How exactly a landmark is seen and drawn in the map; standard deviations."""
+    """Standard deviations of an observed landmark relative to its place in the map."""
 
-    place_m: float  # of its place, near by
-    per_m: float  # and so much more for every metre that it is away
+    place_m: float  # of its place, at distance 0
+    per_m: float  # added for each metre of distance
     turn_rad: float  # of its orientation
 
 
 class Sighting(NamedTuple):
-    """A landmark as it was seen, and as it truly is; map frame."""
+    """A seen landmark matched to its true place; map frame."""
 
-    seen_x_m: float  # as the pose before put it
+    seen_x_m: float  # place seen, computed from the pose before the correction
     seen_y_m: float
-    x_m: float  # where it is
+    x_m: float  # true place
     y_m: float
-    turn_rad: float  # from the orientation seen to the true one; NaN without one
+    turn_rad: float  # from the seen orientation to the true one; NaN without orientation
 
 
 def pose_spread(spread: tuple[float, ...]) -> F64x2:
-    """(3, 3) covariance of x, y and heading from its upper triangle, row by row."""
+    """Return the (3, 3) covariance of x, y and heading from its upper triangle, row by row."""
     xx, xy, xt, yy, yt, tt = spread
-    return np.array((xx, xy, xt, xy, yy, yt, xt, yt, tt), np.float64).reshape(3, 3)  # flat, it is read faster
+    return np.array((xx, xy, xt, xy, yy, yt, xt, yt, tt), np.float64).reshape(3, 3)  # faster from a flat tuple
 
 
 @kernel
 def not_surer(spread: F64x2, place_m: float, turn_rad: float) -> F64x2:
-    """The spread, nowhere smaller than a map allows: the same landmark seen twice errs twice the same way."""
+    """Return the covariance with at least these standard deviations, as sightings of one landmark share its error."""
     sure = spread.copy()
     for i in range(2):
         sure[i, i] = max(sure[i, i], place_m * place_m)
@@ -52,7 +52,7 @@ def not_surer(spread: F64x2, place_m: float, turn_rad: float) -> F64x2:
 
 @kernel
 def doubt_of(spread: F64x2, ox: float, oy: float, sight: Sight) -> tuple[float, float, float]:
-    """(along x, along y, at most) standard deviations of where a landmark is that is seen at an offset.
+    """Return the standard deviations of the place of a landmark seen at an offset: (along x, along y, largest).
 
     Args:
         spread: (3, 3) covariance of x, y in metres and the heading in radians.
@@ -71,7 +71,7 @@ def doubt_of(spread: F64x2, ox: float, oy: float, sight: Sight) -> tuple[float, 
 
 @kernel
 def _gain(spread: F64x2, ox: float, oy: float, sight: Sight, oriented: bool) -> tuple[F64x2, F64x2, F64x2]:
-    """(H, S inverted, P H^T) for a landmark at an offset; without an orientation its row says nothing."""
+    """Return (H, inverse of S, P H^T) for a landmark at an offset; the row of a missing orientation is 0."""
     h = np.zeros((3, 3))
     h[0, 0], h[1, 1], h[0, 2], h[1, 2] = 1.0, 1.0, -oy, ox
     if oriented:
@@ -94,7 +94,7 @@ def _gain(spread: F64x2, ox: float, oy: float, sight: Sight, oriented: bool) -> 
 
 @kernel
 def inverse(s: F64x2) -> F64x2:
-    """Of a symmetric, positive (3, 3)."""
+    """Return the inverse of a symmetric, positive definite (3, 3) matrix."""
     a = s[1, 1] * s[2, 2] - s[1, 2] * s[1, 2]
     b = s[0, 2] * s[1, 2] - s[0, 1] * s[2, 2]
     c = s[0, 1] * s[1, 2] - s[0, 2] * s[1, 1]
@@ -110,7 +110,7 @@ def inverse(s: F64x2) -> F64x2:
 
 @kernel
 def misfit(spread: F64x2, x_m: float, y_m: float, sighting: Sighting, sight: Sight) -> float:
-    """How badly a match fits: the square of its Mahalanobis distance, of 3 degrees of freedom, of 2 if not oriented."""
+    """Return the squared Mahalanobis distance of a match: 3 degrees of freedom, 2 without orientation."""
     oriented = not np.isnan(sighting.turn_rad)
     ox, oy = sighting.seen_x_m - x_m, sighting.seen_y_m - y_m
     _, s, _ = _gain(spread, ox, oy, sight, oriented)
@@ -123,12 +123,12 @@ def misfit(spread: F64x2, x_m: float, y_m: float, sighting: Sighting, sight: Sig
 
 @kernel
 def corrected(mean: F64x1, spread: F64x2, sighting: Sighting, sight: Sight) -> tuple[F64x1, F64x2]:
-    """(mean, spread) after a match; of a pose, or of a pose and more that is correlated with it.
+    """Return (mean, covariance) after a match, of a pose or of a pose and further correlated values.
 
     Args:
-        mean: (n,) x, y, heading and whatever else, n of 3 or more.
-        spread: (n, n) its covariance.
-        sighting: as `mean` puts what was seen.
+        mean: (n,) x, y, heading and further values, n at least 3.
+        spread: (n, n) covariance of `mean`.
+        sighting: computed from the pose in `mean`.
     """
     n = len(mean)
     oriented = not np.isnan(sighting.turn_rad)

@@ -1,1 +1,1 @@
-"""Living a mission: the search, what is found, the instruction in force, and the state that auditors replay."""
+"""Execute a mission: search for the next node, check matches, give instructions; auditors replay the state."""

@@ -1,6 +1,6 @@
-"""Cells, compiled: the one that a seen thing falls into, and the search around it, with a memory.
+"""Kernels for cells: the cell that a seen landmark falls into, and the hash search in the cells around it.
 
-What was searched before (searched.py) changes how long a search takes, never what it finds or how many tries it counts.
+Remembered searches (searched.py) change how long a search takes, never what it finds or how many tries it counts.
 """
 
 from __future__ import annotations
@@ -18,46 +18,46 @@ from phalanx.mission.pose.spread import Sight, doubt_of
 
 from .searched import RINGS_MOST, SPIRAL, Known, Numbers, keep, keep_tiles, row_of, untried
 
-CELL_LIMIT = 1 << 30  # cells from the origin: further away is nonsense, and would not fit
+CELL_LIMIT = 1 << 30  # largest cell number: larger ones are implausible and would not fit the encoding
 
 Steps = tuple[float, float, float, float]
 
 
 class Groups(NamedTuple):
-    """Shapes that are searched together, as kernel arrays."""
+    """Groups of node aliases whose cells have the same offset, as kernel arrays."""
 
-    rows: F64x2  # (m, 5) offset of the cells, and the reach in 0.1 m from which things count, or 0
-    targets: U64x2  # (t, 4) digests, those of a group together and sorted
-    ends: I64x1  # (m + 1,) group g has those from ends[g] to ends[g + 1]
+    rows: F64x2  # (m, 5) offset of the cells, and the largest distance to a landmark in 0.1 m, or 0 for any
+    targets: U64x2  # (t, 4) digests, sorted within each group
+    ends: I64x1  # (m + 1,) group g has the targets from ends[g] to ends[g + 1]
 
 
 class Doubt(NamedTuple):
-    """How sure the robot is of its pose, and how far it searches for that."""
+    """Uncertainty of the robot's pose, and limits of the search that follow from it."""
 
-    x_m: float  # where it believes to be
+    x_m: float  # estimated position
     y_m: float
-    spread: F64x2  # (3, 3)
+    spread: F64x2  # (3, 3) covariance of x, y, heading
     sight: Sight
     sigmas: float
     tolerance_m: float
 
 
 class Message(NamedTuple):
-    """Message to hash in 8-byte words with SHA3 padding; zeros where x, y, bin and area go."""
+    """Message to hash, in 8-byte words with SHA3 padding, with zeros in place of x, y, bin and area."""
 
     template: U64x1
-    word: int  # where x begins
-    shift: int  # by so many bits
+    word: int  # index of the word in which x begins
+    shift: int  # bits by which x is shifted in this word
 
 
 class Shapes(NamedTuple):
-    """Shapes of which nothing but a place goes into the hash, with what they are searched among: one call for all."""
+    """Shapes whose hash depends on a place only, and the groups to search them in: one kernel call for all."""
 
-    asks: I64x2  # (s, 3) kind of the landmark, or OWN for the robot's own place; whether its orientation, its area
-    at: I64x2  # (s, 3) bins, and of the message: the word where x begins, by so many bits
-    lanes: I64x2  # (s, m) of each group
+    asks: I64x2  # (s, 3) kind of the landmark, or OWN for the robot's position; 1 if it has an orientation, an area
+    at: I64x2  # (s, 3) number of bins; `word` and `shift` of the Message
+    lanes: I64x2  # (s, m) first lane of each group
     templates: U64x2  # (s, w) messages
-    # As in `Groups` and `Known`
+    # Fields of `Groups` and `Known`
     rows: F64x2
     targets: U64x2
     ends: I64x1
@@ -69,14 +69,14 @@ class Shapes(NamedTuple):
 pack = bundled(Shapes)
 OWN = -1
 
-# So many rings are searched, or more; what is kept of earlier searches is kept for each.
+# Numbers of rings to search: a wanted number is rounded up to one of these, and each has its own memory of searches.
 RINGS = (0, 1, 2, 3, 5, 7, 10, 14, 20, 28, RINGS_MOST)
 BIN_STEPS = (0, 1, -1)
 
 
 @kernel
 def _number(value: float, offset: float, step: float) -> int:
-    # rint rounds halves to even, on every machine and as `round` does.
+    # rint rounds halves to even on every machine, as `round` does.
     return int(np.rint((value - offset) / step))
 
 
@@ -84,12 +84,12 @@ def _number(value: float, offset: float, step: float) -> int:
 def numbers_of(
     x_m: float, y_m: float, turn_rad: float, area_m2: float, offset: Steps, steps: Steps, bins: int
 ) -> Numbers:
-    """(x, y, bin, area) of the cell of a thing; -1 where it has no orientation or no area, which is NaN.
+    """Return (x, y, bin, area) of a landmark's cell; bin or area is -1 if the orientation or the area is NaN.
 
     Args:
-        offset: of the cells: metres, metres, radians, square metres.
-        steps: from one cell to the next: metres, metres, radians, square metres.
-        bins: in a full turn, or in half of one.
+        offset: offset of the cells: metres, metres, radians, square metres.
+        steps: size of a cell: metres, metres, radians, square metres.
+        bins: number of bins in a full turn, or in half a turn for symmetric landmarks.
     Source: Encoded graphs §IV-A.
     """
     x, y = _number(x_m, offset[0], steps[0]), _number(y_m, offset[1], steps[1])
@@ -103,17 +103,17 @@ def numbers_of(
 
 @kernel
 def level_of(thing: F64x1, place: bool, steps: Steps, doubt: Doubt) -> int:
-    """Return the level of RINGS that is searched around a thing's cell.
+    """Return the index into RINGS for the search around a landmark's cell.
 
     Args:
         thing: (4,) x, y, orientation and area.
-        place: it is the robot's own place, and no landmark.
+        place: True for the robot's own position, False for a landmark.
     """
     ox, oy = thing[0] - doubt.x_m, thing[1] - doubt.y_m
     _, _, most = doubt_of(doubt.spread, ox, oy, doubt.sight)
     if place:
         most = math.sqrt(max(doubt.spread[0, 0], doubt.spread[1, 1]))
-    # What is in the middle of its cell is so many cells away at most, from wherever in a cell it was seen.
+    # The encoded landmark is in the middle of its cell, the seen one anywhere in its cell: add half a cell.
     wanted = int(np.ceil(min(doubt.sigmas * most, doubt.tolerance_m) / steps[0] + 0.5)) - 1
     level = 0
     while level + 1 < len(RINGS) and RINGS[level] < wanted:
@@ -123,7 +123,7 @@ def level_of(thing: F64x1, place: bool, steps: Steps, doubt: Doubt) -> int:
 
 @kernel
 def bins_beside(turn_rad: float, offset_rad: float, step_rad: float, doubt: Doubt) -> tuple[bool, bool]:
-    """Return whether the next bin of an orientation may be meant, and whether the one before may."""
+    """Return (True if the orientation may truly be in the next bin, True if in the previous one)."""
     if np.isnan(turn_rad):
         return False, False
     turn = (turn_rad - offset_rad) / step_rad
@@ -147,16 +147,16 @@ def search_cells(  # noqa: C901  # a kernel is one function
     left: int,
     message: Message,
 ) -> tuple[int, int, int, Numbers, int]:
-    """(pair, row of the targets, tries left, cell, next pair) of the next match, looked for around cell after cell.
+    """Search around cell after cell; return (pair, row of the targets, tries left, cell, next pair) of the next match.
 
-    What is found to have nothing around it is remembered, and not searched again; its tries are spent all the same.
+    Cells without a match around them are remembered and not searched again, but their tries are counted all the same.
 
     Args:
         first: pair to begin with; pair k is thing k // 3 // groups, group k // 3 % groups, and bin step k % 3.
         things: (n, 4) x, y, orientation and area, NaN where there is none.
-        place: they are the robot's own place, and no landmarks.
-        lanes: (m,) the first lane of each group; those for further levels of RINGS follow.
-    Returns: pair -1 where nothing more is found, by all pairs or by what tries there are.
+        place: True if `things` are the robot's own position, False for landmarks.
+        lanes: (m,) first lane of each group; the lanes for higher indices into RINGS follow it.
+    Returns: pair is -1 if there is no further match, or if no tries are left.
     """
     rows, table = groups.rows, known.table
     trial = np.empty_like(message.template)
@@ -181,7 +181,7 @@ def search_cells(  # noqa: C901  # a kernel is one function
         turn = thing[2] + step * steps[2]
         numbers = numbers_of(thing[0], thing[1], turn, thing[3], offset, steps, bins)
         own = lanes[g] + level
-        # With fewer tries left a search has fewer rings, and is another one.
+        # With few tries left the search covers fewer rings; such a search is not remembered.
         rings = min(wanted, (int(math.sqrt(left)) + 1) // 2)
         if rings == wanted and table[row_of(table, own, numbers), 0] != 0:
             left -= (2 * rings + 1) * (2 * rings + 1)
@@ -207,12 +207,12 @@ def search_cells(  # noqa: C901  # a kernel is one function
 def search_shapes(
     begin: tuple[int, int], shapes: Shapes, seen: F64x2, doubt: Doubt, steps: Steps, left: int
 ) -> tuple[int, int, int, int, int, Numbers, int]:
-    """(shape, thing seen, pair, row of the targets, tries left, cell, next pair) of the next match of any shape.
+    """Return (shape, landmark, pair, row of the targets, tries left, cell, next pair) of the next match of any shape.
 
     Args:
-        begin: shape and pair to begin with.
+        begin: shape and pair to start with.
         seen: (k, 5) kind, x, y, orientation and area of landmarks, NaN where there is none.
-    Returns: shape -1 where nothing more is found. The rest is as `search_cells` has it.
+    Returns: shape is -1 if there is no further match; landmark is a row of `seen`; others as in `search_cells`.
     """
     first, pair = begin
     groups, known = Groups(shapes.rows, shapes.targets, shapes.ends), Known(shapes.table, shapes.tiles, shapes.used)
@@ -244,7 +244,7 @@ def search_shapes(
 
 @kernel
 def _put(trial: U64x1, message: Message, six: np.uint64) -> None:
-    """Six bytes, behind the eight of x and y: bin and area."""
+    """Write bin and area, six bytes, after the eight bytes of x and y."""
     shift = np.uint64(message.shift)
     trial[message.word + 1] ^= six << shift
     if shift > np.uint64(16):

@@ -1,4 +1,4 @@
-"""Landmarks where they truly are, as arrays: which of them a thing in sight may be is asked of all in one call."""
+"""Known landmarks at their true places, as arrays, to match all landmarks in sight in one kernel call."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from phalanx.mission.angles import PI, wrap_rad_kernel
 from phalanx.mission.observable import HALF_TURN_TYPES, LANDMARK_TYPES, Experience, Landmark, rows_of
 from phalanx.mission.pose.spread import Sight, Sighting, misfit, pose_spread
 
-# The square of a Mahalanobis distance that one match in twenty exceeds, by degrees of freedom.
+# Squared Mahalanobis distance that one true match in twenty exceeds, for 2 and 3 degrees of freedom.
 MISFIT_2, MISFIT_3 = 6.0, 7.8
 KIND, X, Y, TURN, TEXT = range(5)
-# Of a landmark without a text, and of one with a text that is nobody's here.
+# Number of the text of a landmark without a text, and of one with a text that no known landmark has.
 NO_TEXT, OTHER_TEXT = -1, -2
 _HALF_TURN = np.array([kind in HALF_TURN_TYPES for kind in LANDMARK_TYPES])
 
@@ -24,15 +24,15 @@ class Chart:
     """Known landmarks.
 
     Attributes:
-        landmarks: where they truly are.
-        nodes: of each, the node that it belongs to; none of those that belong to no mission.
-        rows: (n, 5) as `rows_of` has them, but for the number of the text instead of the area.
+        landmarks: at their true places.
+        nodes: node of each landmark; empty if they belong to no mission.
+        rows: (n, 5) from `rows_of`, with the number of the text in place of the area.
     """
 
     def __init__(self, landmarks: Iterable[Landmark], nodes: Iterable[int] = ()) -> None:
         self.landmarks, self.nodes = tuple(landmarks), tuple(nodes)
-        told = dict.fromkeys(known.text for known in self.landmarks if known.text is not None)
-        self._texts: dict[str | None, int] = {None: NO_TEXT} | {text: i for i, text in enumerate(told)}
+        texts = dict.fromkeys(known.text for known in self.landmarks if known.text is not None)
+        self._texts: dict[str | None, int] = {None: NO_TEXT} | {text: i for i, text in enumerate(texts)}
         self.rows = self._of(self.landmarks)
 
     def _of(self, landmarks: Sequence[Landmark]) -> F64x2:
@@ -41,7 +41,7 @@ class Chart:
         return rows
 
     def fitting(self, seen: Experience, sight: Sight, within_m: float) -> list[list[int]]:
-        """Of each landmark in sight the numbers of the known ones that it may be: near it, and turned the same way."""
+        """Return, for each landmark in sight, the indices of the known landmarks that match it in place and heading."""
         found: list[list[int]] = [[] for _ in seen.landmarks]
         if found and self.landmarks:
             place, spread = (float(seen.x_m), float(seen.y_m)), pose_spread(seen.spread)
@@ -52,10 +52,10 @@ class Chart:
 
 @kernel
 def rotation_between(truth_rad: float, seen_rad: float, half: bool) -> float:
-    """By how much an orientation that was seen must be turned to be the true one; NaN without one of them.
+    """Return the turn from the seen orientation to the true one; NaN if one of them is NaN.
 
     Args:
-        half: they count modulo half a turn.
+        half: orientations count modulo half a turn.
     """
     turn = wrap_rad_kernel(truth_rad - seen_rad) if not np.isnan(truth_rad - seen_rad) else np.nan
     return turn - PI * np.floor(turn / PI + 0.5) if half else turn
@@ -71,7 +71,7 @@ def max_misfit(turn_rad: float) -> float:
 def _fitting(
     seen: F64x2, known: F64x2, place: tuple[float, float], spread: F64x2, sight: Sight, within_m: float
 ) -> I64x2:
-    """(m, 2) rows of things seen, each with that of a known thing that it may be."""
+    """Return (m, 2) pairs of row indices: a landmark seen, and a known landmark that it may be."""
     pairs = np.empty((len(seen) * len(known), 2), np.int64)
     count = 0
     for i in range(len(seen)):
@@ -93,9 +93,9 @@ def may_match(
     sight: Sight,
     within_m: float,
 ) -> bool:
-    """Return whether a thing seen may be a known one, whatever is written on them."""
+    """Return True if a landmark seen may be a known one by type, place and orientation; texts are not compared."""
     dx, dy = known[j, X] - seen[i, X], known[j, Y] - seen[i, Y]
-    # Nearly all end here.
+    # Rejects nearly all pairs.
     if not -within_m <= dx <= within_m or known[j, KIND] != seen[i, KIND]:
         return False
     if dx * dx + dy * dy > within_m * within_m:

@@ -1,7 +1,7 @@
-"""A walk's state as bytes: what goes into a robot's checkpoint, which other robots read.
+"""Encode the state of a mission in progress for a robot's checkpoint, which other robots read.
 
-No gate, no secret and no proof of a visit is among them, nor a reading: where the robot has been, which ways lead on
-from there, and what it is about. One state has one spelling. The layout is tabled in docs/spec/mission.md.
+The bytes hold the decoded nodes, the ways from them and the present target, but no gate, secret, proof of a visit or
+sensor reading. Each state has one encoding. docs/spec/mission.md has the layout.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _MOST_MAP_M, _MOST = 1e6, 1e9
 
 
 def encode_state(mission: EncodedMission, state: State) -> bytes:
-    """The state without its keyring. Source: docs/spec/mission.md (Under audit)."""
+    """Return the bytes of a state, without its keyring. Source: docs/spec/mission.md (Under audit)."""
     along = (state.t_s, number_or_nan(state.since_s), state.fixed_at_m, state.left_at_m, *state.pulled_m, state.round)
     ends = (NOBODY if node is None else node for node in (state.at, state.target))
     out = [table.WALK.form.pack(_PHASES.index(state.phase), *ends, *along)]
@@ -54,13 +54,13 @@ def encode_state(mission: EncodedMission, state: State) -> bytes:
 
 
 def parse_state(mission: EncodedMission, reader: Reader) -> State:
-    """The state that comes next, with an empty keyring.
+    """Parse the state at the reader's position; its keyring is empty.
 
-    Raises: MalformedMission: no walk of this mission can be in it.
+    Raises: MalformedMission: not a possible state of this mission.
     """
     phase, at, target, t_s, since_s, fixed_at_m, left_at_m, *pulled_m, round_ = reader.unpack(table.WALK)
     if phase >= len(_PHASES) or not (math.isfinite(t_s) or t_s == -math.inf):
-        raise MalformedMission("a walk in no phase, or at no time")
+        raise MalformedMission("a state with an unknown phase or an invalid time")
     _finite(fixed_at_m, left_at_m, *pulled_m)
     _finite(number_or_none(since_s) or 0.0, below=LONGEST_S)
     count = len(mission.nodes)
@@ -75,7 +75,7 @@ def parse_state(mission: EncodedMission, reader: Reader) -> State:
     others = [_node(mission, reader.number(table.OF_NODE)) for _ in range(_count(reader, count))]
     heard = tuple(reader.behind(table.COUNT_U8) for _ in range(reader.number(table.COUNT_U8)))
     if any(len(message) > DIGEST_BYTES for message in heard):
-        raise MalformedMission("a message longer than any that is kept")
+        raise MalformedMission(f"a message longer than {DIGEST_BYTES} bytes")
     state = State(
         phase=_PHASES[phase],
         at=None if at == NOBODY else at,
@@ -93,20 +93,20 @@ def parse_state(mission: EncodedMission, reader: Reader) -> State:
         heard=heard,
     )
     if state.at is not None and state.at not in opened:
-        raise MalformedMission("a walk at a node that it has not opened")
+        raise MalformedMission("a state at a node that is not decoded")
     return state
 
 
 def state_capacity(mission: EncodedMission, config: MissionConfig, pool: tuple[Action, ...]) -> int:
-    """The longest that a state of this mission gets, in bytes; without what other robots report, and codes' texts.
+    """Return the maximum length of an encoded state in bytes, without reports of other robots and texts of QR codes.
 
     Args:
-        pool: actions it can do, of which a way may need one.
+        pool: actions of the robot; each way may need one.
     """
     longest = max([len(action_bytes(action)) for action in pool], default=0)
 
     def node_bytes(node: NodeRecord) -> int:
-        # What is told of the ways fits into the sealed payload that tells it.
+        # The actions of the ways come from the sealed payload, so they are no longer than it.
         actions = longest * len(node.ways) if mission.header.profile is Profile.PAPER else len(node.payload)
         ways = (table.WALK_LENGTH.size + table.WALK_BLOCKED.size + table.WALK_WAY.size) * len(node.ways)
         return table.WALK_NODE.size + table.WALK_LANDMARK.size + ways + actions
@@ -124,7 +124,7 @@ def _known(mission: EncodedMission, node: int, known: Known) -> bytes:
         turn = number_or_nan(landmark.orientation_rad)
         text = (landmark.text or "").encode()
         if len(text) > 0xFFFF:
-            raise UsageError("a code of more than 65535 bytes", "a shorter one")
+            raise UsageError("a QR code of more than 65535 bytes", "use a shorter text")
         out.append(table.WALK_LANDMARK.form.pack(landmark.x_m, landmark.y_m, turn, landmark.apart_m, len(text)) + text)
     for way in known.ways:
         sectors = mission.header.coding.sectors
@@ -138,7 +138,7 @@ def _parse_known(mission: EncodedMission, reader: Reader) -> tuple[int, Known]:
     node, alias, x_m, y_m, kind = reader.unpack(table.WALK_NODE)
     record = mission.nodes[_node(mission, node)]
     if alias >= len(record.aliases):
-        raise MalformedMission("an alias that is not there")
+        raise MalformedMission("a node without the given alias")
     place = None if math.isnan(x_m) else (float(x_m), float(y_m))
     if place is not None:
         _finite(*place)
@@ -148,12 +148,12 @@ def _parse_known(mission: EncodedMission, reader: Reader) -> tuple[int, Known]:
 
 def _parse_landmark(kind: int, reader: Reader) -> Landmark:
     if kind >= len(LANDMARK_TYPES):
-        raise MalformedMission("a landmark of no type")
+        raise MalformedMission("a landmark of an unknown type")
     x_m, y_m, turn, apart_m, length = reader.unpack(table.WALK_LANDMARK)
     _finite(x_m, y_m, number_or_none(turn) or 0.0, below=_MOST_MAP_M)
     text = text_of(reader.take(length))
     if math.isnan(apart_m):
-        raise MalformedMission("a landmark apart from nothing")
+        raise MalformedMission("a landmark without a distance to its next look-alike")
     return Landmark(LANDMARK_TYPES[kind], x_m, y_m, number_or_none(turn), None, text or None, apart_m)
 
 
@@ -163,7 +163,7 @@ def _parse_ways(mission: EncodedMission, record: NodeRecord, reader: Reader) -> 
         sector, length = reader.unpack(table.WALK_WAY)
         action = reader.take(length)
         if sector >= sectors and sector != NO_SECTOR:
-            raise MalformedMission("a direction in no sector")
+            raise MalformedMission("a direction in an unknown sector")
         direction = None if sector == NO_SECTOR else wrap_rad(sector * TWO_PI / sectors)
         yield OpenWay(way.target, direction, parse_action(action) if action else None)
 
@@ -171,22 +171,22 @@ def _parse_ways(mission: EncodedMission, record: NodeRecord, reader: Reader) -> 
 def _count(reader: Reader, limit: int) -> int:
     count = reader.number(table.COUNT_U32)
     if count > limit:
-        raise MalformedMission(f"{count} of what there are {limit}")
+        raise MalformedMission(f"{count} items, at most {limit}")
     return count
 
 
 def _node(mission: EncodedMission, node: int) -> int:
     if node >= len(mission.nodes):
-        raise MalformedMission("a node that is not there")
+        raise MalformedMission(f"no node {node}")
     return node
 
 
 def _way(mission: EncodedMission, source: int, target: int) -> tuple[int, int]:
     if not any(way.target == target for way in mission.nodes[_node(mission, source)].ways):
-        raise MalformedMission("a way that is not there")
+        raise MalformedMission(f"no way from node {source} to {target}")
     return source, target
 
 
 def _finite(*values: float, below: float = _MOST) -> None:
     if not all(abs(value) < below for value in values):
-        raise MalformedMission("a number that no walk comes to")
+        raise MalformedMission("a number out of range")

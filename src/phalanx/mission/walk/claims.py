@@ -1,8 +1,8 @@
-"""Claims: how an auditor checks a decode without the search, and without learning what the node opens.
+"""Claims: let an auditor check a decode without repeating the search, and without learning the gates behind the node.
 
-A robot that says it decoded a node shows what it hashed. One hash or one KDF tells whether that opens the node; whether
-the reading that the robot kept shows it is told by making the same canonical bytes from the reading again. A robot can
-pretend not to have seen a landmark; it cannot pretend to have seen one.
+A robot that decoded a node shows the bytes that it hashed. The auditor checks with one hash or KDF that they open the
+node, and makes the same canonical bytes again from the logged sensor reading. So a robot can pretend not to have seen a
+landmark, but cannot pretend to have seen one.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ CLAIM_LIMIT = 16_384
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """A decoded node, as an auditor is shown it."""
+    """Evidence for an auditor that a node was decoded."""
 
     node: int
     alias: int
     shape: Shape
-    offset: Offset  # of the cells; another than the compiler's opens nothing
+    offset: Offset  # of the cells; only the compiler's offset opens the node
     cell: Cell
     observed: bytes  # the canonical bytes that were hashed
-    salt: bytes = b""  # of the KDF (sealed profile); says nothing about the gate that it was made of
+    salt: bytes = b""  # of the KDF (sealed profile); reveals nothing about the gate that it was derived from
 
     def encode(self) -> bytes:
-        """As sent to an auditor."""
+        """Return the bytes to send to an auditor."""
         head = (self.node, self.alias, self.shape.code, *self.offset, *self.cell, len(self.salt))
         return CLAIM.form.pack(*head) + self.salt + self.observed
 
 
 def parse_claim(raw: bytes) -> Claim:
-    """The claim in these bytes, of whatever robot sent them. Raises: TooLarge, MalformedMission."""
+    """Parse a claim from untrusted bytes. Raises: TooLarge, MalformedMission."""
     if len(raw) > CLAIM_LIMIT:
         raise TooLarge(f"{len(raw)} bytes of claim, limit {CLAIM_LIMIT}")
     reader = Reader(raw)
@@ -54,20 +54,20 @@ def parse_claim(raw: bytes) -> Claim:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A match."""
+    """A match of the search."""
 
-    claim: Claim  # which alias of which node, and what it was made of
-    seen: Landmark | None = None  # the landmark as it was seen
+    claim: Claim  # node, alias, and the hashed bytes
+    seen: Landmark | None = None  # the landmark as seen
     action: Action | None = None
-    key: bytes = b""  # what opens the node (sealed profile)
+    key: bytes = b""  # opens the node (sealed profile)
 
 
 class Unshown(PeerError):
-    """A robot claims what its reading, its way so far, or the mission's file does not bear out."""
+    """The robot's reading, its state or the mission file does not support its claim."""
 
 
 def unlock(mission: EncodedMission, claim: Claim) -> bytes | None:
-    """Try to unlock the node with the claim, by one hash or KDF: a key (sealed), b"" (paper), or None."""
+    """Try to unlock the node with one hash or KDF; return its key (sealed), b"" (paper), or None if it fails."""
     if not 0 <= claim.node < len(mission.nodes) or not 0 <= claim.alias < len(mission.nodes[claim.node].aliases):
         return None
     alias = mission.nodes[claim.node].aliases[claim.alias]
@@ -86,21 +86,21 @@ def shows(
     heard: tuple[bytes, ...] = (),
     released: bytes = b"",
 ) -> Found | None:
-    """The match, without its key, that a search in this experience would have come upon; None if it would not.
+    """Return the match, without its key, that a search in this experience would find for the claim, or None.
 
     Args:
-        seen: made from the reading that the robot kept.
-        heard: messages that had come (paper profile).
-        released: H of the node before, for chained nodes (paper profile).
+        seen: made from the logged reading.
+        heard: messages received so far (paper profile).
+        released: hash H of the previous node, for chained nodes (paper profile).
     """
     coding = mission.header.coding
     if not _is_offset(coding, claim.offset) or not 0 <= claim.node < len(mission.nodes):
         return None
     shape, is_paper = claim.shape, mission.header.profile is Profile.PAPER
     doubt = doubt_in(config, seen)
-    said = heard if is_paper else (b"",) * shape.messages
+    messages = heard if is_paper else (b"",) * shape.messages
     reach_dm = mission.nodes[claim.node].reach_dm
-    for variant, at in placed(shape, coding, seen, said, claim.offset, reach_dm):
+    for variant, at in placed(shape, coding, seen, messages, claim.offset, reach_dm):
         if shape.place and not is_around(shape, coding, doubt, variant.landmark, at, claim.offset, claim.cell):
             continue
         previous = released if shape.previous else None
@@ -110,9 +110,9 @@ def shows(
 
 
 def _is_offset(coding: CodingConfig, offset: Offset) -> bool:
-    """Return whether each part is at most half a cell, bin or step; a larger one would be an attacker's lever.
+    """Return True if each part of an offset is at most half a cell, bin or step.
 
-    Without it a robot could say of any orientation that it is in the bin that opens the node.
+    With a larger offset a compromised robot could move any orientation into the bin that opens the node.
     """
     place = max(abs(offset.x), abs(offset.y)) <= coding.delta_mm // 2 + 1
     orientation = abs(offset.orientation) * OFFSET_RAD <= coding.bin_rad / 2 + OFFSET_RAD

@@ -1,8 +1,8 @@
-"""Match several landmarks at once: among unsurveyed objects one may match by chance, several rarely do.
+"""Match several landmarks at once: one unsurveyed object may match by chance, several rarely do.
 
-The compiler tells how far a landmark is from the next thing that looks the same, of those that it knows. Of others a
-robot may know how close they stand in such a building, `strangers_per_m2`, and so how often some of them pass for all
-that it takes for known. Where a whole building is drawn there are none, and nothing here changes anything.
+The compiler stores how far each landmark is from the next surveyed one that looks the same. Unsurveyed objects have a
+configured density, `strangers_per_m2`, from which follows how often they match by chance. If the whole building is
+surveyed the density is 0, and this file changes no result.
 """
 
 from __future__ import annotations
@@ -32,25 +32,25 @@ from .fix import (
     unambiguous,
 )
 
-# What strangers pass for more often is not believed, nor what is not so much less likely than another explanation.
+# Reject a set of matches if its expected number of chance matches exceeds this, or this times that of a rival set.
 MISTAKEN = 1e-2
-# What is so near is of one piece, as two ends of a shelf: where the like of one stands, the like of the other does.
+# Landmarks closer than this belong to one object, as two ends of a shelf, and count as one piece of evidence.
 PIECE_M = 1.0
-# Of pairs of something seen and something known so many are looked at, the nearest.
+# Most pairs of a seen and a known landmark to examine, nearest first.
 PAIRS_MOST = 64
 
 
 def expected_chance_matches(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> float:
-    """How many sets of things that nobody surveyed pass for all of these matches, on the average; 0 without any.
+    """Return the expected number of sets of unsurveyed objects that would match as well; 0 if their density is 0.
 
-    They stand by chance (a Poisson process); each gate is what is left after the matches before.
+    The objects are a Poisson process. Each match must fall into the gate that the matches before it leave.
     """
-    often, told_of = float(config.strangers_per_m2 > 0.0), list[Landmark]()
+    often, counted = float(config.strangers_per_m2 > 0.0), list[Landmark]()
     for i, pair in enumerate(matches if often else ()):
         truth = pair[1]
-        if any(length_m(truth.x_m - other.x_m, truth.y_m - other.y_m) < PIECE_M for other in told_of):
+        if any(length_m(truth.x_m - other.x_m, truth.y_m - other.y_m) < PIECE_M for other in counted):
             continue
-        told_of.append(truth)
+        counted.append(truth)
         mean, spread, _ = fuse_matches(config, seen, matches[:i])
         x, y = moved_to_pose(seen, pair[0], mean)
         along_x, along_y, most = doubt_of(spread, x - float(mean[0]), y - float(mean[1]), sight_of(config))
@@ -60,10 +60,10 @@ def expected_chance_matches(config: MissionConfig, seen: Experience, matches: Se
 
 
 def constellation(config: MissionConfig, seen: Experience, pairs: Sequence[Match]) -> list[Match]:
-    """Those of the pairs that together can hardly be strangers, nor anything else that is known; none if none are.
+    """Return the set of pairs that is least likely to match by chance, or [] if no set is convincing.
 
     Args:
-        pairs: each thing seen with each known one that it may be.
+        pairs: each landmark in sight with each known landmark that it may be.
     """
     pairs = pairs[:PAIRS_MOST]
     sets = [_grown(config, seen, pair, pairs) for pair in pairs]
@@ -73,13 +73,13 @@ def constellation(config: MissionConfig, seen: Experience, pairs: Sequence[Match
     if not rated:
         return []
     often, best = rated[0]
-    # Sets that share a pair tell about the same pose.
+    # Sets that share a pair give about the same pose.
     rival = next((other for other, each in rated if not any(pair in best for pair in each)), 1.0)
     return best if often <= MISTAKEN * min(1.0, rival) else []
 
 
 def _grown(config: MissionConfig, seen: Experience, seed: Match, pairs: Sequence[Match]) -> list[Match]:
-    """The seed, and of the pairs what fits the pose that these tell, the best first."""
+    """Return the seed and the pairs that fit the pose it gives, added best first."""
     kept, left = [seed], list(pairs)
     while len(kept) < AGAIN_MOST:
         observed, truth = kept[-1]
@@ -93,7 +93,7 @@ def _grown(config: MissionConfig, seen: Experience, seed: Match, pairs: Sequence
 
 
 def fix_from_known(config: MissionConfig, seen: Experience, known: Chart) -> Fix | None:
-    """A fix from the nearest landmarks that the robot has decoded before and now sees again, or None."""
+    """Return a fix from the nearest landmarks that were decoded before and are in sight again, or None."""
     if is_sure(config, seen):
         return None
     matches = unambiguous(config, seen, agreeing(config, seen, known_in(config, seen, known)))
@@ -103,7 +103,7 @@ def fix_from_known(config: MissionConfig, seen: Experience, known: Chart) -> Fix
 
 
 def candidate_matches(config: MissionConfig, seen: Experience, known: Chart) -> list[Match]:
-    """Each landmark in sight with each known one that it may be; the nearest first."""
+    """Return each landmark in sight with each known landmark that it may be, nearest first."""
     return [
         (landmark, other)
         for landmark, candidate_matches in may_be_known(config, seen, known)

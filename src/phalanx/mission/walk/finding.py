@@ -1,7 +1,7 @@
-"""Which nodes may be found now, what a search comes upon, and which finds are believed.
+"""Determine which nodes may be decoded now, search for them, and decide which matches to accept.
 
-The search needs the robot's keyring. Checking what another robot says it found needs none: a hash or one KDF, the
-reading, and the same judgement. Both ask the same methods here, so that what is believed is also provable.
+The search needs the robot's keyring. An auditor's check of another robot's claim needs only the reading and one hash or
+KDF. Both apply the same rules, with the same methods, so that every accepted match can be proven.
 """
 
 from __future__ import annotations
@@ -47,30 +47,30 @@ from .search_paper import PaperSearch
 from .search_sealed import Candidate, search_sealed
 from .state import Keyring, Reason, State
 
-# An offset is in millimetres.
+# Tolerance for offsets, which are stored in millimetres.
 MIDDLE_M = 0.002
-Believed = tuple[Opened | None, Fix | None, Reason]  # why not, if nothing was opened
+Believed = tuple[Opened | None, Fix | None, Reason]  # the reason counts if no node was opened
 
 
 @dataclass(frozen=True, slots=True)
 class Find:
     """Result of a search."""
 
-    keys: Keyring  # with what was tried; a new node's gates are not among them yet
-    opened: Opened | None  # what was found, or None; then `reason` says why not
+    keys: Keyring  # with the failed tries; without the gates of a new node
+    opened: Opened | None  # the decoded node; if None, `reason` is set
     fix: Fix | None
     reason: Reason
-    trials: int  # hashes or KDFs
+    trials: int  # number of hashes or KDFs
 
 
 class _Decoded:
-    """Decoded nodes, indexed for the queries of every step.
+    """Caches for a set of decoded nodes.
 
     Attributes:
-        candidates: nodes that it may try, by its last node and its target.
-        gates: those open to whom `gazes` and `again` are made for.
-        gazes: what it looks for at a glance, by its last node and its target; None where a glance does not do.
-        again: known landmarks that it may have to find again as another node, likewise.
+        candidates: nodes to try, by (last node, target).
+        gates: the gates for which `gazes` and `again` are valid.
+        gazes: targets of the fast check, by (last node, target); None if the full search is needed.
+        again: indices of known landmarks that may be those of another node too, by (last node, target).
     """
 
     def __init__(self, opened: Mapping[int, Known]) -> None:
@@ -86,9 +86,10 @@ class Finder:
     """The search of one mission.
 
     Args:
-        key: the start key, or None: of a sealed mission without an open start nothing is found, only checked.
-        replays: nothing is to be found, so no key is needed.
-    Raises: UsageError: the key is missing. Altered: it is another mission's. MalformedMission: it makes no sense.
+        key: the start key; may be None for the paper profile and for an open start.
+        replays: claims are only checked, which needs no key.
+    Raises: UsageError: the key is missing. Altered: the key belongs to another mission. MalformedMission: the key is
+        invalid.
     """
 
     def __init__(self, mission: EncodedMission, key: StartKey | None, config: MissionConfig, *, replays: bool) -> None:
@@ -106,15 +107,15 @@ class Finder:
             if key.mission_id != mission.header.mission_id:
                 raise Altered("the start key belongs to another mission")
             if any(node >= len(mission.nodes) for node in key.gates):
-                raise MalformedMission("a start key for a node that is not there")
+                raise MalformedMission("a start key for a node that does not exist")
             self._gates = key.gates
         if not (replays or self._is_paper or self._gates):
-            raise UsageError("a sealed mission without its start key", "build wrote it beside the file")
+            raise UsageError("a sealed mission without its start key", "use the key file that build wrote beside it")
 
     def candidates(self, state: State) -> tuple[int, ...]:
-        """Nodes that the robot may try now: its target, and whatever else is still dark and has become possible.
+        """Return the nodes that the robot may decode now: its target, and reachable nodes that are not decoded.
 
-        Of those decoded before only the target counts, or two doors in view would take turns for ever.
+        Of the decoded nodes only the target is included, or two doors in view would be decoded in turn for ever.
         """
         known = self._decoded(state.opened)
         here = state.at, state.target
@@ -139,12 +140,12 @@ class Finder:
         )
 
     def tries_in_vain(self, state: State, seen: Experience) -> int | None:
-        """How many hashes find nothing, where a glance says so; None where somebody has to look."""
+        """Return the tries of the fast check if it rules out a find; None if the full search is needed."""
         if not isinstance(seen.landmarks, InSight):
             return None
         known, here = self._known(state), (state.at, state.target)
         if here not in known.gazes:
-            # What is searched although it is known takes somebody who looks.
+            # Known landmarks that must be searched again need the full search.
             known.gazes[here] = None if self._again(state) else self._search_target(state, known.chart)
         gaze, most = known.gazes[here], self.config.hash_tries
         if gaze is None:
@@ -153,15 +154,16 @@ class Finder:
         return None if left == NOBODY else most - left
 
     def _known(self, state: State) -> _Decoded:
+        """Return the caches for the decoded nodes and gates of a state."""
         known = self._decoded(state.opened)
         if known.gates is not state.keys.gates:
             known.gates, known.gazes, known.again = state.keys.gates, {}, {}
         return known
 
     def _again(self, state: State) -> frozenset[int]:
-        """Numbers of known landmarks that may be another node's too, which is still to be found.
+        """Return the indices of known landmarks that may also be the landmark of a node that is not decoded yet.
 
-        Where that is, is unknown. But one thing is in the middle of cells that are counted from one offset.
+        The place of that node is unknown. But its landmark lies in the middle of a cell of the node's offset.
         """
         known, here = self._known(state), (state.at, state.target)
         if here not in known.again:
@@ -179,7 +181,7 @@ class Finder:
         return known.again[here]
 
     def _same(self, state: State, claim: Claim) -> frozenset[int]:
-        """Numbers of known landmarks that are the thing claimed."""
+        """Return the indices of known landmarks at the place of a claim."""
         if claim.shape.place not in LANDMARK_PLACES:
             return frozenset()
         x, y, _ = middle_of(self.mission.header.coding, claim.offset, claim.cell)
@@ -195,18 +197,18 @@ class Finder:
             shapes, more = search.nothing(), []
             locks = [lock for node in nodes for lock in self._locks(state, node)]
             asked = [(lock.hint.shape, self.mission.nodes[lock.node].reach_dm) for lock in locks]
-        # Who searches twice, and for something else in between, has to count tries in that order.
+        # If several runs of shapes are packed, other shapes come between them, and tries must be counted in that order.
         return None if more else search_target_of(self.config, chart, state.target, search.steps, shapes, asked)
 
     def look(self, state: State, seen: Experience) -> Find:
-        """Return the result of the search."""
+        """Search in an experience and return the result."""
         budget, keys = Budget(self.config.hash_tries if self._is_paper else self.config.kdf_tries), state.keys
         opened, fix, reason = None, None, Reason.NOTHING_SENSED
         failed: set[bytes] = set()
         unconfirmed: dict[Match, Opened] = {}
         again = self._again(state)
         for found in self._found(state, self._unexplained(state, seen, again), failed, budget):
-            # A known node's, unless it is the very thing: as auditors ask.
+            # Skip a match with the landmark of a known node, unless it is the same object: auditors check this too.
             same = self._same(state, found.claim) if again else frozenset()
             if again and found.seen not in (None, *self._unexplained(state, seen, same).landmarks):
                 continue
@@ -216,7 +218,7 @@ class Finder:
         if opened is None and unconfirmed:
             opened, fix, reason = self._together(state, seen, unconfirmed)
         if opened is not None and opened.node not in state.opened:
-            keys = replace(keys, tried=frozenset())  # other gates, other tries
+            keys = replace(keys, tried=frozenset())  # a new node gives new gates, so other tries
         else:
             keys = keys.remember(failed, self.config.tried_limit)
         if reason is Reason.NOTHING_SENSED:
@@ -232,34 +234,35 @@ class Finder:
         return Find(state.keys, None, None, reason, tries)
 
     def check(self, state: State, seen: Experience, claim: Claim) -> tuple[Opened, Fix | None]:
-        """The node that a robot in this state says it found, opened, with its fix: one hash or one KDF.
+        """Check a robot's claim with one hash or KDF; return the opened node and the fix.
 
         Args:
-            seen: made from the reading that it kept.
-        Raises: Unshown: the robot may not have found it now, or has not seen it, or it opens nothing. Altered.
+            seen: made from the logged reading.
+        Raises: Unshown: the node is not a candidate, the reading does not show it, or the claim does not open it.
+            Altered: the mission file was changed.
         """
         clear = self._unexplained(state, seen, self._same(state, claim))
         if claim.node not in self.candidates(state):
-            raise Unshown("no way leads to the node claimed")
+            raise Unshown("the claimed node cannot be reached now")
         found = shows(self.mission, self.config, claim, clear, state.heard, self._released(state))
         if found is None:
-            raise Unshown("the reading does not show what is claimed")
+            raise Unshown("the reading does not show the claimed observables")
         if (key := unlock(self.mission, claim)) is None:
-            raise Unshown("the claim opens nothing")
+            raise Unshown("the claim does not open the node")
         opened, fix, reason = self._believe(state, seen, replace(found, key=key))
         if opened is None:
-            raise Unshown(f"a claim not to be believed: {reason.value}")
+            raise Unshown(f"the claim is rejected: {reason.value}")
         return opened, fix
 
     def chart(self, state: State) -> Chart:
-        """The landmarks that were decoded."""
+        """Return the landmarks of decoded nodes."""
         return self._decoded(state.opened).chart
 
     def _unexplained(self, state: State, seen: Experience, again: Container[int] = ()) -> Experience:
-        """Return the observation without landmarks that are too far off or belong to other nodes than the target.
+        """Return the experience without landmarks that are too far away or belong to decoded nodes except the target.
 
         Args:
-            again: numbers of known landmarks that may be another node's too.
+            again: indices of known landmarks to keep, as they may also be those of another node.
         """
         chart = self.chart(state)
         left = tuple(
@@ -280,12 +283,13 @@ class Finder:
         return search_sealed(self.mission, self.config, locks, seen, state.heard, state.keys.tried, failed, budget)
 
     def _released(self, state: State) -> bytes:
-        """Return the hash of the previous node that chained nodes need (paper profile)."""
+        """Return the hash of the last node, which chained nodes need (paper profile)."""
         if not self._is_paper or state.at is None:
             return b""
         return self.mission.nodes[state.at].aliases[state.opened[state.at].alias].mark
 
     def _locks(self, state: State, node: int) -> Iterator[Candidate]:
+        """Yield the aliases of a sealed node whose gate the robot holds."""
         gate, hints = self._gate(state, node)
         record = self.mission.nodes[node]
         if gate is not None and len(hints) == len(record.aliases):
@@ -293,7 +297,7 @@ class Finder:
                 yield Candidate(node, a, gate, hint)
 
     def keys_of(self, state: State, opened: Opened) -> Keyring:
-        """The state's keyring with what a node just opened released."""
+        """Return the state's keyring with the proof and gates of a newly opened node."""
         gate, _ = self._gate(state, opened.node)
         return state.keys.add(opened, gate, self.mission.header)
 
@@ -308,7 +312,7 @@ class Finder:
         return joined, shares[0].hints
 
     def _together(self, state: State, seen: Experience, unconfirmed: dict[Match, Opened]) -> Believed:
-        """One of several nodes that are believed together, though none is by itself, with the fix that all give."""
+        """Return a node of a set of matches that is accepted only as a whole, with the common fix."""
         matches = constellation(
             self.config, seen, [*unconfirmed, *candidate_matches(self.config, seen, self.chart(state))]
         )
@@ -326,10 +330,10 @@ class Finder:
     def _believe(
         self, state: State, seen: Experience, found: Found, unconfirmed: dict[Match, Opened] | None = None
     ) -> Believed:
-        """A found node opened, with its fix; or the reason not to believe it.
+        """Return the opened node of a match with its fix, or the reason to reject it.
 
         Args:
-            unconfirmed: takes what may be believed together with others.
+            unconfirmed: receives matches that may be accepted together with others.
         """
         try:
             opened = open_found(self.mission, found, seen)
@@ -347,7 +351,7 @@ class Finder:
             unconfirmed[observed, truth] = opened
         if is_ambiguous(self.config, seen, observed, truth):
             return None, None, Reason.AMBIGUOUS
-        # What is known and in sight has its say.
+        # Known landmarks in sight must agree.
         known = [pair for pair in known_in(self.config, seen, self.chart(state)) if pair[0] is not observed]
         matches = agreeing(self.config, seen, [(observed, truth), *known])
         if not any(pair[0] is observed for pair in matches):
@@ -361,6 +365,6 @@ class Finder:
 
 
 def _is_middle(coding: CodingConfig, offset: Offset, thing: Landmark) -> bool:
-    """Return whether a thing is in the middle of its cell, counted from an offset."""
+    """Return True if a landmark is in the middle of its cell with a given offset."""
     x, y, _ = middle_of(coding, offset, cell_of(coding, offset, thing.x_m, thing.y_m))
     return length_m(thing.x_m - x, thing.y_m - y) <= MIDDLE_M

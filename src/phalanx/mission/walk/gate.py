@@ -1,7 +1,7 @@
-"""Gates: what a robot must hold before it can try a node of the sealed profile at all, and what it may try.
+"""Gates: secrets that a robot needs before it can try to decode a node of the sealed profile, with hints what to try.
 
-A node's payload hands out the gates of the nodes after it; the gates of the first nodes travel in a start key, which
-goes to the robot over the link and is not in the file.
+A node's payload has the gates of the next nodes. The gates of the first nodes are in a start key, which is sent to the
+robot over the link and is not in the mission file.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ KEY_VERSION = 2
 
 @dataclass(frozen=True, slots=True)
 class Hint:
-    """Hint for one alias without its place: the shape to measure, and the offset of its cells."""
+    """Hint how to try one alias: the shape of the observables, and the offset of their cells, without the place."""
 
     shape: Shape
-    offset: Offset = Offset()  # noqa: RUF009  # a NamedTuple: nobody can change it
+    offset: Offset = Offset()  # noqa: RUF009  # an immutable NamedTuple
 
     def encode(self) -> bytes:
-        """As stored, and as what it opens is bound to."""
+        """Return the stored bytes, which also go into the KDF."""
         return table.HINT.form.pack(self.shape.code, *self.offset)
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Gate:
-    """One node's gate, or one share of it where several predecessors must agree; and a hint for each alias."""
+    """The gate of a node, or a share of it if several predecessors must be decoded; and a hint for each alias."""
 
     share: bytes
     hints: tuple[Hint, ...]
 
     def encode(self) -> bytes:
-        """As stored, always of the same length for the same number of aliases."""
+        """Return the stored bytes; their length depends only on the number of aliases."""
         return table.GATE.form.pack(self.share, len(self.hints)) + b"".join(hint.encode() for hint in self.hints)
 
     def __repr__(self) -> str:
@@ -48,7 +48,7 @@ class Gate:
 
 
 def parse_gate(reader: Reader) -> Gate:
-    """The gate that comes next. Raises: MalformedMission."""
+    """Parse a gate at the reader's position. Raises: MalformedMission."""
     share, count = reader.unpack(table.GATE)
     hints = []
     for _ in range(count):
@@ -58,20 +58,20 @@ def parse_gate(reader: Reader) -> Gate:
 
 
 def join_shares(shares: list[bytes]) -> bytes:
-    """The gate whose shares these are: their exclusive or."""
+    """Return the gate with these shares: their exclusive or."""
     return bytes(reduce(xor, each) for each in zip(*shares, strict=True))
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class StartKey:
-    """Secret that is not in the file: the gates of the first nodes, and the controllers' messages."""
+    """Secret to start a mission, kept outside its file: the gates of the first nodes, and the controllers' messages."""
 
     mission_id: bytes
-    gates: dict[int, Gate]  # by node; none in the paper profile
+    gates: dict[int, Gate]  # by node; empty in the paper profile
     messages: dict[str, bytes]  # by name, 32 bytes each
 
     def encode(self) -> bytes:
-        """The key file."""
+        """Return the bytes of the key file."""
         out = [table.START_KEY.form.pack(KEY_MAGIC, KEY_VERSION, self.mission_id, len(self.gates))]
         out += [table.OF_NODE.form.pack(node) + gate.encode() for node, gate in sorted(self.gates.items())]
         out.append(table.COUNT_U16.form.pack(len(self.messages)))
@@ -83,13 +83,13 @@ class StartKey:
 
 
 def parse_start_key(raw: bytes) -> StartKey:
-    """The start key in these bytes. Raises: MalformedMission."""
+    """Parse a start key. Raises: MalformedMission."""
     reader = Reader(raw)
     magic, version, mission_id, count = reader.unpack(table.START_KEY)
     if magic != KEY_MAGIC:
         raise MalformedMission("not a start key")
     if version != KEY_VERSION:
-        raise MalformedMission(f"a start key of version {version}, not {KEY_VERSION}: build the mission again")
+        raise MalformedMission(f"start key of version {version}, not {KEY_VERSION}: build the mission again")
     gates: dict[int, Gate] = {}
     messages: dict[str, bytes] = {}
     for _ in range(count):

@@ -1,7 +1,7 @@
-"""A glance at what is in sight, in one call: whether there is anything in it for a walk. Mostly there is not.
+"""A fast check, in one kernel call, that a scan holds nothing new for the mission, as is true for most scans.
 
-A robot looks ten times a second, and comes upon something every few seconds. What a glance finds is looked for again by
-those who weigh it (finding.py, constellation.py): they decide, and a glance only says that they would find nothing.
+A robot scans ten times a second and finds a node every few seconds. The check only rules out a find: if it does not,
+the full search (finding.py, constellation.py) runs and decides.
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ from .chart import KIND, NO_TEXT, TEXT, TURN, Chart, X, Y, may_match
 from .fix import GROWN, floor_of, sight_of
 from .search import LANDMARK_PLACES
 
-SIGHT_M = 1e3  # no robot sees farther
+SIGHT_M = 1e3  # maximum plausible distance to a landmark
 NOBODY = -1
-AREA = 4  # of what is seen, where a chart has the text
+AREA = 4  # column of seen landmarks; a chart has the text there
 
 
 class SearchTarget(NamedTuple):
-    """Search target and method; constant until a node is decoded or given up."""
+    """Everything that the fast check searches for; constant until a node is decoded or given up."""
 
-    known: F64x2  # (n, 5) landmarks decoded before, as `Chart` has them
-    nodes: I64x1  # (n,) of each its node
-    target: int  # or NOBODY
-    shapes: Shapes  # of what is searched here
-    asked: F64x2  # (m, 4) of what is searched elsewhere: kind, whether an orientation, an area; reach in 0.1 m, or 0
-    steps: Steps  # from one cell to the next
+    known: F64x2  # (n, 5) landmarks decoded before, rows of `Chart`
+    nodes: I64x1  # (n,) node of each of them
+    target: int  # target node, or NOBODY
+    shapes: Shapes  # shapes that the check searches itself
+    asked: F64x2  # (m, 4) shapes left to the full search: kind, 1 if oriented, 1 if with area, reach in 0.1 m or 0
+    steps: Steps  # size of a cell
     sight: tuple[float, float, float]
     sigmas: float
-    within_m: float  # what is farther off is not meant
-    decode_m: float  # nor decoded
-    sure_m2: float  # a pose surer than so is worth no correction
+    within_m: float  # largest distance between a seen and a known landmark that may match
+    decode_m: float  # largest distance to a landmark that is decoded
+    sure_m2: float  # variances up to which a pose needs no correction
     sure_rad2: float
 
 
@@ -57,16 +57,16 @@ def search_target_of(
     shapes: Shapes,
     asked: Sequence[tuple[Shape, int]],
 ) -> SearchTarget | None:
-    """Return the gaze for the nodes decoded so far and the present target.
+    """Return the search target for the nodes decoded so far and the present target.
 
     Args:
-        shapes: packed.
-        asked: others, each with the reach in 0.1 m from which it counts, or 0.
-    Returns: None if some are not of landmarks.
+        shapes: packed shapes that the check searches itself.
+        asked: other shapes, each with the largest distance to its landmark in 0.1 m, or 0 for any.
+    Returns: None if a shape in `asked` is not that of a landmark.
     """
     if any(shape.place not in LANDMARK_PLACES for shape, _ in asked):
         return None
-    # What has a text is no lidar's to see.
+    # A lidar cannot see landmarks with a text.
     rows = [(it.place - 1, it.oriented, it.area, reach_dm) for it, reach_dm in asked if not it.text]
     elsewhere = np.array(rows, np.float64).reshape(-1, 4)
     (place_m, turn_rad), most = floor_of(config), GROWN * GROWN
@@ -75,13 +75,13 @@ def search_target_of(
     limits = float(config.sigmas), float(config.tolerance_m), float(config.decode_m)
     sure = most * place_m * place_m, most * turn_rad * turn_rad
     meant = NOBODY if target is None else target
-    told = chart.rows, nodes, meant, shapes, elsewhere, steps, (float(place), float(per_m), turn)
-    return _pack(SearchTarget(*told, *limits, *sure))
+    arrays = chart.rows, nodes, meant, shapes, elsewhere, steps, (float(place), float(per_m), turn)
+    return _pack(SearchTarget(*arrays, *limits, *sure))
 
 
 @kernel
 def _is_asked(gaze: SearchTarget, seen: F64x2, i: int, away_dm: float) -> bool:
-    """Return whether a thing in sight is of a shape that is searched elsewhere."""
+    """Return True if a landmark in sight has a shape that is left to the full search."""
     for k in range(len(gaze.asked)):
         kind, oriented, area, reach_dm = gaze.asked[k, 0], gaze.asked[k, 1], gaze.asked[k, 2], gaze.asked[k, 3]
         lacks = (oriented > 0.0 and np.isnan(seen[i, TURN])) or (area > 0.0 and np.isnan(seen[i, AREA]))
@@ -92,10 +92,10 @@ def _is_asked(gaze: SearchTarget, seen: F64x2, i: int, away_dm: float) -> bool:
 
 @kernel
 def glance(gaze: SearchTarget, seen: F64x2, x_m: float, y_m: float, spread: F64x2, tries: int) -> int:
-    """Tries that are left if nothing is found, and nothing known corrects the pose; else NOBODY.
+    """Return the tries left if the scan has no match and no landmark that corrects the pose; else NOBODY.
 
     Args:
-        seen: (k, 5) as `rows_of` has it, without texts.
+        seen: (k, 5) rows from `rows_of`, of landmarks without texts.
         spread: (3, 3) covariance of the pose.
     """
     sight = Sight(gaze.sight[0], gaze.sight[1], gaze.sight[2])

@@ -1,4 +1,4 @@
-"""From a match to an opened node: what it tells, and the ways on. Whatever does not fit its file is `Altered`."""
+"""Open a matched node: its content and the ways that lead on. Raise `Altered` if it does not fit the mission file."""
 
 from __future__ import annotations
 
@@ -20,53 +20,53 @@ from .gate import Gate
 
 @dataclass(frozen=True, slots=True)
 class OpenWay:
-    """A way on from an opened node."""
+    """A way from an opened node to the next."""
 
     target: int
     direction_rad: float | None = None  # map frame, from the node's place; None if none is encoded
     do: Action | None = None
-    # Of the next node, or a share of it; of use only with the gate of this node (sealed profile)
+    # Gate of the next node, or a share of it, encrypted with the gate of this node (sealed profile)
     gate: Gate | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """Parts of a decoded node that a walk keeps: its place and ways, no gate and no other sealed content."""
+    """The parts of a decoded node that the state keeps: its place and ways, without gates or other secrets."""
 
-    alias: int  # by which it was recognised
+    alias: int  # the alias that matched
     place_m: tuple[float, float] | None  # as in `Opened`
     landmark: Landmark | None  # likewise
     ways: tuple[OpenWay, ...]  # without gates
-    name: str = field(default="", compare=False)  # for people; in no checkpoint
+    name: str = field(default="", compare=False)  # for display; not in checkpoints
 
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """A decoded node, in the clear."""
+    """A decoded node with its decrypted content."""
 
     node: int
     alias: int
-    name: str  # the author's ("" in the paper profile)
-    place_m: tuple[float, float] | None  # where it is, map frame, or None
-    landmark: Landmark | None  # what was recognised, where it truly is; None for nodes of other things
+    name: str  # the author's name of the node ("" in the paper profile)
+    place_m: tuple[float, float] | None  # map frame, or None
+    landmark: Landmark | None  # the recognised landmark at its true place; None for nodes without one
     do: Action | None
     sends: tuple[bytes, ...]
     ways: tuple[OpenWay, ...]
-    proof: bytes  # that this robot was here, to show to another
-    claim: Claim  # what an auditor needs to check with one hash or KDF that this was experienced
+    proof: bytes  # proves to another robot that this robot decoded the node
+    claim: Claim  # lets an auditor check the decode with one hash or KDF
 
     @property
     def known(self) -> Known:
-        """As it is remembered."""
+        """Return the parts to keep in the state."""
         landmark = self.landmark and replace(self.landmark, area_m2=None)
         ways = tuple(replace(way, gate=None) for way in self.ways)
         return Known(self.alias, self.place_m, landmark, ways, self.name)
 
 
 def open_found(mission: EncodedMission, found: Found, seen: Experience) -> Opened:
-    """The node that was found, opened.
+    """Return the node of a match, opened.
 
-    Raises: Altered: it matched, but the rest of its record or the header belongs to another.
+    Raises: Altered: the alias matched, but the rest of the record or the header was changed.
     """
     claim, record, header = found.claim, mission.nodes[found.claim.node], mission.header
     if found.key:
@@ -74,7 +74,7 @@ def open_found(mission: EncodedMission, found: Found, seen: Experience) -> Opene
         payload = sealed.open_payload(header, claim.node, record, secret)
         proof = sealed.visited_proof(secret)
         if sealed.visited_hash(proof) != record.visited:
-            raise Altered("a node's proof of a visit is not its own")
+            raise Altered("a node's proof of a visit does not match its hash")
         name, place_m, do, sends = payload.name, payload.place_m, payload.do or found.action, payload.sends
         ways = tuple(
             OpenWay(way.target, _sealed_direction(mission, secret, way), out.do, out.gate)
@@ -82,7 +82,7 @@ def open_found(mission: EncodedMission, found: Found, seen: Experience) -> Opene
         )
     else:
         if record.bindings[claim.alias] != record.binding(header, claim.node, claim.observed):
-            raise Altered("a node matches, and its record is bound to another")
+            raise Altered("a node matches, but its record does not match its binding")
         mark, proof = record.aliases[claim.alias].mark, sha3_256(table.VISITED + claim.observed)
         name, place_m, do = "", None, found.action
         sends = tuple(message_of(claim.observed, i) for i in range(record.sends))
@@ -92,6 +92,7 @@ def open_found(mission: EncodedMission, found: Found, seen: Experience) -> Opene
 
 
 def _where(mission: EncodedMission, found: Found) -> tuple[tuple[float, float] | None, Landmark | None]:
+    """Return the true place of a match, and its landmark, each None if it has none."""
     claim = found.claim
     if not claim.shape.place:
         return None, None
@@ -99,7 +100,7 @@ def _where(mission: EncodedMission, found: Found) -> tuple[tuple[float, float] |
     if claim.shape.place == AT_POSITION:
         return (x_m, y_m), None
     observed = found.seen
-    assert observed is not None, "a landmark was searched for because it was seen"
+    assert observed is not None, "a match of a landmark shape has a landmark"
     kind = LANDMARK_TYPES[claim.shape.place - 1]
     apart_m = claim.offset.apart_m
     return (x_m, y_m), Landmark(kind, x_m, y_m, orientation, observed.area_m2, observed.text, apart_m)
@@ -111,7 +112,7 @@ def _to_direction(sector: int, sectors: int) -> float:
 
 @lru_cache(maxsize=16)
 def _directions(sectors: int) -> tuple[bytes, ...]:
-    """Return what stands behind a node's bytes for each direction."""
+    """Return the suffix of a node's canonical bytes for each direction."""
     return tuple(with_direction(b"", Direction(sector, sectors)) for sector in range(sectors))
 
 
@@ -123,7 +124,7 @@ def _paper_way(mission: EncodedMission, way: Way, found: Found, mark: bytes, poo
         return OpenWay(way.target)
     sectors = mission.header.coding.sectors
     directions = enumerate(_directions(sectors))
-    hit = next((sector for sector, told in directions if sha3_256(found.claim.observed + told) == wanted), None)
+    hit = next((sector for sector, suffix in directions if sha3_256(found.claim.observed + suffix) == wanted), None)
     return OpenWay(way.target, None if hit is None else _to_direction(hit, sectors))
 
 

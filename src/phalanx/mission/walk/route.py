@@ -1,6 +1,6 @@
-"""Planning on the encoded graph: hops are known, lengths are learnt on the way, blocked ways are left out.
+"""Route planning on the encoded graph: lengths of ways are learnt on the way, blocked ways are left out.
 
-Who plans needs no secret: adjacency is public, and nothing else is looked at.
+Planning needs no secret: it uses only the adjacency of nodes, which is public.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from collections.abc import Collection, Mapping
 
 from phalanx.mission.file.records import FINAL, JOIN, EncodedMission
 
-UNKNOWN_M = 10.0  # a hop, before any length is known
+UNKNOWN_M = 10.0  # length of a way while no length is known
 
 
 class Map:
-    """The public graph of a mission: successors, predecessors, goals."""
+    """The public graph of a mission: successors and predecessors of nodes, join nodes and final nodes."""
 
     def __init__(self, mission: EncodedMission) -> None:
         self.after = tuple(tuple(way.target for way in node.ways) for node in mission.nodes)
@@ -28,7 +28,7 @@ class Map:
         self.finals = frozenset(i for i, node in enumerate(mission.nodes) if node.flags & FINAL)
 
     def may_enter(self, node: int, opened: Collection[int]) -> bool:
-        """Return whether all that must come before a node has been decoded."""
+        """Return False if a node is a join that still waits for a predecessor to be decoded."""
         return node not in self.joins or node in opened or all(other in opened for other in self.before[node])
 
     def distances(
@@ -39,10 +39,12 @@ class Map:
         blocked: Collection[tuple[int, int]],
         wanted: Collection[int] = (),
     ) -> tuple[dict[int, float], dict[int, int]]:
-        """(metres, node before) for every node that can be reached; a way of unknown length counts as the mean.
+        """Return (metres, previous node) for every reachable node, by Dijkstra's algorithm.
+
+        A way of unknown length counts as the mean of the known ones.
 
         Args:
-            wanted: what is farther than the nearest of these is left out.
+            wanted: stop at the nearest of these nodes.
         """
         typical = sum(lengths_m.values()) / len(lengths_m) if lengths_m else UNKNOWN_M
         done: dict[int, float] = {}
@@ -71,10 +73,10 @@ class Map:
         lengths_m: Mapping[tuple[int, int], float],
         blocked: Collection[tuple[int, int]],
     ) -> int | None:
-        """The neighbour to go to, or None if no way is left.
+        """Return the neighbour to go to next, or None if no way is left.
 
-        A mission with final nodes makes for the nearest; if a join stands before it, for what the join waits for. One
-        without explores: the nearest node that is still encoded, and was not reported by another robot.
+        With final nodes, head for the nearest, or for the predecessors that a join on the way still needs. Without,
+        explore: head for the nearest node that is not decoded and was not reported by another robot.
         """
         dark = {node for node in range(len(self.after)) if node not in opened}
         wanted = self.finals or dark.difference(others)

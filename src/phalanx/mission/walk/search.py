@@ -1,8 +1,8 @@
-"""The hash search: everything that a robot can try at one moment, in order, until something matches.
+"""The hash search: all combinations of observables that a robot can try at one moment, in order.
 
-Positions in a spiral around the estimate, as far as the robot is unsure of its pose, in the bins of headings that this
-leaves open; windows of time around the clock's; actions of the pool; combinations of readings and messages. The number
-of trials is itself an output: it tells how far the estimate was off (Encoded graphs §VI-F).
+It tries positions in a spiral around the estimate and bins of headings, both within the uncertainty of the pose; the
+present time window and those beside it; the robot's actions; combinations of readings and messages. The number of
+trials is an output too: it shows how far the estimate was off (Encoded graphs §VI-F).
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ from phalanx.mission.pose.spread import pose_spread
 from .cells import BIN_STEPS, RINGS, Doubt, bins_beside, level_of
 from .fix import distance_m, sight_of
 
-READINGS_LIMIT = 16  # of one experience; combinations of more would let a chatty sensor eat the budget
+READINGS_LIMIT = 16  # readings used of one experience: combinations of more would let one sensor use up the budget
 WINDOWS = (0, -1, 1)
 LANDMARK_PLACES = range(1, AT_POSITION)
 
 
 @dataclass(slots=True)
 class Budget:
-    """Tries that are left in this step, and those made."""
+    """Tries left in this step, and tries used."""
 
     left: int
     used: int = 0
@@ -54,7 +54,7 @@ class Budget:
 
 
 class Variant(NamedTuple):
-    """One combination to try, apart from the position: what else goes into the hash."""
+    """One combination of observables to try, without the cell."""
 
     landmark: Landmark | None
     sensors: tuple[bytes, ...]
@@ -65,7 +65,7 @@ class Variant(NamedTuple):
     def canonical(
         self, shape: Shape, cell: Cell, messages: tuple[bytes, ...] = (), previous: bytes | None = None
     ) -> bytes:
-        """The canonical bytes of it in a cell; what else is in them is the profile's affair."""
+        """Return the canonical bytes of the combination in a cell; only the paper profile has the other arguments."""
         place = place_bytes(shape, cell, self.landmark.text if self.landmark else None)
         return canonical(
             place,
@@ -78,7 +78,7 @@ class Variant(NamedTuple):
 
 
 def doubt_in(config: MissionConfig, seen: Experience) -> Doubt:
-    """How far to search in an experience."""
+    """Return the uncertainty of the pose in an experience, which limits the search."""
     place = float(seen.x_m), float(seen.y_m)
     return Doubt(*place, pose_spread(seen.spread), sight_of(config), config.sigmas, config.tolerance_m)
 
@@ -92,7 +92,7 @@ def is_around(
     offset: Offset,
     cell: Cell,
 ) -> bool:
-    """Return if the thing that was seen in `centre` may truly be in `cell`."""
+    """Return True if the landmark, or the robot, that was seen in cell `centre` may truly be in `cell`."""
     rings, steps, bins = region(shape, coding, doubt, landmark, offset)
     return (
         max(abs(cell.x - centre.x), abs(cell.y - centre.y)) <= rings
@@ -104,7 +104,7 @@ def is_around(
 def region(
     shape: Shape, coding: CodingConfig, doubt: Doubt, landmark: Landmark | None, offset: Offset
 ) -> tuple[int, list[int], int]:
-    """How many rings of cells, by how many bins to either side, and how many bins there are."""
+    """Return (rings of cells to search, steps of bins to search, total number of bins)."""
     if not shape.place:
         return 0, [0], 1
     x, y = (landmark.x_m, landmark.y_m) if landmark else (doubt.x_m, doubt.y_m)
@@ -117,7 +117,7 @@ def region(
 
 
 def fits(shape: Shape, landmark: Landmark) -> bool:
-    """Return whether the landmark has what the shape asks for."""
+    """Return True if a landmark has the type and all attributes of a shape."""
     return (
         landmark.type == LANDMARK_TYPES[shape.place - 1]
         and (not shape.oriented or landmark.orientation_rad is not None)
@@ -127,7 +127,7 @@ def fits(shape: Shape, landmark: Landmark) -> bool:
 
 
 def variants(shape: Shape, coding: CodingConfig, seen: Experience, heard: tuple[bytes, ...]) -> Iterator[Variant]:
-    """All combinations of what was experienced that have this shape."""
+    """Yield all combinations of the observables in an experience that have this shape."""
     landmarks: list[Landmark | None] = [None]
     if shape.place in LANDMARK_PLACES:
         landmarks = [landmark for landmark in seen.landmarks if fits(shape, landmark)]
@@ -150,14 +150,14 @@ def placed(
     offset: Offset,
     reach_dm: int,
 ) -> Iterator[tuple[Variant, Cell]]:
-    """The variants that are near enough, each with the cell in which it was seen, or in which the robot is."""
+    """Yield the variants within reach, each with the cell of its landmark, or of the robot."""
     for variant in variants(shape, coding, seen, heard):
         landmark = variant.landmark
         if landmark and reach_dm and distance_m(seen, landmark) * 10 > reach_dm:
             continue
         if landmark:
             cell = cell_of(coding, offset, landmark.x_m, landmark.y_m, landmark)
-            # Of a landmark only what the shape asks for.
+            # Keep only the attributes that the shape has.
             cell = Cell(cell.x, cell.y, cell.bin if shape.oriented else -1, cell.area if shape.area else -1)
         else:
             cell = cell_of(coding, offset, seen.x_m, seen.y_m) if shape.place else Cell(0, 0)

@@ -1,4 +1,4 @@
-"""The fast search of the paper profile: thousands of hashes a step, against all candidates at once."""
+"""The fast search of the paper profile: thousands of hashes per step, compared with all candidates at once."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _BARE = Variant(None, (), None, None, ())
 
 @dataclass(frozen=True, slots=True)
 class _Group:
-    """Aliases that are searched with the same hashes: their cells are counted from the same offset."""
+    """Aliases that share their hashes in a search, since their cells have the same offset."""
 
     offset: Offset
     reach_dm: int
@@ -38,24 +38,24 @@ class _Group:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Candidates:
-    """Aliases of nodes in groups, and the same as kernels read them."""
+    """Groups of the candidates' aliases, also as kernel arrays."""
 
     groups: tuple[_Group, ...]
     arrays: Groups
-    # By H of the node before: the mission's shapes, in runs, and packed those that ask only for a place
+    # By hash H of the previous node: runs of the mission's shapes; those that need only a place also packed
     parts: dict[bytes, list[tuple[tuple[Shape, ...], Shapes | None]]]
 
     def found(
         self, pair: int, row: int, shape: Shape, one: Variant, cell: Cell, message: Callable[[Cell], bytes]
     ) -> Found:
-        """Return the match that a kernel gives by the numbers of its pair and of its digest."""
+        """Return the match for a kernel's result: the number of a pair and the row of a digest."""
         number = pair // len(BIN_STEPS) % len(self.groups)
         place = self.groups[number].targets.place(row - int(self.arrays.ends[number]))
         return _found(self.groups[number], place, shape, one, cell, message)
 
 
 class PaperSearch:
-    """The search of one mission; two of them agree, whatever they have searched before."""
+    """The search of one mission; its memory of earlier searches never changes a result."""
 
     def __init__(self, mission: EncodedMission, config: MissionConfig) -> None:
         self._mission = mission
@@ -93,7 +93,7 @@ class PaperSearch:
         return among.parts[released]
 
     def parts(self, nodes: tuple[int, ...], released: bytes) -> tuple[list[Shapes], list[Shape]]:
-        """Return the shapes that ask only for a place, packed for kernels; and the others."""
+        """Return the shapes that need only a place, packed for kernels, and the other shapes."""
         parts = self._parts(self._among(nodes), released)
         together = [arrays for _, arrays in parts if arrays is not None]
         return together or [self.nothing()], [shape for same, arrays in parts if arrays is None for shape in same]
@@ -130,11 +130,11 @@ class PaperSearch:
         released: bytes,
         budget: Budget,
     ) -> Iterator[Found]:
-        """Matches, best first.
+        """Yield matches, best first.
 
         Args:
-            released: H of the node before, for chained nodes.
-            budget: is spent; when nothing is left the search ends.
+            released: hash H of the previous node, for chained nodes.
+            budget: reduced by each try; the search ends when it is used up.
         """
         among, doubt = self._among(nodes), doubt_in(self._config, seen)
         for shapes, arrays in self._parts(among, released):
@@ -162,7 +162,7 @@ class PaperSearch:
         doubt: Doubt,
         budget: Budget,
     ) -> Iterator[Found]:
-        """Yield matches of shapes that ask only for a place."""
+        """Yield matches of shapes that need only a place."""
         rows, begin = rows_of(seen.landmarks), (0, 0)
         while True:
             s, k, pair, row, left, numbers, after = search_shapes(begin, arrays, rows, doubt, self.steps, budget.left)
@@ -186,7 +186,7 @@ class PaperSearch:
         doubt: Doubt,
         budget: Budget,
     ) -> Iterator[Found]:
-        """Yield matches of variants whose hashes differ only in the cell: each against each group, around its cell."""
+        """Yield matches of variants whose hashes differ only in the cell, searched around the cell for each group."""
         landmarks = [one.landmark for one in batch if one.landmark]
         own = np.array([(OWN, seen.x_m, seen.y_m, np.nan, np.nan)] * len(batch))
         rows, at, first = rows_of(landmarks) if landmarks else own, cell_at(shape), 0
@@ -210,7 +210,7 @@ class PaperSearch:
         message: Callable[[Cell], bytes],
         budget: Budget,
     ) -> Iterator[Found]:
-        """Yield matches of what has no place: one hash each."""
+        """Yield matches of variants without a place, by one hash."""
         digest = sha3_256(message(Cell(0, 0)))
         for variant, group in product(batch, among.groups):
             if budget.left <= 0:
@@ -222,13 +222,13 @@ class PaperSearch:
 
 
 def _is_bare(shape: Shape) -> bool:
-    """Return whether it asks for a place, and for nothing else that robots sense or do."""
+    """Return True if a shape needs a place and no other observable, apart from the previous node."""
     wanted = shape.text, shape.sensors, shape.messages, shape.action, shape.time
     return bool(shape.place) and not any(wanted)
 
 
 def _rest(shape: Shape, one: Variant) -> tuple[object, ...]:
-    """Return what a variant's hash depends on beside the cell."""
+    """Return all values besides the cell that a variant's hash depends on."""
     return one.landmark.text if shape.text and one.landmark else None, *one[1:]
 
 

@@ -1,4 +1,4 @@
-"""The slow search of the sealed profile: a few tries of scrypt, the likeliest first, none of them twice."""
+"""The slow search of the sealed profile: a few tries of scrypt, the likeliest first, none twice."""
 
 from __future__ import annotations
 
@@ -58,16 +58,16 @@ def search_sealed(
     newly_tried: set[bytes],
     budget: Budget,
 ) -> Iterator[Found]:
-    """Matches in the sealed profile: a few slow tries, the likeliest first, none of them twice.
+    """Yield matches in the sealed profile.
 
     Args:
-        candidates: whose gates are held, the likeliest first.
+        candidates: aliases to try, the likeliest first.
         tried: digests of (gate, observation) that failed in earlier steps.
-        newly_tried: gets those that fail now.
-        budget: is spent; what is left over comes in the next step, if it is still there to be seen.
+        newly_tried: receives the digests that fail now.
+        budget: reduced by each try; when it is used up, the next step continues with what is still in sight.
     """
     header = mission.header
-    # What is nearest to its estimate comes first, whichever candidate it is of.
+    # The best fit to the estimated pose comes first, over all candidates.
     jobs = sorted(_jobs(mission, config, candidates, seen, heard), key=lambda job: job[0])
 
     @cache
@@ -100,7 +100,7 @@ def _jobs(
     seen: Experience,
     heard: tuple[bytes, ...],
 ) -> Iterator[tuple[float, int, Variant, Cell]]:
-    """(misfit, number of the candidate, what is tried, in which cell); what was encoded lies in its cell's middle."""
+    """Yield (misfit of the middle of the cell, index of the candidate, variant, cell)."""
     coding, doubt = mission.header.coding, doubt_in(config, seen)
     for k, candidate in enumerate(candidates):
         shape, offset = candidate.hint.shape, candidate.hint.offset
@@ -121,7 +121,7 @@ def _jobs(
 def cells_that_fit(
     shape: Shape, coding: CodingConfig, doubt: Doubt, landmark: Landmark, centre: Cell, offset: Offset
 ) -> list[tuple[float, Cell]]:
-    """Return the cells in which a landmark may truly be, ring after ring, each with how badly that fits."""
+    """Return (misfit, cell) for each cell in which a landmark may truly be, ring after ring."""
     rings, steps, bins = region(shape, coding, doubt, landmark, offset)
     rows, fits = _that_fit(
         (centre.x, centre.y, centre.bin),
@@ -151,13 +151,13 @@ def _that_fit(
     units: tuple[int, float],
     doubt: Doubt,
 ) -> tuple[I64x2, F64x1]:
-    """((k, 3) x, y and bin, (k,) misfit) of cells around.
+    """Return ((k, 3) x, y and bin, (k,) misfit) of the cells around `centre` that fit.
 
     Args:
-        steps: bins to look at, beside that of `centre`.
-        thing: x, y and orientation, as it was seen.
-        half: its orientation counts modulo half a turn.
-        offset: as stored.
+        steps: bins to search, relative to that of `centre`.
+        thing: x, y and orientation of the landmark, as seen.
+        half: the orientation counts modulo half a turn.
+        offset: in stored integers.
         units: edge of a cell, mm, and width of a bin, radians.
     """
     count = (2 * rings + 1) * (2 * rings + 1)

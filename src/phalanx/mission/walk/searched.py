@@ -1,7 +1,7 @@
-"""Remember fruitless searches, so that the same cells are not searched again.
+"""Memory of searches without a match, so that the same cells are not searched again.
 
-A robot that looks at the same door ten times a second would search around the same cells again; one that drives past
-it, around the next cell, of whose surroundings it knows all but an edge.
+A robot sees the same door ten times a second and would search around the same cells again. When it drives past the door
+the searched region moves by a cell, and most of it is known already.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ RINGS_MOST = 40
 
 
 class Known(NamedTuple):
-    """Cells that nothing is around, and cells that nothing is in."""
+    """Hash tables of cells around which a whole search found nothing, and of single cells without a match."""
 
-    table: I64x2  # (n, 5) lane, 0 where a row is free; x, y, bin, area
-    tiles: I64x2  # (n, 6) likewise, x and y of tiles, and the bits of their cells
-    used: I64x1  # (2,) rows of both
+    table: I64x2  # (n, 5) lane, or 0 in a free row; x, y, bin, area
+    tiles: I64x2  # (n, 6) likewise with x and y of a tile; and a bit for each of its cells
+    used: I64x1  # (2,) rows in use of both tables
 
 
 @lru_cache(maxsize=64)
 def spiral(rings: int) -> tuple[tuple[int, int], ...]:
-    """Steps (dx, dy) outwards from (0, 0), ring after ring, (2 * rings + 1)^2 of them.
+    """Return the (2 * rings + 1)^2 steps (dx, dy) of a square spiral outwards from (0, 0), ring after ring.
 
     Source: Encoded graphs §VI-B ("gradually done in a spiral manner").
     """
@@ -51,7 +51,7 @@ SPIRAL = np.array(spiral(RINGS_MOST), np.int64)
 
 @kernel
 def row_of(table: I64x2, lane: int, numbers: Numbers) -> int:
-    """Return the row of this cell in the hash table, or the free row for it."""
+    """Return the row of a cell in a hash table, or the free row for it."""
     x, y, turn, area = numbers
     mask = len(table) - 1
     row = (x * 73856093 + y * 19349663 + turn * 83492791 + area * 39916801 + lane * 67867967) & mask
@@ -68,7 +68,7 @@ def row_of(table: I64x2, lane: int, numbers: Numbers) -> int:
 
 @kernel
 def _add(table: I64x2, lane: int, numbers: Numbers) -> bool:
-    """Puts a cell into the table; whether it is new."""
+    """Insert a cell into a table; return True if it is new."""
     row = row_of(table, lane, numbers)
     is_new = table[row, 0] == 0
     table[row, 0] = lane
@@ -79,7 +79,7 @@ def _add(table: I64x2, lane: int, numbers: Numbers) -> bool:
 
 @kernel
 def keep(known: Known, lane: int, numbers: Numbers) -> None:
-    """Nothing is around this cell."""
+    """Remember that a search around this cell found nothing; clear the table first if it is nearly full."""
     if known.used[0] >= len(known.table) * 3 // 4:
         known.table[:] = 0
         known.used[0] = 0
@@ -88,14 +88,17 @@ def keep(known: Known, lane: int, numbers: Numbers) -> None:
 
 @kernel
 def tiles_around(numbers: Numbers, rings: int) -> tuple[int, int, int, int]:
-    """(x and y of the first, how many along x, along y) of the tiles that have cells in so many rings."""
+    """Return (x and y of the first tile, number of tiles along x, along y) that cover the rings around a cell."""
     x, y = (numbers[0] - rings) >> TILE_BITS, (numbers[1] - rings) >> TILE_BITS
     return x, y, ((numbers[0] + rings) >> TILE_BITS) - x + 1, ((numbers[1] + rings) >> TILE_BITS) - y + 1
 
 
 @kernel
 def untried(known: Known, lane: int, numbers: Numbers, rings: int) -> tuple[U64x1, I64x1, I64x1]:
-    """(x and y of each cell around that was not tried, in eight bytes; their places on the spiral; all tiles' bits)."""
+    """Return (x and y of each untried cell in eight bytes, their indices on the spiral, bits of the tiles if all fail).
+
+    The bits are those of the tiles of `tiles_around`, with all cells of the rings marked as tried.
+    """
     first_x, first_y, wide, high = tiles_around(numbers, rings)
     bits = np.zeros(wide * high, np.int64)
     for k in range(len(bits)):
@@ -118,7 +121,7 @@ def untried(known: Known, lane: int, numbers: Numbers, rings: int) -> tuple[U64x
 
 @kernel
 def keep_tiles(known: Known, lane: int, numbers: Numbers, rings: int, bits: I64x1) -> None:
-    """Nothing is in these cells: `bits` as `untried` has them."""
+    """Remember that no cell in these rings matches; `bits` are from `untried`."""
     first_x, first_y, wide, _ = tiles_around(numbers, rings)
     if known.used[1] + len(bits) >= len(known.tiles) * 3 // 4:
         known.tiles[:] = 0
@@ -130,9 +133,9 @@ def keep_tiles(known: Known, lane: int, numbers: Numbers, rings: int, bits: I64x
 
 
 class Searched:
-    """Cells in which one mission's searches found nothing.
+    """Memory of the searches of one mission that found nothing.
 
-    A lane stands for all that goes into a hash beside the cell, and for the digests that are looked for.
+    A lane is a number for all inputs of a search except the cell: the other hashed data and the wanted digests.
     """
 
     def __init__(self, rows: int = TABLE_ROWS) -> None:
@@ -142,7 +145,7 @@ class Searched:
         self._next_lane = 1
 
     def lane(self, name: object, count: int) -> int:
-        """The first of `count` lanes that belong together; the same for the same name."""
+        """Return the first of `count` consecutive lanes for a name; the same name gives the same lanes."""
         if name not in self._lanes:
             if len(self._lanes) >= LANES_LIMIT:
                 self._lanes.clear()

@@ -1,7 +1,7 @@
-"""The state of a walk: its phase, what auditors must know to replay it, the robot's own keyring; outcomes of steps.
+"""State of a robot on a mission: phase, data that auditors need for a replay, private keyring; and outcomes of steps.
 
-TABLE has all transitions between phases; docs/spec/mission.md draws its diagram from it. An event that it does not name
-for a phase changes nothing: nothing wakes a robot that holds or is done.
+TABLE has all transitions between phases; docs/spec/mission.md draws its diagram from it. Other events do not change the
+phase, so a robot never leaves HELD or DONE.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .opening import Known, Opened
 
 
 class Phase(Enum):
-    """Phases of a walk."""
+    """Phase of a mission in progress."""
 
     SEEKING = "seeking"  # on the way to the next node
     RETURNING = "returning"  # on the way back to the last validated node
@@ -31,14 +31,14 @@ class Phase(Enum):
 
 
 class Event(Enum):
-    """Events of a walk."""
+    """Event that may change the phase."""
 
     DECODED = "decoded"  # a node was validated
-    COMPLETED = "completed"  # it was a final one, or the last one
-    TIMED_OUT = "timed out"  # nothing was validated in time
-    BLOCKED = "blocked"  # the robot says that the way is
-    PASSED = "passed"  # a node decoded before is reached again: only a place on the way to another
-    BACK = "back"  # the last validated node is reached again
+    COMPLETED = "completed"  # a final node, or the last one, was validated
+    TIMED_OUT = "timed out"  # no node was validated in time
+    BLOCKED = "blocked"  # the robot reports that its way is blocked
+    PASSED = "passed"  # the target, a node decoded before, was reached on the way to another
+    BACK = "back"  # the robot is back at the last validated node
     NO_WAY = "no way"  # no route is left
 
 
@@ -52,32 +52,32 @@ TABLE: dict[tuple[Phase, Event], Phase] = {
     (Phase.RETURNING, Event.DECODED): Phase.SEEKING,
     (Phase.RETURNING, Event.COMPLETED): Phase.DONE,
     (Phase.RETURNING, Event.BACK): Phase.SEEKING,
-    # Once is a detour, twice is lost: the way back is not found either.
+    # The robot does not find the way back either: it is lost.
     (Phase.RETURNING, Event.TIMED_OUT): Phase.HELD,
 }
 
 
 def step(phase: Phase, event: Event) -> Phase:
-    """Return the next phase."""
+    """Return the phase after an event."""
     return TABLE.get((phase, event), phase)
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Keyring:
-    """Secrets of opened nodes, and what was tried in vain: only the robot's own search needs them.
+    """Secrets of opened nodes, and failed tries: only the robot's own search needs them.
 
-    A gate opens the way to the node behind it for whoever has a floor plan and patience. So keyrings are in no
-    checkpoint, and no auditor asks for them.
+    With a gate and a floor plan anyone could decode the node behind it by brute force. So keyrings are in no
+    checkpoint, and auditors do not get them.
     """
 
-    # By (node opened, node behind the gate), ready for use; shares where several predecessors must agree
+    # By (node opened, node behind the gate), decrypted; shares of a gate if several predecessors must be decoded
     gates: Mapping[tuple[int, int], Gate] = field(default_factory=dict)
-    # That a node was visited, to show to another robot; by node
+    # Proofs of visits for other robots, by node
     proofs: Mapping[int, bytes] = field(default_factory=dict)
-    tried: frozenset[bytes] = frozenset()  # digests of (gate, observation) that failed since the last node was opened
+    tried: frozenset[bytes] = frozenset()  # digests of (gate, observation) that failed since a new node was opened
 
     def add(self, opened: Opened, gate: bytes | None, header: Header) -> Keyring:
-        """The keyring with what a node released; without the node's own gate, the gates behind it stay closed."""
+        """Return the keyring with a node's proof, and with its gates decrypted if the node's own gate is given."""
         gates = {
             (opened.node, way.target): replace(
                 way.gate, share=onward(gate, way.gate.share, header, opened.node, way.target)
@@ -92,7 +92,7 @@ class Keyring:
         )
 
     def remember(self, failed: set[bytes], limit: int) -> Keyring:
-        """The keyring that knows of tries which failed; of more than `limit` the older ones are forgotten."""
+        """Return the keyring with more failed tries; if they exceed `limit`, older ones are dropped."""
         if not failed:
             return self
         tried = self.tried | failed
@@ -104,37 +104,37 @@ class Keyring:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """All that a walk remembers. `State()` is its beginning."""
+    """Complete state of a mission in progress; `State()` is the initial state."""
 
     phase: Phase = Phase.SEEKING
     at: int | None = None  # the last validated node
-    target: int | None = None  # the one to be validated next
-    t_s: float = -math.inf  # of the last step
-    since_s: float | None = None  # nothing was validated
-    fixed_at_m: float = 0.0  # way travelled at the last fix
-    left_at_m: float = 0.0  # way travelled when `at` was validated
-    # By how much landmarks seen again have moved the estimate since then, in all
+    target: int | None = None  # the node to validate next
+    t_s: float = -math.inf  # time of the last step
+    since_s: float | None = None  # time since when no node was validated
+    fixed_at_m: float = 0.0  # distance travelled at the last fix
+    left_at_m: float = 0.0  # distance travelled when `at` was validated
+    # Sum of the corrections of the position by known landmarks since then
     pulled_m: tuple[float, float] = (0.0, 0.0)
     opened: Mapping[int, Known] = field(default_factory=dict)
     lengths_m: Mapping[tuple[int, int], float] = field(default_factory=dict)
     blocked: frozenset[tuple[int, int]] = frozenset()  # ways that timed out or were blocked
-    round: int = 0  # how often those were taken up again since a new node was decoded
+    round: int = 0  # times that blocked ways were tried again since a new node was decoded
     others: frozenset[int] = frozenset()  # nodes that other robots proved to have decoded
     heard: tuple[bytes, ...] = ()
     keys: Keyring = field(default_factory=Keyring)  # the robot's secrets; not in any encoding of the state
 
 
 class Reason(Enum):
-    """Why nothing was validated."""
+    """Reason why no node was validated."""
 
     NOTHING_SENSED = "nothing sensed"
     NO_MATCH = "no match"
-    BUDGET = "budget exhausted"  # the rest is tried in the next steps
+    BUDGET = "budget exhausted"  # the search continues in the next steps
     CONTRADICTED = "contradicted"  # by other landmarks of the same scan
     DRIFT = "more than it can have drifted"
-    AMBIGUOUS = "ambiguous"  # something else that looks the same may be meant
-    UNCONFIRMED = "unconfirmed"  # it may be something that nobody surveyed, and too little beside it agrees
-    ALTERED = "altered"  # it matched a record that belongs to another
+    AMBIGUOUS = "ambiguous"  # another landmark that looks the same may have been seen
+    UNCONFIRMED = "unconfirmed"  # an unsurveyed object may have matched by chance, and too few other landmarks agree
+    ALTERED = "altered"  # the record of the matching node was changed
     CLOCK = "clock ran backwards"
     TIMED_OUT = "timed out"
     NO_WAY = "no way left"
@@ -144,25 +144,25 @@ class Reason(Enum):
 class Kind(Enum):
     """Kind of an instruction."""
 
-    GO = "go"  # from the node's place in the direction, until the next node decodes
-    DO = "do"  # an action, until the next node decodes
-    BACK = "back"  # to the last validated node
-    WAIT = "wait"  # for something to experience: a message, a time
+    GO = "go"  # drive in the direction, from the node's place, until the next node is decoded
+    DO = "do"  # perform an action until the next node is decoded
+    BACK = "back"  # return to the last validated node
+    WAIT = "wait"  # wait for a message, a time or another observable
     HOLD = "hold"  # stop
     DONE = "done"
 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """The instruction in force. Directions and places are known only of nodes that were decoded."""
+    """The current instruction to the robot. Only decoded nodes have known directions and places."""
 
     kind: Kind
-    target: int | None = None  # the node to be decoded next; still dark, or seen before
-    place_m: tuple[float, float] | None = None  # of the last validated node: where the direction begins
+    target: int | None = None  # the next node, encoded still or decoded before
+    place_m: tuple[float, float] | None = None  # place of the last validated node, where the direction begins
     direction_rad: float | None = None  # map frame
-    toward_m: tuple[float, float] | None = None  # where the target is, if it was decoded before
+    toward_m: tuple[float, float] | None = None  # place of the target, if it was decoded before
     do: Action | None = None
-    aside: int = 0  # 1 or -1: along the direction, but to its left or right, where it was blocked before
+    aside: int = 0  # 1 or -1: drive along the direction, offset to its left or right, since it was blocked before
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,8 +170,8 @@ class Outcome:
     """Result of a step."""
 
     order: Order
-    decoded: Opened | None = None  # the node that was validated in this step, or None; then `reason` says why not
-    reason: Reason | None = None  # also beside a node that was decoded, if no way is left from there
-    fix: Fix | None = None  # the corrected pose, or None; also from landmarks decoded earlier and seen again
-    trials: int = 0  # hashes or KDFs that the search took: small is a sound odometry, the budget is a broken one
+    decoded: Opened | None = None  # the node validated in this step; if None, `reason` is set
+    reason: Reason | None = None  # why no node was validated; also set if no way leads on from the decoded node
+    fix: Fix | None = None  # the corrected pose, or None; also from known landmarks seen again
+    trials: int = 0  # hashes or KDFs of the search; few with accurate odometry, the whole budget with a wrong pose
     event: Event | None = None

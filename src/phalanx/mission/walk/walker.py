@@ -1,10 +1,10 @@
-"""The walker: experience in, decoded node and next instruction out; or *not validated*, and why.
+"""The walker executes a mission: each experience gives a decoded node, or the reason why none, and an instruction.
 
-Pure: `step(state, experience)` gives the next state and an outcome, and the same two give the same again on every
-machine. It never acts on what it has not decoded.
+It is pure: `step(state, experience)` returns the next state and an outcome, the same on every machine. Instructions use
+only decoded nodes.
 
-Under audit a step is two: `look`, which needs the robot's keyring and ends in a claim or nothing, and `advance`, which
-needs neither keyring nor search and is what auditors replay.
+Under audit a step has two parts. `look` searches with the robot's keyring and returns a claim or None. `advance` needs
+neither keyring nor search; auditors replay it.
 """
 
 from __future__ import annotations
@@ -32,22 +32,23 @@ from .state import step as next_phase
 
 __all__ = ["State", "Walker"]
 
-PLANE_M = 5e5  # robots are nearer to the map's origin than this
-FAR_M = 1e9  # nor does any drive so far
-# To which side of its line a way is tried the first time, when it was blocked, and when it was again.
+PLANE_M = 5e5  # largest plausible coordinate of a robot
+FAR_M = 1e9  # largest plausible distance travelled
+# Side of the way's line to drive on in round 0, 1 and 2 of trying blocked ways.
 ASIDE = (0, 1, -1)
-# From a face's normal to where nothing is around the end of it.
+# From the normal of a wall to the free space beside its end.
 _OPEN_RAD = {"concave_left": -PI / 4, "concave_right": PI / 4}
 
 
 class Walker:
-    """One mission, ready to be walked; it holds nothing that a walk changes.
+    """Executes one mission; immutable, as the state is an argument of each method.
 
     Args:
-        mission: parsed, and checked by `check_signature` if it came from outside.
-        key: the start key; without one a sealed mission must have been built with an open start.
-        replays: it only replays what others walked, which needs no key.
-    Raises: UsageError: the key is missing. Altered: it is another mission's. MalformedMission: it makes no sense.
+        mission: parsed mission, checked by `check_signature` if it is from outside.
+        key: the start key; not needed for a sealed mission that was built with an open start.
+        replays: the walker only replays other robots' steps, which needs no key.
+    Raises: UsageError: the key is missing. Altered: the key belongs to another mission. MalformedMission: the key is
+        invalid.
     """
 
     def __init__(
@@ -64,7 +65,7 @@ class Walker:
         self.map = self._finder.map
 
     def step(self, state: State, seen: Experience) -> tuple[State, Outcome]:
-        """The next state, and what came of an experience."""
+        """Return the next state and the outcome of an experience."""
         if (refused := self._refused(state, seen)) is not None:
             return state, refused
         state = self._begun(state, seen)
@@ -79,7 +80,7 @@ class Walker:
         return self._walked(state, seen, self.pose_from_known(state, seen), find)
 
     def look(self, state: State, seen: Experience) -> tuple[State, Claim | None, int]:
-        """The state with what was tried in its keyring; the claim that `advance` takes, if any; and tries."""
+        """Search; return the state with failed tries in its keyring, the claim for `advance` or None, and the tries."""
         if self._refused(state, seen) is not None:
             return state, None, 0
         begun = self._begun(state, seen)
@@ -92,19 +93,19 @@ class Walker:
             try:
                 self._finder.check(begun, seen, claim)
             except (Unshown, Altered):
-                # Two landmarks in one cell: which of them was meant, the bytes do not tell. The next scan may.
+                # With two landmarks in one cell the bytes do not show which was seen; the next scan may.
                 claim = None
         return state, claim, find.trials
 
     def advance(self, state: State, seen: Experience, claim: Claim | None = None) -> tuple[State, Outcome]:
-        """The next state after an experience in which a robot claims to have found a node, or claims nothing.
+        """Return the next state and the outcome of an experience with a claim to have decoded a node, or with none.
 
-        Landmarks decoded before give a fix if the experience shows them.
-        Raises: Unshown, Altered: the claim is not borne out.
+        Known landmarks in the experience give a fix.
+        Raises: Unshown, Altered: the claim is not supported.
         """
         if (refused := self._refused(state, seen)) is not None:
             if claim:
-                raise Unshown("a claim of a robot that has stopped, or whose clock has")
+                raise Unshown("a claim of a robot that has stopped or whose clock ran backwards")
             return state, refused
         state, seen = self._begun(state, seen), self._sane(seen)
         if claim:
@@ -113,18 +114,18 @@ class Walker:
         return self._walked(state, seen, self.pose_from_known(state, seen), nothing)
 
     def hear(self, state: State, message: bytes) -> State:
-        """The state after an encoded message has come."""
+        """Return the state after an encoded message was received."""
         return replace(state, heard=self._heard(state, (message,)))
 
     def report(self, state: State) -> tuple[tuple[int, bytes], ...]:
-        """(node, proof) of all that was decoded, for a robot that is met: hashes, never raw data (§VI-C)."""
+        """Return (node, proof) of all decoded nodes, for another robot: hashes, never raw data (§VI-C)."""
         return tuple(sorted(state.keys.proofs.items()))
 
     def accept_report(self, state: State, report: tuple[tuple[int, bytes], ...]) -> State:
-        """The state after another robot told where it was; what it cannot prove is ignored (sealed profile).
+        """Return the state after another robot's report; the sealed profile ignores entries without a valid proof.
 
-        In the paper profile nothing is stored to check a proof with, and a robot's word is taken: a compromised robot
-        can make others go elsewhere first, and no more.
+        The paper profile has no data to check proofs with, so reports are accepted. With a false report a compromised
+        robot can only make others visit other nodes first.
         """
         nodes = self.mission.nodes
         checked = self.mission.header.profile is Profile.SEALED
@@ -136,7 +137,7 @@ class Walker:
         return replace(state, others=state.others | believed)
 
     def _refused(self, state: State, seen: Experience) -> Outcome | None:
-        """The outcome of an experience that changes nothing, or None."""
+        """Return the outcome of an experience that must not change the state, or None."""
         if state.phase in (Phase.HELD, Phase.DONE):
             return Outcome(self.order(state), reason=Reason.STOPPED)
         if not (seen.t_s >= state.t_s and abs(seen.t_s) < LONGEST_S):
@@ -144,12 +145,13 @@ class Walker:
         return None
 
     def _begun(self, state: State, seen: Experience) -> State:
+        """Return the state at the start of a step, with the experience's time and messages."""
         since = seen.t_s if state.since_s is None else state.since_s
         heard = self._heard(state, seen.messages)
         return replace(state, t_s=seen.t_s, since_s=since, heard=heard)
 
     def _glance(self, state: State, seen: Experience) -> Find | None:
-        """Return the empty result if a glance rules out a find; None if it does not, or if something looks wrong."""
+        """Return the empty result if the fast check rules out a find; None if not, or if a value is implausible."""
         is_sane = _is_on_plane(seen) and 0.0 <= seen.travelled_m <= FAR_M
         tries = self._finder.tries_in_vain(state, seen) if is_sane else None
         return None if tries is None else self._finder.nothing(state, seen, tries)
@@ -157,13 +159,13 @@ class Walker:
     def _heard(self, state: State, messages: tuple[bytes, ...]) -> tuple[bytes, ...]:
         if not messages:
             return state.heard
-        # Longer ones are nobody's we know, and are kept at the size of those that are.
+        # Valid messages have at most DIGEST_BYTES: longer ones are stored as their digest, which bounds the state.
         new = (value if len(value) <= DIGEST_BYTES else sha3_256(value) for value in messages)
         return tuple(dict.fromkeys((*state.heard, *new)))[-self.config.messages_kept :]
 
     @staticmethod
     def _sane(seen: Experience) -> Experience:
-        """Return the observation without impossible values: a pose that is NaN, landmarks beyond a kilometre."""
+        """Return the experience without implausible values, as a pose of NaN or landmarks beyond a kilometre."""
         if not _is_on_plane(seen):
             return replace(seen, x_m=PLANE_M, y_m=PLANE_M, heading_rad=0.0, landmarks=())
         near = tuple(landmark for landmark in seen.landmarks if distance_m(seen, landmark) < SIGHT_M)
@@ -173,11 +175,11 @@ class Walker:
         return replace(seen, landmarks=near, travelled_m=travelled_m)
 
     def pose_from_known(self, state: State, seen: Experience) -> Fix | None:
-        """The pose that landmarks decoded before tell, if they are seen again.
+        """Return a fix from known landmarks in sight, or None.
 
-        Each such fix is no larger than what can have drifted since the last; a lidar that is stuck, or shown a building
-        that slides away, gives one at every step. So all of them since the last decode may not come to more than can
-        have drifted since then.
+        A fix must not exceed the plausible drift since the last fix. A lidar that is stuck, or deceived by a moving
+        scene, gives a fix at every step, so the sum of the fixes since the last decode must not exceed the plausible
+        drift since then.
         """
         fix, doubt_m = fix_from_known(self.config, seen, self._finder.chart(state)), pose_doubt_m(seen)
         if fix is None or fix.moved_m > allowed_m(self.config, seen.travelled_m - state.fixed_at_m, doubt_m):
@@ -186,8 +188,9 @@ class Walker:
         return fix if all_m <= allowed_m(self.config, seen.travelled_m - state.left_at_m) else None
 
     def _pulled(self, state: State, seen: Experience, fix: Fix) -> tuple[float, float]:
+        """Return the sum of the corrections by known landmarks, with this fix."""
         if pose_doubt_m(seen) > self.config.drift_base_m:
-            return state.pulled_m  # it knew that it was lost
+            return state.pulled_m  # a large correction is expected: the covariance is large
         return state.pulled_m[0] + (fix.x_m - seen.x_m), state.pulled_m[1] + (fix.y_m - seen.y_m)
 
     def _decoded(
@@ -212,7 +215,7 @@ class Walker:
             keys=self._finder.keys_of(state, opened),
         )
         if is_new:
-            # A way that was blocked an hour ago may be free: whoever got on, to where it never was, tries again.
+            # A blocked way may be free again: after a new node the robot tries all ways again.
             state = replace(state, blocked=frozenset(), round=0)
         state = self._aim(state)
         why = Reason.NO_WAY if state.phase is Phase.HELD else None
@@ -225,6 +228,7 @@ class Walker:
         return state, Outcome(self.order(state), reason=why or find.reason, fix=again, trials=find.trials, event=event)
 
     def _length(self, state: State, seen: Experience, opened: Opened) -> float:
+        """Return the length of the way to a decoded node: travelled, but at least the straight line."""
         walked = seen.travelled_m - state.left_at_m
         source = state.opened[state.at].place_m if state.at is not None else None
         if source is None or opened.place_m is None:
@@ -232,7 +236,7 @@ class Walker:
         return max(walked, length_m(opened.place_m[0] - source[0], opened.place_m[1] - source[1]))
 
     def _aim(self, state: State) -> State:
-        """The state with its next target, over ways that were blocked if there are no others; else done, or held."""
+        """Return the state with its next target, over blocked ways if there are no others; else done, or held."""
         if state.phase is not Phase.SEEKING or state.at is None:
             return state
         target = self.map.next_target(state.at, state.opened, state.others, state.lengths_m, state.blocked)
@@ -240,19 +244,19 @@ class Walker:
             return replace(state, target=target)
         is_explored = self._is_explored(state)
         if not is_explored and state.blocked and state.round < self.config.rounds:
-            # People walk on, and who comes from elsewhere sees a way that was not seen before.
+            # People who blocked a way move on, and from another side the robot may see a free way.
             return self._aim(replace(state, blocked=frozenset(), round=state.round + 1))
         event = Event.COMPLETED if is_explored else Event.NO_WAY
         return replace(state, target=None, phase=next_phase(state.phase, event))
 
     def _is_explored(self, state: State) -> bool:
-        """Return whether each node of a mission without a final one was decoded, by this robot or, proven, another."""
-        # In the paper profile a report proves nothing, and a compromised robot's must not make a mission look whole.
+        """Return True if there is no final node and all nodes were decoded, by this robot or provably by others."""
+        # In the paper profile reports prove nothing: a compromised robot must not make a mission look complete.
         proven = state.others if self.mission.header.profile is Profile.SEALED else frozenset()
         return not self.map.finals and len(state.opened.keys() | proven) == len(self.mission.nodes)
 
     def _not_validated(self, state: State, seen: Experience) -> tuple[State, Event | None, Reason | None]:
-        """The state after a step in which nothing was validated: time-outs, blocked ways, and the way back."""
+        """Return the state after a step without a validated node: handle time-outs, blocked ways, and the way back."""
         since, event = seen.t_s if state.since_s is None else state.since_s, None
         if self._has_passed(state, seen):
             event = Event.PASSED
@@ -271,7 +275,7 @@ class Walker:
             return state, None, None
         blocked = state.blocked
         if state.at is None:
-            # Nothing was ever validated: there is nothing to go back to.
+            # No node was validated yet, so there is none to return to.
             return replace(state, phase=Phase.HELD), event, Reason.TIMED_OUT
         if state.phase is Phase.SEEKING and state.target is not None:
             blocked |= {(state.at, state.target)}
@@ -279,11 +283,11 @@ class Walker:
         return state, event, Reason.TIMED_OUT if event is Event.TIMED_OUT else None
 
     def _has_passed(self, state: State, seen: Experience) -> bool:
-        """Return whether the target is a place that is known, and reached again by a pose that can be trusted."""
+        """Return True if the target was decoded before and the robot is there, with a trustworthy pose."""
         known = state.opened.get(state.target) if state.target is not None else None
         if state.phase is not Phase.SEEKING or known is None or known.place_m is None:
             return False
-        # At a landmark who is unsure may yet see it; at a bare place nothing ever makes a robot surer.
+        # An unsure robot may still see the landmark of its target. At a mere position nothing makes its pose surer.
         sigmas = 1 if known.landmark is None else 2
         is_sure = sigmas * pose_doubt_m(seen) <= self.config.arrive_m
         return is_sure and self._is_near(state.target, state, seen)
@@ -293,7 +297,7 @@ class Walker:
         return place is None or length_m(place[0] - seen.x_m, place[1] - seen.y_m) <= self.config.arrive_m
 
     def order(self, state: State) -> Order:
-        """Return the instruction in force; the same until something is decoded, given up or reached."""
+        """Return the current instruction; it changes only when a node is decoded, given up or reached."""
         if state.phase is Phase.DONE:
             return Order(Kind.DONE)
         if state.phase is Phase.HELD:
@@ -319,7 +323,7 @@ def _is_on_plane(seen: Experience) -> bool:
 
 
 def _free_side(corner: Landmark | None, direction_rad: float | None) -> int:
-    """1 if a line from the end of a wall has more room on its left, or nobody knows; -1 if on its right."""
+    """Return -1 if a line from the end of a wall has more room on its right, else 1."""
     open_rad = _OPEN_RAD.get(corner.type) if corner else None
     if corner is None or corner.orientation_rad is None or direction_rad is None or open_rad is None:
         return 1
