@@ -37,7 +37,7 @@ class Node:
     start: bool = False
     final: bool = False
     join: bool = False  # all predecessors must be decoded first
-    chained: bool = False  # the hash of the previous node is part of the conjunction (always so when sealed)
+    chained: bool = False  # the hash of the previous node is part of the conjunction (sealed nodes always depend on it)
     within_m: float = 0.0  # largest distance to the landmark; 0 is any (YAML files: 1 m by default for nodes that act)
     timeout_s: int = 0  # time for the next node, before the robot goes back; 0 is the robot's default
     send: tuple[str, ...] = ()  # names of messages released here

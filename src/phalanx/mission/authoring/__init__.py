@@ -1,1 +1,1 @@
-"""From an operator's words, or a floor plan, to an encoded mission."""
+"""Write missions in YAML or from a floor plan, and compile them."""

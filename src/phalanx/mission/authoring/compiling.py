@@ -1,6 +1,6 @@
-"""A plain mission becomes an encoded one, in either profile.
+"""Compile a plain mission to an encoded one, in either profile.
 
-Random bytes are an argument; the slow step can be spread over threads.
+The random source is an argument; the slow step, scrypt, can run in several threads.
 """
 
 from __future__ import annotations
@@ -64,39 +64,39 @@ from .findable import mark_lookalikes
 
 Random = Callable[[int], bytes]
 Spread = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
-Seen = tuple[Offset, bytes, tuple[Observable, ...]]  # an alias: its offset, canonical bytes, and what they are of
+Seen = tuple[Offset, bytes, tuple[Observable, ...]]  # an alias: offset, canonical bytes, observables
 PAPER_CODING = CodingConfig()
-# Sealed cells are large, for every try costs 10 ms: 9 of them cover +-0.6 m.
+# Cells of the sealed profile are large, since a try takes 10 ms: 9 cells cover +-0.6 m.
 SEALED_CODING = CodingConfig(delta_mm=400)
-# A robot takes what it knows of places for exact to `MissionConfig.sight_m`; with more fixes are false.
+# Robots take places for exact to `MissionConfig.sight_m`: with coarser rounding their fixes would be wrong.
 OFFSET_LIMIT_MM = 50
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BuildOptions:
-    """Options of a build: which robot may run the mission, and when."""
+    """Options of a build: profile, robots that may run the mission, and period of validity."""
 
     profile: Profile = Profile.SEALED
     robots: tuple[int, ...] = ()  # ids; empty is any
     valid_from_s: int = 0  # on the mission's clock
     valid_to_s: int = FOREVER_S  # likewise
-    open_start: bool = False  # put the start key into the file (sealed profile): anybody may begin
-    offset_mm: int = 1  # offsets of places are rounded to multiples of so much
+    open_start: bool = False  # put the start key into the file (sealed profile), so that anyone can start
+    offset_mm: int = 1  # offsets of places are rounded to multiples of this
 
     def __post_init__(self) -> None:
         if not 0 <= self.valid_from_s < self.valid_to_s <= FOREVER_S:
-            raise UsageError(f"valid from {self.valid_from_s} to {self.valid_to_s}", "the end after the beginning")
+            raise UsageError(f"valid from {self.valid_from_s} to {self.valid_to_s}", "use an end after the start")
         if any(not 0 <= robot < 1 << 16 for robot in self.robots) or len(set(self.robots)) > 255:
-            raise UsageError(f"robots {self.robots}", "at most 255 ids of 0 to 65535")
+            raise UsageError(f"robots {self.robots}", "use at most 255 ids from 0 to 65535")
         if self.open_start and self.profile is Profile.PAPER:
-            raise UsageError("an open start in the paper profile", "it has no start key: every node can be tried")
+            raise UsageError("an open start in the paper profile", "leave it out: this profile has no start key")
         if not 1 <= self.offset_mm <= OFFSET_LIMIT_MM:
-            raise UsageError(f"offsets rounded to {self.offset_mm} mm", f"1 to {OFFSET_LIMIT_MM}")
+            raise UsageError(f"offsets rounded to {self.offset_mm} mm", f"use 1 to {OFFSET_LIMIT_MM}")
 
 
 @dataclass(frozen=True, slots=True)
 class Built:
-    """One robot's half of a mission: the file (unsigned yet), and the key that starts it."""
+    """One robot's part of a mission: the file, not signed yet, and its start key."""
 
     part: str
     mission: EncodedMission
@@ -104,7 +104,7 @@ class Built:
 
 
 class Maker:
-    """Base of both profiles' encoders: numbering, headers, offsets."""
+    """Base class of both profiles' compilers: numbers of nodes, headers, offsets."""
 
     def __init__(self, mission: Mission, options: BuildOptions, random: Random) -> None:
         default = PAPER_CODING if options.profile is Profile.PAPER else SEALED_CODING
@@ -118,11 +118,11 @@ class Maker:
             self.before[way.target].append(way)
             self.after[way.source].append(way)
         waited = dict.fromkeys(name for node in mission.nodes for name in node.wait)
-        # Nobody in the mission sends these: a controller does, and finds them in the key file.
+        # No node sends these messages: a controller sends them, and takes them from the key file.
         self.external = {name: random(32) for name in waited if name not in self.sent}
 
     def header(self, nodes: list[Node], shapes: Iterable[Shape] = ()) -> Header:
-        """The header of a part, with an id of its own."""
+        """Return the header of a part, with a random mission id."""
         flags = REPEATABLE * self.mission.repeatable | ROAM * self.mission.roam | OPEN_START * self.options.open_start
         return Header(
             self.options.profile,
@@ -137,13 +137,13 @@ class Maker:
         )
 
     def numbered(self, part: str) -> tuple[list[Node], dict[str, int], list[list[PlainWay]]]:
-        """(nodes, number by name, ways out of each node by ascending target) of a part."""
+        """Return (nodes, number by name, ways out of each node by ascending target) of a part."""
         nodes = [node for node in self.mission.nodes if node.part == part]
         number = {node.name: i for i, node in enumerate(nodes)}
         return nodes, number, [sorted(self.after[name], key=lambda way: number[way.target]) for name in number]
 
     def offset(self, alias: tuple[Observable, ...]) -> Offset:
-        """Return the origin of an alias' cells."""
+        """Return the offset of an alias's cells."""
         return alias_offset(self.coding, alias, self.options.offset_mm)
 
     @staticmethod
@@ -154,7 +154,7 @@ class Maker:
 
 
 def place_of(alias: tuple[Observable, ...]) -> Landmark | Position | None:
-    """The one place in a conjunction, if it has one."""
+    """Return the landmark or position in a conjunction, or None."""
     return next((thing for thing in alias if isinstance(thing, Landmark | Position)), None)
 
 
@@ -167,7 +167,7 @@ def observed_bytes(
     messages: Iterable[bytes] = (),
     previous: bytes | None = None,
 ) -> bytes:
-    """Canonical bytes of what the author says will be experienced."""
+    """Return the canonical bytes that a robot will observe, computed from the author's alias."""
     place = place_of(alias)
     where = b""
     if place is not None:
@@ -187,7 +187,7 @@ def observed_bytes(
 
 
 def alias_offset(coding: CodingConfig, alias: tuple[Observable, ...], rounded_mm: int = 1) -> Offset:
-    """Return the origin of an alias' cells, rounded to multiples within half a cell."""
+    """Return the offset of an alias's cells; x and y are rounded to multiples of `rounded_mm` within half a cell."""
     place = place_of(alias)
     if place is None:
         return Offset()
@@ -198,7 +198,7 @@ def alias_offset(coding: CodingConfig, alias: tuple[Observable, ...], rounded_mm
 
 
 def direction_of(way: PlainWay, source: tuple[float, float] | None, target: tuple[float, float] | None) -> float | None:
-    """The way's direction, map frame, or None if it has none."""
+    """Return the direction of a way, map frame: the given one or that of the straight line; None without places."""
     if way.direction_rad is not None:
         return way.direction_rad
     if source is None or target is None:
@@ -208,10 +208,10 @@ def direction_of(way: PlainWay, source: tuple[float, float] | None, target: tupl
 
 
 def build(mission: Mission, options: BuildOptions, random: Random, spread: Spread = map) -> list[Built]:
-    """Return the encoded mission: one file for every part.
+    """Compile a mission; return one file for each part.
 
-    `random` returns so many unpredictable bytes; `spread` is like `map`: a thread pool's tries slow hashes at once.
-    Raises: UsageError: the mission cannot be said in this profile.
+    `random(n)` returns n secure random bytes; `spread` is `map`, or that of a thread pool to run scrypt in parallel.
+    Raises: UsageError: the mission cannot be encoded in this profile.
     Source: Encoded graphs §III, §IV-A; docs/spec/mission.md.
     """
     mission = mark_lookalikes(mission)
@@ -222,16 +222,16 @@ def build(mission: Mission, options: BuildOptions, random: Random, spread: Sprea
 
 
 class SealedMaker(Maker):
-    """Random secrets behind gates; what will be seen goes into scrypt and nowhere else."""
+    """Compiler for the sealed profile: random secrets behind gates; observations are used by scrypt only."""
 
     def __init__(self, mission: Mission, options: BuildOptions, random: Random) -> None:
         super().__init__(mission, options, random)
         if mission.roam:
-            raise UsageError("a sealed mission to roam", "its nodes open one after the other; --profile paper")
+            raise UsageError("roam in the sealed profile, whose nodes open one by one", "use --profile paper")
         self.tokens = {name: random(32) for name in self.sent} | self.external
 
     def part(self, part: str, spread: Spread) -> Built:
-        """One robot's half."""
+        """Return one robot's part."""
         nodes, number, ways = self.numbered(part)
         header = self.header(nodes)
         secrets = [self.random(32) for _ in nodes]
@@ -261,10 +261,10 @@ class SealedMaker(Maker):
                 visited=sealed.visited_hash(sealed.visited_proof(secrets[i])),
             )
             outs = tuple(sealed.WayOut(Gate(share(i, way), hints[number[way.target]]), way.do) for way in ways[i])
-            told = sealed.Payload(node.name, node.do, node.place, tuple(self.tokens[n] for n in node.send), outs)
-            payload = sealed.seal_payload(header, i, record, secrets[i], told)
+            content = sealed.Payload(node.name, node.do, node.place, tuple(self.tokens[n] for n in node.send), outs)
+            payload = sealed.seal_payload(header, i, record, secrets[i], content)
             if len(payload) > PAYLOAD_LIMIT:
-                raise UsageError(f"node {node.name!r} has too many ways out", "divide it")
+                raise UsageError(f"node {node.name!r} has too many ways out", "divide it into several nodes")
             records.append(replace(record, payload=payload))
         starts = {i: Gate(gates[i], hints[i]) for i, node in enumerate(nodes) if node.start}
         key = StartKey(header.mission_id, starts, self.external)
@@ -272,7 +272,7 @@ class SealedMaker(Maker):
         return Built(part, EncodedMission(header, tuple(records), opened), key)
 
     def _gate(self, node: Node, shares: dict[tuple[str, str], bytes]) -> bytes:
-        """The node's gate; its shares are left with every way that leads there."""
+        """Return the gate of a node, and put a share for each way that leads to it into `shares`."""
         gate = self.random(32)
         before = [way.source for way in self.before[node.name]]
         for source in before:
@@ -284,7 +284,7 @@ class SealedMaker(Maker):
     def _hint(self, node: Node, alias: tuple[Observable, ...]) -> Hint:
         shape = shape_of(alias)
         if shape.messages:
-            raise UsageError(f"node {node.name!r} sees a message of given bytes", "name it under wait")
+            raise UsageError(f"node {node.name!r} sees a message of given bytes", "use a message name under wait")
         shape = shape._replace(messages=len(node.wait), previous=0)
         return Hint(shape, self.offset(alias))
 
@@ -297,10 +297,10 @@ class SealedMaker(Maker):
 
 
 class PaperMaker(Maker):
-    """Hashes of what will be seen (Encoded graphs §III-A, §IV-A)."""
+    """Compiler for the paper profile: hashes of observations. Source: Encoded graphs §III-A, §IV-A."""
 
     def part(self, part: str) -> Built:
-        """Return one robot's half."""
+        """Return one robot's part."""
         nodes, number, ways = self.numbered(part)
         marks: dict[str, list[bytes]] = {}
         by_name: dict[str, list[Seen]] = {}
@@ -313,12 +313,13 @@ class PaperMaker(Maker):
                 for mark in previous
             ]
             if len(by_name[node.name]) > 255 or (node.chained and not before):
-                raise UsageError(f"node {node.name!r} is chained to {len(before)} experiences", "1 to 255; or seal it")
+                hint = "use 1 to 255, or the sealed profile"
+                raise UsageError(f"node {node.name!r} is chained to {len(before)} previous aliases", hint)
             marks[node.name] = [sha3_256(observed) for _, observed, _ in by_name[node.name]]
         seen = [by_name[node.name] for node in nodes]
         header = self.header(nodes, (self._shape(node, alias) for node in nodes for alias in node.see))
         if len(header.shapes) > 255:
-            raise UsageError(f"{len(header.shapes)} kinds of conjunctions", "at most 255")
+            raise UsageError(f"{len(header.shapes)} combinations of kinds of observables", "use at most 255")
         places = [node.place for node in nodes]
         records = []
         for i, node in enumerate(nodes):
@@ -333,7 +334,7 @@ class PaperMaker(Maker):
         return Built(part, EncodedMission(header, tuple(records)), key)
 
     def _chain_order(self, nodes: list[Node]) -> list[Node]:
-        """Every chained node after all that come before it."""
+        """Return the nodes in an order with each chained node after all its predecessors."""
         by_name = {node.name: node for node in nodes}
         sorter: TopologicalSorter[str] = TopologicalSorter()
         for node in nodes:
@@ -342,7 +343,7 @@ class PaperMaker(Maker):
             return [by_name[name] for name in sorter.static_order()]
         except CycleError as error:
             raise UsageError(
-                f"node {error.args[1][0]!r} is chained to itself in a circle", "a chain needs a beginning; or seal it"
+                f"node {error.args[1][0]!r} is chained to itself in a circle", "break it, or use the sealed profile"
             ) from error
 
     def _messages(self, node: Node) -> list[bytes]:
@@ -354,8 +355,8 @@ class PaperMaker(Maker):
             sender = self.sent[name]
             if len(sender.see) > 1 or sender.chained:
                 raise UsageError(
-                    f"node {sender.name!r} sends {name!r} and can be experienced in several ways",
-                    "in the paper profile a message is made of the one thing sensed; or seal it",
+                    f"node {sender.name!r} sends {name!r} but is chained or has several alternatives under see",
+                    "use one alternative, as the message is derived from it, or the sealed profile",
                 )
             offset = self.offset(sender.see[0])
             observed = self._bytes(sender, sender.see[0], offset, None)

@@ -1,6 +1,6 @@
-"""A mission's YAML file becomes a `Mission`, and back; every complaint begins with the file and the line.
+"""Read a mission from a YAML file and write it; error messages begin with the file and the line.
 
-The words of the file are tabled in docs/spec/mission.md.
+docs/spec/mission.md lists the keys of the file.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ TOP = {"mission", "map", "area", "roam", "repeatable", "coding", "nodes", "ways"
 NODE = {"see", "do", "start", "final", "join", "chained", "within_m", "timeout_s", "send", "wait", "part", "width"}
 SEE = {*LANDMARK_TYPES, "position", "sensor", "action", "time", "facing", "area", "text", "token"}
 WAY = {"from", "to", "both", "direction", "do"}
-# From so near landmarks count where something is done and the file does not say: a robot comes so near to one in a
-# wall, and in a doorway itself it does not see it.
+# Default of within_m for nodes that act: a robot gets this near to a landmark in a wall, and does not see a doorway
+# while it stands in it.
 AT_NODE_M = 1.0
 _BRIEF = reprlib.Repr()
-_BRIEF.maxlevel = 1  # a YAML file of a few lines can name itself into lists of lists without end
-DIGITS = 9  # after the point, of numbers that are written
+_BRIEF.maxlevel = 1  # YAML aliases can make endlessly nested lists
+DIGITS = 9  # decimal places of written numbers
 TOKEN = re.compile(r"[0-9a-f]{32,200}")  # at least 128 random bits
 
 
 class WrittenMission:
-    """Parsed mission file with line numbers. Raises: UsageError: it is not YAML."""
+    """A parsed YAML file with line numbers. Raises: UsageError: it is not YAML."""
 
     def __init__(self, data: bytes, source: str) -> None:
         self._source = source
@@ -44,7 +44,7 @@ class WrittenMission:
         self.words = words_of(self._root, data, source, HINT)
 
     def mission(self) -> Mission:
-        """The mission that it describes. Raises: UsageError: it describes none."""
+        """Return the mission in the file. Raises: UsageError: the mission is invalid."""
         try:
             return plain_mission(self.words)
         except UsageError as error:
@@ -54,7 +54,7 @@ class WrittenMission:
 
 
 def _about(root: yaml.Node | None, complaint: str, place: tuple[str | int, ...]) -> yaml.Node | None:
-    """Find the node an error concerns: the value at its path, or the key it names; None: the whole file."""
+    """Find the YAML node that an error concerns: the value at its path, or a key named in its text; None if none."""
     about, inside = None, root
     for step in place:
         if not isinstance(inside, yaml.MappingNode | yaml.SequenceNode):
@@ -62,24 +62,24 @@ def _about(root: yaml.Node | None, complaint: str, place: tuple[str | int, ...])
         parts = [part if isinstance(part, tuple) else (part, part) for part in inside.value]
         if isinstance(step, str):
             parts = [part for part in parts if isinstance(part[0], yaml.ScalarNode) and part[0].value == step]
-        # A name may be there twice, as a number and as a text: it is the second that is one too many.
+        # A key may occur twice, as a number and as a text: the error concerns the second.
         nth = step if isinstance(step, int) else -1
         if not -len(parts) <= nth < len(parts):
             break
         about, inside = parts[nth]
-    if about is None:  # a key of the file itself, or no key at all
+    if about is None:  # a top-level key, or no key at all
         pair = named(root.value, complaint) if isinstance(root, yaml.MappingNode) else None
         return pair[0] if pair else None
     called = about.value if isinstance(about, yaml.ScalarNode) else ""
     rest = complaint.removeprefix(f"node {called}: ").removeprefix(f"node {called!r} ")
-    # Not below all nodes: one may be called as what none of them has.
+    # Do not search below all nodes: one of them may have the name in the message.
     deeper = None if place == ("nodes",) else _within(inside, rest, set())
     return deeper or about
 
 
 def _within(node: yaml.Node | None, complaint: str, seen: set[int]) -> yaml.Node | None:
-    """The key that it names, as deep as can be."""
-    if id(node) in seen or node is None or isinstance(node, yaml.ScalarNode):  # a list can name itself without end
+    """Return the deepest key below a node that the text of an error names, or None."""
+    if id(node) in seen or node is None or isinstance(node, yaml.ScalarNode):  # lists may contain themselves
         return None
     seen.add(id(node))
     if isinstance(node, yaml.MappingNode) and (pair := named(node.value, complaint)):
@@ -89,9 +89,9 @@ def _within(node: yaml.Node | None, complaint: str, seen: set[int]) -> yaml.Node
 
 
 def plain_mission(words: Any) -> Mission:
-    """The mission that a file's words describe.
+    """Return the mission described by the content of a YAML file.
 
-    Raises: UsageError: something is missing, unknown or of another kind; the message says where.
+    Raises: UsageError: a value is missing, unknown or of the wrong type; the message has its place.
     """
     top = _mapping(words, "the file", TOP)
     area = None if "area" not in top else _numbers(top["area"], "area", 4)
@@ -108,7 +108,7 @@ def plain_mission(words: Any) -> Mission:
     for i, (name, node) in enumerate(_mapping(top.get("nodes"), "nodes", None).items()):
         with under("nodes", i):
             _node(draft, _name(name, "nodes"), _mapping(node, f"node {name}", NODE))
-    written: list[int] = []  # of each way of the draft, the number of that in the file
+    written: list[int] = []  # for each way of the draft, the index of its entry in the file
     for i, way in enumerate(_list(top.get("ways", []), "ways")):
         with under("ways", i):
             _way(draft, way, f"way {i + 1}")
@@ -122,27 +122,27 @@ def plain_mission(words: Any) -> Mission:
 
 
 def words_of_mission(mission: Mission) -> dict[str, Any]:
-    """Return the words of a file that describes this mission: `plain_mission` reads them."""
+    """Return the content of a YAML file for a mission, as `plain_mission` reads it."""
     ways = {(way.source, way.target): way for way in mission.ways}
-    told: dict[tuple[str, str], dict[str, Any]] = {}
+    entries: dict[tuple[str, str], dict[str, Any]] = {}
     for (source, target), way in ways.items():
         back = ways.get((target, source))
         alike = back is not None and back.do == way.do and back.direction_rad is way.direction_rad is None
-        if alike and (target, source) in told:
-            told[target, source]["both"] = True
+        if alike and (target, source) in entries:
+            entries[target, source]["both"] = True
             continue
-        told[source, target] = {"from": source, "to": target, **_given(direction=way.direction_rad, do=way.do)}
+        entries[source, target] = {"from": source, "to": target, **_given(direction=way.direction_rad, do=way.do)}
     return {
         "mission": mission.name,
         **_given(map=mission.floor_plan, roam=mission.roam, repeatable=mission.repeatable),
         **_given(area=mission.area_m and list(mission.area_m), coding=mission.coding and asdict(mission.coding)),
         "nodes": {node.name: _words_of(node) for node in mission.nodes},
-        "ways": list(told.values()),
+        "ways": list(entries.values()),
     }
 
 
 def words_of_alias(alias: tuple[Observable, ...], digits: int = DIGITS) -> dict[str, Any]:
-    """Return the words under `see` for one way to experience a node; numbers are rounded to so many digits."""
+    """Return the content under `see` for an alias; numbers are rounded to `digits` decimal places."""
     words: dict[str, Any] = {}
     for thing in alias:
         if isinstance(thing, Landmark):
@@ -168,7 +168,7 @@ def _words_of(node: Node) -> dict[str, Any]:
 
 
 def _given(digits: int = DIGITS, /, **words: Any) -> dict[str, Any]:
-    """Return those words that say something; actions and directions as files have them."""
+    """Return the values that are set, with actions and angles in the form of the file."""
     given: dict[str, Any] = {}
     for name, value in words.items():
         if isinstance(value, Action):
@@ -185,14 +185,14 @@ def _coding(words: Any) -> CodingConfig:
     values = _mapping(words, "coding", known)
     for key, value in values.items():
         if isinstance(value, bool) or not isinstance(value, int):
-            raise UsageError(f"coding: {key} is {value!r}", "a whole number")
+            raise UsageError(f"coding: {key} is {value!r}", "use a whole number")
     return CodingConfig(**values)
 
 
 def _node(draft: Draft, name: str, words: dict[str, Any]) -> None:
     where = f"node {name}"
-    # What is done at a node is done there, and not where it came in sight. But robots begin where they are put, and who
-    # waits for a message has to see the landmark when it comes, and may have gone by.
+    # An action takes place at the node, not where its landmark comes in sight. But start nodes count from anywhere, and
+    # a robot that waits for a message must still see the landmark when it arrives.
     acts = words.keys() & {"do", "send"} or words.get("final")
     within_m = AT_NODE_M if acts and not (words.get("start") or words.get("wait")) else 0.0
     see = words.get("see", [])
@@ -219,14 +219,14 @@ def _node(draft: Draft, name: str, words: dict[str, Any]) -> None:
 def _alias(words: Any, where: str) -> tuple[Observable, ...]:
     if isinstance(words, dict) and "corner_concave" in words:
         raise UsageError(
-            f"{where}: corner_concave does not say at which end of its wall it is",
-            "concave_left or concave_right, for who stands before the wall",
+            f"{where}: corner_concave does not tell the end of its wall",
+            "use concave_left or concave_right, as seen when facing the wall",
         )
     given = _mapping(words, f"{where}: see", SEE)
     out: list[Observable] = []
     kinds = [kind for kind in LANDMARK_TYPES if kind in given]
     if len(kinds) > 1:
-        raise UsageError(f"{where}: see has {' and '.join(kinds)}", "one landmark; several ways to see it are a list")
+        raise UsageError(f"{where}: see has {' and '.join(kinds)}", "use one landmark, or a list of alternatives")
     if kinds:
         x, y = _numbers(given[kinds[0]], f"{where}: {kinds[0]}", 2)
         out.append(
@@ -240,7 +240,8 @@ def _alias(words: Any, where: str) -> tuple[Observable, ...]:
             )
         )
     elif given.keys() & {"facing", "area", "text", "token"}:
-        raise UsageError(f"{where}: facing, area, text and token belong to a landmark", "see: {doorway: [x, y], ...}")
+        hint = "add a landmark, as in see: {doorway: [x, y], ...}"
+        raise UsageError(f"{where}: facing, area, text and token belong to a landmark", hint)
     if "position" in given:
         out.append(Position(*_numbers(given["position"], f"{where}: position", 2)))
     readings = given.get("sensor", [])
@@ -258,7 +259,7 @@ def _qr_text(given: dict[str, Any], where: str) -> str | None:
         return _text(given["text"], f"{where}: text") if "text" in given else None
     token = _text(given["token"], f"{where}: token")
     if "text" in given or not TOKEN.fullmatch(token):
-        raise UsageError(f"{where}: token is not a random token", "at least 32 hex digits, and no text beside it")
+        raise UsageError(f"{where}: token is not a random token", "use at least 32 hex digits, and no text beside it")
     return token
 
 
@@ -266,7 +267,7 @@ def _way(draft: Draft, words: Any, where: str) -> None:
     if isinstance(words, list):
         names = [_text(name, where) for name in words]
         if len(names) < 2:
-            raise UsageError(f"{where} has {len(names)} ends", "[a, b], or [a, b, c] for a way on")
+            raise UsageError(f"{where} has {len(names)} ends", "use [a, b], or [a, b, c] for several ways in a row")
         for source, target in pairwise(names):
             draft.way(source, target, both=True)
         return
@@ -288,69 +289,69 @@ def _action(words: Any, where: str) -> Action:
         return Action(words)
     given = _mapping(words, f"{where}: action", None)
     if len(given) != 1:
-        raise UsageError(f"{where}: an action is a name, or a name with its arguments", "do: {pick: {shelf: 3}}")
+        raise UsageError(f"{where}: not an action", "use a name, or a name with arguments: {pick: {shelf: 3}}")
     name, args = next(iter(given.items()))
     values = _mapping(args or {}, f"{where}: {name}", None)
     names = {key: _name(key, f"{where}: {name}") for key in values}
     for key, value in values.items():
         if isinstance(value, bool) or not isinstance(value, str | int | float):
-            raise UsageError(f"{where}: {name}: {key} is {value!r}", "a number or a text")
+            raise UsageError(f"{where}: {name}: {key} is {value!r}", "use a number or a text")
     return Action(_name(name, where), tuple(sorted((names[key], value) for key, value in values.items())))
 
 
 def _name(word: Any, where: str) -> str:
-    """A name before a colon; refused where YAML took it for something else, for it would be encoded as that."""
+    """Return a name used as a key; reject one that YAML reads as another type, which would be encoded differently."""
     if isinstance(word, bool) or not isinstance(word, str | int):
         raise UsageError(
-            f"{where}: a name is read as {_shown(word)}", 'in quotes: "on", "off", "yes" and "no" are names'
+            f"{where}: a name is read as {_shown(word)}", 'put it in quotes, as "on", "off", "yes" and "no"'
         )
     return str(word)
 
 
 def _mapping(words: Any, where: str, known: set[str] | None) -> dict[str, Any]:
     if not isinstance(words, dict):
-        raise UsageError(f"{where} is {_shown(words)}", "a mapping: names with a colon")
+        raise UsageError(f"{where} is {_shown(words)}", "use a mapping: names with a colon")
     for key in words:
         if known is not None and key not in known:
-            hint = f"{did_you_mean(str(key), known)}one of {', '.join(sorted(known))}"
-            raise UsageError(f"{where} has {key!r}, which means nothing here", hint)
+            hint = f"{did_you_mean(str(key), known)}use one of {', '.join(sorted(known))}"
+            raise UsageError(f"{where} has the unknown key {key!r}", hint)
     return words
 
 
 def _list(words: Any, where: str) -> list[Any]:
     if not isinstance(words, list):
-        raise UsageError(f"{where} is {_shown(words)}", "a list")
+        raise UsageError(f"{where} is {_shown(words)}", "use a list")
     return words
 
 
 def _text(words: Any, where: str) -> str:
     if isinstance(words, bool) or not isinstance(words, str | int):
-        raise UsageError(f"{where} is {_shown(words)}", "a text")
+        raise UsageError(f"{where} is {_shown(words)}", "use a text")
     return str(words)
 
 
 def _number(words: Any, where: str) -> float:
     if isinstance(words, bool) or not isinstance(words, int | float) or not abs(words) < 1e12:
-        raise UsageError(f"{where} is {_shown(words)}", "a number")
+        raise UsageError(f"{where} is {_shown(words)}", "use a number")
     return float(words)
 
 
 def _whole_up(number: float) -> int:
-    """The whole number that is at least as far from 0: half a second is no "0, the robot's own", nor is less than 0."""
+    """Round away from 0, so that half a second does not become 0, the robot's default, and -0.5 stays negative."""
     return int(math.copysign(math.ceil(abs(number)), number))
 
 
 def _numbers(words: Any, where: str, count: int) -> list[float]:
     numbers = [_number(value, where) for value in _list(words, where)]
     if len(numbers) != count:
-        raise UsageError(f"{where} has {len(numbers)} numbers", f"{count}, in metres")
+        raise UsageError(f"{where} has {len(numbers)} numbers", f"use {count}, in metres")
     return numbers
 
 
 def _flag(words: dict[str, Any], key: str, where: str) -> bool:
     value = words.get(key, False)
     if not isinstance(value, bool):
-        raise UsageError(f"{where}: {key} is {_shown(value)}", "true or false")
+        raise UsageError(f"{where}: {key} is {_shown(value)}", "use true or false")
     return value
 
 

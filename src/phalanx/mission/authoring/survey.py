@@ -1,4 +1,4 @@
-"""A floor plan becomes a mission: explore every landmark that a robot can find there."""
+"""Make a mission from a floor plan: visit every landmark that a robot can find there."""
 
 from __future__ import annotations
 
@@ -23,52 +23,54 @@ from phalanx.mission.worth.feasible import ways_in_vain
 from .findable import alone, mark_lookalikes, sighted, without_duplicates
 from .free import END_M, STAND_M, Free
 
-# Landmarks further apart are not in each other's sight for certain; ways that long are not straight. Longer ones lead
-# to what no others lead to, as the far end of a bare corridor, if a robot can be expected to know it there.
+# Longer ways are neither straight nor sure to have the target in sight. Ways up to FAR_LIMIT_M lead only to landmarks
+# that no shorter way reaches, as the far end of a bare corridor, if a robot can be expected to recognise them.
 WAY_LIMIT_M, FAR_LIMIT_M = 16.0, 24.0
 NEIGHBOURS = 6
-# A short way keeps so far from walls on both sides, but for its ends: landmarks lie in walls and on corners. Beside a
-# longer one either side will do.
+# A short way needs this clearance on both sides, except at its ends, as landmarks lie in walls and on corners. A way of
+# LONG_M or more needs it on one side only.
 CLEARANCE_M, LONG_M = 0.3, 3.0
 SIDES = (-CLEARANCE_M, 0.0, CLEARANCE_M)
-# Nor is a way much longer for who has a body than the straight line: no robot gets through behind a shelf that stands
-# 0.1 m from its wall, and who goes around it does not come along the line.
+# The path of a robot may be longer than the straight line by this factor and this length: a robot cannot pass behind a
+# shelf 0.1 m from a wall, and one that drives around it leaves the line.
 DETOUR, DETOUR_M = 1.2, 1.0
-# Where robots begin is looked for on a grid of so many places along the map's longer side, but no denser than this.
+# The start is searched on a grid with this many places along the longer side of the map, spaced at least GRID_M.
 GRID_PLACES = 200
 GRID_M = 0.05
 NORTH_RAD = math.pi / 2
-APART_M = 0.5  # of a landmark from the next thing that looks the same: a robot's doubt is not much less
+APART_M = 0.5  # smallest distance of a landmark to a look-alike, somewhat more than the uncertainty of a robot's pose
 START = "start"
 TWO_SIDED = ("doorway", "room")
-BEHIND = -0.1  # cosine, from the normal: who comes along a wall is before it, and a little more
+BEHIND = -0.1  # cosine of the angle to a wall's normal, above which a robot is in front of it, with a tolerance
 SHORT = {"doorway": "door", "concave_left": "corner", "concave_right": "corner", "room": "room", "qr": "code"}
 
 log = logging.getLogger(__name__)
 
 
 def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConfig | None = None) -> Mission:
-    """The mission to visit all doorways, rooms, concave corners and codes of a floor plan that such a lidar shows.
+    """Return a mission to visit all doorways, rooms, concave corners and QR codes of a floor plan.
 
-    Convex corners are left out: every room has four, and tells them apart by more than each alone. So is, with a
-    warning, what no way leads to from where robots begin: a mission with such nodes is never done. And so is what has
-    something beside it that looks the same: no robot would know one from the other. Ways lead to each from the six
-    nearest in sight that a robot comes from, on the side from which it is seen, and back. Longer ways lead to what no
-    others lead to. What robots cannot be expected to find is left out, and so is a way on which they cannot.
+    Landmarks are left out if the lidar does not show them, if a look-alike is near, if robots cannot be expected to
+    find them, or, with a warning, if no way leads to them from the start: such a mission would never complete. Convex
+    corners are left out because every room has four, and its node identifies it better.
 
-    Raises: UsageError: it says not where robots begin, or no robot can stand there, or no landmark is in reach.
+    Ways lead to each landmark from the six nearest in sight, on the side from which it is visible, and back. Longer
+    ways lead to landmarks without other ways. Ways on which robots cannot be expected to find the target are left out.
+
+    Raises: UsageError: the plan has no start, no robot can stand there, or no landmark is in reach.
     Source: Encoded graphs §IV-A, Fig. 6.
     """
     if plan.start is None:
-        raise UsageError(f"{plan.name} does not say where robots begin", "start_pose: [x, y, heading] in the map")
+        raise UsageError(f"{plan.name} has no start of the robots", "add start_pose: [x, y, heading] to the map")
     with_start(plan, plan.start)
     in_sight, beside = sighted(plan, [site for site in landmarks_of(plan) if site.type in SHORT], lidar)
     all_aliases = [alias for each in in_sight for alias in each.site.aliases]
     others = (*look_alikes_of(plan), *beside)
-    told = set(without_duplicates(alone(all_aliases, others, APART_M)))
-    sites = [site for site in (each.left(told) for each in in_sight) if site is not None]
+    unique = set(without_duplicates(alone(all_aliases, others, APART_M)))
+    sites = [site for site in (each.left(unique) for each in in_sight) if site is not None]
     if not sites:
-        raise UsageError(f"{plan.name} has no landmarks", "walls with doorways, rooms or free corners; or codes")
+        hint = "use a map that has doorways, rooms, free corners or QR codes"
+        raise UsageError(f"{plan.name} has no landmarks that robots can recognise", hint)
     start = (plan.start[0], plan.start[1])
     named: dict[str, Site] = {}
     counts: Counter[str] = Counter()
@@ -83,7 +85,7 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
     made = partial(_made, Draft(f"explore {plan.name}", coding, plan.bounds, floor_plan=plan.name), start, named)
     mission = mark_lookalikes(made(ways), (*all_aliases, *others))
     outlook, late, vain = ways_in_vain(mission, plan, lidar)
-    # What is left is found over what is left: no second look finds more that is dark.
+    # The remaining nodes can be found on the remaining ways: a second prediction would not exclude more.
     ways = _without(outlook.infeasible.keys(), ways - late - vain, behind - vain | late, vain)
     mission = mark_lookalikes(made(ways, outlook.order), (*all_aliases, *others))
     reached = _reached(START, ways)
@@ -91,7 +93,7 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
         dark = sorted(outlook.infeasible.items(), key=lambda each: (not each[1][0].startswith("from "), each))
         why = next((f": {name} {whys[0]}" for name, whys in dark), "")
         raise UsageError(
-            f"no way leads to a landmark from ({start[0]:g}, {start[1]:g}) in {plan.name}{why}", "another start"
+            f"no way leads to a landmark from ({start[0]:g}, {start[1]:g}) in {plan.name}{why}", "use another start"
         )
     if len(reached) <= len(sites):
         away = len(sites) + 1 - len(reached)
@@ -106,9 +108,9 @@ def _made(
     ways: set[tuple[str, str]],
     order: Sequence[str] = (),
 ) -> Mission:
-    """Return the mission of the ways that lead on from the start, and of the places between them.
+    """Return the mission of all places and ways that can be reached from the start.
 
-    Of two places that seem equally near robots try the first in `order`.
+    `order` is the order of the nodes: of two nodes at the same estimated distance robots try the first.
     """
     draft, kept = replace(draft, nodes=[], ways=[]), _reached(START, ways)
     draft.node(START, Position(*start), start=True)
@@ -122,26 +124,26 @@ def _made(
 
 
 def with_start(plan: FloorPlan, start: tuple[float, float, float]) -> FloorPlan:
-    """The floor plan with robots that begin at x, y, heading.
+    """Return the floor plan with a start of the robots at x, y, heading.
 
-    Raises: UsageError: no robot can stand there: it is in a wall, outside, or in a space that the plan leaves out.
+    Raises: UsageError: no robot can stand there: it is in or near a wall, outside, or in a space that the plan omits.
     """
     x, y, _ = start
-    # A map_server map whose start is in no free space has walls, but no outline at all.
+    # A map_server map whose start is not in free space has walls, but no outline.
     nowhere = len(plan.walls) > 0 and not plan.outlines
     if nowhere or not plan.inside(x, y) or plan.clearance_m(x, y) < STAND_M:
         raise UsageError(
             f"no robot can stand at ({x:g}, {y:g}) in {plan.name}",
-            f"a free place, {STAND_M} m from walls; beyond the map's largest space only as start_pose in the map",
+            f"use a free place {STAND_M} m from walls; outside the map's largest space, set start_pose in the map",
         )
     return replace(plan, start=start)
 
 
 def most_spacious_start(plan: FloorPlan) -> tuple[float, float, float]:
-    """Return where robots begin in a map that does not say it: the place farthest from all walls, facing north.
+    """Return a start for a map without one: the place farthest from all walls, facing north.
 
-    Of a map_server map, in its largest space; in whole centimetres, which people can type.
-    Raises: UsageError: there is no such place, or the walls part the map into several spaces.
+    It is in the largest space of a map_server map, and rounded to centimetres, so that people can type it.
+    Raises: UsageError: there is no such place, or walls divide the map into several spaces.
     """
     x0, y0, x1, y1 = _extent(plan)
     step = max(GRID_M, max(x1 - x0, y1 - y0) / GRID_PLACES)
@@ -150,20 +152,20 @@ def most_spacious_start(plan: FloorPlan) -> tuple[float, float, float]:
         for i in range(math.ceil((x1 - x0) / step))
         for j in range(math.ceil((y1 - y0) / step))
     ]
-    # Being inside is dear to tell: asked from the roomiest place on, and equal ones in the order of the grid.
+    # `inside` is slow: try the place with the most clearance first, ties in the order of the grid.
     for clearance_m, place in sorted(((plan.clearance_m(*place), place) for place in places), key=lambda row: -row[0]):
         if clearance_m < STAND_M:
             break
         if plan.inside(*place):
             return (*place, NORTH_RAD)
     raise UsageError(
-        f"{plan.name} does not say where robots begin, and has no one space to choose from",
-        "start_pose: [x, y, heading] in the map",
+        f"{plan.name} has no start of the robots, and no single space to choose one in",
+        "add start_pose: [x, y, heading] to the map",
     )
 
 
 def _extent(plan: FloorPlan) -> tuple[float, float, float, float]:
-    """The bounds, without what lies beyond all outlines: pictures of maps have wide margins."""
+    """Return the bounds of all outlines, as images of maps have wide margins."""
     if not plan.outlines:
         return plan.bounds
     x0, y0, x1, y1 = plan.bounds
@@ -175,7 +177,10 @@ def _extent(plan: FloorPlan) -> tuple[float, float, float, float]:
 def _ways(
     plan: FloorPlan, free: Free, places: dict[str, tuple[float, float]], sites: dict[str, Site]
 ) -> tuple[set[tuple[str, str]], set[tuple[str, str]]]:
-    """(from, to): to each place from its nearest neighbours in sight, and back; those that come from behind apart."""
+    """Return ways (from, to) to each place from its nearest neighbours in sight, and back.
+
+    Returns: (ways on which the target is visible, ways that come from behind its wall).
+    """
     ways, behind = set[tuple[str, str]](), set[tuple[str, str]]()
     beside = {name: free.beside(_around(plan, place), place) for name, place in places.items()}
     for name, place in places.items():
@@ -200,7 +205,10 @@ def _ways(
 
 
 def _joined(ways: set[tuple[str, str]], *spare: set[tuple[str, str]]) -> set[tuple[str, str]]:
-    """The ways, and of the spare ones, the first set first, what leads to where no others do; or back from there."""
+    """Return the ways, with those spare ways that are needed to reach further places, and ways back.
+
+    The sets of spare ways are used in order.
+    """
 
     def new(spare: set[tuple[str, str]]) -> set[tuple[str, str]]:
         reached = _reached(START, ways)
@@ -212,7 +220,7 @@ def _joined(ways: set[tuple[str, str]], *spare: set[tuple[str, str]]) -> set[tup
 
 
 def _without(dark: Collection[str], *ways: set[tuple[str, str]]) -> set[tuple[str, str]]:
-    """Return the result of `_joined` without ways to and from dark nodes."""
+    """Return the result of `_joined` without ways to and from nodes in `dark`."""
     return _joined(*({(a, b) for a, b in each if a not in dark and b not in dark} for each in ways))
 
 
@@ -224,9 +232,10 @@ def _with_far(
     ways: set[tuple[str, str]],
     behind: set[tuple[str, str]],
 ) -> set[tuple[str, str]]:
-    """Return the ways, with the shortest long ones to what they do not lead to, one after the other; and those back.
+    """Return the ways, with the shortest long ways, there and back, to places that are not reached yet.
 
-    Likewise to what they lead to over the start alone: who comes back there may have nothing in sight.
+    Add long ways also to places that are connected only through the start: a robot that returns there may have no
+    landmark in sight.
     """
     tried, unseen = set[tuple[str, str]](), list[tuple[float, str, str]]()
 
@@ -247,7 +256,7 @@ def _with_far(
         pairs = {(a, b) for a in reached for b in left} - tried
         far = sorted((away, a, b) for a, b in pairs if (away := math.dist(places[a], places[b])) <= FAR_LIMIT_M)
         found = next((each for each in far if each[0] > CLEARANCE_M and joins(*each)), None)
-        # Who has driven past a thing may yet look back at it.
+        # Otherwise use a way whose target a robot sees only when it looks back.
         found = found or min((each for each in unseen if each[1] in reached and each[2] in left), default=None)
         if found is not None:
             nonlocal ways
@@ -265,7 +274,7 @@ def _with_far(
 
 
 def _shows_itself(site: Site | None, free: Free, a: tuple[float, float], b: tuple[float, float], side: int) -> bool:
-    """Return True if a robot on the way from a, on this side of its line, sees the site at b: walls have one side."""
+    """Return True if a robot on the way from a, on this side of its line, is in front of the wall of the site at b."""
     if site is None or site.type in TWO_SIDED:
         return True
     away_m = math.dist(a, b)
@@ -281,12 +290,12 @@ def _shows_itself(site: Site | None, free: Free, a: tuple[float, float], b: tupl
 
 
 def _side(plan: FloorPlan, free: Free, places: dict[str, tuple[float, float]], one: str, other: str) -> int | None:
-    """Return on which side of its line a robot gets straight from near one place to near another: 1 left, -1 right."""
+    """Return the side of the line on which a robot can drive straight between two places: 1 left, -1 right, or None."""
     a, b = places[one], places[other]
     away_m = math.dist(a, b)
     if away_m >= LONG_M:
         return free.side_of(a, b)
-    if away_m <= CLEARANCE_M:  # no way leads from one to the other, but for who begins there
+    if away_m <= CLEARANCE_M:  # too near for a way, except from the start
         return 1 if START in (one, other) and plan.sees(a, b) else None
     along_x, along_y = (b[0] - a[0]) / away_m, (b[1] - a[1]) / away_m
 
@@ -300,7 +309,7 @@ def _side(plan: FloorPlan, free: Free, places: dict[str, tuple[float, float]], o
 
 
 def _reached(start: str, ways: set[tuple[str, str]]) -> set[str]:
-    """The start, and what ways lead to from it."""
+    """Return the start and all places that can be reached from it."""
     after: dict[str, list[str]] = {}
     for source, target in ways:
         after.setdefault(source, []).append(target)
@@ -313,7 +322,7 @@ def _reached(start: str, ways: set[tuple[str, str]]) -> set[str]:
 
 
 def _around(plan: FloorPlan, place: tuple[float, float]) -> FloorPlan:
-    """The plan with those walls alone that a way from here could meet: large maps have thousands."""
+    """Return the plan with only those walls that a way from here could meet, as large maps have thousands."""
     reach_m = WAY_LIMIT_M + CLEARANCE_M
     ends = plan.walls.reshape(-1, 2, 2)
     met = np.all((ends.min(1) <= np.add(place, reach_m)) & (ends.max(1) >= np.subtract(place, reach_m)), axis=1)

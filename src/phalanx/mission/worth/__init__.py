@@ -1,1 +1,1 @@
-"""Estimate the value of a captured file: by calculation, and by real attacks."""
+"""Estimate what a captured mission file reveals to an attacker, and whether robots can complete the mission."""

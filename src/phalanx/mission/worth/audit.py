@@ -1,8 +1,8 @@
-"""Bound the tries that open each node of a captured file, given what the previous node reveals.
+"""Compute upper bounds of the tries that open each node of a captured file, given what the previous node reveals.
 
-Guessing costs add along a walk and never multiply: who has opened one node looks for the next in a corridor. Only what
-cannot be measured from a floor plan (a start key, a message, a random token) is out of reach. What is counted opens
-nodes. Places alone can be found with the floor plan and without any key (docs/explanation/threats-missions.md).
+The costs of guessing add up from node to node and do not multiply: an opened node reveals the direction of the next.
+Only secrets that a floor plan does not show (a start key, a message, a random token) are out of reach. The counts are
+for opening nodes; mere places can be found with the floor plan and no key (docs/explanation/threats-missions.md).
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from .guessing import OUT_OF_REACH, Alias, Guess, landmark_of
 from .outlook import Outlook
 from .shown import Shown, shown_by
 
-PAPER_SCRYPT = 8 << 12  # N * r that the assumed rates of scrypt are for
+PAPER_SCRYPT = 8 << 12  # N * r for which the rates of scrypt are given
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rates:
-    """Tries a second of an attacker. The defaults are assumptions and are printed; `crack` measures one core."""
+    """Tries per second of an attacker. The defaults are assumptions and are printed; `crack` measures one core."""
 
     hash_core: float = 1.4e7  # SHA3-256 of one short message (hashcat 17400 on one RTX 4090)
     hash_gpu: float = 5e9  # likewise
@@ -44,39 +44,39 @@ class Rates:
 
 @dataclass(frozen=True, slots=True)
 class NodeAudit:
-    """One node."""
+    """Result of the audit for one node."""
 
     name: str
-    candidates: float  # to try at most, for the alias that has fewest; in a better order fewer are enough
-    nearest: float  # likewise, in the order of distance from the node before
-    by_plan: float | None  # likewise by who has the floor plan, which is tried best first; None: nobody has asked
-    core_s: float  # what the candidates take
-    gpu_s: float  # likewise
+    candidates: float  # upper bound of tries, for the alias with the fewest; a better order needs fewer
+    nearest: float  # likewise, in order of distance from the previous node
+    by_plan: float | None  # likewise, with the floor plan, best candidates first; None without a plan
+    core_s: float  # time for all candidates on one core
+    gpu_s: float  # time for all candidates on one GPU
     robot_ms: float  # the robot's own worst search for one landmark in view, on one core
-    problems: tuple[str, ...]  # what the author should look at
-    infeasible: tuple[str, ...]  # why no robot can be expected to decode it; empty if one can
+    problems: tuple[str, ...]  # hints for the author
+    infeasible: tuple[str, ...]  # reasons why no robot can be expected to decode it; empty if one can
 
 
 @dataclass(frozen=True, slots=True)
 class Audit:
-    """The whole mission; costs are sums over the nodes that can be reached by guessing, infinite if there is none."""
+    """Result of the audit; costs are sums over the nodes that guessing can reach, infinite if there are none."""
 
     nodes: tuple[NodeAudit, ...]
     core_s: float
     gpu_s: float
-    nearest_core_s: float  # in the order of distance
+    nearest_core_s: float  # in order of distance
     nearest_gpu_s: float  # likewise
-    plan_core_s: float | None  # by who has the floor plan
+    plan_core_s: float | None  # with the floor plan
     plan_gpu_s: float | None  # likewise
     robot_ms: float
     out_of_reach: int
     problems: tuple[str, ...]
-    feasible: bool | None  # whether robots can be expected to live it to its end; None: nobody has looked ahead
+    feasible: bool | None  # True if robots can be expected to complete the mission; None if not predicted
 
     def told(self) -> dict[str, Any]:
-        """As JSON has it."""
+        """Return the audit as a JSON-ready dict."""
         rows = [{**asdict(row), "out_of_reach": row.candidates >= OUT_OF_REACH} for row in self.nodes]
-        # JSON knows no infinity, and 0 would read as free to crack.
+        # JSON has no infinity, and 0 would mean that cracking is free: use null.
         costs = {name: cost_s for name, cost_s in asdict(self).items() if name.endswith("_s")}
         endless = {name: None for name, cost_s in costs.items() if cost_s is not None and math.isinf(cost_s)}
         return {**asdict(self), **endless, "nodes": rows}
@@ -92,11 +92,11 @@ def audit_in(
     offset_mm: int = 1,
     lidar: LidarConfig | None = None,
 ) -> Audit:
-    """Audit a mission for a building that the attacker has the floor plan of; None is any building.
+    """Audit a mission against an attacker who has the building's floor plan; None is an unknown building.
 
     Args:
-        open_start, rates: as `audit`.
-        offset_mm: the compiler rounds offsets to multiples of so much.
+        open_start, rates: as in `audit`.
+        offset_mm: the compiler rounds offsets to multiples of this.
     """
     return audit(
         mission,
@@ -124,9 +124,9 @@ def audit(
 
     Args:
         open_start: the attacker has the start key (it is in the file, or was captured with the robot).
-        plan: what the building's floor plan shows, for an attacker who has it too.
-        outlook: what is to be expected of robots that live it.
-        doors: which of them robots see in that building; without, those of the paper.
+        plan: candidates from the building's floor plan, for an attacker who has it.
+        outlook: prediction of the robots' run.
+        doors: limits of the doors that robots recognise in that building; default: those of the paper.
     Source: docs/spec/mission.md; Encoded graphs §VI-G.
     """
     config, rates = config or MissionConfig(), rates or Rates()
@@ -155,7 +155,7 @@ def audit(
                 outlook.infeasible.get(node.name, ()),
             )
         )
-    # In the paper profile every node can be tried at once; in sealed a way has to be guessed from a start.
+    # In the paper profile all nodes can be tried at once; in the sealed profile the attacker begins at a start node.
     shut = {row.name for row in rows if row.candidates >= OUT_OF_REACH}
     open_to_guess = {row.name for row in rows} - shut if paper else _reachable(mission, shut)
     within = [row for row in rows if row.name in open_to_guess]
@@ -166,20 +166,20 @@ def audit(
     if paper:
         general.append("paper profile: fast unsalted hashes commit to the mission and do not hide it")
     elif open_start:
-        general.append("with the start key in hand, whoever captures the file can begin to guess")
+        general.append("with the start key anyone who captures the file can start to guess")
     else:
-        general.append("without the start key no node can be opened; each row supposes that the node before is open")
+        general.append("without the start key no node can be opened; each row assumes that the previous node is open")
     if not paper:
         general.append(
-            "counts are upper bounds, nearest first too: of a mission with 28945 at most and 5288 nearest first, "
-            "1555 tries in a better order opened all"
+            "counts are upper bounds, also nearest first: a mission with 28945 tries at most, and 5288 nearest first, "
+            "was opened with 1555 tries in a better order"
         )
         general.append(
             "with the floor plan and no key, the places of nearly all nodes can be found in seconds to a minute: "
             "repeat the survey of build --map, or match the file's graph with the plan"
         )
     if feasible is False:
-        general.append("no robot can be expected to live it to its end")
+        general.append("no robot can be expected to complete the mission")
     return Audit(
         tuple(rows),
         tries / core,
@@ -199,7 +199,7 @@ def _robot_tries(coding: CodingConfig, config: MissionConfig, alias: Alias, node
     shape = shape_of(alias)
     tries = 1.0
     if shape.place:
-        # A robot that has lost its way: as far as it ever searches, and in the bins beside.
+        # The worst case, a lost robot: the largest search region, and the adjacent bins.
         wanted = math.ceil(config.tolerance_m * MM_PER_M / coding.delta_mm + 0.5) - 1
         tries *= (2 * next((rings for rings in RINGS if rings >= wanted), RINGS[-1]) + 1) ** 2
         tries *= len(BIN_STEPS) if shape.oriented else 1
@@ -218,13 +218,14 @@ def _problems(
             out[name].append(problem)
 
     if len(mission.nodes) == 1:
-        tell(mission.nodes[0].name, "the only node: robots have completed the mission where they start")
+        tell(mission.nodes[0].name, "the only node: the mission is complete at the start")
     reached = _reachable(mission)
     for node in mission.nodes:
         if node.name not in reached:
             tell(node.name, "unreachable from any start")
         if node.width_m is not None and not doors.door_min_m <= node.width_m <= doors.door_max_m:
-            tell(node.name, f"a door of {node.width_m:g} m; robots see {doors.door_min_m:g} to {doors.door_max_m:g}")
+            seen = f"robots recognise {doors.door_min_m:g} to {doors.door_max_m:g}"
+            tell(node.name, f"a door of {node.width_m:g} m; {seen}")
     for a, mine, b, theirs, away in _near_pairs(mission, coding, config.tolerance_m):
         if _same(mine, theirs, a, b) and _fits(coding, mine, theirs):
             tell(a.name, f"one observation satisfies {b.name} too")
@@ -235,7 +236,7 @@ def _problems(
 
 
 def _reachable(mission: Mission, shut: Collection[str] = ()) -> set[str]:
-    """Nodes that can be reached from a start through others that are not shut."""
+    """Return the nodes that can be reached from a start without passing nodes in `shut`."""
     after: dict[str, list[str]] = {}
     for way in mission.ways:
         after.setdefault(way.source, []).append(way.target)
@@ -252,7 +253,7 @@ def _reachable(mission: Mission, shut: Collection[str] = ()) -> set[str]:
 def _near_pairs(
     mission: Mission, coding: CodingConfig, radius_m: float
 ) -> list[tuple[Node, Alias, Node, Alias, float]]:
-    """Aliases of different nodes, of one shape, nearer than the radius; and those without a place that are equal."""
+    """Return pairs of similar aliases of different nodes within a radius, with their distance; 0 without a place."""
     grid: dict[tuple[Shape, int, int], list[tuple[Node, Alias]]] = {}
     edge = max(radius_m, coding.delta_mm / MM_PER_M, 1e-3)
     pairs = []
@@ -277,7 +278,7 @@ def _near_pairs(
 
 
 def _same(mine: Alias, theirs: Alias, a: Node, b: Node) -> bool:
-    """Return whether all but the places are the same, so that only the position tells the nodes apart."""
+    """Return True if two aliases differ only in their places."""
     rest = [
         ({thing for thing in alias if not hasattr(thing, "x_m")}, node.wait, node.do)
         for alias, node in ((mine, a), (theirs, b))
@@ -287,7 +288,7 @@ def _same(mine: Alias, theirs: Alias, a: Node, b: Node) -> bool:
 
 
 def _fits(coding: CodingConfig, mine: Alias, theirs: Alias) -> bool:
-    """Return whether what satisfies one alias lies in the other's cell as well."""
+    """Return True if an observation of one alias lies in the other's cell as well."""
     place = place_of(mine)
     there = place_of(theirs)
     if place is None or there is None:

@@ -1,4 +1,4 @@
-"""How many candidates an attacker has for each node of a mission: with a floor plan, and with nothing but its size."""
+"""Count an attacker's candidates for each node of a mission, with a floor plan, or with only the size of the map."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from phalanx.mission.walk.search import WINDOWS
 
 from .shown import Before, Shown, cell_in
 
-OUT_OF_REACH = float(1 << 128)  # candidates; whatever is at least this is not counted further
+OUT_OF_REACH = float(1 << 128)  # a number of candidates that no attacker can try
 Alias = tuple[Observable, ...]
 
 
 class Guess:
-    """The attacker's candidates, who tries one node after the other: upper bounds, for cheaper orders are known."""
+    """Upper bounds of the candidates of an attacker who tries one node after the other; cheaper orders are known."""
 
     def __init__(
         self, mission: Mission, coding: CodingConfig, profile: Profile, open_start: bool, plan: Shown | None
@@ -39,10 +39,10 @@ class Guess:
         self.shapes = {shape_of(alias) for node in mission.nodes for alias in node.see}
 
     def candidates(self, node: Node, *, nearest: bool = False) -> float:
-        """Return how many there are with a map's size alone, for the weakest alias, from the best predecessor.
+        """Return the number of candidates with only the map's size, for the weakest alias and the best predecessor.
 
         Args:
-            nearest: count only those up to the true place, in the order of distance from the node before.
+            nearest: count candidates in order of distance from the previous node, up to the true place.
         """
         counts = [
             self._places(alias, node, way, nearest=nearest) * self._rest(alias, node)
@@ -52,20 +52,23 @@ class Guess:
         return min([OUT_OF_REACH, *counts])
 
     def by_plan(self, node: Node) -> float | None:
-        """With the floor plan, in the order of `crack_sealed`: by alias, best first; what it does not show, last."""
+        """Return the number of tries with the floor plan, in the order of `crack_sealed`; None without a plan.
+
+        That is alias by alias, best candidates first, and places that the plan does not show last.
+        """
         if self.plan is None:
             return None
         return min([OUT_OF_REACH] + [self._by_plan(self.plan, node, way) for way in self._ways(node)])
 
     def _ways(self, node: Node) -> Sequence[PlainWay | None]:
-        """Those from which it may be looked for; none if there is nothing to try it with."""
+        """Return the ways from which a node can be tried; None stands for no previous node, () for no start key."""
         if self.profile is Profile.SEALED and node.start and not self.open_start:
             return ()
         return [None] if node.start else self.before.get(node.name, [None])
 
     def _by_plan(self, plan: Shown, node: Node, way: PlainWay | None) -> float:
         before, tried = self._before(node, way), 0.0
-        # Whoever guesses leaves out what it cannot try out, and begins with what costs least.
+        # The attacker starts with the alias that costs least, and stops at one that is out of reach.
         for alias in sorted(node.see, key=lambda each: self._rest(each, node)):
             place, shape, rest = place_of(alias), shape_of(alias), self._rest(alias, node)
             if place is None or rest >= OUT_OF_REACH:
@@ -79,18 +82,18 @@ class Guess:
         return tried + min(self._places(alias, node, way) * self._rest(alias, node) for alias in node.see)
 
     def _rest(self, alias: Alias, node: Node) -> float:
-        """How often each place has to be tried, for what else goes into the hash."""
+        """Return the number of tries for each place, due to the other observables in the hash."""
         shape = shape_of(alias)
         count = float(16 ** min(32, sum(map(len, _tokens(alias)))))
         if self.profile is Profile.PAPER:
-            count *= len(self.shapes)  # the file says which kinds occur, not where
+            count *= len(self.shapes)  # the file lists the shapes that occur, not their nodes
             count *= max(1, len(self.actions)) if node.do else 1
         count *= len(WINDOWS) if shape.time else 1
-        # A message is 32 bytes from a controller, or from a robot whose half was not captured.
+        # A message is 32 random bytes from a controller, or from a robot whose part was not captured.
         return count * (OUT_OF_REACH if node.wait else 1)
 
     def _places(self, alias: Alias, node: Node, way: PlainWay | None, *, nearest: bool = False) -> float:
-        """Cells that the alias can be in, with their bins, given the direction that the node before reveals."""
+        """Return the number of cells and bins of an alias, given the direction that the previous node reveals."""
         shape = shape_of(alias)
         if not shape.place:
             return 1.0
@@ -102,7 +105,7 @@ class Guess:
         before = self._before(node, way)
         if before is None:
             return everywhere * bins * areas
-        # The wedge of one sector out to the edge of the map, and at least one cell wide.
+        # The wedge of one sector up to the edge of the map, at least one cell wide.
         half = math.pi / before.sectors
         reaches = [_to_edge(self.box, before[:2], before.direction_rad + k * half) for k in (-1.0, 0.0, 1.0)]
         if nearest and (place := place_of(alias)):
@@ -123,7 +126,7 @@ class Guess:
 
 
 def _tokens(alias: Alias) -> list[str]:
-    """Return the random tokens among texts and readings: any other text on a wall or word of a sensor is public."""
+    """Return the random tokens among texts and readings; other texts and readings count as public."""
     landmark = landmark_of(alias)
     texts = [landmark.text] if landmark and landmark.text else []
     texts += [thing.value.decode(errors="replace").lower() for thing in alias if isinstance(thing, Sensor)]
@@ -131,13 +134,13 @@ def _tokens(alias: Alias) -> list[str]:
 
 
 def landmark_of(alias: Alias) -> Landmark | None:
-    """The one landmark in a conjunction, if it has one."""
+    """Return the landmark in a conjunction, or None."""
     place = place_of(alias)
     return place if isinstance(place, Landmark) else None
 
 
 def _to_edge(box: tuple[float, float, float, float], at: tuple[float, float], direction_rad: float) -> float:
-    """Metres from a place to the edge of the map."""
+    """Return the distance in metres from a place to the edge of the map."""
     x0, y0, x1, y1 = box
     dx, dy = math.cos(direction_rad), math.sin(direction_rad)
     out = math.hypot(x1 - x0, y1 - y0)

@@ -1,4 +1,4 @@
-"""Predict a mission before it runs: which nodes robots decode, and how long it may take."""
+"""Prediction of a mission: nodes that robots can decode, and the time needed."""
 
 from __future__ import annotations
 
@@ -8,28 +8,28 @@ from dataclasses import dataclass
 from phalanx.mission.file.records import Profile
 from phalanx.mission.graph import Mission
 
-SPEED_MPS = 0.6  # the pilot's, at most
-# A robot goes around what stands there, turns, and waits for people. It may take each way of the shortest net of ways
-# there and back, that many times as long as it need be, and so long at each node. Three times was too short: whole
-# missions took up to 0.98 of that, and one in a school with dust on its floor was not whole by then.
+SPEED_MPS = 0.6  # largest speed of the pilot
+# The time limit: each way of the minimum spanning tree there and back, SLACK times as long as at full speed, since a
+# robot avoids obstacles, turns and waits for people; plus NODE_S per node. A SLACK of 3 was too short: complete missions
+# took up to 0.98 of that limit, and one in a school with specks in its map was not complete by then.
 SLACK, NODE_S, LEAST_S = 4.0, 6.0, 120.0
-# A sealed robot tries a dozen things in a step, and only what comes after its last node: it passes by, comes to the end
-# of its patience, and back.
+# In the sealed profile a robot tries only a dozen candidates in a step, and only nodes after its last one. So it may
+# pass a node, time out and return.
 SEALED = 1.5
-UNPLACED_M = 5.0
+UNPLACED_M = 5.0  # assumed length of a way without places
 
 
 @dataclass(frozen=True, slots=True)
 class Outlook:
-    """Prediction of a mission; nodes by name, each with the reasons."""
+    """Prediction of a mission; nodes by name, with reasons."""
 
-    infeasible: dict[str, tuple[str, ...]]  # cannot be decoded: one reason for each way there
-    doubtful: dict[str, str]  # may be looked for in the wrong place
-    # The others, as a robot finds them: first what needs no other to be known, the nearest first
+    infeasible: dict[str, tuple[str, ...]]  # nodes that cannot be decoded, with a reason for each way there
+    doubtful: dict[str, str]  # nodes that may lie outside the region that a robot searches, with the reason
+    # The decoded nodes in the order of the prediction, nearest first
     order: tuple[str, ...] = ()
 
     def completes(self, mission: Mission) -> bool:
-        """Return whether each part can be lived to its end: to a final node, or to all of them."""
+        """Return True if each part can be completed: a final node, or without one all nodes, can be decoded."""
         for part in mission.parts:
             names = {node.name for node in mission.nodes if node.part == part}
             finals = {node.name for node in mission.nodes if node.part == part and node.final}
@@ -39,7 +39,7 @@ class Outlook:
 
 
 def time_for_s(mission: Mission, profile: Profile = Profile.PAPER) -> float:
-    """Return how long driving to all places of a mission may take, by the length of the shortest net of its ways."""
+    """Return a time limit for a mission, from the length of the minimum spanning tree of its ways."""
     places = {node.name: node.place for node in mission.nodes}
     net = {name: name for name in places}
 

@@ -1,6 +1,6 @@
-"""List what a floor plan tells an attacker: candidate landmarks of a node, likeliest first.
+"""Candidates that a floor plan gives an attacker for a node, likeliest first.
 
-The attack and the audit both ask here, so that the audit counts what the attack tries.
+The attack and the audit both use this list, so that the audit counts what the attack tries.
 """
 
 from __future__ import annotations
@@ -34,14 +34,15 @@ from phalanx.mission.observable import (
     number_or_nan,
 )
 
-# So far what a plan shows may be from where the mission's author has it.
+# Scales of the errors between a floor plan and the places in the mission.
 DRAWN_M, DRAWN_RAD = 0.05, math.radians(2.5)
-# What does not fit in one way may still be meant: the plan is another edition, or a direction was given by hand.
+# Largest misfit from one criterion: the true place may violate one, as in another edition of the plan, or with a
+# direction given by hand.
 MOST = 16.0
 
 
 class Before(NamedTuple):
-    """Knowledge from the previous opened node: its place, and the sector in which the next node lies."""
+    """Knowledge from the previous opened node: its place, and the direction of the next node."""
 
     x_m: float
     y_m: float
@@ -51,12 +52,12 @@ class Before(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """All that may be meant, as a floor plan shows it.
+    """All candidate places in a floor plan.
 
     Args:
-        things: landmarks, and the places where a robot may have to be: its start first.
-        rows: (n, 4) x, y, orientation or NaN, and how far it is to the next that looks the same, in steps of APART_M.
-        rounded_mm: the compiler's offsets are rounded to multiples of so much.
+        things: positions and landmarks, the start first.
+        rows: (n, 4) x, y, orientation or NaN, and distance to the next look-alike in units of APART_M.
+        rounded_mm: the compiler rounded offsets to multiples of this.
     """
 
     things: tuple[Landmark | Position, ...]
@@ -65,21 +66,21 @@ class Shown:
 
     @cached_property
     def _kinds(self) -> NDArray[np.int64]:
-        """(3, n) the things' place, and whether they have an orientation and an area, as shapes say it."""
+        """Return (3, n) the fields `place`, `oriented` and `area` of the things' shapes."""
         shapes = [shape_of((thing,)) for thing in self.things]
         return np.array([(each.place, each.oriented, each.area) for each in shapes], np.int64).reshape(-1, 3).T
 
     def cells(self, coding: CodingConfig, before: Before | None, shape: Shape, offset: Offset) -> Iterator[Cell]:
-        """The cells of an alias in which it may be, each once.
+        """Yield the cells in which an alias may be, likeliest first, each once.
 
         Args:
-            shape, offset: the alias's, as its gate tells them.
+            shape, offset: from the alias's hint in its gate.
         """
         place, oriented, area = self._kinds
         among = np.flatnonzero((place == shape.place) & (oriented >= shape.oriented) & (area >= shape.area))
         rows = self.rows[among]
-        misfit = (among != 0).astype(np.float64)  # robots begin at the start, if it may be
-        # Rounding moved them from the middles of their cells, by half a step at most.
+        misfit = (among != 0).astype(np.float64)  # prefer the start, if it has the right shape
+        # Rounding moved the places from the middles of their cells by at most half a step.
         off = np.abs(_rest(rows[:, :2] - np.array(offset.natural[:2]), coding.delta_mm / MM_PER_M))
         misfit += _square(np.maximum(off - self.rounded_mm / MM_PER_M / 2, 0.0), DRAWN_M).sum(axis=1)
         if shape.oriented:
@@ -97,17 +98,17 @@ class Shown:
 
 
 def cell_in(coding: CodingConfig, shape: Shape, offset: Offset, thing: Landmark | Position) -> Cell:
-    """The cell of a thing, of which a node tells no more than its shape says."""
+    """Return the cell of a thing, without orientation and area if the shape has none."""
     cell = cell_of(coding, offset, thing.x_m, thing.y_m, thing if isinstance(thing, Landmark) else None)
     return cell._replace(bin=cell.bin if shape.oriented else -1, area=cell.area if shape.area else -1)
 
 
 def shown_by(plan: FloorPlan, rounded_mm: int) -> Shown:
-    """Extract an attacker's landmarks from a floor plan: as drawn, and as lidars see them.
+    """Return the candidates in a floor plan: landmarks as drawn, landmarks as a lidar sees them, and positions.
 
     Args:
-        rounded_mm: as the mission was built (`BuildOptions.offset_mm`).
-    Raises: UsageError: the plan says not where robots begin, and has no one space to choose from.
+        rounded_mm: `BuildOptions.offset_mm` of the mission.
+    Raises: UsageError: the plan has no start and no single space to choose one in.
     """
     sites, alike = landmarks_of(plan), look_alikes_of(plan)
     looked_at, beside = sighted(plan, sites)
@@ -120,7 +121,7 @@ def shown_by(plan: FloorPlan, rounded_mm: int) -> Shown:
 
 
 def _apart(sites: Sequence[Site], alike: Iterable[Landmark]) -> Iterator[Landmark]:
-    """Landmarks, each with how far it is to the next that looks the same, as the compiler reckons."""
+    """Return the landmarks with their distances to the next look-alike, computed as by the compiler."""
     draft = Draft("plan")
     for i, alias in enumerate(dict.fromkeys(alias for site in sites for alias in site.aliases)):
         draft.node(str(i), alias, start=True)
@@ -136,7 +137,7 @@ def _row(thing: Landmark | Position) -> tuple[float, float, float, float]:
 
 
 def _rest(values: NDArray[np.float64], step: float) -> NDArray[np.float64]:
-    """How far values are from the nearest multiple of a step."""
+    """Return the differences of values to the nearest multiples of a step."""
     return values - step * np.round(values / step)
 
 
@@ -145,7 +146,7 @@ def _square(off: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
 
 
 def _off_way(before: Before, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How badly places fit the direction of the way."""
+    """Return the misfit of places to the direction of the way."""
     dx, dy = rows[:, 0] - before.x_m, rows[:, 1] - before.y_m
     off = _rest(np.arctan2(dy, dx) - before.direction_rad, math.tau)
     return np.minimum(
