@@ -1,4 +1,4 @@
-"""Extract landmarks from lidar scans, camera pictures and floor plans."""
+"""Extract landmarks from lidar scans, camera images and floor plans."""
 
 from .features import Features, extract
 from .floorplan import FloorPlan, WallCode, floorplan_of_yaml

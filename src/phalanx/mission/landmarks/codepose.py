@@ -1,6 +1,6 @@
-"""Estimate a QR code's pose from its four corner pixels: a homography, then least pixel error.
+"""Estimate the pose of a QR code from its four corner pixels: a homography, refined by least squares.
 
-Only + - * / and square roots, so that an auditor who gets the corners comes to the same landmark to the bit.
+Only + - * / and square roots are used, so that an auditor computes the same landmark from the corners, bit by bit.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from phalanx.mission.angles import atan2, sin_cos, wrap
 from phalanx.mission.observable import Landmark
 
 ROUNDS = 12
-# A code has an orientation where the other tilt's error exceeds the best one's by so much, or both normals are nearly
-# the same (5 degrees).
+# The normal of a code is accepted if the error of the second solution is larger by this factor and offset, or if both
+# normals differ by less than 5 degrees.
 SURE_TIMES, SURE_PX, SAME_COSINE = 2.0, 0.1, 0.9962
 _EMPTY = 1e-12
 
@@ -50,31 +50,31 @@ class Mount:
     x_m: float = 0.0  # robot frame (x forward, y left), z above the floor
     y_m: float = 0.0
     z_m: float = 0.3
-    yaw_rad: float = 0.0  # of its optical axis, counter-clockwise from forward
+    yaw_rad: float = 0.0  # direction of the optical axis, counter-clockwise from forward
 
 
 @dataclass(frozen=True, slots=True)
 class CodePose:
-    """A code before the camera: x right, y down, z forward, metres."""
+    """Pose of a QR code in the camera frame: x right, y down, z forward, metres."""
 
-    at_m: tuple[float, float, float]  # the code's middle
+    at_m: tuple[float, float, float]  # centre of the code
     normal: tuple[float, float, float]  # unit vector into the wall
-    error_px: float  # root mean square distance of the corners from where this pose puts them
-    other_error_px: float  # of the pose that looks almost alike, tilted the other way against the line of sight
-    other_normal: tuple[float, float, float]  # likewise
+    error_px: float  # root mean square reprojection error of the corners
+    other_error_px: float  # error of the ambiguous second solution, tilted the other way against the line of sight
+    other_normal: tuple[float, float, float]  # normal of the second solution
 
     @property
     def sure(self) -> bool:
-        """Return whether the normal can be told from this picture: the other tilt fits worse, or is nearly the same."""
+        """Return True if the normal is unambiguous: the second solution fits worse, or has nearly the same normal."""
         alike = sum(a * b for a, b in zip(self.normal, self.other_normal, strict=True)) > SAME_COSINE
         return alike or self.other_error_px > SURE_TIMES * self.error_px + SURE_PX
 
 
 def code_pose(corners_px: NDArray[np.float64], size_m: float, camera: Intrinsics) -> CodePose | None:
-    """The pose of a square from its corners; None if they are no square's before this camera.
+    """Return the pose of a square from its corners; None if they are not the image of a square.
 
     Args:
-        corners_px: (4, 2) pixels: top left, top right, bottom right, bottom left, as the code is read.
+        corners_px: (4, 2) pixels: top left, top right, bottom right, bottom left of the upright code.
     """
     corners = np.ascontiguousarray(corners_px, np.float64).reshape(4, 2)
     if not np.all(np.abs(corners) < 1e6):
@@ -90,26 +90,26 @@ def code_pose(corners_px: NDArray[np.float64], size_m: float, camera: Intrinsics
 
 
 def qr_landmark(text: str, pose: CodePose, mount: Mount, x_m: float, y_m: float, heading_rad: float) -> Landmark:
-    """The code as a landmark in the map frame, if the robot is where it believes to be.
+    """Return a code as a landmark in the map frame, given the robot's pose.
 
-    Its orientation is where it is read from, away from its wall; None where the picture does not tell for certain.
+    Its orientation points away from its wall; None if the normal is ambiguous.
     """
     across, _, ahead = pose.at_m
     normal_across, _, normal_ahead = pose.normal
     sine, cosine = sin_cos(mount.yaw_rad)
-    # The camera's x is the robot's right, its z the robot's forward.
+    # With yaw 0 the camera's x points to the robot's right, its z forward.
     x = mount.x_m + (cosine * ahead + sine * across)
     y = mount.y_m + (sine * ahead - cosine * across)
     into_x, into_y = cosine * normal_ahead + sine * normal_across, sine * normal_ahead - cosine * normal_across
     sine, cosine = sin_cos(heading_rad)
-    # Of two tilts that fit almost alike, the wrong one would turn the robot's heading.
+    # Of two solutions that fit almost equally, the wrong one would corrupt the robot's heading.
     facing = wrap(atan2(-into_y, -into_x) + heading_rad) if pose.sure else None
     return Landmark("qr", x_m + (cosine * x - sine * y), y_m + (sine * x + cosine * y), facing, text=text)
 
 
 @kernel
 def _normalised(corners: F64x2, fx: float, fy: float, cx: float, cy: float, k1: float, k2: float) -> F64x2:
-    """Pixels → x / z and y / z, without the distortion."""
+    """Return pixels as x / z and y / z, undistorted."""
     points = np.empty((4, 2))
     for i in range(4):
         bent_x, bent_y = (corners[i, 0] - cx) / fx, (corners[i, 1] - cy) / fy
@@ -126,10 +126,10 @@ def _normalised(corners: F64x2, fx: float, fy: float, cx: float, cy: float, k1: 
 
 @kernel
 def _first_guess(points: F64x2, rotation: F64x2, at: F64x1, half: float) -> bool:
-    """The pose of the square -half..half by its homography."""
+    """Set the pose of the square -half..half from its homography; return False if there is none."""
     x0, y0, x1, y1 = points[0, 0], points[0, 1], points[1, 0], points[1, 1]
     x2, y2, x3, y3 = points[2, 0], points[2, 1], points[3, 0], points[3, 1]
-    # Unit square → quadrilateral.
+    # Homography from the unit square to the quadrilateral.
     dx1, dy1, dx2, dy2 = x1 - x2, y1 - y2, x3 - x2, y3 - y2
     sx, sy = x0 - x1 + x2 - x3, y0 - y1 + y2 - y3
     det = dx1 * dy2 - dx2 * dy1
@@ -138,7 +138,7 @@ def _first_guess(points: F64x2, rotation: F64x2, at: F64x1, half: float) -> bool
     g, h = (sx * dy2 - dx2 * sy) / det, (dx1 * sy - sx * dy1) / det
     a, b = x1 - x0 + g * x1, x3 - x0 + h * x3
     d, e = y1 - y0 + g * y1, y3 - y0 + h * y3
-    # Columns for coordinates from the middle, in metres: u = (x / half + 1) / 2.
+    # Columns for coordinates from the centre, in metres: u = (x / half + 1) / 2.
     scale = 0.5 / half
     ux, uy, uz = a * scale, d * scale, g * scale
     vx, vy, vz = b * scale, e * scale, h * scale
@@ -148,7 +148,7 @@ def _first_guess(points: F64x2, rotation: F64x2, at: F64x1, half: float) -> bool
     if min(u, v) < _EMPTY or tz <= 0.0:
         return False
     ux, uy, uz, vx, vy, vz = ux / u, uy / u, uz / u, vx / v, vy / v, vz / v
-    # Turn both columns by the same angle, until they are square.
+    # Turn both columns by the same angle until they are orthogonal.
     sum_x, sum_y, sum_z, off_x, off_y, off_z = ux + vx, uy + vy, uz + vz, ux - vx, uy - vy, uz - vz
     plus = math.sqrt(sum_x * sum_x + sum_y * sum_y + sum_z * sum_z)
     minus = math.sqrt(off_x * off_x + off_y * off_y + off_z * off_z)
@@ -165,6 +165,7 @@ def _first_guess(points: F64x2, rotation: F64x2, at: F64x1, half: float) -> bool
 
 @kernel
 def _third_column(rotation: F64x2) -> None:
+    """Set the third column of a rotation to the cross product of the first two."""
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         rotation[i, 2] = rotation[j, 0] * rotation[k, 1] - rotation[k, 0] * rotation[j, 1]
@@ -172,7 +173,7 @@ def _third_column(rotation: F64x2) -> None:
 
 @kernel
 def _refine(points: F64x2, rotation: F64x2, at: F64x1, half: float) -> float:  # noqa: C901  # one system
-    """Moves the pose to the least squared error; returns its root mean square, or inf."""
+    """Refine the pose by Gauss-Newton; return the root mean square error, or inf if it fails."""
     matrix = np.empty((6, 7))
     row = np.empty(7)
     error = np.inf
@@ -217,7 +218,7 @@ def _refine(points: F64x2, rotation: F64x2, at: F64x1, half: float) -> float:  #
 
 @kernel
 def _solve(matrix: F64x2) -> bool:
-    """Gauss-Jordan with pivots on a (6, 7) system; the solution is left in the last column."""
+    """Solve a (6, 7) system by Gauss-Jordan with pivoting, into the last column; return False if it is singular."""
     for p in range(6):
         best = p
         for q in range(p + 1, 6):
@@ -239,7 +240,7 @@ def _solve(matrix: F64x2) -> bool:
 
 @kernel
 def _turn(rotation: F64x2, wx: float, wy: float, wz: float) -> None:
-    """Turns a rotation by the vector w, for small w, and keeps its columns square (Gram-Schmidt)."""
+    """Rotate by the small vector w, in place, and keep the columns orthonormal (Gram-Schmidt)."""
     for column in range(2):
         x, y, z = rotation[0, column], rotation[1, column], rotation[2, column]
         rotation[0, column] = x + (wy * z - wz * y)
@@ -262,17 +263,17 @@ def _turn(rotation: F64x2, wx: float, wy: float, wz: float) -> None:
 
 @kernel
 def _pose(points: F64x2, size_m: float) -> F64x1:
-    """Return position, normal into the wall, the other tilt's normal; error and the other's, in focal lengths.
+    """Return position, normal into the wall, normal of the second solution, and both errors in focal lengths.
 
-    The error is inf if there is no such pose.
+    The errors are inf if there is no solution.
     """
     half = 0.5 * size_m
     best = np.full(11, np.inf)
     rotation, at = np.empty((3, 3)), np.empty(3)
     if not _first_guess(points, rotation, at, half):
         return best
-    # The square tilted the other way against the line of sight looks almost alike: half a turn about that line, and
-    # half a turn of the square about its own normal.
+    # The second solution is the square tilted the other way against the line of sight: half a turn about that line, and
+    # half a turn of the square about its normal.
     other = np.empty((3, 3))
     sight = math.sqrt(at[0] * at[0] + at[1] * at[1] + at[2] * at[2])
     for column in range(2):

@@ -1,6 +1,6 @@
-"""QR codes in a picture: their texts (by zxing) and their corners to a fraction of a pixel.
+"""Read QR codes in an image: their texts, with zxing, and their corners to a fraction of a pixel.
 
-Pictures are not replayed: what a robot is held to is the reading, the texts and the corners.
+Auditors do not replay images; the logged reading has the texts and the corners.
 """
 
 from __future__ import annotations
@@ -13,33 +13,33 @@ from numpy.typing import NDArray
 
 from phalanx.errors import UsageError
 
-# How far from zxing's corner, in pixels and as a part of the code's edge, the border is looked for.
+# Search range for the border around zxing's corner, in pixels plus a share of the code's edge.
 REACH_PX = 3.0
 REACH_PART = 0.04
 SAMPLES = 48
-# Corners are told in this part of a pixel.
+# Corners are rounded to this fraction of a pixel.
 PART_PX = 1 / 64
-_RISE = 12.0  # grey values from dark to light that are a border
+_RISE = 12.0  # smallest step of grey values at a border
 _STEP_PX = 0.5
 _QR = zxingcpp.BarcodeFormats(zxingcpp.BarcodeFormat.QRCode)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenCode:
-    """A code in a picture."""
+    """A QR code in an image."""
 
     text: str
-    # (4, 2) top left, top right, bottom right, bottom left, as the code is read; whole PART_PX
+    # (4, 2) top left, top right, bottom right, bottom left of the upright code; multiples of PART_PX
     corners_px: NDArray[np.float64]
 
 
 def read_codes(picture: NDArray[np.uint8]) -> tuple[SeenCode, ...]:
-    """The QR codes in a grey picture, (height, width), from left to right.
+    """Return the QR codes in a greyscale image, (height, width), from left to right.
 
-    Raises: UsageError: that is no grey picture.
+    Raises: UsageError: not a greyscale image.
     """
     if picture.ndim != 2 or picture.dtype != np.uint8 or 0 in picture.shape:
-        raise UsageError(f"a picture of shape {picture.shape}, {picture.dtype}", "(height, width), uint8")
+        raise UsageError(f"an image of shape {picture.shape}, {picture.dtype}", "use (height, width), uint8")
     codes = []
     for code in zxingcpp.read_barcodes(picture, formats=_QR):
         if not code.valid:
@@ -54,7 +54,7 @@ def read_codes(picture: NDArray[np.uint8]) -> tuple[SeenCode, ...]:
 
 
 def _sharpened(picture: NDArray[np.uint8], corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The corners where lines through the code's dark border cross; those given where no border is found."""
+    """Return the crossings of lines fitted to the code's dark border, or the given corners if no border is found."""
     middle = corners.mean(0)
     lines = []
     for i in range(4):
@@ -76,7 +76,7 @@ def _sharpened(picture: NDArray[np.uint8], corners: NDArray[np.float64]) -> NDAr
 def _border(
     picture: NDArray[np.uint8], a: NDArray[np.float64], b: NDArray[np.float64], middle: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """(a point, unit direction) of the line at which the code ends between corners a and b."""
+    """Return (point, unit direction) of the code's border line between corners a and b, or None."""
     length = float(np.hypot(*(b - a)))
     if length < 8:
         return None
@@ -89,7 +89,7 @@ def _border(
     off = np.arange(-reach, reach + _STEP_PX, _STEP_PX)
     where = a + at[:, None, None] * along + off[None, :, None] * out
     rise = np.diff(_grey(picture, where), axis=1)
-    # The outermost steep rise from dark to light: outside of it there is only the quiet zone.
+    # Take the outermost steep rise from dark to light: only the quiet zone is outside.
     steep = rise > np.maximum(_RISE * _STEP_PX, 0.5 * rise.max(axis=1, initial=0.0)[:, None])
     rows = np.flatnonzero(steep.any(axis=1))
     if len(rows) < SAMPLES // 4:
@@ -110,14 +110,14 @@ def _border(
 
 
 def _peak(rise: NDArray[np.float64], column: int) -> float:
-    """Middle of the rise around its maximum near `column`."""
+    """Return the centre of the rise around `column`, weighted by its slope."""
     low, high = max(0, column - 3), min(len(rise), column + 3)
     weight = np.maximum(rise[low:high], 0.0)
     return float(low + (weight @ np.arange(high - low)) / weight.sum())
 
 
 def _grey(picture: NDArray[np.uint8], at: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Bilinear samples at (..., 2) pixels; the middle of the first pixel is (0, 0)."""
+    """Return bilinear samples at (..., 2) pixels; the centre of the first pixel is (0, 0)."""
     height, width = picture.shape
     x = np.clip(at[..., 0], 0, width - 1.001)
     y = np.clip(at[..., 1], 0, height - 1.001)

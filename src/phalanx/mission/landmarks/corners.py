@@ -1,7 +1,7 @@
-"""Walls → corners: where two walls meet, and where a wall ends in front of something farther away.
+"""Find corners in a scan: places where two walls meet, or where a wall ends in front of something farther away.
 
-"Convex" are the corners of a room, "concave" (the paper's word) the reflex ones: jambs, pillars, the ends of walls.
-Only the near side of a jump of the range is an edge; the far side is only where the view begins.
+Corners of a room are "convex"; reflex corners are "concave" (the paper's word): jambs, pillars, ends of walls. At a
+jump of the range only the near side is an edge; the far side is just the limit of the view.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from .scan import Limits, View
 from .walls import ALONG_X, ALONG_Y, ROUND, X, Y, bulge
 
 Edge = tuple[float, float, float]  # x, y and beam
-# As many silent beams may lie at an edge; behind more it is not trusted.
+# Most beams without a reading at an edge; with more the edge is rejected.
 SILENT_BEAMS = 1
-# Points that noise may have put on the wrong side of a bend.
+# Most points on the wrong side of a bend due to noise.
 SLACK_POINTS = 8
-# A wall may leave its line over so much of `line_m`, beside how deep that is and what lies between two beams.
+# Share of `line_m` over which a wall may leave its line gradually, beside the depth and the spacing of its points.
 SHARP = 0.5
-# Of a shorter wall what does not belong to it may be much.
+# Points of other surfaces may distort a wall that is shorter than this.
 SHORT_M = 1.0
-# Columns of an array of corners: position, beam (between two beams: a half), wall before and after (-1: none seen).
+# Columns of an array of corners: position, beam (.5 if between two beams), wall before and after (-1 if not seen).
 CORNER_X, CORNER_Y, BEAM, BEFORE, AFTER, CONVEX = range(6)
 
 
 @kernel
 def line_crossing(walls: F64x2, a: int, b: int) -> tuple[float, float, float]:
-    """(x, y, sine of the angle from wall a to wall b) of the crossing of two walls' lines; the sine must not be 0."""
+    """Return (x, y, sine of the angle from a to b) of the crossing of two walls' lines; sine 0 means no crossing."""
     ax, ay, bx, by = walls[a, ALONG_X], walls[a, ALONG_Y], walls[b, ALONG_X], walls[b, ALONG_Y]
     sine = ax * by - ay * bx
     if sine == 0.0:
@@ -42,17 +42,17 @@ def line_crossing(walls: F64x2, a: int, b: int) -> tuple[float, float, float]:
 
 @kernel
 def _grazes(x: float, y: float, walls: F64x2, w: int, graze_sine: float) -> bool:
-    """Return whether the robot sees the point of wall `w` at too flat an angle."""
+    """Return True if the robot sees point x, y of wall `w` at too flat an angle."""
     grazes: bool = abs(x * walls[w, ALONG_Y] - y * walls[w, ALONG_X]) < graze_sine * math.sqrt(x * x + y * y)
     return grazes
 
 
 @kernel
 def _runs_away(v: View, walls: F64x2, spans: I64x2, w: int, graze_sine: float) -> bool:
-    """Return whether the robot looks along the farther half of a short wall.
+    """Return True if the robot sees the farther half of a short wall at too flat an angle.
 
-    It has few points there, and of what stands across its nearer end many lie within `split_m` of it. Those turn its
-    line, so that it seems to be seen at an angle.
+    Such a wall has few points there, while many points of a surface across its nearer end lie within `split_m`. They
+    turn its fitted line, so that the angle seems larger.
     """
     first, last, ax, ay = spans[w, 0], spans[w, 1], walls[w, ALONG_X], walls[w, ALONG_Y]
     length = ax * (v.x[last] - v.x[first]) + ay * (v.y[last] - v.y[first])
@@ -69,7 +69,7 @@ def _runs_away(v: View, walls: F64x2, spans: I64x2, w: int, graze_sine: float) -
 
 @kernel
 def _off_line(v: View, i: int, walls: F64x2, w: int) -> float:
-    """Distance of point i from the line of wall `w`, positive on the robot's side."""
+    """Return the distance of point i from the line of wall `w`, positive on the robot's side."""
     off: float = walls[w, ALONG_X] * (v.y[i] - walls[w, Y]) - walls[w, ALONG_Y] * (v.x[i] - walls[w, X])
     robot = walls[w, ALONG_Y] * walls[w, X] - walls[w, ALONG_X] * walls[w, Y]
     return off if robot >= 0.0 else -off
@@ -77,7 +77,7 @@ def _off_line(v: View, i: int, walls: F64x2, w: int) -> float:
 
 @kernel
 def _outermost(v: View, walls: F64x2, w: int, at: int, step: int, line_m: float) -> int:
-    """The last point on the wall's line, near the wall's end `at`, in the direction of `step`."""
+    """Return the last point on the wall's line, from the wall's end `at` in the direction of `step`."""
     i = at
     for _ in range(SLACK_POINTS):
         if abs(_off_line(v, i, walls, w)) <= line_m:
@@ -92,7 +92,7 @@ def _outermost(v: View, walls: F64x2, w: int, at: int, step: int, line_m: float)
 
 @kernel
 def next_beam(v: View, beam: int, step: int) -> int:
-    """The next beam that says something, or -1."""
+    """Return the next beam with a reading, or -1."""
     n = len(v.ranges)
     for _ in range(1 + SILENT_BEAMS):
         beam += step
@@ -107,21 +107,21 @@ def next_beam(v: View, beam: int, step: int) -> int:
 
 @kernel
 def _turns_back(v: View, limits: Limits, walls: F64x2, w: int, i: int, step: int) -> bool:
-    """Return whether the surface goes on behind the line of the wall that ends at point i."""
+    """Return True if the surface continues behind the line of the wall that ends at point i."""
     j = i + step
     if _off_line(v, j, walls, w) > -limits.line_m:
         return False
     k = j + step
     if 0 <= k < len(v.x) and not v.new_run[max(j, k)]:
         return _off_line(v, k, walls, w) < -limits.line_m
-    # A single point between two surfaces may be half of each: it counts only before something farther away.
+    # A single point may be a mix of two surfaces: it counts only in front of something farther away.
     there = next_beam(v, v.beam[j], step)
     return there >= 0 and bool(v.ranges[there] > v.ranges[v.beam[j]] + limits.jump_m)
 
 
 @kernel
 def _slides(v: View, limits: Limits, walls: F64x2, w: int, i: int, step: int) -> bool:
-    """Return whether the surface leaves the line of the wall little by little before point i: what is round does so."""
+    """Return True if the surface leaves the line of the wall gradually before point i, as round objects do."""
     ax, ay, p = walls[w, ALONG_X], walls[w, ALONG_Y], i
     while 0 < p < len(v.x) - 1 and _off_line(v, p, walls, w) < -ROUND * limits.line_m:
         p -= step
@@ -134,7 +134,7 @@ def _slides(v: View, limits: Limits, walls: F64x2, w: int, i: int, step: int) ->
 
 @kernel
 def _edge(v: View, limits: Limits, walls: F64x2, w: int, at: int, step: int) -> tuple[bool, Edge]:
-    """(is one, (x, y, beam)): the edge at which wall `w` ends in the direction of `step`."""
+    """Return (True if there is one, (x, y, beam)) of the edge at which wall `w` ends in the direction of `step`."""
     nothing = (False, (0.0, 0.0, 0.0))
     ranges, cosines, sines, x, y = v.ranges, v.cosines, v.sines, v.x, v.y
     i = _outermost(v, walls, w, at, step, limits.line_m)
@@ -143,7 +143,7 @@ def _edge(v: View, limits: Limits, walls: F64x2, w: int, at: int, step: int) -> 
         return nothing
     j = i + step
     if 0 <= j < len(x) and not v.new_run[max(i, j)]:
-        # The surface goes on, off the line: the other face of a pillar or of a jamb, or clutter before the wall.
+        # The surface continues off the line: another face of a pillar or jamb, or clutter in front of the wall.
         if not _turns_back(v, limits, walls, w, i, step) or _grazes(x[i], y[i], walls, w, limits.graze_sine):
             return nothing
         if abs(ax * (x[j] - x[i]) + ay * (y[j] - y[i])) > limits.edge_error_m:
@@ -154,16 +154,16 @@ def _edge(v: View, limits: Limits, walls: F64x2, w: int, at: int, step: int) -> 
     there = next_beam(v, here, step)
     if there < 0:
         return nothing
-    # Where the next beam would meet this wall if it went on.
+    # Range at which the next beam would hit this wall if it continued.
     offset = ax * walls[w, Y] - ay * walls[w, X]
     across = ax * sines[there] - ay * cosines[there]
     on_wall = offset / across if offset * across > 0.0 else ranges[here]
     if on_wall > v.range_max_m - limits.jump_m or ranges[there] < max(on_wall, ranges[here]) + limits.jump_m:
         return nothing
-    # Seen flat, a wall that goes on may be hit much farther off than its line, of few points, says: but near its line.
+    # At a flat angle the next beam may hit the same wall much farther than computed, but still near its line.
     if abs(ranges[there] * across - offset) <= limits.line_m:
         return nothing
-    # The edge lies between both beams: half a beam further than the last point.
+    # The edge lies between both beams, half a beam after the last point.
     ray_x, ray_y = cosines[here] + cosines[there], sines[here] + sines[there]
     across = ax * ray_y - ay * ray_x
     if offset * across <= 0.0 or _grazes(ray_x, ray_y, walls, w, limits.graze_sine):
@@ -182,7 +182,7 @@ def _distance(ax: float, ay: float, bx: float, by: float) -> float:
 
 @kernel
 def _bend(v: View, limits: Limits, walls: F64x2, spans: I64x2, w: int) -> tuple[bool, float, float, float]:
-    """(whether walls w and w + 1 meet, x, y, sine of the angle between them)."""
+    """Return (True if walls w and w + 1 meet, x, y of their crossing, sine of the angle between them)."""
     last, first = spans[w, 1], spans[w + 1, 0]
     crossing_x, crossing_y, sine = line_crossing(walls, w, w + 1)
     meets = (
@@ -202,11 +202,11 @@ def _store(corners: F64x2, row: int, at: Edge, before: int, after: int, convex: 
 
 @kernel
 def corners_of(v: View, limits: Limits, walls: F64x2, spans: I64x2) -> F64x2:
-    """(c, 6) corners in the order of their bearings. Source: Encoded graphs Alg. 1 (getCv, getCx), §V-A."""
+    """Return (c, 6) corners, ordered by bearing. Source: Encoded graphs Alg. 1 (getCv, getCx), §V-A."""
     corners = np.empty((2 * len(walls), 6))
     found = 0
     crosses_before = False
-    # What is round is seen as short walls, whose ends lie elsewhere from elsewhere.
+    # Round objects look like short walls, whose ends change with the point of view.
     is_round, is_flat = np.zeros(len(walls) + 1, np.bool_), np.zeros(len(walls) + 1, np.bool_)
     for w in range(len(walls)):
         is_round[w] = bulge(v.x, v.y, walls, spans, w) > ROUND * limits.line_m
@@ -219,7 +219,7 @@ def corners_of(v: View, limits: Limits, walls: F64x2, spans: I64x2) -> F64x2:
         crosses_before = False
         if w + 1 < len(walls):
             crosses_before, crossing_x, crossing_y, sine = _bend(v, limits, walls, spans, w)
-            # Beside a wall that runs away the other ends where its own points do.
+            # Next to a wall seen at a flat angle the other wall ends at its own last point.
             crosses_before = crosses_before and is_flat[w] == is_flat[w + 1]
             seen_flat = (
                 is_flat[w]

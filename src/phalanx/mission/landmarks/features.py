@@ -1,7 +1,7 @@
-"""A scan's walls, corners, doorways and rooms, in the robot's frame; and as landmarks, where a pose puts them.
+"""Extract walls, corners, doorways and rooms from a scan in the robot frame, and transform them to landmarks.
 
-A doorway is two concave corners the right distance apart, in one line with the walls beside them, with nothing but
-free rays between. A room is three consecutive convex corners, joined by two walls seen from end to end.
+A doorway is a pair of concave corners at a suitable distance, in line with the walls beside them, with only free rays
+between. A room is three consecutive convex corners, joined by two fully visible walls.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ from .walls import ALONG_X, ALONG_Y, FROM_X, FROM_Y, TO_X, TO_Y, breaks_of, poin
 
 Pair = tuple[float, float]
 
-# Hits so near to a jamb are the jamb's: its inner face, or its edge with the sensor's noise.
+# Hits this near to a jamb belong to the jamb: its inner face, or its edge with sensor noise.
 JAMB_M = 0.1
 HIDDEN = -1.0
-# Jambs are found to within so much: a door exactly as narrow as the limit is one.
+# Error of the measured width, so that a door exactly at the limit is accepted.
 WIDTH_SLACK_M = 0.05
-# Columns of an array of doorways: middle, a unit vector along the wall, distance of the jambs, thickness of the wall.
+# Columns of an array of doorways: centre, unit vector along the wall, distance of the jambs, thickness of the wall.
 DOOR_X, DOOR_Y, DOOR_ALONG_X, DOOR_ALONG_Y, WIDTH, DEPTH = range(6)
-# Instead of a corner's wall that is not seen.
+# Number of the wall for a wall that is not seen.
 UNSEEN = -1.0
 
 
 @kernel
 def _is_open(v: View, from_beam: int, to_beam: int, a: Pair, b: Pair, clear_m: float) -> bool:
-    """Return whether beams `from_beam` to `to_beam` pass between jambs a and b; half must have a range.
+    """Return True if beams `from_beam` to `to_beam` pass between jambs a and b; half must have a range.
 
-    Nothing may be hit before the line of the jambs, nor behind it up to `clear_m`: a closed door, an alcove.
+    No beam may hit anything in front of the line of the jambs, or behind it up to `clear_m`: a closed door, an alcove.
     """
     ranges, n = v.ranges, len(v.ranges)
     ax, ay = a
@@ -46,12 +46,12 @@ def _is_open(v: View, from_beam: int, to_beam: int, a: Pair, b: Pair, clear_m: f
     width = math.sqrt(along_x * along_x + along_y * along_y)
     along_x, along_y = along_x / width, along_y / width
     robot = ay * along_x - ax * along_y
-    said, asked = 0, 0
+    answered, asked = 0, 0
     k = from_beam
     while True:
         asked += 1
         if not np.isnan(ranges[k]):
-            said += 1
+            answered += 1
         # A miss hits nothing.
         if np.isfinite(ranges[k]):
             dx, dy = ranges[k] * v.cosines[k] - ax, ranges[k] * v.sines[k] - ay
@@ -62,13 +62,13 @@ def _is_open(v: View, from_beam: int, to_beam: int, a: Pair, b: Pair, clear_m: f
             if behind < -JAMB_M or (behind < clear_m and JAMB_M < at < width - JAMB_M):
                 return False
         if k == to_beam:
-            return 2 * said >= asked
+            return 2 * answered >= asked
         k = (k + 1) % n
 
 
 @kernel
 def _depth_behind(v: View, i: int, step: int, jamb: Pair, along: Pair, limit_m: float) -> float:
-    """Return how deep the jamb's face goes, straight behind it from point i; 0: not at all; HIDDEN: its end is."""
+    """Return the depth of the jamb's inner face, followed from point i; 0 if none is seen, HIDDEN if its end is not."""
     (jamb_x, jamb_y), (along_x, along_y) = jamb, along
     robot = jamb_x * along_y - jamb_y * along_x
     deepest = 0.0
@@ -81,7 +81,7 @@ def _depth_behind(v: View, i: int, step: int, jamb: Pair, along: Pair, limit_m: 
         if abs(dx * along_x + dy * along_y) > JAMB_M:
             return deepest
         if off > limit_m:
-            # A wall that begins at the jamb: how thick the other one is cannot be seen.
+            # Another wall begins at the jamb, which hides the thickness of this one.
             return 0.0
         deepest = max(deepest, off)
     if deepest > JAMB_M:
@@ -94,7 +94,7 @@ def _depth_behind(v: View, i: int, step: int, jamb: Pair, along: Pair, limit_m: 
 
 @kernel
 def _point_at(beam: I64x1, at: float) -> int:
-    """The first point whose beam is past `at`."""
+    """Return the first point whose beam is past `at`."""
     low, high = 0, len(beam)
     while low < high:
         middle = (low + high) // 2
@@ -107,7 +107,7 @@ def _point_at(beam: I64x1, at: float) -> int:
 
 @kernel
 def doorways_of(v: View, limits: Limits, walls: F64x2, corners: F64x2) -> tuple[F64x2, BOOLx1]:
-    """(d, 6) doorways, and which corners are jambs.
+    """Return (d, 6) doorways, and a mask of the corners that are jambs.
 
     Source: Encoded graphs Alg. 1, Eq. 1; free rays, mid-wall: docs/adr/0019.
     """
@@ -117,7 +117,7 @@ def doorways_of(v: View, limits: Limits, walls: F64x2, corners: F64x2) -> tuple[
     bend_cosine, depth_max_m = limits.bend_cosine, limits.door_depth_m
     found = 0
     for i in range(len(corners)):
-        # The wall ends at jamb i, then comes the opening, and at jamb j the wall goes on.
+        # The wall ends at jamb i; after the opening it continues at jamb j.
         if corners[i, CONVEX] != 0.0 or corners[i, BEFORE] < 0.0:
             continue
         before = int(corners[i, BEFORE])
@@ -139,7 +139,7 @@ def doorways_of(v: View, limits: Limits, walls: F64x2, corners: F64x2) -> tuple[
             to_beam = int(corners[j, BEAM] + n) % n
             if not _is_open(v, from_beam, to_beam, (ax, ay), (bx, by), limits.door_clear_m):
                 continue
-            # The walls are longer than the opening, and so give its direction better than the jambs.
+            # The walls are longer than the opening, so they give its direction more exactly than the jambs.
             first = _length(walls, before)
             second = _length(walls, after)
             along_x = first * walls[before, ALONG_X] + second * walls[after, ALONG_X]
@@ -157,7 +157,7 @@ def doorways_of(v: View, limits: Limits, walls: F64x2, corners: F64x2) -> tuple[
             if min(near, far) == HIDDEN:
                 break
             depth = max(near, far)
-            # Away from the robot, to the middle of the wall.
+            # Move the centre away from the robot, to the middle of the wall's thickness.
             side = 0.5 * depth if middle_x * along_y - middle_y * along_x >= 0.0 else -0.5 * depth
             doors[found, DOOR_X] = middle_x + side * along_y
             doors[found, DOOR_Y] = middle_y - side * along_x
@@ -176,7 +176,7 @@ def _length(walls: F64x2, w: int) -> float:
 
 @kernel
 def rooms_of(corners: F64x2, room_min_m2: float) -> F64x2:
-    """(r, 3): centroid and area of the triangle of each three consecutive convex corners.
+    """Return (r, 3) centroid and area of each triangle of three consecutive convex corners.
 
     Source: Encoded graphs Alg. 1, Eq. 3.
     """
@@ -204,21 +204,21 @@ class Features(NamedTuple):
 
     walls: F64x2  # (w, 8): a point on it, unit direction (robot on the left), first end, last end
     corners: F64x2  # (c, 6): position, beam, wall before, wall after (-1: not seen), 1 if convex
-    is_jamb: BOOLx1  # (c,) whether the corner belongs to a doorway
-    doorways: F64x2  # (d, 6): middle, unit vector along the wall, width, thickness of the wall as far as it was seen
+    is_jamb: BOOLx1  # (c,) True if the corner belongs to a doorway
+    doorways: F64x2  # (d, 6): centre, unit vector along the wall, width, thickness of the wall as far as seen
     rooms: F64x2  # (r, 3): centroid and area of three consecutive convex corners
 
     def landmarks(self, x_m: float, y_m: float, heading_rad: float) -> tuple[Landmark, ...]:
-        """Return the features as landmarks in the map frame, if the robot is where it believes to be.
+        """Return the features as landmarks in the map frame, given the robot's pose.
 
-        A concave corner comes once for each wall of it that is seen, with that wall's normal: from another side
-        another one is seen. A convex corner has the direction halfway between its walls' normals.
+        A concave corner gives one landmark for each visible wall, with that wall's normal, as other walls are visible
+        from other sides. The orientation of a convex corner bisects its walls' normals.
         """
         return InSight(_placed(self, float(x_m), float(y_m), float(heading_rad))).told
 
 
 class Sweep(NamedTuple):
-    """A scan as `_extract` takes it, a full turn cut open where no wall is."""
+    """Input of `_extract`: a scan, rotated so that a full turn does not begin within a wall."""
 
     ranges: F64x1
     cosines: F64x1
@@ -230,13 +230,13 @@ class Sweep(NamedTuple):
 
 
 def extract(scan: LaserScan, config: ExtractionConfig | None = None) -> Features:
-    """Return the features of a scan; none is refused, an empty scan shows nothing. Source: Encoded graphs Alg. 1."""
+    """Return the features of a scan; any scan is accepted, an empty one has none. Source: Encoded graphs Alg. 1."""
     config = config or ExtractionConfig()
     return Features(*_extract(_sweep_of(scan, config), limits_of(config)))
 
 
 def landmarks_in(scan: LaserScan, config: ExtractionConfig, x_m: float, y_m: float, heading_rad: float) -> InSight:
-    """Return `extract(scan, config).landmarks(...)`, in one call: robots ask ten times a second."""
+    """Return `extract(scan, config).landmarks(...)` in one fast kernel call, as robots need it ten times a second."""
     pose = float(x_m), float(y_m), float(heading_rad)
     return InSight(_sighted(_sweep_of(scan, config), limits_of(config), *pose))
 
@@ -252,7 +252,7 @@ def _sweep_of(scan: LaserScan, config: ExtractionConfig) -> Sweep:
 
 @kernel
 def _seam(ranges: F64x1) -> int:
-    """Return the beam at which to cut a full turn: at the largest range step, so that no wall is cut."""
+    """Return the beam at which to cut a full turn: the largest jump of the range, so that no wall is cut."""
     n = len(ranges)
     best, at = -1.0, 0
     for k in range(n):
@@ -265,7 +265,7 @@ def _seam(ranges: F64x1) -> int:
 
 
 @kernel
-def _extract(sweep: Sweep, limits: Limits) -> tuple[F64x2, F64x2, BOOLx1, F64x2, F64x2]:  # as Features has them
+def _extract(sweep: Sweep, limits: Limits) -> tuple[F64x2, F64x2, BOOLx1, F64x2, F64x2]:  # the fields of Features
     ranges, cosines, sines, full_turn, step_rad, range_max_m, feature_range_m = sweep
     x, y, beam = points_of(ranges, cosines, sines, feature_range_m)
     new_run = breaks_of(ranges, beam, step_rad, limits.jump_m, limits.graze_slope)
@@ -280,7 +280,7 @@ def _extract(sweep: Sweep, limits: Limits) -> tuple[F64x2, F64x2, BOOLx1, F64x2,
 
 @kernel
 def _placed(features: Features, x_m: float, y_m: float, heading_rad: float) -> F64x2:
-    """(k, 5): type, x, y, orientation and area of each landmark, as `rows_of` has them, map frame; doorways first."""
+    """Return (k, 5) rows of landmarks in the map frame, in the layout of `rows_of`; doorways first."""
     walls, corners, is_jamb, doorways, rooms = features
     sine, cosine = sin_cos(heading_rad)
     rows = np.full((len(doorways) + 2 * len(corners) + len(rooms), 5), np.nan)
@@ -289,7 +289,7 @@ def _placed(features: Features, x_m: float, y_m: float, heading_rad: float) -> F
         rows[found, 0] = 0.0
         rows[found, 1], rows[found, 2] = doorways[i, DOOR_X], doorways[i, DOOR_Y]
         turn = wrap(atan2(doorways[i, DOOR_ALONG_Y], doorways[i, DOOR_ALONG_X]) + heading_rad)
-        # The same from both sides: modulo half a turn.
+        # A doorway looks the same from both sides: modulo half a turn.
         rows[found, 3] = turn + PI if turn < 0.0 else turn
         found += 1
     for i in range(len(corners)):
@@ -309,7 +309,7 @@ def _placed(features: Features, x_m: float, y_m: float, heading_rad: float) -> F
                 turn = atan2(normal_y, normal_x)
             else:
                 turn = atan2(walls[w, ALONG_Y], walls[w, ALONG_X]) + HALF_PI
-            # Beams go round to the left: a wall that lies before a corner ends there on its left.
+            # Beams turn counter-clockwise: the wall before a corner ends there with its left end.
             rows[found, 0] = 1.0 if corners[i, CONVEX] == 1.0 else (2.0 if side == BEFORE else 3.0)
             rows[found, 1], rows[found, 2] = corners[i, CORNER_X], corners[i, CORNER_Y]
             rows[found, 3] = wrap(turn + heading_rad)

@@ -1,7 +1,7 @@
-"""A floor plan: the walls of a building as line segments, and the outlines that a robot in it can walk along.
+"""Floor plans: the walls of a building as line segments, and the outlines of its free space.
 
-From a YAML file of ours (docs/guides/maps.md), metres and radians in the map frame; maps of ROS's map_server come from
-`gridmap`. Files of both kinds may name what robots' other sensors read. Words for other readers are not looked at.
+They are read from a YAML file (docs/guides/maps.md), in metres and radians in the map frame. `gridmap` reads maps of
+ROS's map_server. Files of both kinds may list beacons and other sources of sensor readings; unknown keys are ignored.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from phalanx.kernel import kernel
 from .outlines import Outline, outlines_of
 
 FILE_MAX_BYTES = 4_000_000
-# Outlines of plain walls are found by looking at every pair.
+# The search for outlines takes quadratic time in the number of walls.
 WALLS_MAX = 2000
-# What a pilot wants around a robot's middle, to be sure of its way: who plans ways and who judges them reckon with it.
+# Clearance around a robot's centre that the pilot needs; the survey and the audit of ways use the same value.
 PASS_M = 0.25
-# An edge of 0.12 m was read with so much on it, and not with 1300.
+# A code of 0.12 m was readable with 900 bytes, and not with 1300.
 TEXT_MAX_BYTES = 900
 READING_MAX_BYTES = 64
 SOURCES_MAX = 1000
@@ -40,40 +40,40 @@ class WallCode:
     """A square QR code on a wall."""
 
     text: str
-    x_m: float  # its middle, map frame; z above the floor
+    x_m: float  # centre, map frame; z above the floor
     y_m: float  # likewise
     z_m: float  # likewise
-    facing_rad: float  # direction that it is read from, away from the wall
-    size_m: float = 0.12  # its edge, without the quiet zone
+    facing_rad: float  # direction in which the code faces, away from the wall
+    size_m: float = 0.12  # length of the edge, without the quiet zone
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorPlan:
-    """Walls, and what follows from them."""
+    """A floor plan: walls, outlines, QR codes, and other data of a building."""
 
     name: str
     walls: NDArray[np.float64]  # (n, 4) ends of segments, metres, map frame
-    outlines: tuple[Outline, ...]  # the walls as a robot inside passes them, free space on the left
+    outlines: tuple[Outline, ...]  # closed paths along the walls with free space on the left
     bounds: tuple[float, float, float, float]  # x and y of the lower left and the upper right corner, metres
-    start: tuple[float, float, float] | None = None  # x, y, heading where robots begin
+    start: tuple[float, float, float] | None = None  # start pose of the robots: x, y, heading
     codes: tuple[WallCode, ...] = ()
-    extraction: ExtractionConfig = ExtractionConfig()  # noqa: RUF009  # frozen; how scans are read in this building
-    sources: tuple[Source, ...] = ()  # what other sensors read
+    extraction: ExtractionConfig = ExtractionConfig()  # noqa: RUF009  # frozen; feature extraction in this building
+    sources: tuple[Source, ...] = ()  # sources of other sensor readings
     dust: int = 0  # specks of the map that were left out
-    # The walls with those, where there are any: a speck in a doorway may stand there, and hides that.
+    # The walls with these specks, or None if there are none: a speck may be real, and in a doorway hides the doorway.
     drawn: NDArray[np.float64] | None = None
 
     def clearance_m(self, x_m: float, y_m: float) -> float:
-        """Distance to the nearest wall; +inf where there are none."""
+        """Return the distance to the nearest wall; +inf without walls."""
         return clearance(self.walls, float(x_m), float(y_m))
 
     def inside(self, x_m: float, y_m: float) -> bool:
-        """Return whether the place is free: within the bounds, and on the free side of the nearest outlines."""
+        """Return True if a place is within the bounds and on the free side of all outlines."""
         x0, y0, x1, y1 = self.bounds
         return x0 <= x_m <= x1 and y0 <= y_m <= y1 and all(o.has_on_free_side(x_m, y_m) for o in self.outlines)
 
     def sees(self, a: tuple[float, float], b: tuple[float, float]) -> bool:
-        """Return whether no wall lies between two places; walls that only reach up to one of them do not count."""
+        """Return True if no wall lies between two places; walls that end at one of the places do not count."""
         x, y = float(b[0]) - float(a[0]), float(b[1]) - float(a[1])
         length = math.hypot(x, y)
         if length < 1e-9:
@@ -83,15 +83,15 @@ class FloorPlan:
     def is_clear(
         self, a: tuple[float, float], b: tuple[float, float], side_m: float, near_m: float, far_m: float
     ) -> bool:
-        """Return whether no wall enters a rectangle on the right of the way from a to b.
+        """Return True if no wall enters a rectangle on the right of the line from a to b.
 
-        It begins and ends `side_m` inside of a and b, and reaches from `near_m` to `far_m` on the right.
+        It begins `side_m` after a, ends `side_m` before b, and reaches from `near_m` to `far_m` on the right.
         """
         width = math.hypot(b[0] - a[0], b[1] - a[1])
         x, y = (b[0] - a[0]) / width, (b[1] - a[1]) / width
         to = self.walls.reshape(-1, 2, 2) - np.array(a)
         along, right = to @ np.array([x, y]), to @ np.array([y, -x])
-        # Clip every wall to the rectangle (Liang and Barsky): what is left of its length, from `first` to `last`.
+        # Clip every wall to the rectangle (Liang and Barsky); the rest is from `first` to `last` of its length.
         first, last = np.zeros(len(to)), np.ones(len(to))
         for start, stop, low, high in (
             (along[:, 0], along[:, 1], side_m, width - side_m),
@@ -106,7 +106,7 @@ class FloorPlan:
 
 @kernel
 def clearance(walls: F64x2, x: float, y: float) -> float:
-    """As `FloorPlan.clearance_m`."""
+    """Return the distance to the nearest of the walls; +inf without walls."""
     nearest = np.inf
     for i in range(len(walls)):
         along_x, along_y = walls[i, 2] - walls[i, 0], walls[i, 3] - walls[i, 1]
@@ -121,7 +121,7 @@ def clearance(walls: F64x2, x: float, y: float) -> float:
 
 @kernel
 def _is_crossed(walls: F64x2, x: float, y: float, way_x: float, way_y: float, margin: float) -> bool:
-    """Return whether a wall meets the way from x, y, but for such a share of it at both ends."""
+    """Return True if a wall crosses the line from x, y, ignoring a share `margin` of it at both ends."""
     for i in range(len(walls)):
         along_x, along_y = walls[i, 2] - walls[i, 0], walls[i, 3] - walls[i, 1]
         cross = way_x * along_y - way_y * along_x
@@ -136,18 +136,18 @@ def _is_crossed(walls: F64x2, x: float, y: float, way_x: float, way_y: float, ma
 
 
 def floorplan_of_yaml(data: bytes, name: str = "map") -> FloorPlan:
-    """Return the floor plan of a YAML file; `name` is its name if the file has none.
+    """Parse a floor plan in YAML; `name` is its name if the file has none.
 
-    Raises: UsageError: it does not describe one; the message says where.
+    Raises: UsageError: the floor plan is invalid; the message has the place.
     """
     words = read_yaml(data, name)
     walls = np.array(
         [numbers(wall, f"{name}: wall {i + 1}", 4) for i, wall in enumerate(_list(words.get("walls"), name, "walls"))]
     ).reshape(-1, 4)
     if len(walls) > WALLS_MAX:
-        raise UsageError(f"{name} has {len(walls)} walls", f"up to {WALLS_MAX}; larger ones as a map_server map")
+        raise UsageError(f"{name} has {len(walls)} walls", f"use up to {WALLS_MAX}, or a map_server map")
     if len(walls) and np.any(np.hypot(walls[:, 0] - walls[:, 2], walls[:, 1] - walls[:, 3]) < 1e-3):
-        raise UsageError(f"{name}: a wall has no length", "x, y of both ends")
+        raise UsageError(f"{name}: a wall has no length", "use x, y of both ends")
     start = start_pose(words, name)
     x0, y0 = numbers(words.get("origin", [0.0, 0.0]), f"{name}: origin", 2)
     if "size" in words:
@@ -157,7 +157,7 @@ def floorplan_of_yaml(data: bytes, name: str = "map") -> FloorPlan:
         xs, ys = walls[:, ::2], walls[:, 1::2]
         bounds = (float(xs.min()), float(ys.min()), float(xs.max()), float(ys.max()))
     else:
-        raise UsageError(f"{name} has neither walls nor a size", "size: [width, height] in metres")
+        raise UsageError(f"{name} has neither walls nor a size", "add size: [width, height] in metres")
     codes = tuple(
         _code(code, f"{name}: code {i + 1}") for i, code in enumerate(_list(words.get("codes"), name, "codes"))
     )
@@ -167,37 +167,37 @@ def floorplan_of_yaml(data: bytes, name: str = "map") -> FloorPlan:
 
 
 def read_yaml(data: bytes, name: str) -> dict[Any, Any]:
-    """A YAML file's mapping. Raises: UsageError: it is none."""
+    """Return the mapping in a YAML file. Raises: UsageError: too long, or not a mapping."""
     if len(data) > FILE_MAX_BYTES:
-        raise UsageError(f"{name} has {len(data)} bytes", f"up to {FILE_MAX_BYTES}")
+        raise UsageError(f"{name} has {len(data)} bytes", f"use up to {FILE_MAX_BYTES}")
     hint = "phalanx docs guides/maps shows a map"
     words = words_of(compose(data, name, hint), data, name, hint)
     if not isinstance(words, dict):
-        raise UsageError(f"{name} is not a map", "a YAML mapping with walls, or with an image")
+        raise UsageError(f"{name} is not a map", "use a YAML mapping with walls, or with an image")
     return words
 
 
-def _list(value: Any, name: str, word: str) -> list[Any]:
+def _list(value: Any, name: str, key: str) -> list[Any]:
     if value is None:
         return []
     if not isinstance(value, list):
-        raise UsageError(f"{name}: {word} is not a list")
+        raise UsageError(f"{name}: {key} is not a list")
     return value
 
 
 def numbers(value: Any, where: str, count: int) -> tuple[float, ...]:
-    """So many numbers from a file. Raises: UsageError: they are something else."""
+    """Return `count` numbers from a file. Raises: UsageError: the value is not a list of so many numbers."""
     if (
         not isinstance(value, list)
         or len(value) != count
         or any(isinstance(item, bool) or not isinstance(item, int | float) or not abs(item) < 1e5 for item in value)
     ):
-        raise UsageError(f"{where} is {value!r:.80}", f"{count} numbers, metres and radians")
+        raise UsageError(f"{where} is {value!r:.80}", f"use a list of {count} numbers, metres and radians")
     return tuple(float(item) for item in value)
 
 
 def start_pose(words: Mapping[Any, Any], name: str) -> tuple[float, float, float] | None:
-    """Return x, y, heading where robots begin, if a map's file has it. Raises: UsageError: it is something else."""
+    """Return the start pose x, y, heading in a map's file, or None. Raises: UsageError: it is not a pose."""
     if "start_pose" not in words:
         return None
     x, y, heading = numbers(words["start_pose"], f"{name}: start_pose", 3)
@@ -205,7 +205,7 @@ def start_pose(words: Mapping[Any, Any], name: str) -> tuple[float, float, float
 
 
 def extraction_of(words: Mapping[Any, Any], name: str) -> ExtractionConfig:
-    """Return how scans are read in a building, by its file. Raises: UsageError: it says something else."""
+    """Return the configuration of feature extraction in a map's file. Raises: UsageError: door_width is invalid."""
     if words.get("door_width") is None:
         return ExtractionConfig()
     least_m, most_m = numbers(words["door_width"], f"{name}: door_width", 2)
@@ -214,27 +214,27 @@ def extraction_of(words: Mapping[Any, Any], name: str) -> ExtractionConfig:
 
 def _code(value: Any, where: str) -> WallCode:
     if not isinstance(value, dict) or not isinstance(value.get("text"), str):
-        raise UsageError(f"{where} has no text", "{text: ..., at: [x, y, z], facing: radians}")
+        raise UsageError(f"{where} has no text", "use {text: ..., at: [x, y, z], facing: radians}")
     x, y, z = numbers(value.get("at"), f"{where}: at", 3)
     (facing,) = numbers([value.get("facing")], f"{where}: facing", 1)
     (size,) = numbers([value.get("edge", 0.12)], f"{where}: edge", 1)
     if not 0.01 <= size <= 2:
-        raise UsageError(f"{where}: an edge of {size} m", "0.01 to 2")
+        raise UsageError(f"{where}: an edge of {size} m", "use 0.01 to 2")
     length = len(value["text"].encode(errors="replace"))
     if not 0 < length <= TEXT_MAX_BYTES:
-        raise UsageError(f"{where}: a text of {length} bytes", f"1 to {TEXT_MAX_BYTES}: no camera reads another")
+        raise UsageError(f"{where}: a text of {length} bytes", f"use 1 to {TEXT_MAX_BYTES}, which cameras can read")
     return WallCode(value["text"], x, y, z, facing, size)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Beacon:
-    """A radio beacon, which robots read in range, through walls: Bluetooth, UWB. Source: Encoded graphs §IV-A."""
+    """A radio beacon (Bluetooth, UWB), received within a range, also through walls. Source: Encoded graphs §IV-A."""
 
     reading: str
     x_m: float = within(0.0, -LARGEST, LARGEST)  # map frame
     y_m: float = within(0.0, -LARGEST, LARGEST)
     range_m: float = within(3.0, 0.1, 1000.0)
-    noise_m: float = within(0.1, 0.0, 100.0)  # standard deviation of a distance
+    noise_m: float = within(0.1, 0.0, 100.0)  # standard deviation of the measured distance
 
     stopped_by_walls = False
 
@@ -242,45 +242,45 @@ class Beacon:
         check_limits(self)
 
     def is_read(self, away_m: float, chance: float) -> bool:
-        """Return whether it is read from so far off, by a standard normal number."""
+        """Return True if the beacon is received at a distance; `chance` is a standard normal number."""
         return away_m + self.noise_m * chance <= self.range_m
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quantity:
-    """Signal that robots read above a level; it halves every `half_m` metres; walls block it."""
+    """Source of a signal that robots detect above a level; it has half its peak at `half_m`, and walls block it."""
 
     reading: str
     x_m: float = within(0.0, -LARGEST, LARGEST)  # map frame
     y_m: float = within(0.0, -LARGEST, LARGEST)
-    peak: float = within(100.0, 0.0, LARGEST)  # in whatever unit, like level and noise
+    peak: float = within(100.0, 0.0, LARGEST)  # in any unit, the same as of level and noise
     half_m: float = within(1.0, 0.01, 1000.0)
-    over: float = within(50.0, 0.0, LARGEST)
-    noise: float = within(1.0, 0.0, LARGEST)  # standard deviation of what is measured
+    over: float = within(50.0, 0.0, LARGEST)  # the level
+    noise: float = within(1.0, 0.0, LARGEST)  # standard deviation of the measurement
 
     stopped_by_walls = True
 
     def __post_init__(self) -> None:
         check_limits(self)
         if self.over >= self.peak:
-            raise UsageError(f"over {self.over:g} of a peak of {self.peak:g}", "below the peak, or nobody reads it")
+            raise UsageError(f"over is {self.over:g}, peak is {self.peak:g}", "use a value of over below the peak")
 
     def is_read(self, away_m: float, chance: float) -> bool:
-        """Return whether it is read from so far off, by a standard normal number."""
+        """Return True if the signal is detected at a distance; `chance` is a standard normal number."""
         halves = away_m / self.half_m
         return self.peak / (1.0 + halves * halves) + self.noise * chance >= self.over
 
 
 Source = Beacon | Quantity
-# What the file calls the fields.
+# Fields by their keys in the file.
 _BEACON = {"id": "reading", "range": "range_m", "noise": "noise_m"}
 _QUANTITY = {"reading": "reading", "peak": "peak", "half": "half_m", "over": "over", "noise": "noise"}
 
 
 def sources_of(words: Mapping[Any, Any], name: str) -> tuple[Source, ...]:
-    """Return the beacons and quantities of a map's file.
+    """Return the beacons and quantities in a map's file.
 
-    Raises: UsageError: they are something else; the message says where.
+    Raises: UsageError: one of them is invalid; the message has the place.
     """
     sources: list[Source] = []
     kinds: tuple[tuple[str, Callable[..., Source], Mapping[str, str]], ...] = (
@@ -291,7 +291,8 @@ def sources_of(words: Mapping[Any, Any], name: str) -> tuple[Source, ...]:
         listed = words.get(key) or []
         if not isinstance(listed, list) or len(listed) > SOURCES_MAX:
             raise UsageError(
-                f"{name}: {key} is no list of them", f"at most {SOURCES_MAX}; phalanx docs guides/maps shows them"
+                f"{name}: {key} is not a list, or too long",
+                f"use at most {SOURCES_MAX}; phalanx docs guides/maps shows them",
             )
         sources += (_source(kind, fields, each, f"{name}: {key}, number {i}") for i, each in enumerate(listed, 1))
     return tuple(sources)
@@ -300,12 +301,12 @@ def sources_of(words: Mapping[Any, Any], name: str) -> tuple[Source, ...]:
 def _source(kind: Callable[..., Source], known: Mapping[str, str], words: Any, where: str) -> Source:
     given = dict(words) if isinstance(words, dict) else {}
     place = given.pop("at", None)
-    told = {known.get(key, ""): value for key, value in given.items()}
-    reading = told.pop("reading", None)
+    values = {known.get(key, ""): value for key, value in given.items()}
+    reading = values.pop("reading", None)
     is_reading = isinstance(reading, str) and 0 < len(reading.encode(errors="replace")) <= READING_MAX_BYTES
-    if "" in told or not is_reading or not isinstance(place, list) or len(place) != 2:
-        raise UsageError(f"{where}, is {words!r:.80}", f"at: [x, y], {', '.join(known)}")
+    if "" in values or not is_reading or not isinstance(place, list) or len(place) != 2:
+        raise UsageError(f"{where}, is {words!r:.80}", f"use at: [x, y], {', '.join(known)}")
     try:
-        return kind(reading=reading, x_m=place[0], y_m=place[1], **told)
+        return kind(reading=reading, x_m=place[0], y_m=place[1], **values)
     except UsageError as error:
         raise UsageError(f"{where}: {error}", error.hint) from error

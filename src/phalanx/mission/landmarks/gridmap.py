@@ -1,8 +1,8 @@
-"""Maps of ROS's map_server (a PGM picture and a YAML file) → floor plans.
+"""Read maps of ROS's map_server (a PGM image and a YAML file) as floor plans.
 
-What is not free stops a laser: walls, also softly drawn ones between both thresholds, and what nobody has seen. The
-contour of all that is followed along the edges of the cells, with what is free on the left, and cut into straight
-pieces by the same split and merge as a scan. Landmarks come only from where the contour is a wall's.
+All cells that are not free stop a laser: walls, cells between both thresholds, and unknown cells. Their contour is
+followed along the edges of the cells, with free space on the left, and cut into straight pieces by the same split and
+merge as a scan. Landmarks come only from parts of the contour along walls.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from .walls import fit_line, split_run
 
 CELLS_MAX = 50_000_000
 FREE, UNKNOWN, WALL = 0, 1, 2
-# map_saver draws what it does not know in this grey.
+# Grey value of unknown cells, as saved by map_saver.
 UNKNOWN_GREY = 205
-# Deviation from a straight wall, in cells: a wall drawn at an angle steps by one.
+# Largest deviation from a straight wall, in cells: an oblique wall has steps of one cell.
 SPLIT_CELLS = 1.5
-# Specks of a few cells are noise of whoever made the map: they stop rays, but have no corners.
+# Specks of a few cells are noise of the mapping: they stop rays, but have no corners.
 SPECK_CELLS = 8
-# A cell with a longer edge is no dust.
+# Largest edge of a cell that counts as a speck of dust.
 DUST_M = 0.1
-# A robot's middle goes around in so many places, PASS_M from the speck's own edge, and as far from all else.
+# Number of positions of a robot on the circle around a speck, PASS_M from the speck and from everything else.
 PLACES = 24
 _PGM = re.compile(
     rb"P([25])\s(?:\s*#[^\n]*\n)*\s*(\d{1,6})\s+(?:#[^\n]*\n\s*)*(\d{1,6})\s+(?:#[^\n]*\n\s*)*(\d{1,5})\s"
@@ -44,33 +44,34 @@ _PGM = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class MapWords:
-    """A map_server YAML file."""
+    """Content of a map_server YAML file."""
 
-    image: str  # name of the picture, beside the file
+    image: str  # name of the image file, in the same folder
     resolution_m: float  # edge of a cell
-    origin: tuple[float, float, float]  # x, y, turn of the lower left cell, map frame
-    negate: bool  # bright is occupied
-    occupied: float  # from this probability on a cell is a wall
-    free: float  # below this one it is free
-    # x, y, heading where robots begin (a word of ours, start_pose), or None
+    origin: tuple[float, float, float]  # x, y, rotation of the lower left cell, map frame
+    negate: bool  # True if bright cells are occupied
+    occupied: float  # probability from which a cell is a wall
+    free: float  # probability below which a cell is free
+    # x, y, heading of the robots' start (start_pose, an extension of the format), or None
     start: tuple[float, float, float] | None = None
-    extraction: ExtractionConfig = ExtractionConfig()  # noqa: RUF009  # frozen; by door_width, likewise ours
+    extraction: ExtractionConfig = ExtractionConfig()  # noqa: RUF009  # frozen; from door_width, also an extension
 
 
 def map_words(data: bytes, name: str) -> MapWords:
     """Parse a map_server YAML file.
 
-    Raises: UsageError: it does not describe a map. Source: ROS map_server, nav2_map_server.
+    Raises: UsageError: it is invalid. Source: ROS map_server, nav2_map_server.
     """
     words = read_yaml(data, name)
     image = words.get("image")
     if not isinstance(image, str) or not image:
-        raise UsageError(f"{name} names no image", "image: FILE.pgm")
+        raise UsageError(f"{name} names no image", "add image: FILE.pgm")
     (resolution,) = numbers([words.get("resolution")], f"{name}: resolution", 1)
     (occupied,) = numbers([words.get("occupied_thresh", 0.65)], f"{name}: occupied_thresh", 1)
     (free,) = numbers([words.get("free_thresh", 0.196)], f"{name}: free_thresh", 1)
     if not 0.001 <= resolution <= 10 or not 0 <= free < occupied <= 1:
-        raise UsageError(f"{name}: resolution {resolution}, thresholds {free} and {occupied}", "metres; 0 to 1")
+        problem = f"{name}: resolution {resolution}, thresholds {free} and {occupied}"
+        raise UsageError(problem, "use 0.001 to 10 metres, and thresholds from 0 to 1 with free below occupied")
     x, y, turn = numbers(words.get("origin", [0.0, 0.0, 0.0]), f"{name}: origin", 3)
     negate = bool(words.get("negate", 0))
     start, extraction = start_pose(words, name), extraction_of(words, name)
@@ -78,22 +79,22 @@ def map_words(data: bytes, name: str) -> MapWords:
 
 
 def read_pgm(data: bytes, name: str) -> NDArray[np.uint8]:
-    """(height, width) grey values 0..255, the first row on top.
+    """Return (height, width) grey values 0..255 of an image, the first row on top.
 
-    Raises: UsageError: not a PGM picture (P5 or P2). Source: netpbm's pgm(5).
+    Raises: UsageError: not a PGM image (P5 or P2). Source: netpbm's pgm(5).
     """
     head = _PGM.match(data)
     if head is None:
-        raise UsageError(f"{name} is not a PGM picture", "P5 or P2, as map_server saves it")
+        raise UsageError(f"{name} is not a PGM image", "use P5 or P2, as saved by map_server")
     width, height, top = int(head[2]), int(head[3]), int(head[4])
     if not 0 < width * height <= CELLS_MAX or not 0 < top < 65536:
-        raise UsageError(f"{name} is {width} x {height} with values up to {top}", f"up to {CELLS_MAX} cells")
+        raise UsageError(f"{name} is {width} x {height} with values up to {top}", f"use up to {CELLS_MAX} cells")
     body = data[head.end() :]
     if head[1] == b"2":
         try:
             values = np.array(body.split()[: width * height], dtype=np.int64)
         except (ValueError, OverflowError) as error:
-            raise UsageError(f"{name} has a value that is no number") from error
+            raise UsageError(f"{name} has a value that is not a number") from error
     else:
         values = np.frombuffer(
             body, ">u2" if top > 255 else "u1", count=min(width * height, len(body) // (1 + (top > 255)))
@@ -101,25 +102,25 @@ def read_pgm(data: bytes, name: str) -> NDArray[np.uint8]:
     if len(values) < width * height:
         raise UsageError(f"{name} ends after {len(values)} of {width * height} cells")
     if values.min() < 0 or values.max() > top:
-        raise UsageError(f"{name} has values beyond its {top}")
+        raise UsageError(f"{name} has values above its maximum of {top}")
     grey = values.astype(np.float64) * (255.0 / top)
     return np.rint(grey).astype(np.uint8).reshape(height, width)
 
 
 def cells_of(grey: NDArray[np.uint8], words: MapWords) -> NDArray[np.uint8]:
-    """(height + 2, width + 2) of FREE, UNKNOWN, WALL; the first row at the bottom, as y grows, a border all around."""
+    """Return (height + 2, width + 2) cells FREE, UNKNOWN or WALL, the first row at the bottom, with a border."""
     occupied = (grey if words.negate else 255 - grey.astype(np.int64)) / 255.0
     cells = np.full(grey.shape, WALL, np.uint8)
     cells[(grey == UNKNOWN_GREY) & (occupied <= words.occupied)] = UNKNOWN
     cells[occupied < words.free] = FREE
-    # A border of solid cells, so that every contour is closed.
+    # The border of solid cells closes every contour.
     return np.pad(cells[::-1], 1, constant_values=UNKNOWN)
 
 
 def floorplan_of_map(yaml_data: bytes, pgm_data: bytes, name: str, *, swept: bool = False) -> FloorPlan:
-    """Return the floor plan of a map_server map; `swept`: `without_dust`.
+    """Return the floor plan of a map_server map; with `swept`, without dust (see `without_dust`).
 
-    Raises: UsageError: one of the files is wrong; the message says how.
+    Raises: UsageError: one of the files is invalid.
     """
     words = map_words(yaml_data, name)
     drawn = cells_of(read_pgm(pgm_data, words.image), words)
@@ -155,7 +156,7 @@ def _walls(outlines: list[Outline]) -> NDArray[np.float64]:
 
 
 def _of_one_space(outlines: list[Outline], words: MapWords) -> tuple[Outline, ...]:
-    """The outlines of the start's space, or of the largest; not of pockets that no robot comes to, nor of specks."""
+    """Return the outlines of the space with the start, or of the largest, without specks and unreachable spaces."""
     speck_m2 = SPECK_CELLS * words.resolution_m * words.resolution_m
     large = {id(outline.points): outline for outline in outlines if abs(outline.area_m2) > speck_m2}
     rooms = [outline for outline in large.values() if outline.area_m2 > 0]
@@ -180,10 +181,11 @@ def _to_map(points: NDArray[np.float64], words: MapWords) -> NDArray[np.float64]
 
 
 @kernel
-def _contours(cells: U8x2) -> tuple[F64x2, I64x1, BOOLx1]:  # noqa: C901  # one walk
-    """The borders of all that is not free, walked with free space on the left: middles of cells' edges, in cells.
+def _contours(cells: U8x2) -> tuple[F64x2, I64x1, BOOLx1]:  # noqa: C901  # a single traversal
+    """Follow the borders of all cells that are not free, with free space on the left.
 
-    Returns: (n, 2) points, (contours + 1,) where each contour starts, (n,) whether a wall's cell is on the right.
+    Returns: (n, 2) midpoints of cells' edges, in cells; (contours + 1,) first point of each contour; (n,) True if the
+        cell on the right is a wall.
     """
     height, width = cells.shape
     # Directions: 0 +x, 1 +y, 2 -x, 3 -y. An edge leaves the lattice point (column, row) in a direction.
@@ -219,7 +221,7 @@ def _contours(cells: U8x2) -> tuple[F64x2, I64x1, BOOLx1]:  # noqa: C901  # one 
                 count += 1
                 x += step_x[way]
                 y += step_y[way]
-                # Cells that touch at a corner are one wall: turn left where it can be, else go on, else turn right.
+                # Cells that touch at a corner are one wall: turn left if possible, else go straight, else turn right.
                 for turn in (1, 0, 3):
                     onward = (way + turn) % 4
                     if (
@@ -233,8 +235,8 @@ def _contours(cells: U8x2) -> tuple[F64x2, I64x1, BOOLx1]:  # noqa: C901  # one 
 
 
 def _straight(points: NDArray[np.float64], of_wall: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Corners of one contour, in cells: where the lines fitted to its straight pieces cross; and which are walls."""
-    # Begin at a corner: the point farthest from the middle is one. The farthest from that one is another.
+    """Return the corners of a contour, in cells, as crossings of its fitted lines; and a mask of pieces of wall."""
+    # Start at a corner: the point farthest from the centre is one, and the point farthest from that is another.
     first = _farthest(points, points.mean(0))
     order = np.append(np.roll(np.arange(len(points)), -first), first)
     x, y = points[order].T.copy()
@@ -247,9 +249,9 @@ def _farthest(points: NDArray[np.float64], place: NDArray[np.float64]) -> int:
 
 @kernel
 def _pieces(x: F64x1, y: F64x1, of_wall: BOOLx1, middle: int) -> tuple[F64x2, BOOLx1]:
-    """Return the corners of a closed contour, and whether the piece after each is a wall.
+    """Return the corners of a closed contour, and True for each if the piece after it is a wall.
 
-    The last point is the first again. The contour is cut there and at `middle`: a closed chord has no direction.
+    The last point equals the first. The contour is cut there and at `middle`, as a closed chord has no direction.
     """
     last = len(x) - 1
     starts = np.empty(len(x) + 1, np.int64)
@@ -278,11 +280,11 @@ def _pieces(x: F64x1, y: F64x1, of_wall: BOOLx1, middle: int) -> tuple[F64x2, BO
 
 
 def without_dust(cells: NDArray[np.uint8], edge_m: float) -> tuple[NDArray[np.uint8], int]:
-    """Return a map's `cells_of` without dust: lone cells that a robot gets around made free; and how many those were.
+    """Return the cells of a map with lone cells that a robot can drive around made free; and their number.
 
-    SLAM leaves single black cells where it saw reflections and passers-by. A survey that took each for a pillar would
-    find no way. But a lone cell may be the leg of a chair as well: so none is dropped that narrows a way. Who surveys
-    and who judges a mission leave them out; who simulates a building does not.
+    SLAM leaves single black cells from reflections and passers-by. A survey that took each for a pillar would find no
+    way. But a lone cell may also be the leg of a chair, so cells that narrow a passage are kept. The survey and the
+    audit of a mission use the cleaned map, the simulation of a building does not.
     """
     if edge_m > DUST_M:
         return cells, 0
@@ -297,8 +299,8 @@ def without_dust(cells: NDArray[np.uint8], edge_m: float) -> tuple[NDArray[np.ui
 
 
 def _is_passed(solid: NDArray[np.bool_], row: int, column: int, edge_m: float) -> bool:
-    """Return whether a robot gets from each place beside a speck to each other beside it: it parts nothing."""
-    away = PASS_M / edge_m + 0.5  # in cells, of a robot's middle from the middles of what it passes
+    """Return True if a robot can drive from each place beside a speck to each other, so that it separates none."""
+    away = PASS_M / edge_m + 0.5  # in cells, from a robot's centre to the centres of the cells that it passes
     reach = math.ceil(2 * away)
     window = solid[max(0, row - reach) : row + reach + 1, max(0, column - reach) : column + reach + 1]
     others = np.argwhere(window) - (min(row, reach), min(column, reach))

@@ -1,7 +1,7 @@
-"""A 2-D lidar in a world of walls (line segments) and people (discs): sweeps with noise, drop-outs and misses.
+"""Simulate a 2-D lidar among walls (line segments) and people (discs), with noise, drop-outs and misses.
 
-Each wall asks only the beams that point at it: with a hundred walls around, that is a tenth of all pairs. Walls lie in
-tiles, and the nearest come first: a tile that lies behind what its beams have met is not looked at.
+Each wall is tested only against the beams that point at it: with a hundred walls, a tenth of all pairs. Walls are
+grouped in tiles and processed nearest first; a tile is skipped if all its beams have hit something nearer.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ from .scan import LaserScan, beam_table, clip_ranges
 Pose = tuple[float, float, float]
 _NOBODY, _NOTHING = np.zeros((0, 3)), np.zeros(0)
 TILE_M = 2.0
-# So far behind what all its beams met a tile is hidden; and a circle around it is so much wider, against rounding.
+# A tile is hidden if it is this far behind the hits of all its beams; circles around tiles have a margin for rounding.
 BEHIND_M, WIDER_M = 0.2, 1e-6
-# Of a beam, so that rounding never lets a ray slip between two walls that touch.
+# In beams: a margin, so that rounding never lets a ray pass between two walls that touch.
 _SLACK_BEAMS = 1e-6
 
 
 class Beams(NamedTuple):
-    """A sweep's beams, as kernels take them."""
+    """Beams of a scan, for kernels."""
 
-    first_rad: float  # bearing of the first, robot frame
-    step_rad: float  # from one to the next
+    first_rad: float  # bearing of the first beam, robot frame
+    step_rad: float  # angle between two beams
     cosines: F64x1  # (b,) of their bearings
     sines: F64x1  # likewise
     range_max_m: float
 
 
 class Tiles(NamedTuple):
-    """Walls, those that lie together one after the other; one that is longer than a tile is its own."""
+    """Walls, ordered by tile; a wall longer than a tile has a tile of its own."""
 
     walls: F64x2  # (n, 4) ends of segments, map frame
-    ends: I64x1  # (t + 1,) tile i has those from ends[i] to ends[i + 1]
+    ends: I64x1  # (t + 1,) tile i has the walls from ends[i] to ends[i + 1]
     circles: F64x2  # (t, 3) centre and radius
 
 
@@ -52,7 +52,7 @@ packed_beams, _packed_tiles = bundled(Beams), bundled(Tiles)
 
 
 def tiles_of(walls: F64x2) -> Tiles:
-    """Walls, (n, 4), in tiles, packed."""
+    """Return (n, 4) walls in tiles, packed for kernels."""
     middles = (walls[:, :2] + walls[:, 2:]) / 2
     squares = np.column_stack([np.floor(middles / TILE_M), np.zeros(len(walls))])
     is_long = np.hypot(*(walls[:, 2:] - walls[:, :2]).T) > TILE_M
@@ -70,7 +70,7 @@ def tiles_of(walls: F64x2) -> Tiles:
 
 @kernel
 def _span(from_rad: float, to_rad: float, beams: Beams) -> tuple[int, int]:
-    """The beams [low, high) with bearings from..to."""
+    """Return the beams [low, high) with bearings from `from_rad` to `to_rad`."""
     low = (from_rad - beams.first_rad) / beams.step_rad - _SLACK_BEAMS
     high = (to_rad - beams.first_rad) / beams.step_rad + _SLACK_BEAMS
     count = len(beams.cosines)
@@ -81,10 +81,10 @@ def _span(from_rad: float, to_rad: float, beams: Beams) -> tuple[int, int]:
 
 @kernel
 def _cast_wall(ax: float, ay: float, bx: float, by: float, beams: Beams, ranges: F64x1) -> None:
-    """Shortens the beams that meet the wall from a to b, robot frame."""
+    """Shorten the beams that hit the wall from a to b, robot frame."""
     along_x, along_y = bx - ax, by - ay
     offset = ax * along_y - ay * along_x
-    # Seen from exactly its end, or out of reach.
+    # In line with the sensor, or out of range.
     if offset == 0.0 or offset * offset > beams.range_max_m * beams.range_max_m * (
         along_x * along_x + along_y * along_y
     ):
@@ -103,7 +103,7 @@ def _cast_wall(ax: float, ay: float, bx: float, by: float, beams: Beams, ranges:
 
 @kernel
 def _cast_disc(x: float, y: float, radius: float, beams: Beams, ranges: F64x1) -> None:
-    """Shortens the beams that meet a disc, robot frame; one around the sensor is not seen."""
+    """Shorten the beams that hit a disc, robot frame; a disc around the sensor is ignored."""
     squared = x * x + y * y - radius * radius
     if squared <= 0.0 or squared > beams.range_max_m * beams.range_max_m:
         return
@@ -119,7 +119,7 @@ def _cast_disc(x: float, y: float, radius: float, beams: Beams, ranges: F64x1) -
 
 @kernel
 def _is_hidden(x: float, y: float, radius: float, beams: Beams, ranges: F64x1) -> bool:
-    """Return whether all beams that may meet something in a circle, robot frame, have met something before it."""
+    """Return True if all beams towards a circle, robot frame, have hit something in front of it."""
     squared = x * x + y * y - radius * radius
     if squared <= 0.0:
         return False
@@ -135,7 +135,7 @@ def _is_hidden(x: float, y: float, radius: float, beams: Beams, ranges: F64x1) -
 
 @kernel
 def _nearest_first(x: float, y: float, circles: F64x2, range_max_m: float) -> I64x1:
-    """The circles in reach, by the whole metres that they are off."""
+    """Return the indices of the circles in range, ordered by their distance in whole metres."""
     metres, counts = np.empty(len(circles), np.int64), np.zeros(int(range_max_m) + 3, np.int64)
     for i in range(len(circles)):
         dx, dy = circles[i, 0] - x, circles[i, 1] - y
@@ -155,9 +155,10 @@ def _nearest_first(x: float, y: float, circles: F64x2, range_max_m: float) -> I6
 
 @kernel
 def cast(pose: tuple[float, float, float], tiles: Tiles, discs: F64x2, beams: Beams, ranges: F64x1) -> None:
-    """Write to `ranges` the distance to the first thing in each beam's way, +inf beyond the farthest.
+    """Write to `ranges` the distance to the first hit of each beam, +inf beyond the maximum range.
 
-    The sensor's pose is x, y, heading, discs are (m, 3) centres and radii, in the map frame; tiles and beams packed.
+    `pose` is x, y, heading of the sensor and discs are (m, 3) centres and radii, in the map frame; tiles and beams are
+    packed.
     """
     x, y, heading = pose
     ranges[:] = np.inf
@@ -194,9 +195,10 @@ def _sensed(
     wrong: tuple[float, float, float],
     ranges: F64x1,
 ) -> None:
-    """Write to `ranges` what a lidar measures: with noise, and some beams silent; each where there are draws for it.
+    """Write to `ranges` a simulated measurement, with noise and dropped beams if there are random numbers for them.
 
-    `draws` are normal, and uniform below 1; `wrong` is noise in metres, share of silent beams, the nearest range.
+    `draws` are (standard normal, uniform in [0, 1)) numbers; `wrong` is (noise in metres, share of dropped beams,
+    minimum range).
     """
     (normals, chances), (noise_m, drop_out, least_m) = draws, wrong
     cast(pose, tiles, people, beams, ranges)
@@ -209,7 +211,7 @@ def _sensed(
 
 
 class Lidar:
-    """A lidar that sees `walls`, (n, 4) ends of segments in the map frame; one object serves any number of robots."""
+    """A simulated lidar among `walls`, (n, 4) ends of segments in the map frame; any number of robots can share it."""
 
     def __init__(self, walls: NDArray[np.float64], config: LidarConfig | None = None) -> None:
         self.config = config or LidarConfig()
@@ -220,13 +222,13 @@ class Lidar:
         self._beams = packed_beams(Beams(first, step, *table, float(self.config.range_max_m)))
 
     def true_ranges(self, pose: Pose, people: NDArray[np.float64] = _NOBODY) -> NDArray[np.float64]:
-        """(beams,) distances without noise; +inf is a miss."""
+        """Return (beams,) distances without noise; +inf is a miss."""
         ranges = np.empty(self.config.beams)
         cast((float(pose[0]), float(pose[1]), float(pose[2])), self._tiles, people, self._beams, ranges)
         return ranges
 
     def sweep(self, pose: Pose, random: np.random.Generator, people: NDArray[np.float64] = _NOBODY) -> LaserScan:
-        """Return a scan from x, y, heading, map frame; people are (m, 3) centres and radii, metres."""
+        """Return a scan at pose x, y, heading, map frame; people are (m, 3) centres and radii, metres."""
         config = self.config
         x, y, heading = pose
         ranges = np.empty(config.beams)

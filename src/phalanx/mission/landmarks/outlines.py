@@ -1,6 +1,6 @@
-"""Walls → outlines: closed ways along the walls with free space on the left, as a robot in there sees them.
+"""Compute outlines of walls: closed paths along the walls with free space on the left, as a robot inside sees them.
 
-A wall without thickness is passed on both sides. Where walls cross or touch, they are cut first.
+A wall without thickness is followed on both sides. Walls that cross or touch are cut there first.
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 Point = tuple[float, float]
-# Ends of walls so near to each other, or to another wall, touch.
+# Walls with ends this near to each other, or to another wall, touch.
 TOUCH_M = 0.005
-# A bend of less is none.
+# Smaller bends count as straight.
 STRAIGHT_SINE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """A closed way along walls."""
+    """A closed path along walls."""
 
-    points: NDArray[np.float64]  # (k, 2) corners, metres; free space on the left of the way from each to the next
-    seen: NDArray[np.bool_]  # (k,) whether a robot can come to see the wall from a point to the next
+    points: NDArray[np.float64]  # (k, 2) corners, metres; free space is on the left from each to the next
+    seen: NDArray[np.bool_]  # (k,) True if the wall from a point to the next is visible to a robot inside the bounds
 
     @cached_property
     def area_m2(self) -> float:
-        """Positive around free space, negative around an island of walls."""
+        """Return the signed area: positive around free space, negative around an island of walls."""
         return area_of(self.points)
 
     @cached_property
@@ -37,11 +37,11 @@ class Outline:
         return (*self.points.min(0).tolist(), *self.points.max(0).tolist())
 
     def has_on_free_side(self, x_m: float, y_m: float) -> bool:
-        """Return whether a place lies inside an outline around free space, or outside of an island."""
-        # A way along walls without thickness encloses nothing.
+        """Return True if a place is inside an outline around free space, or outside an island."""
+        # A path along walls without thickness encloses no area.
         if abs(self.area_m2) < TOUCH_M:
             return True
-        # Most places are far from most islands.
+        # A bounding box rejects most islands quickly.
         x0, y0, x1, y1 = self._box
         is_near = x0 <= x_m <= x1 and y0 <= y_m <= y1
         return (is_near and _encloses(self.points, (x_m, y_m))) == (self.area_m2 > 0)
@@ -50,7 +50,7 @@ class Outline:
 def outlines_of(
     walls: NDArray[np.float64], bounds: tuple[float, float, float, float], start: Point | None
 ) -> tuple[Outline, ...]:
-    """Return the outlines of the space that `start` lies in, or of all; walls are not seen from beyond the bounds."""
+    """Return the outlines of the space with `start`, or of all spaces, as seen from inside the bounds."""
     ways = [np.array(way) for way in _faces(_cut(walls))]
     if start is not None:
         ways = ways_around(ways, _face_of(_rings(ways), start))
@@ -68,23 +68,23 @@ def outlines_of(
 
 
 def ways_around(ways: list[NDArray[np.float64]], home: NDArray[np.float64] | None) -> list[NDArray[np.float64]]:
-    """The ways that bound one space: its outer way, `home` (None: the space around everything), and its islands."""
+    """Return the paths that bound one space: its outer path `home` (None for the outside) and its islands."""
     rings = _rings(ways)
     return [way for way in ways if _own_face(rings, way) is home]
 
 
 def _rings(ways: list[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
-    """The ways around free space. A way there and back along a wall encloses nothing, but for rounding."""
+    """Return the paths around free space, without paths there and back along a wall, whose area is just rounding."""
     return [way for way in ways if area_of(way) > TOUCH_M * TOUCH_M]
 
 
 def _cut(walls: NDArray[np.float64]) -> dict[Point, set[Point]]:
-    """The walls as a graph: every point where one ends, meets or crosses another, and its neighbours."""
+    """Return the walls as a graph: the neighbours of each point where walls end, meet or cross."""
     ends = walls.reshape(-1, 2)
     names: dict[tuple[int, int], Point] = {}
 
     def at(x: float, y: float) -> Point:
-        # Points of neighbouring cells are the same one, so that no rounding separates what touches.
+        # Points in adjacent cells of a TOUCH_M grid are merged, so that rounding does not separate touching walls.
         column, row = math.floor(x / TOUCH_M + 0.5), math.floor(y / TOUCH_M + 0.5)
         for dx in (0, -1, 1):
             for dy in (0, -1, 1):
@@ -120,7 +120,7 @@ def _cut(walls: NDArray[np.float64]) -> dict[Point, set[Point]]:
 
 
 def _faces(neighbours: dict[Point, set[Point]]) -> list[list[Point]]:
-    """Every closed way that keeps free space on its left."""
+    """Return all closed paths with free space on the left: the faces of the planar graph."""
     around = {
         p: sorted(others, key=lambda q, p=p: (math.atan2(q[1] - p[1], q[0] - p[0]), q))  # type: ignore[misc]
         for p, others in neighbours.items()
@@ -135,7 +135,7 @@ def _faces(neighbours: dict[Point, set[Point]]) -> list[list[Point]]:
             to_do.discard(step)
             p, q = step
             way.append(p)
-            # The sharpest left turn: the next one clockwise from where we came.
+            # Take the sharpest left turn: the next neighbour clockwise from the previous point.
             turn = around[q]
             step = (q, turn[turn.index(p) - 1])
         ways.append(way)
@@ -143,15 +143,16 @@ def _faces(neighbours: dict[Point, set[Point]]) -> list[list[Point]]:
 
 
 def area_of(points: NDArray[np.float64]) -> float:
-    """Area inside a closed way, positive if it runs counter-clockwise."""
+    """Return the area inside a closed path, positive if it runs counter-clockwise."""
     x, y = points[:, 0], points[:, 1]
     return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
 
 
 def _encloses(points: NDArray[np.float64], place: Point) -> bool:
+    """Return True if a place is inside a closed path."""
     x, y = points[:, 0], points[:, 1]
     above = y > place[1]
-    # The few sides that cross the height of the place; the last one leads to the first point.
+    # Only sides that cross the height of the place count; the last one leads to the first point.
     i = np.flatnonzero(above != np.roll(above, -1))
     j = (i + 1) % len(y)
     at = x[i] + (place[1] - y[i]) / (y[j] - y[i]) * (x[j] - x[i])
@@ -159,11 +160,12 @@ def _encloses(points: NDArray[np.float64], place: Point) -> bool:
 
 
 def _face_of(rings: list[NDArray[np.float64]], place: Point) -> NDArray[np.float64] | None:
-    """The smallest ring around a place; None for the space around everything."""
+    """Return the smallest ring around a place; None if no ring encloses it."""
     return min((ring for ring in rings if _encloses(ring, place)), key=area_of, default=None)
 
 
 def _own_face(rings: list[NDArray[np.float64]], way: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return the ring around the space on the left of a path; the path itself if it is a ring."""
     for ring in rings:
         if ring is way:
             return ring
@@ -174,7 +176,7 @@ def _own_face(rings: list[NDArray[np.float64]], way: NDArray[np.float64]) -> NDA
 
 
 def _straightened(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Without the points where the way does not turn."""
+    """Return the points without those where the path does not turn."""
     before = points - np.roll(points, 1, axis=0)
     after = np.roll(points, -1, axis=0) - points
     sine = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]

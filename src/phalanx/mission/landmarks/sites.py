@@ -1,6 +1,6 @@
-"""The landmarks of a floor plan: what a robot that walks there will take its doorways, corners and rooms for.
+"""Extract the landmarks of a floor plan, as robots will recognise them in scans of the building.
 
-The same rules as for a scan (`corners`, `features`), on outlines instead of beams.
+The rules are those for scans (`corners`, `features`), applied to outlines instead of beams.
 """
 
 from __future__ import annotations
@@ -18,36 +18,36 @@ from phalanx.mission.observable import Landmark
 from .floorplan import FloorPlan
 from .outlines import Outline
 
-# Jambs may be so slanted: where a map's walls are two cells thick, their ends are.
+# Jambs may be slanted by this: the ends of walls that are two cells thick are.
 FACE_M = 0.25
-# Two sides of one wall show the same doorway.
+# Doorways closer than this are one, found from both sides of the wall.
 SAME_M = 0.25
-SHOWN_M = 0.05  # a landmark that somebody wrote down is one of the building, if it is so near
+SHOWN_M = 0.05  # largest distance between a landmark in a mission and the one of the plan that it stands for
 
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """One landmark, with all the ways it can be seen."""
+    """A landmark with its aliases: the forms in which it can be seen."""
 
-    # Any one of them is the landmark; of a corner one for each wall, of a room one for each three consecutive corners
+    # A corner has an alias for each wall, a room one for each three consecutive corners
     aliases: tuple[Landmark, ...]
-    width_m: float = 0.0  # of a doorway, else 0
+    width_m: float = 0.0  # width of a doorway, else 0
 
     @property
     def type(self) -> str:
-        """The type of the landmark."""
+        """Return the type of the landmark."""
         return self.aliases[0].type
 
     @property
     def place_m(self) -> tuple[float, float]:
-        """The middle of its aliases, map frame."""
+        """Return the mean of the aliases' places, map frame."""
         count = len(self.aliases)
         return sum(alias.x_m for alias in self.aliases) / count, sum(alias.y_m for alias in self.aliases) / count
 
 
 @dataclass(frozen=True, slots=True)
 class _Corner:
-    """A corner of an outline: where it is, both walls' unit directions, lengths, and whether they are seen."""
+    """A corner of an outline: its place, and direction, length and visibility of both walls."""
 
     at: tuple[float, float]
     before: tuple[float, float]
@@ -61,13 +61,13 @@ class _Corner:
 
 
 def is_shown(thing: Landmark, sites: Iterable[Site]) -> bool:
-    """Return whether one of them is such a landmark, at that place."""
+    """Return True if one of the sites is a landmark of this type at this place."""
     same = (other for site in sites for other in site.aliases if other.type == thing.type)
     return any(abs(other.x_m - thing.x_m) <= SHOWN_M and abs(other.y_m - thing.y_m) <= SHOWN_M for other in same)
 
 
 def look_alikes_of(plan: FloorPlan) -> tuple[Landmark, ...]:
-    """All that robots may take for a landmark there: its landmarks, and the jambs of doorways that they see half."""
+    """Return all landmarks that robots may detect: those of the plan, and jambs of doorways that are seen in part."""
     config = plan.extraction
     sites = landmarks_of(plan)
     corners = (corner for outline in plan.outlines for corner in _corners(outline) if _is_concave(corner, config))
@@ -76,7 +76,7 @@ def look_alikes_of(plan: FloorPlan) -> tuple[Landmark, ...]:
 
 
 def landmarks_of(plan: FloorPlan, config: ExtractionConfig | None = None) -> tuple[Site, ...]:
-    """The landmarks of a floor plan: doorways, rooms, concave corners that are no jambs, convex corners.
+    """Return the landmarks of a floor plan: doorways, rooms, concave corners except jambs, convex corners, QR codes.
 
     Source: Encoded graphs §V-A; docs/spec/mission.md.
     """
@@ -114,7 +114,7 @@ def _is_convex(corner: _Corner, config: ExtractionConfig) -> bool:
 
 def _is_concave(corner: _Corner, config: ExtractionConfig) -> bool:
     turns_right = corner.sine <= -math.sin(config.corner_min_rad)
-    # The end of a wall without thickness: the outline turns back.
+    # At the end of a wall without thickness the outline turns back.
     turns_back = abs(corner.sine) < math.sin(config.corner_min_rad) and corner.cosine < 0
     return (turns_right or turns_back) and (corner.before_seen or corner.after_seen)
 
@@ -122,7 +122,7 @@ def _is_concave(corner: _Corner, config: ExtractionConfig) -> bool:
 def _doorways(
     plan: FloorPlan, concave: list[_Corner], config: ExtractionConfig
 ) -> tuple[list[Site], set[tuple[float, float]]]:
-    """Doorways, and the corners that are their jambs."""
+    """Return the doorways, and the places of the corners that are their jambs."""
     sites: list[Site] = []
     jambs: set[tuple[float, float]] = set()
     straight = math.cos(config.door_bend_rad)
@@ -144,7 +144,7 @@ def _doorways(
             along_x = a.before_m * a.before[0] + b.after_m * b.after[0]
             along_y = a.before_m * a.before[1] + b.after_m * b.after[1]
             length = math.hypot(along_x, along_y)
-            # Free space, and who sees it, is on the left; the middle of the wall on the right.
+            # Free space is on the left, the middle of the wall's thickness on the right.
             door = Landmark(
                 "doorway",
                 0.5 * (a.at[0] + b.at[0]) + 0.5 * depth * along_y / length,
@@ -162,7 +162,7 @@ def _face_depth(sine: float, length_m: float, config: ExtractionConfig) -> float
 
 
 def _concave_site(corner: _Corner, config: ExtractionConfig) -> Site:
-    # Free space is on the left: who stands there sees the wall before the corner end on its left.
+    # Free space is on the left: a robot there sees the left end of the wall before the corner.
     walls = (
         ("concave_left", corner.before, corner.before_m, corner.before_seen),
         ("concave_right", corner.after, corner.after_m, corner.after_seen),
@@ -177,7 +177,7 @@ def _concave_site(corner: _Corner, config: ExtractionConfig) -> Site:
 
 
 def _merged(sites: list[Site]) -> list[Site]:
-    """One site for corners at one place: where two walls meet tip to tip, several outlines turn."""
+    """Merge sites at the same place: where two walls meet tip to tip, several outlines have a corner."""
     merged: dict[tuple[float, float], Site] = {}
     for site in sites:
         if site.aliases:
@@ -194,10 +194,10 @@ def _convex_site(corner: _Corner) -> Site:
 
 
 def _rooms(plan: FloorPlan, chain: list[_Corner], config: ExtractionConfig) -> Iterator[Site]:
-    """A room for each run of at least three convex corners."""
+    """Yield a room for each run of at least three convex corners."""
     convex = [_is_convex(corner, config) for corner in chain]
     if not chain or all(convex):
-        # Closed all around: nobody comes in, but whoever starts there sees it.
+        # A closed room: visible only to robots that start inside.
         runs = [[*chain, *chain[:2]]] if chain else []
     else:
         first = convex.index(False)

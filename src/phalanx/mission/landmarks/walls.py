@@ -1,7 +1,7 @@
-"""Ranges → points → walls: split where the scan jumps or bends, merge what is straight, fit a line to each piece.
+"""Find walls in a scan: split it at jumps and bends, merge straight pieces, fit a line to each.
 
-Arrays of points and of walls are in the order of the bearings: counter-clockwise, the robot on the left-hand side of
-every wall's direction. Everything here is a kernel, so that an auditor who replays it gets the same bits.
+Points and walls are ordered by bearing, counter-clockwise; the robot is on the left of every wall's direction. All
+functions are kernels, so that an auditor's replay gives the same bits.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ import numpy as np
 from phalanx.arrays import BOOLx1, F64x1, F64x2, I64x1, I64x2
 from phalanx.kernel import kernel
 
-# Beams that may be silent between two neighbours on one wall.
+# Largest step in beams, over beams without a reading, between two points of one wall.
 GAP_BEAMS = 4
-# Legs and columns make pieces shorter than this that look straight.
+# Pieces shorter than this may be legs or columns that look straight.
 ROUND_M = 0.6
-# Round is what stands out in its middle by so much of `line_m`.
+# A piece is round if its middle stands out by this share of `line_m`.
 ROUND = 0.3
-# A step of more than `line_m` between two faces so long turns a wall that is shorter than this.
+# A step of more than `line_m` between two faces of at least FACE_M distorts walls shorter than STEPPED_M.
 STEPPED_M, FACE_M = 1.5, 0.07
-# Columns of an array of walls: a point on it, its unit direction, its first and its last point.
+# Columns of an array of walls: a point on the wall, its unit direction, its first and its last point.
 X, Y, ALONG_X, ALONG_Y, FROM_X, FROM_Y, TO_X, TO_Y = range(8)
 
 
 @kernel
 def points_of(ranges: F64x1, cosines: F64x1, sines: F64x1, range_m: float) -> tuple[F64x1, F64x1, I64x1]:
-    """(x, y, beam) of the beams that saw something nearer than `range_m`; robot frame, metres."""
+    """Return (x, y, beam) of the hits within `range_m`; robot frame, metres."""
     x, y, beam = np.empty(len(ranges)), np.empty(len(ranges)), np.empty(len(ranges), np.int64)
     count = 0
     for k in range(len(ranges)):
@@ -39,10 +39,10 @@ def points_of(ranges: F64x1, cosines: F64x1, sines: F64x1, range_m: float) -> tu
 
 @kernel
 def breaks_of(ranges: F64x1, beam: I64x1, step_rad: float, jump_m: float, graze_slope: float) -> BOOLx1:
-    """For each point, whether it begins a new run: not on one surface with the point before it.
+    """Return, for each point, True if it begins a new run: it is on another surface than the point before.
 
-    `graze_slope` is the cotangent of the smallest angle at which a wall counts as one surface: its range then grows by
-    so many times the distance between two beams.
+    `graze_slope` is the cotangent of the smallest angle at which a wall still counts as one surface: the largest growth
+    of its range, in units of the distance between two beams.
     """
     count = len(beam)
     new_run = np.empty(count, np.bool_)
@@ -56,7 +56,7 @@ def breaks_of(ranges: F64x1, beam: I64x1, step_rad: float, jump_m: float, graze_
         gap = beam[i] - beam[i - 1]
         new_run[i] = far - near > jump_m + graze_slope * near * step_rad * gap
         for k in range(beam[i - 1] + 1, beam[i]):
-            # A miss, or something out of the range of features: in any case not this surface.
+            # A beam between the points that misses or hits farther away separates the surfaces.
             if not np.isnan(ranges[k]):
                 new_run[i] = True
     return new_run
@@ -77,7 +77,10 @@ def _farthest_from_chord(x: F64x1, y: F64x1, first: int, last: int) -> tuple[int
 
 @kernel
 def split_run(x: F64x1, y: F64x1, first: int, last: int, split_m: float, starts: I64x1) -> int:
-    """Write the first points of the straight pieces of first..last to `starts`, where the one before ends; how many."""
+    """Write the first points of the straight pieces of first..last to `starts`; return the number of pieces.
+
+    Each piece ends at the first point of the next.
+    """
     stack = np.empty((last - first + 2, 2), np.int64)
     stack[0, 0], stack[0, 1] = first, last
     depth, count = 1, 0
@@ -86,7 +89,7 @@ def split_run(x: F64x1, y: F64x1, first: int, last: int, split_m: float, starts:
         a, b = stack[depth, 0], stack[depth, 1]
         at, distance = _farthest_from_chord(x, y, a, b)
         if distance > split_m:
-            # The left half is taken off the stack first, so that pieces come in order.
+            # Push the left half last, so that pieces come in order.
             stack[depth, 0], stack[depth, 1] = at, b
             stack[depth + 1, 0], stack[depth + 1, 1] = a, at
             depth += 2
@@ -98,7 +101,7 @@ def split_run(x: F64x1, y: F64x1, first: int, last: int, split_m: float, starts:
 
 @kernel
 def fit_line(x: F64x1, y: F64x1, first: int, last: int) -> tuple[float, float, float, float]:
-    """(x, y, along_x, along_y): the line with the least squared distances, from `first` towards `last`."""
+    """Return the least squares line (x, y, along_x, along_y), directed from `first` towards `last`."""
     n = last - first + 1
     sum_x, sum_y, sum_xx, sum_xy, sum_yy = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(first, last + 1):
@@ -110,7 +113,7 @@ def fit_line(x: F64x1, y: F64x1, first: int, last: int) -> tuple[float, float, f
         sum_yy += dy * dy
     mean_x, mean_y = sum_x / n, sum_y / n
     xx, xy, yy = sum_xx - sum_x * mean_x, sum_xy - sum_x * mean_y, sum_yy - sum_y * mean_y
-    # The eigenvector of the larger eigenvalue, from whichever row of the matrix gives the longer one.
+    # The eigenvector of the larger eigenvalue, from the row of the matrix that gives the longer vector.
     root = math.sqrt((xx - yy) * (xx - yy) + 4.0 * xy * xy)
     if xx >= yy:
         along_x, along_y = 0.5 * (xx - yy + root), xy
@@ -126,7 +129,7 @@ def fit_line(x: F64x1, y: F64x1, first: int, last: int) -> tuple[float, float, f
 
 @kernel
 def _strays(x: F64x1, y: F64x1, first: int, last: int, split_m: float) -> bool:
-    """Return whether a point of first..last is farther than `split_m` from the line through them all."""
+    """Return True if a point of first..last is farther than `split_m` from the line fitted to all of them."""
     cx, cy, ax, ay = fit_line(x, y, first, last)
     for i in range(first, last + 1):  # noqa: SIM110 - kernels know no generators
         if abs(ax * (y[i] - cy) - ay * (x[i] - cx)) > split_m:
@@ -136,7 +139,7 @@ def _strays(x: F64x1, y: F64x1, first: int, last: int, split_m: float) -> bool:
 
 @kernel
 def _bulge(x: F64x1, y: F64x1, first: int, last: int, line: tuple[float, float, float, float]) -> float:
-    """How far the middle third lies on the left of the line of both ends: 0 for a wall, not for a leg or a column."""
+    """Return how far the middle third stands out to the left of both outer thirds: about 0 for flat walls."""
     cx, cy, ax, ay = line
     third = (last - first + 1) // 3
     middle, ends = 0.0, 0.0
@@ -151,9 +154,9 @@ def _bulge(x: F64x1, y: F64x1, first: int, last: int, line: tuple[float, float, 
 
 @kernel
 def _step(x: F64x1, y: F64x1, first: int, last: int, line: tuple[float, float, float, float]) -> float:
-    """By how much one part of a wall stands out before the other, where two parallel lines fit best.
+    """Return the largest step between two parts of a wall that are fitted by parallel lines.
 
-    Each part is FACE_M long or more: what a wall shows of the next one around its corner is shorter.
+    Each part is at least FACE_M long: points of the next wall around a corner cover less.
     """
     cx, cy, ax, ay = line
     n = last - first + 1
@@ -178,7 +181,7 @@ def _step(x: F64x1, y: F64x1, first: int, last: int, line: tuple[float, float, f
 
 @kernel
 def _off(x: F64x1, y: F64x1, i: int, line: tuple[float, float, float, float]) -> float:
-    """How far a point is from a line."""
+    """Return the distance of a point from a line."""
     off: float = line[2] * (y[i] - line[1]) - line[3] * (x[i] - line[0])
     return abs(off)
 
@@ -187,7 +190,7 @@ def _off(x: F64x1, y: F64x1, i: int, line: tuple[float, float, float, float]) ->
 def _is_flat(
     x: F64x1, y: F64x1, first: int, last: int, line: tuple[float, float, float, float], long_m: float, line_m: float
 ) -> bool:
-    """Return whether points of a wall so long are of one face, and not of a leg or of two faces."""
+    """Return True if a wall of length `long_m` is one flat face, not a round object or two faces with a step."""
     if long_m < ROUND_M and abs(_bulge(x, y, first, last, line)) > ROUND * line_m:
         return False
     return long_m >= STEPPED_M or _step(x, y, first, last, line) <= line_m
@@ -195,7 +198,7 @@ def _is_flat(
 
 @kernel
 def bulge(x: F64x1, y: F64x1, walls: F64x2, spans: I64x2, w: int) -> float:
-    """How far wall w stands out towards the robot in its middle."""
+    """Return how far the middle of wall w stands out towards the robot."""
     first, last = spans[w, 0] + 1, spans[w, 1] - 1
     line = walls[w, X], walls[w, Y], walls[w, ALONG_X], walls[w, ALONG_Y]
     return _bulge(x, y, first, last, line) if last - first >= 2 else 0.0
@@ -203,7 +206,7 @@ def bulge(x: F64x1, y: F64x1, walls: F64x2, spans: I64x2, w: int) -> float:
 
 @kernel
 def _border(x: F64x1, y: F64x1, walls: F64x2, spans: I64x2, w: int) -> int:
-    """The last point of wall w, where w and w + 1 meet: with it, all points lie best on the one line or the other."""
+    """Return the last point of wall w, such that the points of w and w + 1 fit their two lines best."""
     best, sum_ = 0.0, 0.0
     at: int = spans[w, 0] - 1
     for i in range(spans[w, 0], spans[w + 1, 1] + 1):
@@ -217,7 +220,7 @@ def _border(x: F64x1, y: F64x1, walls: F64x2, spans: I64x2, w: int) -> int:
 
 @kernel
 def _trimmed(first: int, last: int) -> tuple[int, int]:
-    """The points of first..last without the outermost, which may belong to the next wall."""
+    """Return first and last point without the outermost points, which may belong to the next wall."""
     points = last - first + 1
     trim = 2 if points >= 12 else (1 if points >= 8 else 0)
     return first + trim, last - trim
@@ -225,7 +228,7 @@ def _trimmed(first: int, last: int) -> tuple[int, int]:
 
 @kernel
 def _part(x: F64x1, y: F64x1, new_run: BOOLx1, walls: F64x2, spans: I64x2) -> F64x2:
-    """Return the walls, each fitted to its own points alone: hundreds of the next within `split_m` would turn it."""
+    """Return the walls, refitted to their own points only: points of the next wall within `split_m` distort the fit."""
     parted = walls.copy()
     for w in range(len(walls)):
         first, last = _trimmed(spans[w, 0], spans[w, 1])
@@ -243,9 +246,9 @@ def _part(x: F64x1, y: F64x1, new_run: BOOLx1, walls: F64x2, spans: I64x2) -> F6
 def walls_of(
     x: F64x1, y: F64x1, new_run: BOOLx1, split_m: float, line_m: float, wall_min_m: float, min_points: int
 ) -> tuple[F64x2, I64x2]:
-    """The walls, (w, 8), and the (w, 2) first and last point of each.
+    """Return the (w, 8) walls, and the (w, 2) first and last point of each.
 
-    Source: Encoded graphs Alg. 1, getF. How lines are found is split and merge (Pavlidis and Horowitz, 1974).
+    Lines are found by split and merge (Pavlidis and Horowitz, 1974). Source: Encoded graphs Alg. 1, getF.
     """
     count = len(x)
     starts = np.empty(count + 1, np.int64)
@@ -265,7 +268,7 @@ def walls_of(
         a = 0
         while a < pieces:
             b = a + 1
-            # Noise splits what is straight: put together what one line fits.
+            # Noise may split a straight wall: merge pieces that one line fits.
             while b < pieces and not _strays(x, y, starts[a], starts[b + 1], split_m):
                 b += 1
             first, last = starts[a], starts[b]
@@ -274,7 +277,7 @@ def walls_of(
                 continue
             begin, end = _trimmed(first, last)
             line = fit_line(x, y, begin, end)
-            # The point at which two pieces meet may be of the next one, a step away: a ledge would be as long as that.
+            # The end point of a piece may belong to the next one, a step away: drop it if it is off the line.
             first, last = first + (_off(x, y, first, line) > line_m), last - (_off(x, y, last, line) > line_m)
             dx, dy = x[last] - x[first], y[last] - y[first]
             long_m = math.sqrt(dx * dx + dy * dy)

@@ -10,8 +10,8 @@ from phalanx.mission.graph import Mission
 
 SPEED_MPS = 0.6  # largest speed of the pilot
 # The time limit: each way of the minimum spanning tree there and back, SLACK times as long as at full speed, since a
-# robot avoids obstacles, turns and waits for people; plus NODE_S per node. A SLACK of 3 was too short: complete missions
-# took up to 0.98 of that limit, and one in a school with specks in its map was not complete by then.
+# robot avoids obstacles, turns and waits for people; plus NODE_S per node. A SLACK of 3 was too short: complete
+# missions took up to 0.98 of that limit, and one in a school with specks in its map was not complete by then.
 SLACK, NODE_S, LEAST_S = 4.0, 6.0, 120.0
 # In the sealed profile a robot tries only a dozen candidates in a step, and only nodes after its last one. So it may
 # pass a node, time out and return.
