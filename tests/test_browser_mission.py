@@ -140,7 +140,7 @@ def test_an_operator_draws_a_mission_compiles_audits_and_sends_it(browser, files
         trouble = desk.get_by_test_id("mission-trouble")
         trouble.wait_for()
         assert "no node is marked as a start" in trouble.inner_text()
-        assert "Hint: start: true on one node" in trouble.inner_text()
+        assert "Hint: add start: true to one node" in trouble.inner_text()
         assert not barriers_in_both_schemes(desk)
 
 

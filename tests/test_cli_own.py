@@ -103,7 +103,7 @@ class TestController:
             ({"import Controller": "import Controler"}, "mine.py:2: ImportError: cannot import name 'Controler'"),
             ({"class Mine": "1 / 0\nclass Mine"}, "mine.py:4: ZeroDivisionError: division by zero"),
             ({"def on_input": "def on_inputs"}, "mine.py:4: Mine has no on_reading"),
-            ({"(Controller)": ""}, "Mine in mine.py is no Controller"),
+            ({"(Controller)": ""}, "Mine in mine.py is not a Controller"),
             ({"class Mine": "class Miner"}, "mine.py has no Mine"),
             ({"return []": "return None"}, "mine.py:12: on_input returned None"),
             ({'return b""': "return None"}, "mine.py:6: encode returned None"),
@@ -168,7 +168,7 @@ class TestController:
         "words, complaint",
         [
             ("nowhere.py:Mine", "no file nowhere.py"),
-            ("flok", "no controller 'flok'\nphalanx: hint: did you mean flock? flock, guard, "),
+            ("flok", "no controller 'flok'\nphalanx: hint: did you mean flock? use flock, guard, "),
             (f"{ROOT / 'examples' / 'own_controller.py'}:GOAL_M", "GOAL_M in"),
         ],
     )
@@ -278,7 +278,7 @@ class TestAttack:
             ),
             ({"import Act": "import Acts"}, "lies.py:Brake", "lies.py:4: ImportError: cannot import name 'Acts'"),
             ({}, "lies.py:Brakes", "lies.py has no Brakes"),
-            ({"(Liar)": ""}, "lies.py:Brake", "Brake in lies.py is no Liar"),
+            ({"(Liar)": ""}, "lies.py:Brake", "Brake in lies.py is not a Liar"),
             ({}, "lies.py:Brake:robot=x", "'brake:robot=x': robot of brake is 'x'"),
             ({}, "lies.py:Brake:far=3", "'brake:far=3': options of brake have no 'far'"),
             ({}, "lies.py:Brake:", "'brake:' is not an attack"),
@@ -308,7 +308,7 @@ class TestNobodyLies:
     def test_none_and_an_attack_is_refused(self, phalanx):
         code, _, err = phalanx("sim", "run", "bti-fig9", "--attack", "none", "--attack", "spoof")
         assert code == 2
-        assert "an attack and none" in err
+        assert "an attack together with none" in err
 
 
 class TestQuorum:

@@ -195,7 +195,7 @@ class TestRun:
             (["."], ". is a folder", "phalanx sim list"),
             (["none.yaml"], "no file none.yaml", "phalanx sim list"),
             (["bti-fig8", "--attack", "spoff"], "no attack 'spoff'", "did you mean spoof?"),
-            (["bti-fig8", "--attack", "spoof:robot=26"], "spoof in robot 26", "robots are 1 to 25"),
+            (["bti-fig8", "--attack", "spoof:robot=26"], "spoof in robot 26", "a robot from 1 to 25"),
             (["bti-fig8", "--attack", "spoof:at"], "'at' in 'spoof:at'", "for example"),
             (["bti-fig8", "--robots", "0"], "0 robots", "1 to 65535"),
             (["bti-fig8", "--t-audit", "9"], "tokens count for 10 s", "1.5 times"),

@@ -330,7 +330,7 @@ class TestCommand:
         assert run_command(["sim", "check", words]) == 2
         said = capsys.readouterr().err.splitlines()
         assert len(said) == 2
-        assert ("did you mean flock? flock, guard, wheels, " in said[1]) == (words == "flok")
+        assert ("did you mean flock? use flock, guard, wheels, " in said[1]) == (words == "flok")
 
 
 def test_what_ends_a_process_is_told(tmp_path, monkeypatch, capsys):

@@ -110,7 +110,7 @@ class TestSwarm:
         ("plan", "count", "message"),
         [
             (b"size: [10, 10]\nstart_pose: [3.0, 1.5, 1.57]\n", 1, "0 walls"),
-            (SMALL.replace("start_pose: [1.5, 3.0, 0.0]", "").encode(), 1, "does not say where robots begin"),
+            (SMALL.replace("start_pose: [1.5, 3.0, 0.0]", "").encode(), 1, "has no start of the robots"),
             (SMALL.encode(), 0, "0 robots"),
             (SMALL.encode(), MOST_ROBOTS + 1, f"{MOST_ROBOTS + 1} robots"),
         ],
@@ -332,7 +332,7 @@ class TestUp:
             assert up.wait_for("mission")["nodes"] == 2
         with child("up", "--events", "--mission", str(path), "--trust", stranger) as running:
             assert running.wait() == 1
-            assert "who is not trusted" in running.err[-1]
+            assert "which is not trusted" in running.err[-1]
         path.with_name(path.name + ".key").unlink()
         assert run_command(["up", "--events", "--mission", str(path)]) == 2
         assert "needs its start key" in capsys.readouterr().err.splitlines()[-2]

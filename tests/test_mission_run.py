@@ -287,7 +287,7 @@ def test_an_encoded_mission_runs_from_its_file_and_not_when_it_was_altered(tmp_p
     assert isinstance(_command(str(file), "--robots", "2")[2], UsageError), "it is for one robot"
     wrong = _command(str(file), "--as", "3")[2]
     assert isinstance(wrong, NotForUs)
-    assert str(wrong) == "the mission is for robots 7, this is 3"
+    assert str(wrong) == "the mission is for robots 7, this is robot 3"
     assert _command(str(file), "--as", "7", "--duration", "1")[2] is None
     assert isinstance(_command(str(file), "--as", "3,7")[2], NotForUs)
     assert isinstance(_command(str(file), "--as", "7", "--robots", "2")[2], UsageError), "who is the other?"

@@ -145,7 +145,7 @@ def test_a_building_with_sources_gives_the_same_run_to_who_does_not_need_them() 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ({"beacons": 7}, "beacons is no list"),
+        ({"beacons": 7}, "beacons is not a list"),
         ({"beacons": [{"id": "x"}]}, "beacons, number 1, is"),
         ({"beacons": [{"id": "x", "at": [1, 2, 3]}]}, "beacons, number 1, is"),
         ({"beacons": [{"id": "", "at": [1, 2]}]}, "beacons, number 1, is"),
@@ -153,7 +153,7 @@ def test_a_building_with_sources_gives_the_same_run_to_who_does_not_need_them() 
         ({"beacons": [{"id": "x", "at": [1, 2], "range": -3}]}, "range_m is -3"),
         ({"beacons": [{"id": "x", "at": [1, "b"]}]}, "y_m is 'b'"),
         ({"beacons": [{"id": "x", "at": [1, 2], "noise": float("nan")}]}, "noise_m is nan"),
-        ({"quantities": [{"reading": "x", "at": [1, 2], "peak": 3, "over": 4}]}, "over 4 of a peak of 3"),
+        ({"quantities": [{"reading": "x", "at": [1, 2], "peak": 3, "over": 4}]}, "over is 4, peak is 3"),
         ({"quantities": [{"reading": "x" * 65, "at": [1, 2]}]}, "quantities, number 1, is"),
     ],
 )

@@ -422,7 +422,7 @@ class TestMistakes:
         assert (code, out) == (1, "")
         error, hint = err.splitlines()
         assert error == f"phalanx: error: mine.py:{line_of('step - step')}: a division by zero"
-        assert hint == "phalanx: hint: a defect of this file: its kernels may not do that"
+        assert hint == "phalanx: hint: fix this file: its kernels must not do that"
 
     @pytest.mark.parametrize("compiler", ["cc", "none-such"])
     def test_one_in_a_kernel_of_ours_names_the_call(self, mine, monkeypatch, compiler):
@@ -439,7 +439,7 @@ class TestMistakes:
         kernel_defects.clear()
         place = f"mine.py:{line_of('packet, 99')}"
         assert said == (
-            f"{place}: index 99 is outside an array of 27: a defect of this file: its kernels may not do that"
+            f"{place}: index 99 is outside an array of 27: fix this file: its kernels must not do that"
         )
 
     @pytest.mark.parametrize(

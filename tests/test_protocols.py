@@ -147,7 +147,7 @@ def test_a_stage_that_goes_on_forgets_what_was_and_counts_what_came_since(name):
 
 
 def test_a_lie_is_of_one_protocol():
-    with pytest.raises(UsageError, match="hog-cells says nothing that robots of flock hear"):
+    with pytest.raises(UsageError, match="attack hog-cells has no effect on controller flock"):
         Scenario(attacks=(AttackSpec(name="hog-cells"),))
 
 

@@ -185,7 +185,7 @@ def test_where_nothing_can_be_written_one_line_says_so(tmp_path):
 def test_what_was_cut_short_at_once_is_told_from_what_is_no_recording(tmp_path):
     path = tmp_path / "cut.mcap"
     for data, what in (
-        (MCAP0_MAGIC + b"\x01\x40", "was cut short before its first part was whole"),
+        (MCAP0_MAGIC + b"\x01\x40", "was cut short before its first message"),
         (b"", "is no rec"),
     ):
         path.write_bytes(data)

@@ -135,7 +135,7 @@ def test_a_recording_of_a_log_says_what_the_log_says(kept, tmp_path):
     whole = recording.read_bytes()
     for share in (2, 4, 8):
         recording.write_bytes(whole[: len(whole) - len(whole) // share])
-        with pytest.raises(UsageError, match=r"robot-2\.mcap (was cut short|is no recording)"):
+        with pytest.raises(UsageError, match=r"robot-2\.mcap (was cut short|is not a recording)"):
             read_kept(recording)
 
 

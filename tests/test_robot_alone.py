@@ -602,7 +602,7 @@ async def test_a_call_that_has_answered_does_not_hang_for_whoever_asks_again_at_
 @pytest.mark.parametrize(
     ("base", "method", "error", "hint"),
     [
-        ("", "sense", "Base in wheels.py is no Driver", "derive it from phalanx.daemon.driver.Driver"),
+        ("", "sense", "Base in wheels.py is not a Driver", "derive it from phalanx.daemon.driver.Driver"),
         (
             "(Driver)",
             "drive",

@@ -98,7 +98,7 @@ class TestScenario:
             ({"n_max": 4}, "n_max is 4, and a quorum with f_max 3 is 5 neighbours"),
             ({"attacks": (AttackSpec(name="spoof", robot=26),)}, "spoof in robot 26"),
             ({"attacks": (AttackSpec(name="spoof", robot=3),) * 2}, "two attacks in robot 3"),
-            ({"attacks": (SPOOF,) * 3, "robots": 2}, "3 attacks and 2 robots"),
+            ({"attacks": (SPOOF,) * 3, "robots": 2}, "3 attacks for 2 robots"),
             ({"attacks": (AttackSpec(name="spoff"),)}, "no attack 'spoff'"),
             ({"obstacles": (Disc(x_m=0, y_m=0, radius_m=1),)}, "nobody avoids them"),
         ],

@@ -121,9 +121,9 @@ radio: {exponent: 2.5}
             ("attacks:\n  - robot: 3\n", 2, "attacks[0] has no name", "needed: name"),
             ("attacks:\n  - robot: 2\n    name: spoff\n", 3, "no attack 'spoff'", "did you mean spoof?"),
             ("name: x\nattacks:\n  - name: spoof\n  - name: spoof\n    robot: 99\n", 5, "spoof in robot 99", "1 to 25"),
-            (TWICE, 7, "two attacks in robot 2", "one a robot"),
-            ("robots: 1\nattacks:\n  - name: spoof\n  - name: jam\n", 4, "2 attacks and 1 robots", "one a robot"),
-            ("attacks:\n  - name: spoof\n    at_s: 9\n    until_s: 3\n", 4, "until_s is 3", "later than 9"),
+            (TWICE, 7, "two attacks in robot 2", "one attack per robot"),
+            ("robots: 1\nattacks:\n  - name: spoof\n  - name: jam\n", 4, "2 attacks for 1 robots", "one attack per robot"),
+            ("attacks:\n  - name: spoof\n    at_s: 9\n    until_s: 3\n", 4, "until_s is 3", "after 9 s"),
             ("attacks:\n  - name: spoof\n    options:\n      a: [1]\n", 4, "a is a list", "a number or text"),
             ("bti:\n  t_val_ms: 9000\n  f_max: 99\n", 3, "f_max is 99", "1 to 15"),
             ("bti:\n  n_max: 9\n", 2, "no 'n_max'", "write n_max beside bti, not below it"),
@@ -158,7 +158,7 @@ radio: {exponent: 2.5}
 
     def test_a_list_too_long_is_told_in_a_moment(self):
         line, what, _ = refused("attacks: [&a {name: spoof}" + ",*a" * 5_000 + "]\n")
-        assert (line, what) == (1, "5001 attacks and 25 robots")
+        assert (line, what) == (1, "5001 attacks for 25 robots")
 
     @settings(max_examples=60, deadline=None)
     @given(st.binary(max_size=200) | st.text("{}[]:-,&*!|>'\"%@#? \nabrots:129e.~", max_size=200).map(str.encode))

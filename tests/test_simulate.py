@@ -101,7 +101,7 @@ class TestArrays:
             ({"workers": 0}, "0 workers"),
             ({"seeds": (1, 2), "record": "x.mcap"}, "one file x.mcap for 2 runs"),
             ({"seeds": (-1,)}, "seed is -1"),
-            ({"attacks": ["none", "spoof"]}, "an attack and none"),
+            ({"attacks": ["none", "spoof"]}, "an attack together with none"),
             ({"seeds": "abc"}, "seeds is 'abc'"),
             ({"seeds": 1.5}, "seeds is 1.5"),
             ({"seeds": [1.5, 2.9]}, r"seeds is \[1.5, 2.9\]"),

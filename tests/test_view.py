@@ -111,7 +111,7 @@ def test_a_file_that_unpacks_to_more_than_is_read_is_refused_before_it_is_unpack
     with pytest.raises(UsageError, match=r"bomb\.mcap unpacks to more"):
         (lines_of(bomb))
     bomb.write_bytes(chunk(b"", 1, b"lz4"))
-    with pytest.raises(UsageError, match=r"bomb\.mcap is packed as 'lz4'"):
+    with pytest.raises(UsageError, match=r"bomb\.mcap is compressed as 'lz4'"):
         (lines_of(bomb))
 
 
@@ -175,7 +175,7 @@ def test_a_pipe_is_no_recording_and_is_not_waited_for(tmp_path):
     for name in ("pipe", "pipe.mcap"):
         os.mkfifo(tmp_path / name)
         assert recorded.is_recording(tmp_path / name) == (name != "pipe")
-        with pytest.raises(UsageError, match="is no file"):
+        with pytest.raises(UsageError, match="is not a regular file"):
             (lines_of(tmp_path / name))
 
 

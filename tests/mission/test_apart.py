@@ -156,6 +156,6 @@ def test_files_and_keys_of_the_first_version_are_refused_in_one_line_that_says_w
         assert raw[4] == 2
         with pytest.raises(PeerError) as caught:
             parse(raw[:4] + b"\x01" + raw[5:])
-        assert str(caught.value) == f"a {kind} of version 1, not 2: build the mission again"
+        assert str(caught.value) == f"{kind} of version 1, not 2: build the mission again"
         with pytest.raises(PeerError, match=f"^not a {kind}$"):
             parse(b"PHXX" + raw[4:])

@@ -96,7 +96,7 @@ def test_all_that_can_be_written_can_be_built(profile):
         ({"mission": None}, "mission is missing"),
         ({"nodes": []}, "nodes is []"),
         ({"nodes": {}}, "0 nodes"),
-        ({"colour": 1}, "'colour', which means nothing here"),
+        ({"colour": 1}, "unknown key 'colour'"),
         ({"area": [0, 0, 1]}, "area has 3 numbers"),
         ({"area": -2.0}, "area is -2.0"),
         ({"area": [5, 0, 1, 9]}, "area is [5.0, 0.0, 1.0, 9.0]"),
@@ -106,8 +106,8 @@ def test_all_that_can_be_written_can_be_built(profile):
         ({"coding": {"delta_mm": 1.5}}, "delta_mm is 1.5"),
         ({"coding": {"heading_bins": 25}}, "25 heading bins"),
         ({"ways": [["start"]]}, "way 1 has 1 ends"),
-        ({"ways": [["start", "nowhere"]]}, "'nowhere', which is no node"),
-        ({"ways": [["start", "start"]]}, "in place"),
+        ({"ways": [["start", "nowhere"]]}, "'nowhere', which is not a node"),
+        ({"ways": [["start", "start"]]}, "a way leads from"),
         ({"ways": [{"from": "start", "to": "end", "direction": "north"}]}, "direction is 'north'"),
         ({"ways": [{"from": "start", "to": "end", "direction": 1e11}]}, "direction 17"),
         ({"ways": [{"from": "start", "to": "end", "do": {"lift": {"floor": 1e12}}}]}, "argument 'floor'"),
@@ -148,27 +148,27 @@ def test_a_file_that_makes_no_sense_is_refused_with_the_place(change, says):
         ({"see": {"position": [1e7, 0]}}, "a position at 10000000.0, 0.0"),
         ({"see": {"time": -5}}, "a time of -5.0 s"),
         ({"see": {"action": {"lift": {"floor": float("nan")}}}}, "argument 'floor'"),
-        ({"see": {"window": [1, 0]}}, "'window', which means nothing here"),
-        ({"see": {}}, "nothing to experience"),
-        ({}, "nothing to experience"),
+        ({"see": {"window": [1, 0]}}, "unknown key 'window'"),
+        ({"see": {}}, "nothing to see"),
+        ({}, "nothing to see"),
         ({"see": {"qr": [1, 0], "token": "1234"}}, "not a random token"),
         ({"see": {"qr": [1, 0], "text": "a", "token": "0" * 32}}, "not a random token"),
-        ({"see": {"sensor": "red", "action": "a"}, "do": "b"}, "sees one action and does another"),
+        ({"see": {"sensor": "red", "action": "a"}, "do": "b"}, "an action under see and under do"),
         ({"see": {"sensor": ["a", "b", "c", "d"]}}, "too many observables"),
         ({"see": {"sensor": [["a"]]}}, "sensor is ['a']"),
         ({"see": {"sensor": "a"}, "part": []}, "part is []"),
-        ({"see": {"sensor": "a"}, "within_m": 26}, "within 26"),
+        ({"see": {"sensor": "a"}, "within_m": 26}, "within_m of node 'bad' is 26"),
         ({"see": {"sensor": "a"}, "timeout_s": 1e6}, "times out"),
         ({"see": {"sensor": "a"}, "timeout_s": -0.5}, "times out"),
-        ({"see": {"sensor": "a"}, "within_m": -1}, "within -1"),
-        ({"see": {"sensor": "a"}, "do": {"a": 1, "b": 2}}, "a name with its arguments"),
+        ({"see": {"sensor": "a"}, "within_m": -1}, "within_m of node 'bad' is -1"),
+        ({"see": {"sensor": "a"}, "do": {"a": 1, "b": 2}}, "not an action"),
         ({"see": {"sensor": "a"}, "do": {"pick": {"x": [1]}}}, "pick: x is [1]"),
         ({"see": {"sensor": "a"}, "do": "x" * 300}, "as a name or value"),
         ({"see": {"sensor": "a"}, "do": {"go": {"far": 1e30}}}, "is 1e+30"),
         ({"see": {"sensor": "a"}, "send": ["a"] * 2}, "sent twice"),
         ({"see": {"sensor": "a"}, "wait": ["a", "b", "c", "d"]}, "waits for 4"),
         ({"see": {"sensor": "a"}, "send": "x", "wait": "x"}, "wait for each other"),
-        ({"see": [{"sensor": "a"}] * 256}, "256 ways"),
+        ({"see": [{"sensor": "a"}] * 256}, "256 alternatives"),
         ([1], "node bad is [1]"),
         ("door", "node bad is 'door'"),
     ],
@@ -185,8 +185,8 @@ def test_a_corner_without_a_hand_is_refused_with_the_words_to_write_instead():
     words = {"mission": "m", "nodes": {"old": {"start": True, "see": {"corner_concave": [1, 0], "facing": 0}}}}
     with pytest.raises(UsageError) as caught:
         plain_mission(words)
-    assert str(caught.value) == "node old: corner_concave does not say at which end of its wall it is"
-    assert caught.value.hint == "concave_left or concave_right, for who stands before the wall"
+    assert str(caught.value) == "node old: corner_concave does not tell the end of its wall"
+    assert caught.value.hint == "use concave_left or concave_right, as seen when facing the wall"
     for kind in ("concave_left", "concave_right"):
         words["nodes"]["old"]["see"] = {kind: [1, 0], "facing": 0}
         assert plain_mission(words).nodes[0].see == ((Landmark(kind, 1, 0, 0.0),),)
@@ -211,23 +211,23 @@ ways:
 @pytest.mark.parametrize(
     "old, new, says",
     [
-        ("doorway:", "doorwa:", "7: node door: see has 'doorwa'"),
+        ("doorway:", "doorwa:", "7: node door: see has the unknown key 'doorwa'"),
         ("facing: 90", "facing: up", "8: node door: facing is 'up'"),
         ("within_m: 1.5", "within_m: x", "9: node door: within_m is 'x'"),
-        ("within_m: 1.5", "within_m: 99", "9: node 'door' counts within 99.0 m"),
+        ("within_m: 1.5", "within_m: 99", "9: within_m of node 'door' is 99.0"),
         ("within_m: 1.5", "width: -3", "9: node 'door' has a width of -3.0 m"),
         ("facing: 90", "area: -2.0", "7: node 'door' sees a doorway with an area"),
         ("coding:", "area: [1, 1, 0, 0]\ncoding:", "2: area is [1.0, 1.0, 0.0, 0.0]"),
-        ("within_m: 1.5", "do: {pick: 1, put: 2}", "9: node door: an action is a name"),
+        ("within_m: 1.5", "do: {pick: 1, put: 2}", "9: node door: not an action"),
         ("facing: 90", "position: [1, 1]", "6: two places in one node"),
         ("  door:", "  start-2: {see: {position: [a, 1]}}\n  door:", "5: node start-2: position is 'a'"),
         ("  door:", "  on:", "5: nodes: a name is read as True"),
         ("start: true, ", "", "3: no node is marked as a start"),
         ("mission: through\n", "", " mission is missing"),
-        ("kdf_log2_n", "kdf", "2: coding has 'kdf'"),
+        ("kdf_log2_n", "kdf", "2: coding has the unknown key 'kdf'"),
         ("kdf_log2_n: 4", "kdf_log2_n: 99", "2: kdf_log2_n is 99"),
-        ("nodes:", "nodess:", "3: the file has 'nodess'"),
-        ("[start, door]", "[start, dor]", "12: a way leads to 'dor'"),
+        ("nodes:", "nodess:", "3: the file has the unknown key 'nodess'"),
+        ("[start, door]", "[start, dor]", "12: a way has an end 'dor'"),
         ("[start, door]", "[start]", "12: way 1 has 1 ends"),
         ("  - [start, door]", "  - {from: start,\n     to: door, direction: n}", "13: way 1: direction is 'n'"),
         ("ways:", "ways:\n  - [start, door]", "13: a second way"),
@@ -266,7 +266,7 @@ def test_a_file_with_other_characters_in_it_is_a_mission_or_told_with_its_name(c
 
 def test_a_bomb_of_aliases_in_a_file_is_told_at_once():
     lines = ["l0: &l0 [x]", *(f"l{i}: &l{i} [{', '.join([f'*l{i - 1}'] * 9)}]" for i in range(1, 60))]
-    with pytest.raises(UsageError, match="which means nothing here"):
+    with pytest.raises(UsageError, match="unknown key"):
         WrittenMission("\n".join(["mission: m", *lines]).encode(), "f.yaml").mission()
 
 

@@ -148,7 +148,7 @@ def test_of_a_map_in_which_no_robot_gets_on_nothing_is_built_and_the_reason_is_t
         CliRunner().invoke(group, ["build", "--map", "drawn:22", "--out", "m.phxm"], standalone_mode=False).exception
     )
     assert isinstance(error, UsageError)
-    assert re.search(r"in drawn:mirror:22: corner\d+ from start: unsure by ", str(error))
+    assert re.search(r"in drawn:mirror:22: corner\d+ from start: uncertainty ", str(error))
     assert "no robot" not in said_by("build", "--map", "drawn:1", "--profile", "paper", "--out", "m.phxm")
 
 

@@ -220,7 +220,7 @@ def test_a_start_goes_with_a_map_and_is_two_or_three_numbers(tmp_path: Path) -> 
 
 
 def test_in_a_map_of_several_spaces_nobody_guesses_which_is_meant() -> None:
-    with pytest.raises(UsageError, match="no one space"):
+    with pytest.raises(UsageError, match="no single space"):
         most_spacious_start(floorplan_of_yaml(ROOMS))
     told = floorplan_of_yaml(ROOMS + b"start_pose: [6, 2, 0]\n")
     assert with_start(told, (5.0, 1.0, 0.0)).start == (5.0, 1.0, 0.0)

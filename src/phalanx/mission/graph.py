@@ -111,7 +111,7 @@ class Mission:
         for i, node in enumerate(self.nodes):
             for name in node.send:
                 if name in senders:
-                    problem = UsageError(f"message {name!r} is sent by two nodes", "send it from one node")
+                    problem = UsageError(f"message {name!r} is sent twice", "send it once")
                     raise Misplaced(problem, "nodes", i, "send")
                 senders[name] = node.name
         sorter: TopologicalSorter[str] = TopologicalSorter()

@@ -45,7 +45,7 @@ class Recorder:
 
     def __enter__(self) -> Self:
         if not self._path.absolute().parent.is_dir():
-            raise UsageError(f"no folder {self._path.parent}", "create it first")
+            raise UsageError(f"no folder {self._path.parent}", "make it first")
         try:
             flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC  # follow no symbolic link
             self._file = os.fdopen(os.open(self._path, flags, 0o666), "wb")
