@@ -438,9 +438,7 @@ class TestMistakes:
         assert all("rejected" in each.getMessage() for each in kernel_defects)
         kernel_defects.clear()
         place = f"mine.py:{line_of('packet, 99')}"
-        assert said == (
-            f"{place}: index 99 is outside an array of 27: fix this file: its kernels must not do that"
-        )
+        assert said == (f"{place}: index 99 is outside an array of 27: fix this file: its kernels must not do that")
 
     @pytest.mark.parametrize(
         "was, becomes, name, complaint",

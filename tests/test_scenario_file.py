@@ -122,7 +122,12 @@ radio: {exponent: 2.5}
             ("attacks:\n  - robot: 2\n    name: spoff\n", 3, "no attack 'spoff'", "did you mean spoof?"),
             ("name: x\nattacks:\n  - name: spoof\n  - name: spoof\n    robot: 99\n", 5, "spoof in robot 99", "1 to 25"),
             (TWICE, 7, "two attacks in robot 2", "one attack per robot"),
-            ("robots: 1\nattacks:\n  - name: spoof\n  - name: jam\n", 4, "2 attacks for 1 robots", "one attack per robot"),
+            (
+                "robots: 1\nattacks:\n  - name: spoof\n  - name: jam\n",
+                4,
+                "2 attacks for 1 robots",
+                "one attack per robot",
+            ),
             ("attacks:\n  - name: spoof\n    at_s: 9\n    until_s: 3\n", 4, "until_s is 3", "after 9 s"),
             ("attacks:\n  - name: spoof\n    options:\n      a: [1]\n", 4, "a is a list", "a number or text"),
             ("bti:\n  t_val_ms: 9000\n  f_max: 99\n", 3, "f_max is 99", "1 to 15"),

@@ -88,12 +88,12 @@ def _within(node: yaml.Node | None, complaint: str, seen: set[int]) -> yaml.Node
     return next((found for part in parts if (found := _within(part, complaint, seen))), None)
 
 
-def plain_mission(words: Any) -> Mission:
+def plain_mission(content: Any) -> Mission:
     """Return the mission described by the content of a YAML file.
 
     Raises: UsageError: a value is missing, unknown or of the wrong type; the message has its place.
     """
-    top = _mapping(words, "the file", TOP)
+    top = _mapping(content, "the file", TOP)
     area = None if "area" not in top else _numbers(top["area"], "area", 4)
     with under("coding"):
         coding = _coding(top["coding"]) if "coding" in top else None
@@ -143,21 +143,21 @@ def words_of_mission(mission: Mission) -> dict[str, Any]:
 
 def words_of_alias(alias: tuple[Observable, ...], digits: int = DIGITS) -> dict[str, Any]:
     """Return the content under `see` for an alias; numbers are rounded to `digits` decimal places."""
-    words: dict[str, Any] = {}
+    content: dict[str, Any] = {}
     for thing in alias:
         if isinstance(thing, Landmark):
             area = None if thing.area_m2 is None else round(thing.area_m2, digits)
-            words |= {thing.type: [round(thing.x_m, digits), round(thing.y_m, digits)]}
-            words |= _given(digits, facing=thing.orientation_rad, area=area, text=thing.text)
+            content |= {thing.type: [round(thing.x_m, digits), round(thing.y_m, digits)]}
+            content |= _given(digits, facing=thing.orientation_rad, area=area, text=thing.text)
         elif isinstance(thing, Position):
-            words["position"] = [round(thing.x_m, digits), round(thing.y_m, digits)]
+            content["position"] = [round(thing.x_m, digits), round(thing.y_m, digits)]
         elif isinstance(thing, Sensor):
-            words.setdefault("sensor", []).append(thing.value.decode(errors="replace"))
+            content.setdefault("sensor", []).append(thing.value.decode(errors="replace"))
         elif isinstance(thing, Action):
-            words |= _given(action=thing)
+            content |= _given(action=thing)
         elif isinstance(thing, Time):
-            words["time"] = thing.t_s
-    return words
+            content["time"] = thing.t_s
+    return content
 
 
 def _words_of(node: Node) -> dict[str, Any]:
@@ -167,10 +167,10 @@ def _words_of(node: Node) -> dict[str, Any]:
     return {**flags, "see": see, **_given(do=node.do, send=list(node.send), wait=list(node.wait)), **limits}
 
 
-def _given(digits: int = DIGITS, /, **words: Any) -> dict[str, Any]:
+def _given(digits: int = DIGITS, /, **content: Any) -> dict[str, Any]:
     """Return the values that are set, with actions and angles in the form of the file."""
     given: dict[str, Any] = {}
-    for name, value in words.items():
+    for name, value in content.items():
         if isinstance(value, Action):
             given[name] = {value.name: dict(value.args)}
         elif name in ("direction", "facing") and value is not None:
@@ -180,49 +180,49 @@ def _given(digits: int = DIGITS, /, **words: Any) -> dict[str, Any]:
     return given
 
 
-def _coding(words: Any) -> CodingConfig:
+def _coding(content: Any) -> CodingConfig:
     known = set(CodingConfig.__dataclass_fields__)
-    values = _mapping(words, "coding", known)
+    values = _mapping(content, "coding", known)
     for key, value in values.items():
         if isinstance(value, bool) or not isinstance(value, int):
             raise UsageError(f"coding: {key} is {value!r}", "use a whole number")
     return CodingConfig(**values)
 
 
-def _node(draft: Draft, name: str, words: dict[str, Any]) -> None:
+def _node(draft: Draft, name: str, content: dict[str, Any]) -> None:
     where = f"node {name}"
     # An action takes place at the node, not where its landmark comes in sight. But start nodes count from anywhere, and
     # a robot that waits for a message must still see the landmark when it arrives.
-    acts = words.keys() & {"do", "send"} or words.get("final")
-    within_m = AT_NODE_M if acts and not (words.get("start") or words.get("wait")) else 0.0
-    see = words.get("see", [])
+    acts = content.keys() & {"do", "send"} or content.get("final")
+    within_m = AT_NODE_M if acts and not (content.get("start") or content.get("wait")) else 0.0
+    see = content.get("see", [])
     aliases = [_alias(alias, where) for alias in (see if isinstance(see, list) else [see])]
     with under("do"):
-        do = _action(words["do"], where) if "do" in words else None
+        do = _action(content["do"], where) if "do" in content else None
     draft.node(
         name,
         *aliases,
         do=do,
-        start=_flag(words, "start", where),
-        final=_flag(words, "final", where),
-        join=_flag(words, "join", where),
-        chained=_flag(words, "chained", where),
-        within_m=_number(words.get("within_m", within_m), f"{where}: within_m"),
-        timeout_s=_whole_up(_number(words.get("timeout_s", 0), f"{where}: timeout_s")),
-        send=_names(words.get("send", []), f"{where}: send"),
-        wait=_names(words.get("wait", []), f"{where}: wait"),
-        part=_text(words.get("part", ""), f"{where}: part"),
-        width_m=_number(words["width"], f"{where}: width") if "width" in words else None,
+        start=_flag(content, "start", where),
+        final=_flag(content, "final", where),
+        join=_flag(content, "join", where),
+        chained=_flag(content, "chained", where),
+        within_m=_number(content.get("within_m", within_m), f"{where}: within_m"),
+        timeout_s=_whole_up(_number(content.get("timeout_s", 0), f"{where}: timeout_s")),
+        send=_names(content.get("send", []), f"{where}: send"),
+        wait=_names(content.get("wait", []), f"{where}: wait"),
+        part=_text(content.get("part", ""), f"{where}: part"),
+        width_m=_number(content["width"], f"{where}: width") if "width" in content else None,
     )
 
 
-def _alias(words: Any, where: str) -> tuple[Observable, ...]:
-    if isinstance(words, dict) and "corner_concave" in words:
+def _alias(content: Any, where: str) -> tuple[Observable, ...]:
+    if isinstance(content, dict) and "corner_concave" in content:
         raise UsageError(
             f"{where}: corner_concave does not tell the end of its wall",
             "use concave_left or concave_right, as seen when facing the wall",
         )
-    given = _mapping(words, f"{where}: see", SEE)
+    given = _mapping(content, f"{where}: see", SEE)
     out: list[Observable] = []
     kinds = [kind for kind in LANDMARK_TYPES if kind in given]
     if len(kinds) > 1:
@@ -263,15 +263,15 @@ def _qr_text(given: dict[str, Any], where: str) -> str | None:
     return token
 
 
-def _way(draft: Draft, words: Any, where: str) -> None:
-    if isinstance(words, list):
-        names = [_text(name, where) for name in words]
+def _way(draft: Draft, content: Any, where: str) -> None:
+    if isinstance(content, list):
+        names = [_text(name, where) for name in content]
         if len(names) < 2:
             raise UsageError(f"{where} has {len(names)} ends", "use [a, b], or [a, b, c] for several ways in a row")
         for source, target in pairwise(names):
             draft.way(source, target, both=True)
         return
-    given = _mapping(words, where, WAY)
+    given = _mapping(content, where, WAY)
     direction = math.radians(_number(given["direction"], f"{where}: direction")) if "direction" in given else None
     targets = given.get("to")
     for end in targets if isinstance(targets, list) else [targets]:
@@ -284,10 +284,10 @@ def _way(draft: Draft, words: Any, where: str) -> None:
         )
 
 
-def _action(words: Any, where: str) -> Action:
-    if isinstance(words, str):
-        return Action(words)
-    given = _mapping(words, f"{where}: action", None)
+def _action(content: Any, where: str) -> Action:
+    if isinstance(content, str):
+        return Action(content)
+    given = _mapping(content, f"{where}: action", None)
     if len(given) != 1:
         raise UsageError(f"{where}: not an action", "use a name, or a name with arguments: {pick: {shelf: 3}}")
     name, args = next(iter(given.items()))
@@ -308,32 +308,32 @@ def _name(word: Any, where: str) -> str:
     return str(word)
 
 
-def _mapping(words: Any, where: str, known: set[str] | None) -> dict[str, Any]:
-    if not isinstance(words, dict):
-        raise UsageError(f"{where} is {_shown(words)}", "use a mapping: names with a colon")
-    for key in words:
+def _mapping(content: Any, where: str, known: set[str] | None) -> dict[str, Any]:
+    if not isinstance(content, dict):
+        raise UsageError(f"{where} is {_shown(content)}", "use a mapping: names with a colon")
+    for key in content:
         if known is not None and key not in known:
             hint = f"{did_you_mean(str(key), known)}use one of {', '.join(sorted(known))}"
             raise UsageError(f"{where} has the unknown key {key!r}", hint)
-    return words
+    return content
 
 
-def _list(words: Any, where: str) -> list[Any]:
-    if not isinstance(words, list):
-        raise UsageError(f"{where} is {_shown(words)}", "use a list")
-    return words
+def _list(content: Any, where: str) -> list[Any]:
+    if not isinstance(content, list):
+        raise UsageError(f"{where} is {_shown(content)}", "use a list")
+    return content
 
 
-def _text(words: Any, where: str) -> str:
-    if isinstance(words, bool) or not isinstance(words, str | int):
-        raise UsageError(f"{where} is {_shown(words)}", "use a text")
-    return str(words)
+def _text(content: Any, where: str) -> str:
+    if isinstance(content, bool) or not isinstance(content, str | int):
+        raise UsageError(f"{where} is {_shown(content)}", "use a text")
+    return str(content)
 
 
-def _number(words: Any, where: str) -> float:
-    if isinstance(words, bool) or not isinstance(words, int | float) or not abs(words) < 1e12:
-        raise UsageError(f"{where} is {_shown(words)}", "use a number")
-    return float(words)
+def _number(content: Any, where: str) -> float:
+    if isinstance(content, bool) or not isinstance(content, int | float) or not abs(content) < 1e12:
+        raise UsageError(f"{where} is {_shown(content)}", "use a number")
+    return float(content)
 
 
 def _whole_up(number: float) -> int:
@@ -341,23 +341,23 @@ def _whole_up(number: float) -> int:
     return int(math.copysign(math.ceil(abs(number)), number))
 
 
-def _numbers(words: Any, where: str, count: int) -> list[float]:
-    numbers = [_number(value, where) for value in _list(words, where)]
+def _numbers(content: Any, where: str, count: int) -> list[float]:
+    numbers = [_number(value, where) for value in _list(content, where)]
     if len(numbers) != count:
         raise UsageError(f"{where} has {len(numbers)} numbers", f"use {count}, in metres")
     return numbers
 
 
-def _flag(words: dict[str, Any], key: str, where: str) -> bool:
-    value = words.get(key, False)
+def _flag(content: dict[str, Any], key: str, where: str) -> bool:
+    value = content.get(key, False)
     if not isinstance(value, bool):
         raise UsageError(f"{where}: {key} is {_shown(value)}", "use true or false")
     return value
 
 
-def _names(words: Any, where: str) -> tuple[str, ...]:
-    return tuple(_text(value, where) for value in (words if isinstance(words, list) else [words]))
+def _names(content: Any, where: str) -> tuple[str, ...]:
+    return tuple(_text(value, where) for value in (content if isinstance(content, list) else [content]))
 
 
-def _shown(words: Any) -> str:
-    return "missing" if words is None else _BRIEF.repr(words)
+def _shown(content: Any) -> str:
+    return "missing" if content is None else _BRIEF.repr(content)

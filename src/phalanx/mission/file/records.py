@@ -237,12 +237,12 @@ def _node(reader: Reader, header: Header) -> NodeRecord:
             aliases.append(Alias(mark, secret=secret))
     before = -1
     for _ in range(way_count):
-        target, told = reader.unpack(table.PAPER_WAY if paper else table.SEALED_WAY)
-        kind = told if paper else WayKind.DIRECTION
+        target, kind_or_tag = reader.unpack(table.PAPER_WAY if paper else table.SEALED_WAY)
+        kind = kind_or_tag if paper else WayKind.DIRECTION
         if not before < target < header.nodes or kind > WayKind.ACTION:
             raise MalformedMission("a way with an invalid target or kind, or out of order")
         before = target
-        hashes = tuple(reader.take(DIGEST_BYTES) for _ in aliases) if paper else (told,)
+        hashes = tuple(reader.take(DIGEST_BYTES) for _ in aliases) if paper else (kind_or_tag,)
         ways.append(Way(target, hashes, WayKind(kind)))
     common = (flags, timeout_s, reach_dm, sends, tuple(aliases), tuple(ways))
     if paper:

@@ -140,18 +140,18 @@ def floorplan_of_yaml(data: bytes, name: str = "map") -> FloorPlan:
 
     Raises: UsageError: the floor plan is invalid; the message has the place.
     """
-    words = read_yaml(data, name)
+    content = read_yaml(data, name)
     walls = np.array(
-        [numbers(wall, f"{name}: wall {i + 1}", 4) for i, wall in enumerate(_list(words.get("walls"), name, "walls"))]
+        [numbers(wall, f"{name}: wall {i + 1}", 4) for i, wall in enumerate(_list(content.get("walls"), name, "walls"))]
     ).reshape(-1, 4)
     if len(walls) > WALLS_MAX:
         raise UsageError(f"{name} has {len(walls)} walls", f"use up to {WALLS_MAX}, or a map_server map")
     if len(walls) and np.any(np.hypot(walls[:, 0] - walls[:, 2], walls[:, 1] - walls[:, 3]) < 1e-3):
         raise UsageError(f"{name}: a wall has no length", "use x, y of both ends")
-    start = start_pose(words, name)
-    x0, y0 = numbers(words.get("origin", [0.0, 0.0]), f"{name}: origin", 2)
-    if "size" in words:
-        width, height = numbers(words["size"], f"{name}: size", 2)
+    start = start_pose(content, name)
+    x0, y0 = numbers(content.get("origin", [0.0, 0.0]), f"{name}: origin", 2)
+    if "size" in content:
+        width, height = numbers(content["size"], f"{name}: size", 2)
         bounds = (x0, y0, x0 + width, y0 + height)
     elif len(walls):
         xs, ys = walls[:, ::2], walls[:, 1::2]
@@ -159,11 +159,13 @@ def floorplan_of_yaml(data: bytes, name: str = "map") -> FloorPlan:
     else:
         raise UsageError(f"{name} has neither walls nor a size", "add size: [width, height] in metres")
     codes = tuple(
-        _code(code, f"{name}: code {i + 1}") for i, code in enumerate(_list(words.get("codes"), name, "codes"))
+        _code(code, f"{name}: code {i + 1}") for i, code in enumerate(_list(content.get("codes"), name, "codes"))
     )
     outlines = outlines_of(walls, bounds, None if start is None else start[:2])
     walls.setflags(write=False)
-    return FloorPlan(str(words.get("name", name)), walls, outlines, bounds, start, codes, extraction_of(words, name))
+    return FloorPlan(
+        str(content.get("name", name)), walls, outlines, bounds, start, codes, extraction_of(content, name)
+    )
 
 
 def read_yaml(data: bytes, name: str) -> dict[Any, Any]:
@@ -171,10 +173,10 @@ def read_yaml(data: bytes, name: str) -> dict[Any, Any]:
     if len(data) > FILE_MAX_BYTES:
         raise UsageError(f"{name} has {len(data)} bytes", f"use up to {FILE_MAX_BYTES}")
     hint = "phalanx docs guides/maps shows a map"
-    words = words_of(compose(data, name, hint), data, name, hint)
-    if not isinstance(words, dict):
+    content = words_of(compose(data, name, hint), data, name, hint)
+    if not isinstance(content, dict):
         raise UsageError(f"{name} is not a map", "use a YAML mapping with walls, or with an image")
-    return words
+    return content
 
 
 def _list(value: Any, name: str, key: str) -> list[Any]:
@@ -196,19 +198,19 @@ def numbers(value: Any, where: str, count: int) -> tuple[float, ...]:
     return tuple(float(item) for item in value)
 
 
-def start_pose(words: Mapping[Any, Any], name: str) -> tuple[float, float, float] | None:
+def start_pose(content: Mapping[Any, Any], name: str) -> tuple[float, float, float] | None:
     """Return the start pose x, y, heading in a map's file, or None. Raises: UsageError: it is not a pose."""
-    if "start_pose" not in words:
+    if "start_pose" not in content:
         return None
-    x, y, heading = numbers(words["start_pose"], f"{name}: start_pose", 3)
+    x, y, heading = numbers(content["start_pose"], f"{name}: start_pose", 3)
     return x, y, heading
 
 
-def extraction_of(words: Mapping[Any, Any], name: str) -> ExtractionConfig:
+def extraction_of(content: Mapping[Any, Any], name: str) -> ExtractionConfig:
     """Return the configuration of feature extraction in a map's file. Raises: UsageError: door_width is invalid."""
-    if words.get("door_width") is None:
+    if content.get("door_width") is None:
         return ExtractionConfig()
-    least_m, most_m = numbers(words["door_width"], f"{name}: door_width", 2)
+    least_m, most_m = numbers(content["door_width"], f"{name}: door_width", 2)
     return ExtractionConfig(door_min_m=least_m, door_max_m=most_m)
 
 
@@ -277,7 +279,7 @@ _BEACON = {"id": "reading", "range": "range_m", "noise": "noise_m"}
 _QUANTITY = {"reading": "reading", "peak": "peak", "half": "half_m", "over": "over", "noise": "noise"}
 
 
-def sources_of(words: Mapping[Any, Any], name: str) -> tuple[Source, ...]:
+def sources_of(content: Mapping[Any, Any], name: str) -> tuple[Source, ...]:
     """Return the beacons and quantities in a map's file.
 
     Raises: UsageError: one of them is invalid; the message has the place.
@@ -288,7 +290,7 @@ def sources_of(words: Mapping[Any, Any], name: str) -> tuple[Source, ...]:
         ("quantities", Quantity, _QUANTITY),
     )
     for key, kind, fields in kinds:
-        listed = words.get(key) or []
+        listed = content.get(key) or []
         if not isinstance(listed, list) or len(listed) > SOURCES_MAX:
             raise UsageError(
                 f"{name}: {key} is not a list, or too long",
@@ -298,14 +300,14 @@ def sources_of(words: Mapping[Any, Any], name: str) -> tuple[Source, ...]:
     return tuple(sources)
 
 
-def _source(kind: Callable[..., Source], known: Mapping[str, str], words: Any, where: str) -> Source:
-    given = dict(words) if isinstance(words, dict) else {}
+def _source(kind: Callable[..., Source], known: Mapping[str, str], content: Any, where: str) -> Source:
+    given = dict(content) if isinstance(content, dict) else {}
     place = given.pop("at", None)
     values = {known.get(key, ""): value for key, value in given.items()}
     reading = values.pop("reading", None)
     is_reading = isinstance(reading, str) and 0 < len(reading.encode(errors="replace")) <= READING_MAX_BYTES
     if "" in values or not is_reading or not isinstance(place, list) or len(place) != 2:
-        raise UsageError(f"{where}, is {words!r:.80}", f"use at: [x, y], {', '.join(known)}")
+        raise UsageError(f"{where}, is {content!r:.80}", f"use at: [x, y], {', '.join(known)}")
     try:
         return kind(reading=reading, x_m=place[0], y_m=place[1], **values)
     except UsageError as error:

@@ -62,19 +62,19 @@ def map_words(data: bytes, name: str) -> MapWords:
 
     Raises: UsageError: it is invalid. Source: ROS map_server, nav2_map_server.
     """
-    words = read_yaml(data, name)
-    image = words.get("image")
+    content = read_yaml(data, name)
+    image = content.get("image")
     if not isinstance(image, str) or not image:
         raise UsageError(f"{name} names no image", "add image: FILE.pgm")
-    (resolution,) = numbers([words.get("resolution")], f"{name}: resolution", 1)
-    (occupied,) = numbers([words.get("occupied_thresh", 0.65)], f"{name}: occupied_thresh", 1)
-    (free,) = numbers([words.get("free_thresh", 0.196)], f"{name}: free_thresh", 1)
+    (resolution,) = numbers([content.get("resolution")], f"{name}: resolution", 1)
+    (occupied,) = numbers([content.get("occupied_thresh", 0.65)], f"{name}: occupied_thresh", 1)
+    (free,) = numbers([content.get("free_thresh", 0.196)], f"{name}: free_thresh", 1)
     if not 0.001 <= resolution <= 10 or not 0 <= free < occupied <= 1:
         problem = f"{name}: resolution {resolution}, thresholds {free} and {occupied}"
         raise UsageError(problem, "use 0.001 to 10 metres, and thresholds from 0 to 1 with free below occupied")
-    x, y, turn = numbers(words.get("origin", [0.0, 0.0, 0.0]), f"{name}: origin", 3)
-    negate = bool(words.get("negate", 0))
-    start, extraction = start_pose(words, name), extraction_of(words, name)
+    x, y, turn = numbers(content.get("origin", [0.0, 0.0, 0.0]), f"{name}: origin", 3)
+    negate = bool(content.get("negate", 0))
+    start, extraction = start_pose(content, name), extraction_of(content, name)
     return MapWords(image, resolution, (x, y, turn), negate, occupied, free, start, extraction)
 
 
@@ -107,12 +107,12 @@ def read_pgm(data: bytes, name: str) -> NDArray[np.uint8]:
     return np.rint(grey).astype(np.uint8).reshape(height, width)
 
 
-def cells_of(grey: NDArray[np.uint8], words: MapWords) -> NDArray[np.uint8]:
+def cells_of(grey: NDArray[np.uint8], header: MapWords) -> NDArray[np.uint8]:
     """Return (height + 2, width + 2) cells FREE, UNKNOWN or WALL, the first row at the bottom, with a border."""
-    occupied = (grey if words.negate else 255 - grey.astype(np.int64)) / 255.0
+    occupied = (grey if header.negate else 255 - grey.astype(np.int64)) / 255.0
     cells = np.full(grey.shape, WALL, np.uint8)
-    cells[(grey == UNKNOWN_GREY) & (occupied <= words.occupied)] = UNKNOWN
-    cells[occupied < words.free] = FREE
+    cells[(grey == UNKNOWN_GREY) & (occupied <= header.occupied)] = UNKNOWN
+    cells[occupied < header.free] = FREE
     # The border of solid cells closes every contour.
     return np.pad(cells[::-1], 1, constant_values=UNKNOWN)
 
@@ -122,31 +122,31 @@ def floorplan_of_map(yaml_data: bytes, pgm_data: bytes, name: str, *, swept: boo
 
     Raises: UsageError: one of the files is invalid.
     """
-    words = map_words(yaml_data, name)
-    drawn = cells_of(read_pgm(pgm_data, words.image), words)
-    cells, dust = without_dust(drawn, words.resolution_m) if swept else (drawn, 0)
+    header = map_words(yaml_data, name)
+    drawn = cells_of(read_pgm(pgm_data, header.image), header)
+    cells, dust = without_dust(drawn, header.resolution_m) if swept else (drawn, 0)
     height, width = cells.shape[0] - 2, cells.shape[1] - 2
-    outlines = _outlines(cells, words)
-    frame = _to_map(np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]]), words)
+    outlines = _outlines(cells, header)
+    frame = _to_map(np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]]), header)
     (x0, y0), (x1, y1) = frame.min(0).tolist(), frame.max(0).tolist()
     return FloorPlan(
         name,
         _walls(outlines),
-        _of_one_space(outlines, words),
+        _of_one_space(outlines, header),
         (x0, y0, x1, y1),
-        words.start,
-        extraction=words.extraction,
+        header.start,
+        extraction=header.extraction,
         dust=dust,
-        drawn=_walls(_outlines(drawn, words)) if dust else None,
+        drawn=_walls(_outlines(drawn, header)) if dust else None,
     )
 
 
-def _outlines(cells: NDArray[np.uint8], words: MapWords) -> list[Outline]:
+def _outlines(cells: NDArray[np.uint8], header: MapWords) -> list[Outline]:
     points, starts, of_wall = _contours(cells)
     outlines = []
     for first, stop in pairwise(starts.tolist()):
         corners, seen = _straight(points[first:stop], of_wall[first:stop])
-        outlines.append(Outline(_to_map(corners - 1.0, words), seen))
+        outlines.append(Outline(_to_map(corners - 1.0, header), seen))
     return outlines
 
 
@@ -155,13 +155,13 @@ def _walls(outlines: list[Outline]) -> NDArray[np.float64]:
     return np.vstack([np.zeros((0, 4)), *walls])
 
 
-def _of_one_space(outlines: list[Outline], words: MapWords) -> tuple[Outline, ...]:
+def _of_one_space(outlines: list[Outline], header: MapWords) -> tuple[Outline, ...]:
     """Return the outlines of the space with the start, or of the largest, without specks and unreachable spaces."""
-    speck_m2 = SPECK_CELLS * words.resolution_m * words.resolution_m
+    speck_m2 = SPECK_CELLS * header.resolution_m * header.resolution_m
     large = {id(outline.points): outline for outline in outlines if abs(outline.area_m2) > speck_m2}
     rooms = [outline for outline in large.values() if outline.area_m2 > 0]
-    if words.start is not None:
-        x, y, _ = words.start
+    if header.start is not None:
+        x, y, _ = header.start
         home = min((room for room in rooms if room.has_on_free_side(x, y)), key=lambda o: o.area_m2, default=None)
     else:
         home = max(rooms, key=lambda o: o.area_m2, default=None)
@@ -171,10 +171,10 @@ def _of_one_space(outlines: list[Outline], words: MapWords) -> tuple[Outline, ..
     return tuple(large[id(points)] for points in kept)
 
 
-def _to_map(points: NDArray[np.float64], words: MapWords) -> NDArray[np.float64]:
-    x, y, turn = words.origin
+def _to_map(points: NDArray[np.float64], header: MapWords) -> NDArray[np.float64]:
+    x, y, turn = header.origin
     cosine, sine = math.cos(turn), math.sin(turn)
-    scaled = points * words.resolution_m
+    scaled = points * header.resolution_m
     return np.stack(
         [x + cosine * scaled[:, 0] - sine * scaled[:, 1], y + sine * scaled[:, 0] + cosine * scaled[:, 1]], 1
     )
