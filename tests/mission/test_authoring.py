@@ -326,7 +326,7 @@ def test_what_one_profile_cannot_say_is_refused_with_the_other_as_a_hint():
     chain.way("a", "b", both=True)
     with pytest.raises(UsageError, match="circle") as caught:
         built(chain.mission(), Profile.PAPER)
-    assert "seal it" in caught.value.hint
+    assert "use the sealed profile" in caught.value.hint
     built(cheap(chain.mission(), Profile.SEALED), Profile.SEALED)
 
 
