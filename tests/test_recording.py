@@ -186,7 +186,7 @@ def test_what_was_cut_short_at_once_is_told_from_what_is_no_recording(tmp_path):
     path = tmp_path / "cut.mcap"
     for data, what in (
         (MCAP0_MAGIC + b"\x01\x40", "was cut short before its first message"),
-        (b"", "is no rec"),
+        (b"", "is not a rec"),
     ):
         path.write_bytes(data)
         with pytest.raises(UsageError, match=what):
