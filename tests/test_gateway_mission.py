@@ -110,7 +110,7 @@ class TestSwarm:
         ("plan", "count", "message"),
         [
             (b"size: [10, 10]\nstart_pose: [3.0, 1.5, 1.57]\n", 1, "0 walls"),
-            (SMALL.replace("start_pose: [1.5, 3.0, 0.0]", "").encode(), 1, "has no start of the robots"),
+            (SMALL.replace("start_pose: [1.5, 3.0, 0.0]", "").encode(), 1, "does not say where robots begin"),
             (SMALL.encode(), 0, "0 robots"),
             (SMALL.encode(), MOST_ROBOTS + 1, f"{MOST_ROBOTS + 1} robots"),
         ],
