@@ -198,14 +198,14 @@ class TestLimit:
             def close(self):
                 pass
 
-        with pytest.raises(Unavailable, match="there has not answered call_hello"):
+        with pytest.raises(Unavailable, match="there did not answer call_hello"):
             SerialNode(Rubbish(), timeout_s=0.2)
 
     def test_a_board_that_is_gone_is_told_at_once(self, tmp_path):
         board = keyed(tmp_path / "flash")
         board._line.process.kill()
         board._line.process.wait()
-        with pytest.raises(Unavailable, match="is gone"):
+        with pytest.raises(Unavailable, match="has closed the line"):
             board.ask(lines.POLL, reading=b"x")
 
     def test_another_version_is_refused_by_both(self, tmp_path, monkeypatch):
