@@ -42,7 +42,7 @@ class TestMistakes:
             (["up", "--rotate-s", "5", "--overlap-s", "6"], 2, "overlap of 6 s"),
             (["up", "--rotate-s", "nan"], 2, "'--rotate-s': nan is no finite number"),
             (["up", "--root", "noslash"], 2, "root 'noslash'"),
-            (["up", "--qrkey", "--broker", "http://x"], 2, "http:// is not known"),
+            (["up", "--qrkey", "--broker", "http://x"], 2, "unknown broker scheme http://"),
             (["up", "--qrkey", "--broker", "mqt://x"], 2, "did you mean mqtt://? "),
             (["up", "--swarm", "dotbt://x"], 2, "did you mean dotbot://? "),
             (["up", "--qrkey", "--broker", "mqtt://u:hunter2@x"], 2, "contains a login"),

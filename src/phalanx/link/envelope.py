@@ -77,24 +77,24 @@ def open_envelope(
     """
     try:
         iv, plaintext = open_jwe(token, epoch.key, max_bytes)
-        words = _parse_object(plaintext)
-        if pin_message_may_come and "timestamp" not in words and words.get("cmd") == PIN_MESSAGE_CMD:
-            return _announced_pin(words)
-        timestamp_s = _timestamp(words)
-        if "payload" not in words:
+        fields = _parse_object(plaintext)
+        if pin_message_may_come and "timestamp" not in fields and fields.get("cmd") == PIN_MESSAGE_CMD:
+            return _announced_pin(fields)
+        timestamp_s = _timestamp(fields)
+        if "payload" not in fields:
             raise MalformedEnvelope("no payload")
         cache.enter(epoch.topic, iv, timestamp_s, now_s)
-        return Envelope(timestamp_s, words["payload"])
+        return Envelope(timestamp_s, fields["payload"])
     except PeerError as error:
         raise OpenError(error) from error
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    words = dict(pairs)
+    fields = dict(pairs)
     # Parsers differ in which of two values of one key they take: one could check a value and another use the other.
-    if len(words) != len(pairs):
+    if len(fields) != len(pairs):
         raise MalformedEnvelope("duplicate key")
-    return words
+    return fields
 
 
 def _refuse_constant(name: str) -> NoReturn:
@@ -116,16 +116,16 @@ _DECODER = json.JSONDecoder(parse_constant=_refuse_constant, parse_float=_finite
 
 def _parse_object(plaintext: bytes) -> dict[str, Any]:
     try:
-        words = _DECODER.decode(plaintext.decode("utf-8"))
+        fields = _DECODER.decode(plaintext.decode("utf-8"))
     except (ValueError, RecursionError) as error:  # ValueError: not UTF-8, not JSON, or an integer of too many digits
         raise MalformedEnvelope("not JSON") from error
-    if not isinstance(words, dict):
+    if not isinstance(fields, dict):
         raise MalformedEnvelope("not a JSON object")
-    return words
+    return fields
 
 
-def _timestamp(words: dict[str, Any]) -> float:
-    value = words.get("timestamp")
+def _timestamp(fields: dict[str, Any]) -> float:
+    value = fields.get("timestamp")
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise MalformedEnvelope("timestamp missing, or not a number")
     try:
@@ -134,8 +134,8 @@ def _timestamp(words: dict[str, Any]) -> float:
         raise MalformedEnvelope("timestamp is not finite") from error
 
 
-def _announced_pin(words: dict[str, Any]) -> Pin:
+def _announced_pin(fields: dict[str, Any]) -> Pin:
     try:
-        return Pin(words.get("pin_code"))  # type: ignore[arg-type]  # Pin checks it
+        return Pin(fields.get("pin_code"))  # type: ignore[arg-type]  # Pin checks it
     except BadPin as error:
         raise MalformedEnvelope("pin message without a pin") from error

@@ -66,15 +66,15 @@ class QrUrl:
 
     def for_page(self, page: str) -> str:
         """Return a link to the gateway's page: parameters in the fragment, which browsers do not send."""
-        words = {"v": VERSION, "pin": self.pin.digits, "broker": self.broker}
+        parameters = {"v": VERSION, "pin": self.pin.digits, "broker": self.broker}
         # Defaults are left out: every character makes the code finer and harder to scan.
         if self.root != DEFAULT_ROOT:
-            words["root"] = self.root
+            parameters["root"] = self.root
         if self.mqtt != DEFAULT_MQTT:
-            words["mqtt"] = str(self.mqtt)
+            parameters["mqtt"] = str(self.mqtt)
         if self.login:
-            words |= {"user": self.login.username, "password": self.login.password}
-        return f"{page}#{urlencode(words, quote_via=quote, safe='')}"
+            parameters |= {"user": self.login.username, "password": self.login.password}
+        return f"{page}#{urlencode(parameters, quote_via=quote, safe='')}"
 
     def for_foreign_page(self, frontend: str) -> str:
         """Return a link to a page of the published packages, whose form has neither a path nor a root.
@@ -86,7 +86,7 @@ class QrUrl:
         """
         broker = urlsplit(self.broker)
         tls = broker.scheme.lower() == "wss"
-        words = {
+        parameters = {
             "use_qrkey": "true",
             "pin": self.pin.digits,
             "mqtt_host": broker.hostname or "",
@@ -94,7 +94,7 @@ class QrUrl:
             "mqtt_version": str(self.mqtt),
             "mqtt_use_ssl": str(tls),
         }
-        return f"{frontend}?{urlencode(words, quote_via=quote)}"
+        return f"{frontend}?{urlencode(parameters, quote_via=quote)}"
 
 
 def parse_qr_url(url: str, root: str = DEFAULT_ROOT) -> QrUrl:
@@ -107,23 +107,23 @@ def parse_qr_url(url: str, root: str = DEFAULT_ROOT) -> QrUrl:
     # With two values of one parameter, two programs could take different pins from one link.
     if any(len(values) > 1 for values in given.values()):
         raise BadQrUrl("duplicate parameter")
-    words = {name: values[0] for name, values in given.items()}
-    if "pin" not in words:
+    parameters = {name: values[0] for name, values in given.items()}
+    if "pin" not in parameters:
         raise BadQrUrl("no pin")
     if parts.fragment:
-        if words.get("v") != VERSION:
+        if parameters.get("v") != VERSION:
             raise BadQrUrl("unknown version")
         return QrUrl(
-            Pin(words["pin"]),
-            words.get("broker", ""),
-            words.get("root", DEFAULT_ROOT),
-            MQTT.get(words.get("mqtt", "5"), 0),
-            _login(words.get("user", ""), words.get("password", "")),
+            Pin(parameters["pin"]),
+            parameters.get("broker", ""),
+            parameters.get("root", DEFAULT_ROOT),
+            MQTT.get(parameters.get("mqtt", "5"), 0),
+            _login(parameters.get("user", ""), parameters.get("password", "")),
         )
-    scheme = "wss" if words.get("mqtt_use_ssl", "False").lower() == "true" else "ws"
-    broker = f"{scheme}://{words.get('mqtt_host', '')}:{words.get('mqtt_port', '')}/mqtt"
-    login = _login(words.get("mqtt_username", ""), words.get("mqtt_password", ""))
-    return QrUrl(Pin(words["pin"]), broker, root, MQTT.get(words.get("mqtt_version", "5"), 0), login)
+    scheme = "wss" if parameters.get("mqtt_use_ssl", "False").lower() == "true" else "ws"
+    broker = f"{scheme}://{parameters.get('mqtt_host', '')}:{parameters.get('mqtt_port', '')}/mqtt"
+    login = _login(parameters.get("mqtt_username", ""), parameters.get("mqtt_password", ""))
+    return QrUrl(Pin(parameters["pin"]), broker, root, MQTT.get(parameters.get("mqtt_version", "5"), 0), login)
 
 
 def _login(username: str, password: str) -> Login | None:

@@ -44,21 +44,21 @@ def end_with(parent: int) -> None:
         sys.exit()
 
 
-def a_python_child(module: str, *words: str, pass_fds: Sequence[int] = ()) -> Child:
+def a_python_child(module: str, *arguments: str, pass_fds: Sequence[int] = ()) -> Child:
     """Start a module of phalanx as a child; its first argument is the parent's process id, for `end_with`.
 
     This needs no `preexec_fn`, for which Python would copy the gateway's memory while the event loop waits.
     """
-    return a_child(sys.executable, "-m", module, str(os.getpid()), *words, pass_fds=pass_fds, forks=False)
+    return a_child(sys.executable, "-m", module, str(os.getpid()), *arguments, pass_fds=pass_fds, forks=False)
 
 
 @contextlib.asynccontextmanager
 async def a_child(
-    *words: str, user: str | None = None, pass_fds: Sequence[int] = (), most_bytes: int = 0, forks: bool = True
+    *arguments: str, user: str | None = None, pass_fds: Sequence[int] = (), most_bytes: int = 0, forks: bool = True
 ) -> AsyncIterator[asyncio.subprocess.Process]:
     """Run a program, and end it when the context is left."""
     process = await asyncio.create_subprocess_exec(
-        *words,
+        *arguments,
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.DEVNULL,
         stderr=asyncio.subprocess.PIPE,

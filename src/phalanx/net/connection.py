@@ -265,19 +265,19 @@ class Connection:
         writer.close()
 
     def _down(self, error: BaseException) -> None:
-        words = _in_words(error)
+        reason = _in_words(error)
         if isinstance(error, _DeniedError):
-            message = f"the broker at {self.broker} {words}; trying again"
+            message = f"the broker at {self.broker} {reason}; trying again"
         elif self._ever:
-            message = f"lost the broker at {self.broker} ({words}); trying again"
+            message = f"lost the broker at {self.broker} ({reason}); trying again"
         else:
-            self._not_yet(error, words)
-            message = f"no broker at {self.broker} yet ({words}); waiting for it"
-        if words != self.trouble:  # once, not at every attempt
+            self._not_yet(error, reason)
+            message = f"no broker at {self.broker} yet ({reason}); waiting for it"
+        if reason != self.trouble:  # once, not at every attempt
             log.log(logging.WARNING if self._ever or not self._waits else logging.INFO, "%s", message)
-        self.trouble = words
+        self.trouble = reason
 
-    def _not_yet(self, error: BaseException, words: str) -> None:
+    def _not_yet(self, error: BaseException, reason: str) -> None:
         """Handle an error before the first connect: raise if retrying cannot help, or try the other MQTT version."""
         code = getattr(error, "rc", None)
         number = getattr(code, "value", code)
@@ -286,7 +286,7 @@ class Connection:
                 f"the broker at {self.broker} refused the login",
                 "check user name and password" if self.broker.login else LOGIN_HINT,
             ) from error
-        if mistrust := _MISTRUST.search(words):
+        if mistrust := _MISTRUST.search(reason):
             raise Unavailable(
                 f"cannot trust the certificate of the broker at {self.broker}: {mistrust[1].lower()}",
                 "check its host name and port; set SSL_CERT_FILE for a certificate authority of your own",

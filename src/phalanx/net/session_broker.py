@@ -111,9 +111,9 @@ class SessionBroker:
             self._reads.clear()
             await self._reads.wait()
 
-    def carry(self, told: Told) -> None:
+    def carry(self, event: Told) -> None:
         """Carry out an event of `SessionServer`. Messages are lost while the broker is unreachable or does not read."""
-        match told:
+        match event:
             case Send(_, data, topic):
                 self._put(Publish(f"{self._root}/{topic}", data))
             case Update(_, data, topic):

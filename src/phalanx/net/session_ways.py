@@ -37,7 +37,7 @@ class Way(Protocol):
     def messages(self) -> AsyncIterator[bytes]:
         """Yield received messages until the connection is closed."""
 
-    async def send(self, told: Transmit) -> None:
+    async def send(self, message: Transmit) -> None:
         """Send a message. Raises: AWAY."""
 
     async def hear(self, topics: tuple[str, ...]) -> None:
@@ -81,10 +81,10 @@ class WebsocketWay:
             else:
                 self._rejected["unexpected"] += 1
 
-    async def send(self, told: Transmit) -> None:
+    async def send(self, message: Transmit) -> None:
         """Send a message. Raises: AWAY."""
         assert self._socket is not None, "it is entered first"
-        await self._socket.send_bytes(told.data)
+        await self._socket.send_bytes(message.data)
 
     async def hear(self, topics: tuple[str, ...]) -> None:
         """Do nothing: there are no topics here."""
@@ -127,9 +127,9 @@ class BrokerWay:
         while (data := await self._came.get()) is not None:
             yield data
 
-    async def send(self, told: Transmit) -> None:
+    async def send(self, message: Transmit) -> None:
         """Send a message. Raises: AWAY."""
-        if not await self._link.send((Publish(f"{self._root}/{told.topic}", told.data),)):
+        if not await self._link.send((Publish(f"{self._root}/{message.topic}", message.data),)):
             raise ConnectionError("the broker is unreachable")
 
     async def hear(self, topics: tuple[str, ...]) -> None:

@@ -270,15 +270,15 @@ class UdpRadio:
             each.close()
 
 
-def parsed(words: str) -> Address:
+def parsed(text: str) -> Address:
     """Parse "ADDRESS:PORT". Raises: UsageError: not valid."""
-    host, _, port = words.rpartition(":")
+    host, _, port = text.rpartition(":")
     try:
         address = ipaddress.ip_address(host.removeprefix("[").removesuffix("]") if ":" in host else host)
         if not (port.isascii() and port.isdigit() and 1 <= int(port) <= 0xFFFF):
             raise ValueError(port)
     except ValueError as error:
-        raise UsageError(f"{words!r} is not an address", HINT) from error
+        raise UsageError(f"{text!r} is not an address", HINT) from error
     return str(address), int(port)
 
 

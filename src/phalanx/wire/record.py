@@ -149,9 +149,9 @@ def fields(*declared: str | Field) -> tuple[Field, ...]:
         if isinstance(each, Field):
             made.append(each)
             continue
-        words, _, doc = each.partition(": ")
-        words, _, value = words.partition(" = ")
-        *names, kind = words.split()
+        declaration, _, doc = each.partition(": ")
+        declaration, _, value = declaration.partition(" = ")
+        *names, kind = declaration.split()
         made += [Field(name, kind, "" if n else doc, int(value) if value else None) for n, name in enumerate(names)]
     return tuple(made)
 

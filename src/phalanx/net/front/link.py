@@ -12,9 +12,7 @@ from phalanx.config.front import FrontConfig
 from phalanx.net.site import Connection
 from phalanx.pace import Pace
 
-READ_BYTES = (
-    4 * 1024
-)  # size of a read, which bounds a connection's unprocessed data; empty frames take 25 times that
+READ_BYTES = 4 * 1024  # size of a read, which bounds a connection's unprocessed data; empty frames take 25 times that
 SEND_BUFFER_BYTES = 32 * 1024  # send buffer of the kernel
 SIOCOUTQNSD = 0x894B  # linux/sockios.h: unsent bytes in a socket's send buffer
 CLOSE_NORMAL = (1000).to_bytes(2, "big")

@@ -31,9 +31,9 @@ FROM_GATEWAY_BYTES = 4 * 1024 * 1024
 NICE = 5
 
 
-async def serve(words: list[str]) -> None:
+async def serve(arguments: list[str]) -> None:
     """Serve until the gateway closes the pipe, or SIGTERM."""
-    pipe_number, door_number, first, pages, operator, policy, limits_json, proxy_json, public, *files = words
+    pipe_number, door_number, first, pages, operator, policy, limits_json, proxy_json, public, *files = arguments
     limits = FrontConfig(**json.loads(limits_json))
     allow_files(4 * FILES_EACH * limits.connections_max)
     over = asyncio.Event()
