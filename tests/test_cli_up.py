@@ -323,5 +323,5 @@ def test_ports_that_are_taken_are_told_in_one_line_each():
             assert (refused.returncode, refused.stdout) == (1, "")
             assert refused.stderr.splitlines() == [
                 f"phalanx: error: cannot listen on 127.0.0.1 port {taken}: Address already in use",
-                f"phalanx: hint: another program has it; choose another with {option}, or {option} 0 for any",
+                f"phalanx: hint: another program uses it: choose another with {option}, or {option} 0 for any",
             ]

@@ -461,7 +461,7 @@ def test_who_stands_between_robots_and_their_planner_moves_none_and_stops_none(t
         ("", "unix:x", "names an adviser_key"),
         ("other.pem", "unix:x", "names another adviser_key"),
         ("advice.pem", "tcp:127.0.0.1:1", "is nowhere to listen"),
-        ("advice.pem", "udp:127.0.0.1", "is no address"),
+        ("advice.pem", "udp:127.0.0.1", "is not an address"),
         ("advice.pem", "udp:192.0.2.1:4500", "cannot listen at 192.0.2.1:4500"),
         ("advice.pem", "unix:nowhere/x", "cannot listen at nowhere/x"),
     ],

@@ -347,7 +347,7 @@ class TestPages:
         options = UpOptions(qrkey=True, broker=where, broker_ws=websocket, port=0, wait_s=0.1, page_url=page)
         with pytest.raises(Unavailable):
             await up(options, lambda _: None, swarm=lambda: Dotbots(1, 1, time.time))
-        told = f"browsers let no page by https, such as {page}, reach {websocket}; hint: a wss:// one"
+        told = f"browsers do not let an https page such as {page} reach {websocket}; hint: a wss:// one"
         assert (told in caplog.text) == is_told
 
     async def test_who_asks_for_files_and_hangs_up_leaves_no_trace_in_the_log(self, caplog):
@@ -365,8 +365,8 @@ class TestPages:
             async with operator_pages("t0ken" * 6, port=operator.port):
                 pass
         assert str(taken.value).endswith(f"port {operator.port}: Address already in use")
-        assert "another program has it" in taken.value.hint
+        assert "another program uses it" in taken.value.hint
         with pytest.raises(Unavailable, match=r"cannot listen on 999\.1\.1\.1") as nowhere:
             async with a_page(0, "999.1.1.1"):
                 pass
-        assert "--host is an address of this machine" in nowhere.value.hint
+        assert "use an address of this machine" in nowhere.value.hint

@@ -109,9 +109,9 @@ class TestMessages:
 
     def test_what_a_client_would_refuse_is_not_sent(self):
         server, client = pair()
-        with pytest.raises(UsageError, match="clients read"):
+        with pytest.raises(UsageError, match="clients accept"):
             server.notify("x" * (1 << 20), NOW)
-        with pytest.raises(UsageError, match="servers read"):
+        with pytest.raises(UsageError, match="servers accept"):
             client.command(MOVE, "x" * 49_152, NOW)
         with pytest.raises(UsageError, match="not JSON"):
             server.notify(float("nan"), NOW)

@@ -28,7 +28,7 @@ def test_a_file_that_others_may_read_or_write_is_refused_and_its_token_not_told(
     path = tmp_path / "token"
     path.write_text("an-operators-secret-token\n")
     path.chmod(mode)
-    with pytest.raises(UsageError, match="others may read") as caught:
+    with pytest.raises(UsageError, match="other users may read") as caught:
         kept_token(path)
     assert "secret" not in f"{caught.value} {caught.value.hint}"
 

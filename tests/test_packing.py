@@ -199,7 +199,7 @@ class Unknown:
 @pytest.mark.parametrize(
     "kind, complaint",
     [
-        (list[int], r"memory.f is a list\[int\], which has no bytes of its own"),
+        (list[int], r"memory.f is a list\[int\], which has no encoding"),
         (dict, r"memory.f is a dict"),
         (str, r"memory.f is a str"),
         (int | None, r"memory.f is a int \| None"),
@@ -207,11 +207,17 @@ class Unknown:
         (Annotated[int, "f32"], r"memory.f is a Annotated\[int, 'f32'\]"),
         (Annotated[bytes, -1], r"memory.f is a Annotated\[bytes, -1\]"),
         (Annotated[bytes, 65_536], r"memory.f is a Annotated\[bytes, 65536\]"),
-        (tuple[int, ...], r"memory.f is a tuple\[int, ...\]: Annotated\[tuple\[int, ...\], 16\] has a fixed length"),
-        (Annotated[tuple[int, int], 2], r"memory.f is a tuple\[int, int\] and 2"),
-        (Annotated[tuple[Annotated[tuple[U8, ...], 300], ...], 300], r"memory.f\[218\]\[135\] is one too many"),
+        (
+            tuple[int, ...],
+            r"memory.f is a tuple\[int, ...\] without a fixed length: use Annotated\[tuple\[int, ...\], 16\]",
+        ),
+        (Annotated[tuple[int, int], 2], r"memory.f is a tuple\[int, int\] annotated with 2"),
+        (
+            Annotated[tuple[Annotated[tuple[U8, ...], 300], ...], 300],
+            r"memory.f\[218\]\[135\]: more than 65535 numbers",
+        ),
         (tuple[str, int], r"memory.f\[0\] is a str"),
-        (Mutable, r"memory.f is a Mutable that is not frozen: @dataclass\(frozen=True\)"),
+        (Mutable, r"memory.f is a Mutable that is not frozen: use @dataclass\(frozen=True\)"),
         (Endless, r"memory is a Drawn, which has itself among its fields"),
         (Unknown, r"memory.f: name 'Nowhere' is not defined"),
     ],

@@ -130,10 +130,10 @@ def test_a_mission_key_is_read_for_the_robot_that_it_is_sealed_for(tmp_path):
     with pytest.raises(UsageError, match="no key for robot 4"):
         read_mission_key(path, 4)
     path.write_text('{"mission": 7, "robots": {"3": {"k": "00", "r": "00", "mac": "00"}}}')
-    with pytest.raises(UsageError, match="is no mission key"):
+    with pytest.raises(UsageError, match="is not a mission key file"):
         read_mission_key(path, 3)
     path.write_text("[" * 100_000)
-    with pytest.raises(UsageError, match="is no mission key"):
+    with pytest.raises(UsageError, match="is not a mission key file"):
         read_mission_key(path, 3)
 
 
@@ -144,7 +144,7 @@ def test_a_board_file_is_for_one_robot(tmp_path):
     with pytest.raises(UsageError, match="is for robot 3"):
         read_board(path, 2)
     path.write_bytes(b"short")
-    with pytest.raises(UsageError, match="not what a board"):
+    with pytest.raises(UsageError, match="not a board file"):
         read_board(path, 3)
 
 
@@ -392,7 +392,7 @@ def test_a_recording_over_a_link_that_somebody_laid_is_refused(tmp_path):
 
 @pytest.mark.parametrize("words", ["", "1.2.3.4", "host:5", "1.2.3.4:0", "1.2.3.4:65536", "[::1", "1.2.3.4:٣", ":5"])
 def test_what_is_no_address_is_said(words):
-    with pytest.raises(UsageError, match="is no address"):
+    with pytest.raises(UsageError, match="is not an address"):
         parsed(words)
 
 
@@ -515,7 +515,7 @@ def test_a_second_radio_at_the_same_address_is_refused():
     with a_radio_and_its_peers(0, Allowance()) as (radio, _, (peer, *_)):
         with pytest.raises(Unavailable, match="in use") as taken:
             UdpRadio("{}:{}".format(*radio._here), ["{}:{}".format(*peer.getsockname())])
-        assert taken.value.hint.startswith("another port")
+        assert taken.value.hint.startswith("use another port")
 
 
 def test_radios_of_a_multicast_group_hear_each_other_and_not_themselves_nor_strangers():
@@ -532,9 +532,9 @@ def test_radios_of_a_multicast_group_hear_each_other_and_not_themselves_nor_stra
     finally:
         for radio in (one, two, stranger):
             radio.close()
-    with pytest.raises(UsageError, match="is no multicast group"):
+    with pytest.raises(UsageError, match="is not a multicast group"):
         UdpRadio(here[0], [here[1]], f"127.0.0.9:{port}")
-    with pytest.raises(UsageError, match="not all speak from port"):
+    with pytest.raises(UsageError, match="not all robots use port"):
         UdpRadio(here[0], ["127.0.0.3:1"], group)
 
 
@@ -626,7 +626,7 @@ def test_a_radio_of_mixed_addresses_or_of_no_address_of_ours_is_said():
         UdpRadio("127.0.0.1:4410", ["[::1]:4411"])
     with pytest.raises(Unavailable, match=r"cannot listen on 192\.0\.2\.1:4410") as nowhere:
         UdpRadio("192.0.2.1:4410", ["127.0.0.1:4411"])
-    assert nowhere.value.hint == "an address of this machine's"
+    assert nowhere.value.hint == "use an address of this machine"
 
 
 @contextlib.contextmanager

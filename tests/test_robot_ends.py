@@ -194,7 +194,7 @@ def test_motors_stand_when_trusted_nodes_are_gone(tmp_path):
         os.kill(nodes_of(robot), signal.SIGKILL)
         robot.waits(STANDS, STANDS_S)
         assert robot.ends(10)[0] == 1
-        assert "is gone" in robot.status()
+        assert "has closed the line" in robot.status()
 
 
 def test_motors_stand_while_trusted_nodes_or_a_controller_do_not_answer(tmp_path):

@@ -284,7 +284,7 @@ def test_a_robots_nodes_are_given_their_master_key_over_their_line_and_once(tmp_
     assert "robot 2's already" in capsys.readouterr().err
     path.write_text(json.dumps(said | {"trusted": "process:other.flash"}))
     assert run_command(command) == 2
-    assert "was given its master key" in capsys.readouterr().err
+    assert "got its master key" in capsys.readouterr().err
     path.write_text(json.dumps(said))
     with opened(ring, "some words that nobody guesses") as keys:
         number, sealed = keys.issue()

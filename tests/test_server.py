@@ -46,7 +46,7 @@ class TestEverydayUse:
         ):
             with pytest.raises(UsageError, match="is not entered") as caught:
                 await saying
-            assert caught.value.hint.startswith("async with ")
+            assert caught.value.hint.startswith("use it as `async with ")
 
     async def test_a_clients_broker_may_be_a_url(self, broker):
         async with a_server(broker) as server:
@@ -55,7 +55,7 @@ class TestEverydayUse:
                 replace(server.qr(), broker="ws://unused.invalid"), broker=str(broker.url)
             ) as client:
                 assert (await client.request(0))["robots"] == [1, 2]
-        with pytest.raises(UsageError, match="gopher:// is not known"):
+        with pytest.raises(UsageError, match="unknown broker scheme gopher://"):
             QrkeyClient(server.qr(), broker="gopher://x")
 
     async def test_public_names_are_on_link(self, broker):

@@ -112,7 +112,7 @@ class TestVisiting:
                 await asyncio.sleep(0)
                 await client.stop("A1")
                 assert await asyncio.wait_for(drive, 1) is False
-                with pytest.raises(UsageError, match="a stop came"):
+                with pytest.raises(UsageError, match="a stop for the robot"):
                     await route
                 await asyncio.sleep(0.3)
                 assert swarm.commands[-1].is_stop
@@ -221,7 +221,7 @@ class TestComingBack:
             async with Client(other.url(), secret_file=file) as client:
                 assert client.visitor == 1
         file.write_text("dear diary")
-        with pytest.raises(UsageError, match="keeps no session"):
+        with pytest.raises(UsageError, match="is no session file"):
             Client(one.url(), secret_file=file)
         assert file.read_text() == "dear diary"
 

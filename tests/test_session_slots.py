@@ -61,7 +61,7 @@ def test_what_waits_is_bounded_and_a_stop_is_always_taken():
     slots = Slots()
     for _ in range(LONGEST):
         slots.put("x")
-    with pytest.raises(UsageError, match="wait already"):
+    with pytest.raises(UsageError, match="are queued already"):
         slots.put("x")
     slots.stop("stop", "A1")
     assert slots.take(Client) == "stop"

@@ -95,7 +95,7 @@ def test_only_its_owner_reads_it_and_what_stands_beside_it(tmp_path):
 def test_a_file_that_others_may_read_is_refused(tmp_path):
     SessionStore(tmp_path / "s.db").close()
     (tmp_path / "s.db").chmod(0o640)
-    with pytest.raises(UsageError, match="others may read") as refused:
+    with pytest.raises(UsageError, match="other users may read") as refused:
         SessionStore(tmp_path / "s.db")
     assert "chmod 600" in refused.value.hint
 
@@ -109,7 +109,7 @@ def test_a_link_to_another_place_is_not_followed(tmp_path):
 
 def test_a_second_gateway_is_refused_and_comes_in_after_the_first(tmp_path):
     with SessionStore(tmp_path / "s.db") as first:
-        with pytest.raises(Unavailable, match="another gateway has"):
+        with pytest.raises(Unavailable, match="another gateway uses"):
             SessionStore(tmp_path / "s.db")
         first.write({b"a": b"1"})
     with SessionStore(tmp_path / "s.db") as second:
@@ -138,7 +138,7 @@ def test_a_damaged_file_gives_one_clear_line(tmp_path, spoil):
                 db.execute("CREATE TABLE rows (a)")
     with pytest.raises(UsageError) as refused:
         SessionStore(path)
-    words = "is no store of sessions" if spoil == "other" else "is damaged"
+    words = "is not a session store" if spoil == "other" else "is damaged"
     assert words in str(refused.value)
     assert "\n" not in str(refused.value)
 

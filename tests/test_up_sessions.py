@@ -167,10 +167,10 @@ async def test_a_ticket_from_the_terminal_limits_its_visitor_to_its_robot(tmp_pa
 def test_a_second_gateway_runs_beside_the_first_unless_it_was_given_the_same_folder(state):
     with a_gateway():
         with a_gateway() as (second, _):
-            assert any("another gateway has" in line for line in second.err)
+            assert any("another gateway uses" in line for line in second.err)
         refused = called("up", "--port", "0", "--defence", "none", "--state", str(state))
         assert refused.returncode == 1
-        assert "another gateway has" in refused.stderr
+        assert "another gateway uses" in refused.stderr
 
 
 def test_no_gateway_no_ticket(state):
@@ -181,7 +181,7 @@ def test_no_gateway_no_ticket(state):
 @pytest.mark.parametrize(
     ("words", "hint"),
     [
-        (("--broker", "auto"), "phalanx up needs none"),
+        (("--broker", "auto"), "phalanx up needs no broker"),
         (("--broker", "amqtt", "--qrkey"), "--broker mosquitto"),
         (("--broker-ws", "ws://x"), "--broker mosquitto|URL"),
         (("--root", "/lab"), "--broker mosquitto|URL"),

@@ -18,7 +18,7 @@
 #define PHX_CALL_HELLO_NUMBER 1u
 #define PHX_CALL_HELLO_VERSION 3u
 
-/* manufacture: both nodes begin anew; until a master key is loaded */
+/* manufacture: set the limits of both nodes and reset them; only before a master key is loaded */
 #define PHX_CALL_LIMITS 0x41u
 #define PHX_CALL_LIMITS_BYTES 51u
 #define PHX_CALL_LIMITS_NUMBER 1u
@@ -35,14 +35,14 @@
 #define PHX_CALL_LIMITS_AIRTIME_NS_PER_BYTE_BROADCAST 43u
 #define PHX_CALL_LIMITS_AIRTIME_NS_PER_BYTE_UNICAST 47u
 
-/* both nodes */
+/* to both nodes */
 #define PHX_CALL_LOAD_MASTER 0x42u
 #define PHX_CALL_LOAD_MASTER_BYTES 25u
 #define PHX_CALL_LOAD_MASTER_NUMBER 1u
 #define PHX_CALL_LOAD_MASTER_KEY 3u
 #define PHX_CALL_LOAD_MASTER_ID 23u
 
-/* both nodes */
+/* to both nodes */
 #define PHX_CALL_LOAD_MISSION 0x43u
 #define PHX_CALL_LOAD_MISSION_BYTES 55u
 #define PHX_CALL_LOAD_MISSION_NUMBER 1u
@@ -51,37 +51,37 @@
 #define PHX_CALL_LOAD_MISSION_SEQ 43u
 #define PHX_CALL_LOAD_MISSION_MAC 47u
 
-/* it is so late; for a bench only */
+/* set the time of a test board */
 #define PHX_CALL_CLOCK 0x44u
 #define PHX_CALL_CLOCK_BYTES 7u
 #define PHX_CALL_CLOCK_NUMBER 1u
 #define PHX_CALL_CLOCK_T 3u
 
-/* s-node; an `entry` */
+/* s-node; result an `entry` */
 #define PHX_CALL_POLL 0x45u
 #define PHX_CALL_POLL_BYTES 3u
 #define PHX_CALL_POLL_NUMBER 1u
 #define PHX_CALL_POLL_READING 3u
 
-/* a-node; an `entry` */
+/* a-node; result an `entry` */
 #define PHX_CALL_RECV 0x46u
 #define PHX_CALL_RECV_BYTES 3u
 #define PHX_CALL_RECV_NUMBER 1u
 #define PHX_CALL_RECV_PACKET 3u
 
-/* a-node; an `entry` */
+/* a-node; result an `entry` */
 #define PHX_CALL_SEND 0x47u
 #define PHX_CALL_SEND_BYTES 3u
 #define PHX_CALL_SEND_NUMBER 1u
 #define PHX_CALL_SEND_PACKET 3u
 
-/* a-node; an `entry` */
+/* a-node; result an `entry` */
 #define PHX_CALL_ACTUATE 0x48u
 #define PHX_CALL_ACTUATE_BYTES 3u
 #define PHX_CALL_ACTUATE_NUMBER 1u
 #define PHX_CALL_ACTUATE_COMMAND 3u
 
-/* s-node; an `authenticator` */
+/* s-node; result an `authenticator` */
 #define PHX_CALL_MAKE_AUTH 0x49u
 #define PHX_CALL_MAKE_AUTH_BYTES 11u
 #define PHX_CALL_MAKE_AUTH_NUMBER 1u
@@ -96,13 +96,13 @@
 #define PHX_CALL_CHECK_AUTH_NONCE 25u
 #define PHX_CALL_CHECK_AUTH_MAC 33u
 
-/* a-node; a `token_request` */
+/* a-node; result a `token_request` */
 #define PHX_CALL_TOKEN_REQUEST 0x4bu
 #define PHX_CALL_TOKEN_REQUEST_BYTES 5u
 #define PHX_CALL_TOKEN_REQUEST_NUMBER 1u
 #define PHX_CALL_TOKEN_REQUEST_AUDITOR 3u
 
-/* a-node; the token's MAC */
+/* a-node; result the token's MAC */
 #define PHX_CALL_ISSUE_TOKEN 0x4cu
 #define PHX_CALL_ISSUE_TOKEN_BYTES 57u
 #define PHX_CALL_ISSUE_TOKEN_NUMBER 1u
@@ -131,24 +131,24 @@
 #define PHX_CALL_INSTALL_TOKEN_HCKPT 9u
 #define PHX_CALL_INSTALL_TOKEN_MAC 29u
 
-/* a-node; code 1 in Safe Mode */
+/* a-node; returns code 1 in Safe Mode */
 #define PHX_CALL_CHECK 0x4fu
 #define PHX_CALL_CHECK_BYTES 3u
 #define PHX_CALL_CHECK_NUMBER 1u
 
-/* manufacture: the radio is sealed, for ever; until a master key is loaded */
+/* manufacture: seal the radio permanently; only before a master key is loaded */
 #define PHX_CALL_SEAL 0x50u
 #define PHX_CALL_SEAL_BYTES 3u
 #define PHX_CALL_SEAL_NUMBER 1u
 
-/* to each call */
+/* answer to a call */
 #define PHX_ANSWER 0x60u
 #define PHX_ANSWER_BYTES 7u
 #define PHX_ANSWER_NUMBER 1u
 #define PHX_ANSWER_CODE 3u
 #define PHX_ANSWER_RESULT 7u
 
-/* what a board says of itself */
+/* description of a board */
 #define PHX_ABOUT_BYTES 8u
 #define PHX_ABOUT_VERSION 0u
 #define PHX_ABOUT_TOLD 1u

@@ -15,7 +15,7 @@
 #define PHX_ENTRY_ACMD 4u
 #define PHX_KIND_AUDIT 128u
 
-/* mission key, under the master key */
+/* mission key, blinded with the master key */
 #define PHX_MKEY 0x10u
 #define PHX_MKEY_BYTES 45u
 #define PHX_MKEY_K 1u
@@ -56,7 +56,7 @@
 #define PHX_TREQ_PAPER_AUDITEE 5u
 #define PHX_TREQ_PAPER_AUDITOR 7u
 
-/* an auditor's word that it replayed the log and found no fault */
+/* an auditor's proof that it replayed the log and found no fault */
 #define PHX_TOKEN 0x14u
 #define PHX_TOKEN_BYTES 29u
 #define PHX_TOKEN_AUDITOR 1u
@@ -71,7 +71,7 @@
 #define PHX_SEALED_SRC 5u
 #define PHX_SEALED_HASH 7u
 
-/* behind each packet on a sealed radio */
+/* follows each packet on a sealed radio */
 #define PHX_SEAL_BYTES 14u
 #define PHX_SEAL_T 0u
 #define PHX_SEAL_SRC 4u

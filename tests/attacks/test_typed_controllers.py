@@ -202,7 +202,7 @@ RAW = """
         ({"Memory(state.id)": "Memory(-state.id)"}, "mine.py:13: memory.id is -"),
         ({"Memory(state.id)": "state.id"}, "mine.py:13: memory is a int, not a Memory"),
         ({"self.memory = ": "self.heard = "}, "mine.py:13: Mine sets heard, which no checkpoint holds"),
-        ({"x_m: F32 = 0.0": "x_m: list = None"}, "mine.py:9: memory.x_m is a list, which has no bytes of its own"),
+        ({"x_m: F32 = 0.0": "x_m: list = None"}, "mine.py:9: memory.x_m is a list, which has no encoding"),
         ({"(frozen=True)": ""}, "mine.py:9: memory is a Memory that is not frozen"),
         ({"memory = Memory()": "memory = {}"}, "mine.py:9: memory is a dict, not a dataclass"),
         ({"memory = Memory()": "memory = Memory(id=70_000)"}, "mine.py:9: memory.id is 70000: does not fit into U16"),

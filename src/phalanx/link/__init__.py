@@ -1,4 +1,4 @@
-"""Who may command: the pure protocol. `Server`, `QrkeyClient` and `Client`, of `phalanx.net`, are here as well."""
+"""The link's protocol in mode qrkey, without I/O; also exports `Server`, `QrkeyClient` and `Client` of phalanx.net."""
 
 from __future__ import annotations
 
@@ -35,5 +35,5 @@ __all__ = [
 ]
 
 
-# The one door upwards (ADR 0003): people look for `link.Server`, and the protocol must not import sockets.
+# The only import from a higher layer (ADR 0003), and a lazy one: the protocol must not import sockets.
 __getattr__ = loaded_when_used(__name__, dict.fromkeys(("Client", "QrkeyClient", "Server"), ".net"))

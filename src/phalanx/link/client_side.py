@@ -1,4 +1,4 @@
-"""The client's side of the link in mode qrkey: bytes and a time in, events and asks out.
+"""Client side of the link in mode qrkey, without I/O: bytes and a time in, events and broker requests out.
 
 Source: Qrkey §III, Table I; docs/spec/link.md.
 """
@@ -21,56 +21,56 @@ from .topics import CommandTopic, ReplyTopic, SubTopic, full_topic, split_topic
 
 
 class ClientSide:
-    """One visitor: its epoch, and the opening and sealing of messages. The pin is from the QR code.
+    """State of one client: its epoch, and encryption and decryption of messages. The pin is from the QR code.
 
-    `random_bytes` makes n bytes from a cryptographic source. `client_id` names the topic for answers; it is not a
-    secret, and no proof of anything.
+    `random_bytes` returns n bytes from a cryptographic source. `client_id` names the topic for answers; it is not a
+    secret, and authenticates nobody.
 
-    Raises: UsageError: the client id has characters that a topic may not have.
+    Raises: UsageError: the client id has characters that are not allowed in a topic.
     """
 
     def __init__(self, config: LinkConfig, random_bytes: Callable[[int], bytes], pin: Pin, client_id: str) -> None:
         try:
             self._reply = ReplyTopic(client_id)
         except WrongTopic as error:
-            raise UsageError(str(error), "letters, digits and _.:- only") from error
+            raise UsageError(str(error), "use only letters, digits and _.:-") from error
         self.config = config
         self.client_id = client_id
         self.rejected: Counter[str] = Counter()
         self._random_bytes = random_bytes
         self._cache = ReplayCache(config.replay_capacity, config.tolerance_s)
         self.epoch = derive_epoch(pin)
-        self._left: Epoch | None = None  # the last epoch in which something was heard, if nothing was in this one
+        self._left: Epoch | None = None  # last epoch with a received message, until one arrives in the current epoch
 
     def subscriptions(self) -> tuple[str, ...]:
-        """Every topic to be subscribed to now."""
+        """Return all topics to subscribe to now."""
         root, topic = self.config.root, self.epoch.topic
         return full_topic(root, topic, "notify"), full_topic(root, topic, self._reply)
 
     def receive(self, topic: str, token: bytes, now_s: float) -> Notification | Reply | Moved | Rejected:
-        """What a message from the broker says. Never raises: what is refused is counted."""
+        """Open a message from the broker. Never raises: a refused message is counted."""
         try:
             return self._receive(topic, token, now_s)
         except PeerError as error:
             return self.reject(error)
 
     def reject(self, error: PeerError) -> Rejected:
-        """Count a message that was refused, here or before it was read."""
+        """Count a message that was refused, here or by the caller."""
         self.rejected[error.reason] += 1
         return Rejected(error)
 
     def command(self, to: CommandTopic, payload: Any, now_s: float) -> Publish:
-        """A command for one robot. Raises: UsageError: the payload is not JSON, or more than a server reads."""
+        """Seal a command for one robot. Raises: UsageError: not JSON, or longer than servers accept."""
         return self._publish(to, payload, now_s)
 
     def request(self, number: int, now_s: float, **words: Any) -> Publish:
-        """A request; the answer comes as a `Reply` of the same number. Raises: UsageError: more than a server reads."""
+        """Seal a request; its `Reply` has the same number. Raises: UsageError: longer than servers accept."""
         return self._publish("request", {"request": number, "reply": self.client_id, **words}, now_s)
 
     def fall_back(self, asked: Epoch) -> Moved | None:
-        """Go back to the last epoch if nobody speaks in this one; for a client that `asked` there and got no answer.
+        """Return to the last epoch after an unanswered request in epoch `asked`, unless a message has arrived in it.
 
-        Somebody may have forged the pin message that led here. If nobody did, the server tells the way again.
+        The pin message that led to this epoch may be forged. If it was genuine, the server sends it again.
         """
         if self._left is None or asked is not self.epoch:
             return None
@@ -97,10 +97,10 @@ class ClientSide:
         return _parse_reply(opened.payload)
 
     def _move(self, pin: Pin) -> Moved:
-        # Whoever has the pin can forge this (docs/explanation/threats-qrkey.md): the mode has no key that only
-        # the server knows.
+        # Everybody who has the pin can forge this (docs/explanation/threats-qrkey.md): no key of this mode is known
+        # to the server alone.
         if pin == self.epoch.pin:
-            raise BadPayload("a move to the current pin")
+            raise BadPayload("pin message with the current pin")
         self._left = self.epoch
         return self._go(derive_epoch(pin))
 
@@ -119,8 +119,8 @@ class ClientSide:
 
 def _parse_reply(payload: Any) -> Reply:
     if not isinstance(payload, dict):
-        raise BadPayload("a reply is an object")
+        raise BadPayload("a reply must be an object")
     number = payload.get("request")
     if isinstance(number, bool) or not isinstance(number, int) or "data" not in payload:
-        raise BadPayload("a reply has a request number and data")
+        raise BadPayload("a reply must have a request number and data")
     return Reply(number, payload["data"])

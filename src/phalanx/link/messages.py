@@ -1,4 +1,4 @@
-"""What the two sides of the link say to the program around them, and what they ask of the broker.
+"""Events of the two sides of the link in mode qrkey, and their requests to the broker.
 
 Source: Qrkey §III-D, Table I; docs/spec/link.md.
 """
@@ -16,7 +16,7 @@ from .topics import CommandTopic
 
 @dataclass(frozen=True, slots=True)
 class Publish:
-    """Ask: publish these bytes."""
+    """Request to the broker: publish these bytes."""
 
     topic: str
     payload: bytes = field(repr=False)
@@ -24,14 +24,14 @@ class Publish:
 
 @dataclass(frozen=True, slots=True)
 class Subscribe:
-    """Ask: subscribe to this filter."""
+    """Request to the broker: subscribe to this filter."""
 
     topic: str
 
 
 @dataclass(frozen=True, slots=True)
 class Unsubscribe:
-    """Ask: unsubscribe from this filter."""
+    """Request to the broker: unsubscribe from this filter."""
 
     topic: str
 
@@ -41,30 +41,30 @@ Ask = Publish | Subscribe | Unsubscribe
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A visitor's command for one robot. The payload is authentic JSON, and not checked further."""
+    """A visitor's command for one robot. The payload is authentic JSON, not validated further."""
 
     topic: CommandTopic
     payload: Any = field(repr=False)
-    waited_s: float = field(default=0.0, compare=False)  # unread, on this side
-    by: str | None = field(default=None, compare=False)  # nickname of its visitor, which a session proves
-    is_stop: bool = False  # it stops the robot, whatever the payload says
+    waited_s: float = field(default=0.0, compare=False)  # time in this program's queue
+    by: str | None = field(default=None, compare=False)  # nickname of the visitor, authenticated by its session
+    is_stop: bool = False  # stops the robot, whatever the payload is
 
     @property
     def address(self) -> str:
-        """Robot it is for."""
+        """Return the address of the robot."""
         return self.topic.address
 
     @property
     def name(self) -> str:
-        """What to do, such as `move_raw`."""
+        """Return the name of the command, such as `move_raw`."""
         return self.topic.name
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """A visitor's request. `words` is the whole payload; it came in `size` bytes.
+    """A visitor's request. `words` is the whole payload; `size` is the length of the sealed message in bytes.
 
-    Over a session there is no `client_id`: its visitor is known.
+    In mode session `client_id` is empty: the session identifies the visitor.
     """
 
     number: int
@@ -75,13 +75,13 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class SharedAnswer:
-    """Data with which all are answered who ask at about one time, and which does not change any more.
+    """Immutable data that answers all requests which arrive at about the same time.
 
-    What is sealed for them has the time of the first: it is good for as long as clocks may differ, 30 s.
+    The plaintexts have the time of the first request, so they can be used only for the tolerance of timestamps, 30 s.
     """
 
     data: Any = field(repr=False)
-    # By number. Only the server's side writes here.
+    # By request number. Only `ServerSide` writes here.
     plaintexts: dict[int, bytes] = field(default_factory=dict, repr=False, compare=False)
 
 
@@ -94,7 +94,7 @@ class Knock:
 
 @dataclass(frozen=True, slots=True)
 class Notification:
-    """What the server tells everybody."""
+    """A message of the server to all clients."""
 
     payload: Any = field(repr=False)
     timestamp_s: float
@@ -102,7 +102,7 @@ class Notification:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """The answer to a request of ours."""
+    """The answer to one of this client's requests."""
 
     number: int
     data: Any = field(repr=False)
@@ -110,7 +110,7 @@ class Reply:
 
 @dataclass(frozen=True, slots=True)
 class Moved:
-    """A pin message was followed: the client now lives in `epoch`."""
+    """The client followed a pin message, and uses `epoch` from now on."""
 
     epoch: Epoch
     asks: tuple[Ask, ...] = field(repr=False)
@@ -118,11 +118,11 @@ class Moved:
 
 @dataclass(frozen=True, slots=True)
 class Rejected:
-    """Bytes that were refused, and counted under `reason`."""
+    """A message that was refused, and counted under `reason`."""
 
     error: PeerError
 
     @property
     def reason(self) -> str:
-        """Word under which it is counted."""
+        """Return the reason under which the message is counted."""
         return self.error.reason

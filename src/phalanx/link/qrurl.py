@@ -1,4 +1,4 @@
-"""What a QR code says: our own form keeps the pin in the fragment, the published form has it in the query.
+"""QR code links of mode qrkey: phalanx puts the pin into the fragment, the published packages put it into the query.
 
 Source: docs/spec/link.md.
 """
@@ -20,13 +20,13 @@ DEFAULT_MQTT = 5
 MQTT = {"4": 4, "5": 5}
 LOGIN_LONGEST = 128  # bytes of UTF-8
 _BROKER = re.compile(
-    r"wss?://([0-9a-z._-]+|\[[0-9a-f:.]+\])(:[0-9]{1,5})?(/[^?#\s]*)?",  # no login in it: it would be in every QR code
+    r"wss?://([0-9a-z._-]+|\[[0-9a-f:.]+\])(:[0-9]{1,5})?(/[^?#\s]*)?",  # no user:password@, which a QR code would show
     re.IGNORECASE | re.ASCII,
 )
 
 
 class BadQrUrl(UsageError):
-    """Not a link that a swarm's QR code would hold. Never repeats the link: it holds the pin."""
+    """Not a valid link of a swarm's QR code. The message never contains the link, because the pin is in it."""
 
     def __init__(self, what: str) -> None:
         super().__init__(f"not a swarm's link: {what}", "copy the whole link, in quotes, from under the QR code")
@@ -42,13 +42,13 @@ class Login:
 
 @dataclass(frozen=True, slots=True)
 class QrUrl:
-    """Everything that a visitor needs. Raises: BadQrUrl."""
+    """Content of a QR code: all that a visitor needs to connect. Raises: BadQrUrl."""
 
     pin: Pin = field(repr=False)
     broker: str  # websocket URL of the broker
     root: str = DEFAULT_ROOT  # first part of every topic
     mqtt: int = DEFAULT_MQTT  # protocol version, 5 or 4 (3.1.1)
-    login: Login | None = None  # for visitors, where the broker asks for one
+    login: Login | None = None  # visitors' login, if the broker requires one
 
     def __post_init__(self) -> None:
         if not _BROKER.fullmatch(self.broker):
@@ -56,37 +56,37 @@ class QrUrl:
         try:
             urlsplit(self.broker).port  # noqa: B018  # raises for a port out of range
         except ValueError:
-            raise BadQrUrl("the broker's port is not a port") from None
+            raise BadQrUrl("the broker's port is not valid") from None
         if self.mqtt not in MQTT.values():
-            raise BadQrUrl("MQTT version is 4 or 5")
+            raise BadQrUrl("the MQTT version is not 4 or 5")
         try:
             LinkConfig(root=self.root)
         except UsageError as error:
             raise BadQrUrl(str(error)) from None
 
     def for_page(self, page: str) -> str:
-        """Link to our own page: parameters in the fragment, which browsers keep to themselves."""
-        words = {"v": VERSION, "pin": self.pin.digits, "broker": self.broker}
+        """Return a link to the gateway's page: parameters in the fragment, which browsers do not send."""
+        parameters = {"v": VERSION, "pin": self.pin.digits, "broker": self.broker}
         # Defaults are left out: every character makes the code finer and harder to scan.
         if self.root != DEFAULT_ROOT:
-            words["root"] = self.root
+            parameters["root"] = self.root
         if self.mqtt != DEFAULT_MQTT:
-            words["mqtt"] = str(self.mqtt)
+            parameters["mqtt"] = str(self.mqtt)
         if self.login:
-            words |= {"user": self.login.username, "password": self.login.password}
-        return f"{page}#{urlencode(words, quote_via=quote, safe='')}"
+            parameters |= {"user": self.login.username, "password": self.login.password}
+        return f"{page}#{urlencode(parameters, quote_via=quote, safe='')}"
 
     def for_foreign_page(self, frontend: str) -> str:
-        """Link to a page of the published form, which has no room for a path or a root.
+        """Return a link to a page of the published packages, whose form has neither a path nor a root.
 
-        Nor for a login: the published server writes one there, where the page's host reads it, and the published hook
-        (npm qrkey 0.4 to 0.12) takes none from there. It has a form for it.
+        It has no login either. The published server writes one into the query, which the page's host can read, but
+        the published hook (npm qrkey 0.4 to 0.12) ignores it and shows a login form.
 
         Source: the published packages.
         """
         broker = urlsplit(self.broker)
         tls = broker.scheme.lower() == "wss"
-        words = {
+        parameters = {
             "use_qrkey": "true",
             "pin": self.pin.digits,
             "mqtt_host": broker.hostname or "",
@@ -94,41 +94,41 @@ class QrUrl:
             "mqtt_version": str(self.mqtt),
             "mqtt_use_ssl": str(tls),
         }
-        return f"{frontend}?{urlencode(words, quote_via=quote)}"
+        return f"{frontend}?{urlencode(parameters, quote_via=quote)}"
 
 
 def parse_qr_url(url: str, root: str = DEFAULT_ROOT) -> QrUrl:
-    """Parse a scanned link; the published form has no root, and gets this. Raises: BadQrUrl, BadPin."""
+    """Parse a scanned link; `root` is used for the published form, which has none. Raises: BadQrUrl, BadPin."""
     try:
         parts = urlsplit(url.strip())
         given = parse_qs(parts.fragment or parts.query, max_num_fields=32)
     except ValueError:
         raise BadQrUrl("not a URL") from None
-    # Two programs that read one link must not each take another of two pins.
+    # With two values of one parameter, two programs could take different pins from one link.
     if any(len(values) > 1 for values in given.values()):
-        raise BadQrUrl("a word twice")
-    words = {name: values[0] for name, values in given.items()}
-    if "pin" not in words:
-        raise BadQrUrl("no pin in it")
+        raise BadQrUrl("duplicate parameter")
+    parameters = {name: values[0] for name, values in given.items()}
+    if "pin" not in parameters:
+        raise BadQrUrl("no pin")
     if parts.fragment:
-        if words.get("v") != VERSION:
-            raise BadQrUrl("another version")
+        if parameters.get("v") != VERSION:
+            raise BadQrUrl("unknown version")
         return QrUrl(
-            Pin(words["pin"]),
-            words.get("broker", ""),
-            words.get("root", DEFAULT_ROOT),
-            MQTT.get(words.get("mqtt", "5"), 0),
-            _login(words.get("user", ""), words.get("password", "")),
+            Pin(parameters["pin"]),
+            parameters.get("broker", ""),
+            parameters.get("root", DEFAULT_ROOT),
+            MQTT.get(parameters.get("mqtt", "5"), 0),
+            _login(parameters.get("user", ""), parameters.get("password", "")),
         )
-    scheme = "wss" if words.get("mqtt_use_ssl", "False").lower() == "true" else "ws"
-    broker = f"{scheme}://{words.get('mqtt_host', '')}:{words.get('mqtt_port', '')}/mqtt"
-    login = _login(words.get("mqtt_username", ""), words.get("mqtt_password", ""))
-    return QrUrl(Pin(words["pin"]), broker, root, MQTT.get(words.get("mqtt_version", "5"), 0), login)
+    scheme = "wss" if parameters.get("mqtt_use_ssl", "False").lower() == "true" else "ws"
+    broker = f"{scheme}://{parameters.get('mqtt_host', '')}:{parameters.get('mqtt_port', '')}/mqtt"
+    login = _login(parameters.get("mqtt_username", ""), parameters.get("mqtt_password", ""))
+    return QrUrl(Pin(parameters["pin"]), broker, root, MQTT.get(parameters.get("mqtt_version", "5"), 0), login)
 
 
 def _login(username: str, password: str) -> Login | None:
     if password and not username:
-        raise BadQrUrl("a password without a name")
+        raise BadQrUrl("a password without a user name")
     if max(len(username.encode()), len(password.encode())) > LOGIN_LONGEST or not (username + password).isprintable():
-        raise BadQrUrl("a login that is none")
+        raise BadQrUrl("user name or password too long, or not printable")
     return Login(username, password) if username else None

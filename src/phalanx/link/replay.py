@@ -1,4 +1,4 @@
-"""The replay cache: every authentic message counts once."""
+"""Replay cache: each authentic message is accepted once."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ import math
 
 from phalanx.errors import CacheFull, Replayed, Stale
 
-LEAST_AT_ONCE = 64  # of a small cache too: a list of many robots comes in one second
+LEAST_AT_ONCE = 64  # burst that a small cache accepts too: a command for each of many robots comes in one second
 
 
 class ReplayCache:
-    """Remembers (epoch, IV) until the message would be stale anyway: until |now - timestamp| passes `tolerance_s`.
+    """Set of the received (epoch, IV), each kept until its message is stale: |now - timestamp| > `tolerance_s`.
 
-    When full it refuses: forgetting inside the window would let a flood reopen the door to a replay. It fills no faster
-    than it empties, but for an eighth at once: so it is full for no longer than somebody floods, however the flood is
-    dated.
+    A full cache refuses messages: if it dropped entries that are not stale, a flood would make replays possible. Apart
+    from a burst of an eighth of its capacity, it accepts messages no faster than entries expire. So it is full only
+    while a flood lasts, whatever timestamps the flood has.
 
-    Source: docs/spec/link.md; the published packages have none and accept a replayed ciphertext.
+    Source: docs/spec/link.md; the published packages have no cache and accept a replayed ciphertext.
     """
 
     def __init__(self, capacity: int, tolerance_s: float) -> None:
         self._capacity = capacity
         self._at_once = max(LEAST_AT_ONCE, capacity / 8)
-        # Dated ahead, a message stays for twice the tolerance, and up to two seconds more until its second is swept.
+        # A message with a future timestamp is kept for twice the tolerance, and up to 2 s more until it is swept.
         self._a_second = capacity * 7 / 8 / (2 * tolerance_s + 2)
         self._room = self._at_once
         self._filled_at_s = -math.inf
@@ -36,9 +36,11 @@ class ReplayCache:
         return len(self._seen)
 
     def enter(self, epoch: str, iv: bytes, timestamp_s: float, now_s: float) -> None:
-        """Take note of an authentic message, or refuse it. A refused message leaves the cache unchanged.
+        """Record an authentic message, or refuse it. A refused message leaves the cache unchanged.
 
-        The epoch is its topic; the timestamp is the sender's, and finite.
+        Args:
+            epoch: topic of the message's epoch.
+            timestamp_s: the sender's clock; finite.
 
         Raises: Stale, Replayed, CacheFull.
         """
@@ -48,11 +50,11 @@ class ReplayCache:
         self._sweep(now_s)
         second = math.floor(timestamp_s + self._tolerance_s) + 1
         if second <= self._swept_to:
-            # The clock was set back: this message may be one we have already forgotten.
+            # The clock was set back: the cache may have dropped this message already.
             raise Stale(skew_s, self._tolerance_s)
         entry = (epoch, iv)
         if entry in self._seen:
-            raise Replayed("this IV was seen before")
+            raise Replayed("IV received before")
         if len(self._seen) >= self._capacity:
             raise CacheFull(f"{self._capacity} messages within {2 * self._tolerance_s:g} s")
         if now_s > self._filled_at_s:
@@ -67,7 +69,7 @@ class ReplayCache:
     def _sweep(self, now_s: float) -> None:
         if now_s <= self._swept_to + 1:
             return
-        # An entry of second s was stale from s on: its timestamp + tolerance lies below s.
+        # An entry of second s is stale from s on: its timestamp + tolerance is below s.
         for second in [second for second in self._by_second if second <= now_s]:
             self._seen.difference_update(self._by_second.pop(second))
         self._swept_to = math.floor(now_s)

@@ -1,6 +1,6 @@
-"""Pin rotation as a table (Qrkey §III-D): which state, on which event, does what, and is then in which state.
+"""State machine of pin rotation, as a table from state and event to the next state and actions (Qrkey §III-D).
 
-The states say which epochs live beside the current one. docs/spec/link.md draws its diagram from TABLE.
+A state names the epochs that are live beside the current one. The diagram in docs/spec/link.md is drawn from TABLE.
 """
 
 from __future__ import annotations
@@ -9,15 +9,15 @@ from enum import Enum
 
 
 class State(Enum):
-    """What lives beside the current epoch."""
+    """Epochs that are live beside the current one."""
 
     FIRST = "first"  # nothing: no rotation yet
     OVERLAP = "overlap"  # the old epoch, in full
-    SETTLED = "settled"  # the last epoch, only to be told where to go
+    SETTLED = "settled"  # of the last epoch only the request topic, for phones that missed the rotation
 
 
 class Event(Enum):
-    """What happens to a rotation."""
+    """Input of the state machine."""
 
     ROTATE_DUE = "rotate due"
     OVERLAP_OVER = "overlap over"
@@ -26,7 +26,7 @@ class Event(Enum):
 
 
 class Act(Enum):
-    """What a server does, in the order of the table."""
+    """Action of the server, in the order of the table."""
 
     FORGET_LAST = "forget the last epoch"
     NEW_EPOCH = "make a new pin and subscribe to its topics"
@@ -39,12 +39,12 @@ TABLE: dict[tuple[State, Event], tuple[State, tuple[Act, ...]]] = {
     (State.OVERLAP, Event.OVERLAP_OVER): (State.SETTLED, (Act.SEND_PIN, Act.DROP_OLD)),
     (State.SETTLED, Event.ROTATE_DUE): (State.OVERLAP, (Act.FORGET_LAST, Act.NEW_EPOCH, Act.SEND_PIN)),
     (State.SETTLED, Event.KNOCK): (State.SETTLED, (Act.SEND_PIN,)),
-    # A pin message published while the broker was away reached nobody.
+    # A pin message published while the broker was unreachable was lost.
     (State.OVERLAP, Event.RECONNECTED): (State.OVERLAP, (Act.SEND_PIN,)),
     (State.SETTLED, Event.RECONNECTED): (State.SETTLED, (Act.SEND_PIN,)),
 }
 
 
 def step(state: State, event: Event) -> tuple[State, tuple[Act, ...]]:
-    """The next state and what to do; an event that the table does not name changes nothing."""
+    """Return the next state and the actions; an event that is not in the table changes nothing."""
     return TABLE.get((state, event), (state, ()))

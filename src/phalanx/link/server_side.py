@@ -1,7 +1,6 @@
-"""The server's side of the link in mode qrkey: bytes and a time in, events and asks out.
+"""Server side of the link in mode qrkey, without I/O: bytes and a time in, events and broker requests out.
 
-Nothing here waits, sleeps or opens a socket; `phalanx.net.server` does, and drives this. A mode with other keys is
-another class with the same methods.
+`phalanx.net.server` does the I/O and calls this class. Another mode is another class with the same methods.
 
 Source: Qrkey §III; docs/spec/link.md.
 """
@@ -25,10 +24,10 @@ from .topics import CLIENT_ID, CommandTopic, ReplyTopic, SubTopic, command_filte
 
 
 class ServerSide:
-    """Epochs, rotation and the opening and sealing of messages. The first pin is a fresh one unless given.
+    """Epochs, pin rotation, and encryption and decryption of messages. Without `pin` it begins with a random one.
 
-    `random_bytes` makes n bytes from a cryptographic source. `uptime_s` is of a clock that is never set (monotonic): it
-    times the rotation.
+    `random_bytes` returns n bytes from a cryptographic source. `uptime_s` is a monotonic clock, which times the
+    rotation.
     """
 
     def __init__(
@@ -39,44 +38,44 @@ class ServerSide:
         self.rejected: Counter[str] = Counter()
         self._random_bytes = random_bytes
         self._cache = ReplayCache(config.replay_capacity, config.tolerance_s)
-        self.epoch = derive_epoch(pin or new_pin(config.pin_digits, random_bytes))  # what a QR code shows
+        self.epoch = derive_epoch(pin or new_pin(config.pin_digits, random_bytes))  # the pin in the QR code
         self._old: Epoch | None = None
         self.rotated_at_s = uptime_s  # when the current epoch began
         self._knocked_at_s = -config.knock_gap_s
 
     def live_epochs(self) -> tuple[Epoch, ...]:
-        """Epochs under which messages are accepted and published, the current one first."""
+        """Return the epochs under which messages are accepted and published, the current one first."""
         return (self.epoch, self._old) if self.state is State.OVERLAP and self._old else (self.epoch,)
 
     def subscriptions(self) -> tuple[str, ...]:
-        """Every filter to be subscribed to now; after a reconnect the broker has forgotten them."""
+        """Return all filters to subscribe to now; a broker forgets them when the connection is lost."""
         filters = [f for epoch in self.live_epochs() for f in self._filters(epoch)]
         if self.state is State.SETTLED and self._old:
             filters.append(full_topic(self.config.root, self._old.topic, "request"))
         return tuple(filters)
 
     def receive(self, topic: str, token: bytes, now_s: float, uptime_s: float) -> Command | Request | Knock | Rejected:
-        """What a message from the broker says. Never raises: what is refused is counted."""
+        """Open a message from the broker. Never raises: a refused message is counted."""
         try:
             return self._receive(topic, token, now_s, uptime_s)
         except PeerError as error:
             return self.reject(error)
 
     def reject(self, error: PeerError) -> Rejected:
-        """Count a message that was refused, here or by the handler that understood it."""
+        """Count a message that was refused, here or by its handler."""
         self.rejected[error.reason] += 1
         return Rejected(error)
 
     def notify(self, payload: Any, now_s: float) -> tuple[Publish, ...]:
-        """Seal once per live epoch. Raises: UsageError: the payload is not JSON, or more than a client reads."""
+        """Seal a notification for each live epoch. Raises: UsageError: not JSON, or longer than clients accept."""
         return self._sealed("notify", self._plaintext(payload, now_s))
 
     def reply(self, request: Request, data: Any, now_s: float) -> tuple[Publish, ...]:
-        """The answer to `request`, on every live epoch: the visitor may be moving from one to the next.
+        """Seal the answer to `request` for each live epoch: the visitor may be moving from one to the next.
 
-        What is shared by many is made JSON once.
+        A `SharedAnswer` is encoded once for each request number.
 
-        Raises: UsageError: the data is not JSON, or more than a client reads.
+        Raises: UsageError: the data is not JSON, or longer than clients accept.
         Source: docs/spec/link.md.
         """
         shared = data if isinstance(data, SharedAnswer) else SharedAnswer(data)
@@ -87,7 +86,7 @@ class ServerSide:
         return self._sealed(ReplyTopic(request.client_id), plaintext)
 
     def advance(self, uptime_s: float) -> tuple[Ask, ...]:
-        """Rotate, or end an overlap, if it is due."""
+        """Rotate the pin, or end an overlap, if it is due."""
         config = self.config
         since_s = uptime_s - self.rotated_at_s
         asks: tuple[Ask, ...] = ()
@@ -98,20 +97,20 @@ class ServerSide:
         return asks
 
     def rotate(self, uptime_s: float) -> tuple[Ask, ...]:
-        """Rotate although it is not due; not in an overlap, lest who sleeps through both is told of neither."""
+        """Rotate early; does nothing in an overlap, because a sleeping phone could miss both rotations."""
         return () if self.state is State.OVERLAP else self._step(Event.ROTATE_DUE, uptime_s)
 
     def restart_clock(self, uptime_s: float) -> None:
-        """The current epoch begins now; for a server that was not reachable before."""
+        """Restart the current epoch's time; for a server that was not reachable before."""
         self.rotated_at_s = uptime_s
 
     def next_due_s(self) -> float:
-        """Uptime at which `advance` has something to do."""
+        """Return the uptime at which `advance` is due next."""
         wait = self.config.overlap_s if self.state is State.OVERLAP else self.config.rotate_s
         return self.rotated_at_s + wait
 
     def reconnected(self, uptime_s: float) -> tuple[Ask, ...]:
-        """What to say again after the broker was away."""
+        """Return the messages to repeat after the connection to the broker was lost."""
         return self._step(Event.RECONNECTED, uptime_s)
 
     def _receive(self, topic: str, token: bytes, now_s: float, uptime_s: float) -> Command | Request | Knock:
@@ -148,7 +147,7 @@ class ServerSide:
             self._old, self.epoch = self.epoch, self._fresh_epoch()
             self.rotated_at_s = uptime_s
             return [Subscribe(f) for f in self._filters(self.epoch)]
-        if self._old is None:  # cannot happen: the table leaves FIRST by NEW_EPOCH only
+        if self._old is None:  # cannot happen: the table leaves FIRST only by NEW_EPOCH
             return []
         request = full_topic(self.config.root, self._old.topic, "request")
         if act is Act.SEND_PIN:
@@ -183,10 +182,10 @@ class ServerSide:
 
 def _parse_request(payload: Any, size: int) -> Request:
     if not isinstance(payload, dict):
-        raise BadPayload("a request is an object")
+        raise BadPayload("a request must be an object")
     number, client_id = payload.get("request"), payload.get("reply")
     if isinstance(number, bool) or not isinstance(number, int) or abs(number) >= 1 << 53:
-        raise BadPayload("no whole number under 'request'")
+        raise BadPayload("'request' is not an integer below 2^53")
     if not isinstance(client_id, str) or not CLIENT_ID.fullmatch(client_id):
-        raise BadPayload("no client id under 'reply'")
+        raise BadPayload("'reply' is not a client id")
     return Request(number, client_id, payload, size)

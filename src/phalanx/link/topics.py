@@ -1,6 +1,6 @@
-"""Topics: made from checked words, and taken apart again (Qrkey Table I).
+"""MQTT topics: built from validated parts, and parsed (Qrkey Table I).
 
-Only this file joins or splits a topic, so that no peer's words ever reach one unchecked.
+Only this file joins or splits topics, so no unvalidated input of a peer becomes part of one.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ CLIENT_ID = re.compile(r"[0-9A-Za-z_.:-]{1,128}", re.ASCII)
 
 
 def is_address(value: object) -> bool:
-    """Return whether a peer's value is a robot's address."""
+    """Return whether a value is a valid robot address."""
     return isinstance(value, str) and ADDRESS.fullmatch(value) is not None
 
 
 @dataclass(frozen=True, slots=True)
 class CommandTopic:
-    """Where a command for one robot goes."""
+    """Topic of a command for one robot."""
 
     address: str
     application: str
@@ -39,7 +39,7 @@ class CommandTopic:
 
 @dataclass(frozen=True, slots=True)
 class ReplyTopic:
-    """Where the answers for one client go."""
+    """Topic of the replies to one client."""
 
     client_id: str
 
@@ -52,7 +52,7 @@ SubTopic = CommandTopic | ReplyTopic | Literal["request", "notify"]
 
 
 def full_topic(root: str, epoch_topic: str, sub: SubTopic) -> str:
-    """The topic on the broker: root, the epoch's topic, and what it is about."""
+    """Return the full topic on the broker: root, the epoch's topic, and the sub-topic."""
     match sub:
         case CommandTopic(address, application, name):
             return f"{root}/{epoch_topic}/command/{SWARM}/{address}/{application}/{name}"
@@ -63,12 +63,12 @@ def full_topic(root: str, epoch_topic: str, sub: SubTopic) -> str:
 
 
 def command_filter(root: str, epoch_topic: str) -> str:
-    """Subscription for every command of an epoch, misdirected ones included: those are counted."""
+    """Return the filter for all commands of an epoch, malformed ones included: those are counted."""
     return f"{root}/{epoch_topic}/command/#"
 
 
 def split_topic(root: str, epoch_topic: str, topic: str) -> SubTopic:
-    """What `topic` is about, under this root and epoch. Raises: WrongTopic."""
+    """Parse a topic under this root and epoch. Raises: WrongTopic."""
     base = f"{root}/{epoch_topic}/"
     if not topic.startswith(base):
         raise WrongTopic("not under this root and epoch")

@@ -1,6 +1,6 @@
-"""The world of brokers, sockets and clocks.
+"""I/O of the link, radios and robots' serial lines: brokers, sockets, files and clocks.
 
-What is imported from here is loaded when it is first used: the front end, a process of its own, waits for no clients.
+Names are imported lazily, so that the front end, a separate process, starts without loading the clients.
 """
 
 from typing import TYPE_CHECKING

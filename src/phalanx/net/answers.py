@@ -1,4 +1,4 @@
-"""Requests that wait for their answers, which have a share of the event loop's time and no more."""
+"""Queue of requests, answered with a limited share of the event loop's time."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from typing import Generic, TypeVar
 
 from phalanx.errors import Overrun
 
-WAITING = 256  # requests; clients ask again
-# As they came: empty lists in a list are twenty-four times as long when they are read.
+WAITING = 256  # requests; clients repeat those that are dropped
+# In received bytes: parsed JSON can take 24 times as much, as with lists of empty lists.
 WAITING_BYTES = 256 * 1024
-REST = 2.0  # for so many times as long as it took to answer, others have the loop
+REST = 2.0  # pause after an answer, as a multiple of the time that it took
 
 Asked = TypeVar("Asked")
 
 
 class Answers(Generic[Asked]):
-    """Requests that wait, `most` of them: of one sender, and of one kind, the last. `answer` must not raise.
+    """Queue of at most `most` requests, with only the last of each sender and kind. `answer` must not raise.
 
-    The list of a thousand robots is 20 ms of work: asking for it fifty times a second must hold up no command.
+    The list of a thousand robots takes 20 ms: fifty requests a second for it must not delay commands.
     """
 
     def __init__(self, answer: Callable[[Asked], Awaitable[None]], most: int = WAITING) -> None:
@@ -32,21 +32,21 @@ class Answers(Generic[Asked]):
         self._asked = asyncio.Event()
 
     def ask(self, whose: Hashable, size: int, request: Asked) -> Asked | None:
-        """Queue a request; return the one of the same sender and kind whose place it takes, or None.
+        """Queue a request; return the request of the same sender and kind that it replaces, or None.
 
-        Raises: Overrun: too many wait.
+        Raises: Overrun: the queue is full.
         """
         before_size, before = self._waiting.get(whose, (0, None))
         grown = self._bytes + size - before_size
         if grown > self._most_bytes or (len(self._waiting) >= self._most and before is None):
-            raise Overrun("asked faster than it could be answered")
+            raise Overrun("requests arrive faster than they are answered")
         self._waiting[whose] = size, request
         self._bytes = grown
         self._asked.set()
         return before
 
     async def run(self) -> None:
-        """Answer, until cancelled."""
+        """Answer requests until cancelled."""
         while True:
             await self._asked.wait()
             _, (size, request) = self._waiting.popitem(last=False)

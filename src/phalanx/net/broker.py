@@ -1,4 +1,4 @@
-"""Which broker to use for mode qrkey: a mosquitto of ours, or one that runs elsewhere."""
+"""Choice of the broker for mode qrkey: a mosquitto started by phalanx, or an external one."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ class RunningBroker:
 
 
 def is_ours(kind: str) -> bool:
-    """Return whether a broker of ours is asked for. Raises: UsageError: one that phalanx no longer has."""
+    """Return whether phalanx is to start the broker. Raises: UsageError: a kind that phalanx no longer has."""
     if kind in GONE:
-        hint = f"--broker {MOSQUITTO}, or a URL; phalanx up needs none: visitors reach this machine itself"
-        raise UsageError(f"there is no --broker {kind} any more", hint)
+        hint = f"use --broker {MOSQUITTO} or a URL; phalanx up needs no broker if visitors reach this machine"
+        raise UsageError(f"--broker {kind} no longer exists", hint)
     return kind == MOSQUITTO
 
 
@@ -48,24 +48,26 @@ async def open_broker(
     tcp_port: int = 0,
     ws_port: int = 0,
 ) -> AsyncIterator[RunningBroker]:
-    """Yield the broker that `kind` asks for: mosquitto, which is started, or a URL.
+    """Start mosquitto, or parse the URL of an external broker; yield the broker.
 
-    Of a broker elsewhere, `login` is for it and `websocket` its URL for browsers, where `kind` does not tell that. Ours
-    listens for browsers at `ws_host`, loopback unless asked; ports of 0 are 1883 and 9001 or any free ones.
-
-    Raises: UsageError: a bad URL, or what is for a broker elsewhere given for ours. Unavailable: ours fails, or is not
-        installed.
+    Args:
+        kind: "mosquitto", or the URL of an external broker.
+        login: for an external broker.
+        websocket: URL of an external broker for browsers, if it does not follow from `kind`.
+        ws_host: address on which mosquitto listens for browsers.
+        tcp_port, ws_port: ports of mosquitto; 0: 1883 and 9001 if they are free, else any.
+    Raises: UsageError: a bad URL, or `websocket` with mosquitto. Unavailable: mosquitto fails, or is not installed.
     """
     sweep()
     if not is_ours(kind):
         url = parse_broker_url(kind, login)
         if "://" not in kind:
             meant = did_you_mean(kind, (MOSQUITTO,)) if "." not in kind else ""  # test.mosquitto.org is a host
-            log.warning("%r is taken for a host: %s; hint: %s%s, or a URL", kind, url, meant, MOSQUITTO)
+            log.warning("%r is used as a host: %s; hint: %suse %s, or a URL", kind, url, meant, MOSQUITTO)
         yield RunningBroker("external", url, for_browsers(websocket) or websocket_of(url))
         return
     if websocket:
-        raise UsageError("a websocket address for a broker of our own", "give it with a --broker URL only")
+        raise UsageError("--broker-ws without an external broker", "use it only with a --broker URL")
     async with contextlib.AsyncExitStack() as stack:
 
         async def start() -> tuple[int, int]:
@@ -79,10 +81,10 @@ async def open_broker(
 
 
 def for_browsers(websocket: str) -> str:
-    """Return a broker's URL for browsers, whole, or "". Raises: UsageError: not a URL, or not by websocket."""
+    """Return a broker's complete URL for browsers, or "". Raises: UsageError: not a URL, or not a websocket."""
     if not websocket:
         return ""
     at = parse_broker_url(websocket)
     if not at.websockets:
-        raise UsageError(f"browsers cannot use {at}", "a ws:// or wss:// URL")
+        raise UsageError(f"browsers cannot use {at}", "use a ws:// or wss:// URL")
     return str(at)

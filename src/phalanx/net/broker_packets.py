@@ -1,4 +1,4 @@
-"""What a broker sends, packet by packet: nothing that is dear to hold or to parse.
+"""Splitting of a broker's byte stream into MQTT packets; packets that are expensive to hold or to parse are dropped.
 
 Source: MQTT 3.1.1 and 5.0, §2 and §3.3.
 """
@@ -11,47 +11,47 @@ import aiomqtt
 
 from phalanx.errors import TooLarge, WrongTopic
 
-MAX_PACKET_BYTES = 2 * 1024 * 1024  # above the largest message a client reads: 1 MiB of plaintext, 4/3 of that sealed
-MAX_TOPIC_BYTES = 1024  # above the longest topic of ours, under the longest root
-MAX_PROPERTIES_BYTES = 256  # nobody here reads any
-MAX_ANSWER_BYTES = 512  # of a broker to what we asked of it: paho reads properties in a time that grows with its square
+MAX_PACKET_BYTES = 2 * 1024 * 1024  # above the largest message to a client: 1 MiB of plaintext, 4/3 of that sealed
+MAX_TOPIC_BYTES = 1024  # above the longest topic of phalanx under the longest root
+MAX_PROPERTIES_BYTES = 256  # properties are not used
+MAX_ANSWER_BYTES = 512  # limit of other packets: paho's time for properties grows with the square of their number
 PUBLISH, QOS = 0x30, 0x06
 
 
 class BrokerFaultError(aiomqtt.MqttError):
-    """The broker sent what no broker sends: it is left."""
+    """The broker violated the protocol; the connection is closed."""
 
 
 class Arrived(NamedTuple):
-    """A message."""
+    """Message that the broker delivered."""
 
     topic: str
     payload: bytes
 
     @property
     def size(self) -> int:
-        """Bytes that it takes."""
+        """Return the size of topic and payload, bytes."""
         return len(self.topic) + len(self.payload)
 
 
 class Answer(NamedTuple):
-    """Any other packet: its first byte, and what follows its length."""
+    """Packet other than PUBLISH: its first byte, and the bytes after its length."""
 
     first: int
     body: bytearray
 
 
 class BrokerPackets:
-    """One connection's stream, cut; of a version of MQTT, 5 or 4."""
+    """Packets of one connection's stream, for MQTT version 5 or 4."""
 
     def __init__(self, mqtt: int) -> None:
         self._mqtt = mqtt
         self._came = bytearray()
-        self._at = 0  # what is before that is done with
-        self._skip = 0  # bytes to come of a message that is dropped
+        self._at = 0  # offset of the first unprocessed byte
+        self._skip = 0  # bytes still to come of a message that is dropped
 
     def add(self, data: bytes) -> None:
-        """More of the stream. What was not cut yet is copied: cut all of it before."""
+        """Append bytes of the stream. Call `next` until it returns None before, as unprocessed bytes are copied."""
         del self._came[: self._at]
         self._at = 0
         skipped = min(self._skip, len(data))
@@ -59,7 +59,7 @@ class BrokerPackets:
         self._came += data[skipped:] if skipped else data
 
     def next(self) -> Arrived | Answer | None:
-        """Return the next whole packet, if any. Raises: TooLarge, WrongTopic: one is dropped; BrokerFaultError."""
+        """Return the next complete packet, if any. Raises: TooLarge, WrongTopic: it was dropped; BrokerFaultError."""
         came, at = self._came, self._at
         body = self._body(at)
         if body is None:
@@ -68,7 +68,7 @@ class BrokerPackets:
         first, end = came[at], begin + length
         if first & 0xF0 != PUBLISH:
             if length > MAX_ANSWER_BYTES:
-                raise BrokerFaultError("an answer of absurd length")
+                raise BrokerFaultError(f"packet of type {first >> 4} with {length} bytes")
             if end > len(came):
                 return None
             self._at = end
@@ -82,7 +82,7 @@ class BrokerPackets:
         return self._message(first, begin, end)
 
     def _body(self, at: int) -> tuple[int, int] | None:
-        """Where it begins, and how long it is; None as long as that has not come."""
+        """Return the offset and the length of the body after a length field; None if that is incomplete."""
         length = 0
         for i in range(4):
             if at + 1 + i >= len(self._came):
@@ -91,25 +91,25 @@ class BrokerPackets:
             length |= (byte & 127) << 7 * i
             if byte < 128:
                 return at + 2 + i, length
-        raise BrokerFaultError("a length without an end")
+        raise BrokerFaultError("malformed length")
 
     def _message(self, first: int, begin: int, end: int) -> Arrived:
         came = self._came
         topic_end = begin + 2 + int.from_bytes(came[begin : begin + 2], "big")
-        if first & QOS or topic_end > end:  # nothing but QoS 0 is subscribed to; more would be kept until it ends
-            raise BrokerFaultError("not what was subscribed to")
+        if first & QOS or topic_end > end:  # subscriptions have QoS 0; paho would keep messages of a higher one
+            raise BrokerFaultError("malformed PUBLISH, or QoS above 0")
         if topic_end - begin > MAX_TOPIC_BYTES:
             raise TooLarge(f"topic of {topic_end - begin} bytes")
         payload = topic_end
         if self._mqtt == 5:
             body = self._body(topic_end - 1) if topic_end < end else None
             if body is None or sum(body) > end:
-                raise BrokerFaultError("properties that do not end")
+                raise BrokerFaultError("malformed properties")
             if body[1] > MAX_PROPERTIES_BYTES:
-                raise TooLarge("properties that nobody reads")
+                raise TooLarge(f"properties of {body[1]} bytes")
             payload = sum(body)
         try:
             topic = came[begin + 2 : topic_end].decode()
         except UnicodeDecodeError:
-            raise WrongTopic("not UTF-8") from None
+            raise WrongTopic("topic is not UTF-8") from None
         return Arrived(topic, bytes(memoryview(came)[payload:end]))

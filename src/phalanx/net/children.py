@@ -1,4 +1,4 @@
-"""Children of ours: they end when we do, and what they complain of is in our log."""
+"""Child processes: they end with this process, are restarted when they fail, and their stderr goes to the log."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ COMPLAINT_BYTES, COMPLAINTS_APART_S = 500, 1.0
 END_TIMEOUT_S = 1.0
 RESTART_S = 0.3
 PROBE_EVERY_S, PROBE_TIMEOUT_S, PROBES = 1.0, 3.0, 2
-BEGINS_WITHIN_S = 20.0  # on a busy machine it takes its time to begin; one that hangs before is no other
+BEGINS_WITHIN_S = 20.0  # time to start on a busy machine, before a child counts as hanging
 
 
 def die_with_parent(most_bytes: int = 0) -> None:
-    """Have the calling child end when we do, even if we are killed outright; limit its memory to `most_bytes`."""
+    """In a child: end when the parent does, even if that is killed; limit the memory to `most_bytes`, if not 0."""
     if most_bytes:
         resource.setrlimit(resource.RLIMIT_DATA, (most_bytes, most_bytes))
     if sys.platform == "linux":
@@ -38,32 +38,32 @@ def die_with_parent(most_bytes: int = 0) -> None:
 
 
 def end_with(parent: int) -> None:
-    """Called in a child that is a program of ours, first of all: it ends when its parent does."""
+    """In a Python child, first of all: end when the parent does, or now if it has ended already."""
     die_with_parent()
     if os.getppid() != parent:
         sys.exit()
 
 
-def a_python_child(module: str, *words: str, pass_fds: Sequence[int] = ()) -> Child:
-    """A module of ours as a child, which is told our process's number first, and calls `end_with` with that.
+def a_python_child(module: str, *arguments: str, pass_fds: Sequence[int] = ()) -> Child:
+    """Start a module of phalanx as a child; its first argument is the parent's process id, for `end_with`.
 
-    So it needs no `preexec_fn`: for that Python copies a gateway's memory, and the event loop waits for it.
+    This needs no `preexec_fn`, for which Python would copy the gateway's memory while the event loop waits.
     """
-    return a_child(sys.executable, "-m", module, str(os.getpid()), *words, pass_fds=pass_fds, forks=False)
+    return a_child(sys.executable, "-m", module, str(os.getpid()), *arguments, pass_fds=pass_fds, forks=False)
 
 
 @contextlib.asynccontextmanager
 async def a_child(
-    *words: str, user: str | None = None, pass_fds: Sequence[int] = (), most_bytes: int = 0, forks: bool = True
+    *arguments: str, user: str | None = None, pass_fds: Sequence[int] = (), most_bytes: int = 0, forks: bool = True
 ) -> AsyncIterator[asyncio.subprocess.Process]:
-    """A program that is gone when the context is left, in whatever way, and its pipe closed."""
+    """Run a program, and end it when the context is left."""
     process = await asyncio.create_subprocess_exec(
-        *words,
+        *arguments,
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.DEVNULL,
         stderr=asyncio.subprocess.PIPE,
-        start_new_session=True,  # Ctrl-C in the terminal is for us; we end it when the last message is out
-        # Or a gateway that is killed outright left it behind.
+        start_new_session=True,  # Ctrl-C in the terminal ends only this process, which ends the child at last
+        # Otherwise the child would outlive a killed gateway.
         preexec_fn=partial(die_with_parent, most_bytes) if forks else None,
         user=user,
         pass_fds=pass_fds,
@@ -75,31 +75,31 @@ async def a_child(
             with contextlib.suppress(ProcessLookupError, TimeoutError):
                 process.terminate()
                 await asyncio.wait_for(process.wait(), END_TIMEOUT_S)
-        finally:  # also if we are cancelled once more meanwhile
+        finally:  # also after another cancellation
             with contextlib.suppress(ProcessLookupError):
                 process.kill()
-            # Waiting alone would leave the pipe to the garbage collector, which finds the event loop closed.
+            # `wait` alone would leave the pipe open until the garbage collector finds it, after the event loop's end.
             await process.communicate()
 
 
 async def answer(host: str, port: int, said: bytes, length: int) -> bytes | None:
-    """Return so many bytes that answer `said`; b"" if they do not come in time, None if we could not even ask."""
+    """Send `said`, and return `length` bytes of the answer; b"" if it is missing or late, None if out of resources."""
     writer = None
-    try:  # by hand, for nothing of it may outlive a cancellation
+    try:  # closed explicitly, because no connection may outlive a cancellation
         async with asyncio.timeout(PROBE_TIMEOUT_S):
             reader, writer = await asyncio.open_connection(host, port)
             writer.write(said)
             return await reader.readexactly(length)
     except (TimeoutError, asyncio.IncompleteReadError, ConnectionError):
         return b""
-    except OSError:  # we are out of files or of ports: that says nothing of who listens there
+    except OSError:  # out of files or ports on this side: no statement about the server
         return None
     finally:
         if writer is not None:
             writer.transport.abort()
 
 
-Probe = Callable[[], Awaitable[bool | None]]  # whether a child serves, or None if nobody knows
+Probe = Callable[[], Awaitable[bool | None]]  # returns whether a child serves; None: unknown
 Begins = Callable[[asyncio.subprocess.Process], Awaitable[None]]
 
 
@@ -107,7 +107,7 @@ Begins = Callable[[asyncio.subprocess.Process], Awaitable[None]]
 async def kept(
     name: str, child: Callable[[], Child], serves: Probe, begins: Begins | None = None
 ) -> AsyncIterator[None]:
-    """Keep a child running; `begins`, if given, waits until it serves. Raises: Unavailable: it does not begin."""
+    """Keep a child running; `begins`, if given, waits until it serves. Raises: Unavailable: it does not start."""
     begun: asyncio.Future[None] = asyncio.get_running_loop().create_future()
     keeper = asyncio.create_task(_keep(name, child, serves, begins, begun))
     try:
@@ -116,7 +116,7 @@ async def kept(
             try:
                 keeper.result()
             except OSError as error:
-                raise Unavailable(f"{name} does not start: {error.strerror}", "phalanx doctor") from error
+                raise Unavailable(f"{name} does not start: {error.strerror}", "run phalanx doctor") from error
         yield
     finally:
         keeper.cancel()
@@ -138,28 +138,28 @@ async def _keep(
                     await _repeat(process, name)
                 finally:
                     watching.cancel()
-                log.warning("%s ended (%s); starting it again", name, await process.wait())
-        except (Unavailable, OSError) as error:  # OSError: out of files or processes, for the moment
+                log.warning("%s ended (%s); restarting it", name, await process.wait())
+        except (Unavailable, OSError) as error:  # OSError: out of files or processes, perhaps temporarily
             if not begun.done():
                 raise
-            log.error("%s; trying again", error)  # noqa: TRY400  # the trace says nothing more
+            log.error("%s; trying again", error)  # noqa: TRY400  # a traceback would add nothing
             await asyncio.sleep(1)
         await asyncio.sleep(RESTART_S)
 
 
 async def _repeat(process: asyncio.subprocess.Process, name: str) -> None:
-    """Log what it complains of, until it ends; not all of it, for strangers can make it complain of them."""
+    """Log a child's stderr until it ends; at most a line per second, because strangers can cause messages."""
     assert process.stderr is not None
     quiet_until_s = 0.0
-    while said := await process.stderr.read(COMPLAINT_BYTES):
+    while raw := await process.stderr.read(COMPLAINT_BYTES):
         if time.monotonic() >= quiet_until_s:
-            line = said.decode(errors="replace").strip()
+            line = raw.decode(errors="replace").strip()
             log.warning("%s: %s", name, "".join(c if c.isprintable() else " " for c in line))
             quiet_until_s = time.monotonic() + COMPLAINTS_APART_S
 
 
 async def _watch(name: str, process: asyncio.subprocess.Process, serves: Probe, *, serves_already: bool) -> None:
-    """End one that lives but serves no longer: stopped, or its memory full. Runs until cancelled."""
+    """Kill a child that no longer serves, because it is stopped or out of memory. Runs until cancelled."""
     failures, patient_until_s = 0, time.monotonic() + BEGINS_WITHIN_S
     while failures < PROBES or not (serves_already or time.monotonic() > patient_until_s):
         await asyncio.sleep(PROBE_EVERY_S)
@@ -169,4 +169,4 @@ async def _watch(name: str, process: asyncio.subprocess.Process, serves: Probe, 
             failures = 0 if does else failures + 1
     log.warning("%s does not serve", name)
     with contextlib.suppress(ProcessLookupError):
-        process.kill()  # a stopped process hears nothing else
+        process.kill()  # a stopped process reacts to no other signal

@@ -1,7 +1,7 @@
-"""A connection to a broker that comes back by itself.
+"""MQTT connection that reconnects by itself.
 
-After every connect it subscribes again to whatever should be subscribed to *now*: a broker that was restarted remembers
-nothing, and the published server, which does not ask again, stays deaf from then on.
+After every connect it subscribes to all current topics: a restarted broker has lost the subscriptions. The published
+server does not subscribe again, and receives nothing after such a restart.
 """
 
 from __future__ import annotations
@@ -35,47 +35,47 @@ from .websocket import by_websocket
 
 log = logging.getLogger(__name__)
 _SILENT = logging.getLogger(f"{__name__}.paho")
-_SILENT.setLevel(logging.CRITICAL + 1)  # it quotes what peers send
+_SILENT.setLevel(logging.CRITICAL + 1)  # paho's log contains messages of peers
 
 KEEPALIVE_S = 60
-# From a broker's return to the first retry: the last wait before it, 1.5 s with jitter, well below the 5 s we promise.
+# A broker that is back is retried within the last wait, at most 1.5 s with jitter; the promise is 5 s.
 FIRST_RETRY_S, LAST_RETRY_S = 0.2, 1.0
 CONNECT_TIMEOUT_S = 5.0
 # CONNACK codes of MQTT 3.1.1 and 5: bad credentials, not authorized; unacceptable protocol version.
 REFUSED_LOGIN = frozenset({4, 5, 134, 135})
 REFUSED_VERSION = frozenset({1, 132})
-LOGIN_HINT = "--broker-login, or set PHALANX_BROKER_USERNAME and PHALANX_BROKER_PASSWORD"
+LOGIN_HINT = "use --broker-login, or set PHALANX_BROKER_USERNAME and PHALANX_BROKER_PASSWORD"
 _ERRNO = re.compile(r"\[Errno (-?\d+)\]")
 _CODE = re.compile(r"^\[code:\d+\] ")
 _MISTRUST = re.compile(r"certificate verify failed: (.*?)\.?(?: \(_ssl|$)")
-# What libraries say that only they understand.
+# Clear texts for error messages of libraries.
 _PLAIN = {
     "WRONG_VERSION_NUMBER": "no TLS there",
-    "Disconnected during message iteration": "it hung up",
+    "Disconnected during message iteration": "it closed the connection",
 }
 DENIED = 0x80  # SUBACK codes from here on are refusals, in 3.1.1 and 5
 
 
 class LoginRefused(Unavailable):
-    """The broker takes nobody of this name and password."""
+    """The broker refused the user name and password, or requires a login."""
 
 
 class _DeniedError(aiomqtt.MqttError):
-    """The broker answered a subscription, and did not grant it."""
+    """The broker refused a subscription."""
 
 
 class Connection:
-    """One MQTT client.
+    """MQTT client that stays connected to one broker.
 
     Args:
-        broker: where.
-        name: for the log; the MQTT client id is random and known to nobody else, who could use it to take over.
-        subscriptions: filters that should be subscribed to, asked at every connect.
+        broker: address of the broker.
+        name: for the log. The MQTT client id is random and secret: another client with the same id could replace it.
+        subscriptions: returns the filters to subscribe to; called at every connect.
         on_message: awaited with each message's topic and payload, in order.
-        on_connect: called after each connect and subscribe; true for a reconnect.
-        mqtt: protocol version to begin with, 5 or 4; the other is tried if the broker refuses it.
-        on_dropped: called for every message that was dropped unread, for it is too large, say; overruns are counted.
-        stale_s: what waits longer, with many behind it, is dropped.
+        on_connect: awaited after each connect and subscribe; its argument is true for a reconnect.
+        mqtt: protocol version to try first, 5 or 4; the other follows if the broker refuses it.
+        on_dropped: called for each message dropped unread, such as one that is too large; overruns are only counted.
+        stale_s: age beyond which a queued message is dropped if many wait behind it.
     """
 
     def __init__(
@@ -94,9 +94,9 @@ class Connection:
         self.mqtt = mqtt
         self.connected = asyncio.Event()
         self.reconnects = 0
-        self.overruns = 0  # messages that came faster than they were read: only counted, for they come in thousands
-        self.trouble = ""
-        self.waited_s = 0.0  # how long the message being handled lay here unread
+        self.overruns = 0  # messages dropped because the queue was full; only counted, as there may be thousands
+        self.trouble = ""  # error of the last attempt, or ""
+        self.waited_s = 0.0  # time that the current message waited in the queue
         self._name = name
         self._subscriptions = subscriptions
         self._on_message = on_message
@@ -107,32 +107,32 @@ class Connection:
         self._cut: BaseException | None = None
         self._lifetime = asyncio.timeout(None)
         self._ever = False
-        self._told_later = 0  # who waits for a time only, and is told then what is wrong
+        self._waits = 0  # callers with a timeout in wait_connected, which report the error themselves
 
     def start(self) -> asyncio.Task[None]:
-        """Stay connected until the task that this returns is cancelled.
+        """Start the task that keeps the connection until it is cancelled.
 
-        It ends with `Unavailable` if the broker refuses the login or cannot be trusted before the first connect.
+        Before the first connect it raises `Unavailable` if the broker refuses the login or has no valid certificate.
         """
         self._running = asyncio.create_task(self._run())
         return self._running
 
     async def wait_connected(self, timeout_s: float | None = None) -> None:
-        """Wait for the broker, for ever unless told otherwise.
+        """Wait until the broker is connected.
 
-        Raises: TimeoutError: says which broker, and what is wrong. Unavailable: it refused the login, or cannot be
-            trusted.
+        Raises: TimeoutError: with the broker's address and the last error. Unavailable: it refused the login, or has
+            no valid certificate.
         """
         assert self._running is not None, "start() comes first"
         connected = asyncio.create_task(self.connected.wait())
-        self._told_later += timeout_s is not None
+        self._waits += timeout_s is not None
         try:
             done, _ = await asyncio.wait(
                 (connected, self._running), timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED
             )
         finally:
             connected.cancel()
-            self._told_later -= timeout_s is not None
+            self._waits -= timeout_s is not None
         if self._running in done:
             self._running.result()
         if not done:
@@ -154,10 +154,10 @@ class Connection:
             await asyncio.sleep(wait_s * random.uniform(0.5, 1.5))  # noqa: S311  # spreads retries, hides nothing
 
     async def send(self, asks: Iterable[Ask]) -> bool:
-        """Carry out what a side of the link asks; false if the broker is away: then it is not done, now or later.
+        """Carry out requests to the broker; return false if it is unreachable: then they are dropped.
 
-        Nothing is queued for a broker that is away: a joystick's command must not come true a minute late. Only what
-        should be subscribed to is made good: by connecting anew, if a subscription fails.
+        Nothing is queued for an unreachable broker, because a joystick's command must not take effect a minute late.
+        A failed subscription leads to a reconnect, which subscribes to all current topics.
         """
         before = _cancellations()
         sent = await self._send(asks)
@@ -186,7 +186,7 @@ class Connection:
         return True
 
     async def _live(self) -> None:
-        # paho connects in a thread that nothing can stop: an unreachable host would block Ctrl-C.
+        # paho connects in a thread that cannot be cancelled: with an unreachable host it would block Ctrl-C.
         await self._reach()
         async with contextlib.AsyncExitStack() as stack:
             way = None
@@ -219,12 +219,12 @@ class Connection:
         async with client, asyncio.timeout(None) as self._lifetime:
             await self._subscribe_to_all(client)
             _heed_cancelling()
-            # No await from the last look at the subscriptions to here: what changes later finds a client to tell.
+            # No await between the last check of the subscriptions and here, so that no later change is missed.
             self._client = client
             self.trouble = ""
             if self._ever:
                 self.reconnects += 1
-            level = logging.WARNING if self._ever else logging.INFO  # who read that it was lost reads that it is back
+            level = logging.WARNING if self._ever else logging.INFO  # same level as the message of the loss
             log.log(level, "connected to %s, MQTT %s", self.broker, "5" if self.mqtt == 5 else "3.1.1")
             self.connected.set()
             again, self._ever = self._ever, True
@@ -235,7 +235,7 @@ class Connection:
                 async for first in client.messages:
                     until_s, message = time.monotonic() + READ_FOR_S, cast("Arrived", first)
                     await self._on_message(*message)
-                    # aiomqtt takes some turns of the loop for each; as many more may have come in each.
+                    # aiomqtt needs some turns of the event loop per message: process all queued ones in this turn.
                     while not incoming.empty() and time.monotonic() < until_s:
                         await self._on_message(*incoming.get_nowait())
             finally:
@@ -249,10 +249,10 @@ class Connection:
         self.waited_s = waited_s
 
     async def _subscribe_to_all(self, client: aiomqtt.Client) -> None:
-        """The broker knows what should be subscribed to now, which may have changed while it was told."""
+        """Subscribe to all current topics, until they no longer change in the meantime."""
         known: tuple[str, ...] = ()
         while (wanted := tuple(self._subscriptions())) != known:
-            # All at once: on a broker there are topics of a thousand sessions, and it may be far.
+            # Concurrently: there may be topics of a thousand sessions, and a long round trip.
             await asyncio.gather(
                 *(_subscribe(client, topic) for topic in wanted if topic not in known),
                 *(client.unsubscribe(topic) for topic in known if topic not in wanted),
@@ -265,59 +265,59 @@ class Connection:
         writer.close()
 
     def _down(self, error: BaseException) -> None:
-        words = _in_words(error)
+        reason = _in_words(error)
         if isinstance(error, _DeniedError):
-            told = f"the broker at {self.broker} {words}; trying again"
+            message = f"the broker at {self.broker} {reason}; trying again"
         elif self._ever:
-            told = f"lost the broker at {self.broker} ({words}); trying again"
+            message = f"lost the broker at {self.broker} ({reason}); trying again"
         else:
-            self._not_yet(error, words)
-            told = f"no broker at {self.broker} yet ({words}); waiting for it"
-        if words != self.trouble:  # once, not at every try
-            log.log(logging.WARNING if self._ever or not self._told_later else logging.INFO, "%s", told)
-        self.trouble = words
+            self._not_yet(error, reason)
+            message = f"no broker at {self.broker} yet ({reason}); waiting for it"
+        if reason != self.trouble:  # once, not at every attempt
+            log.log(logging.WARNING if self._ever or not self._waits else logging.INFO, "%s", message)
+        self.trouble = reason
 
-    def _not_yet(self, error: BaseException, words: str) -> None:
-        """Deal with a broker that was never reached: end if waiting is no use, or try its other version."""
+    def _not_yet(self, error: BaseException, reason: str) -> None:
+        """Handle an error before the first connect: raise if retrying cannot help, or try the other MQTT version."""
         code = getattr(error, "rc", None)
         number = getattr(code, "value", code)
         if number in REFUSED_LOGIN:
             raise LoginRefused(
                 f"the broker at {self.broker} refused the login",
-                "its name or password is wrong" if self.broker.login else LOGIN_HINT,
+                "check user name and password" if self.broker.login else LOGIN_HINT,
             ) from error
-        if mistrust := _MISTRUST.search(words):
+        if mistrust := _MISTRUST.search(reason):
             raise Unavailable(
                 f"cannot trust the certificate of the broker at {self.broker}: {mistrust[1].lower()}",
-                "check its host name and port; SSL_CERT_FILE names the file of an authority of your own",
+                "check its host name and port; set SSL_CERT_FILE for a certificate authority of your own",
             ) from error
         if number in REFUSED_VERSION or (number is None and not _ERRNO.search(str(error))):
-            # Somebody was there and hung up (no errno): how a broker that only knows 3.1.1 refuses 5.
+            # The connection was accepted and closed (no errno): so a broker with only 3.1.1 refuses 5.
             self.mqtt = 9 - self.mqtt
 
 
 def _in_words(error: BaseException) -> str:
-    """What is wrong, in the system's words without its numbers; once, however many addresses were tried."""
+    """Return a short text for an error: the system's message without numbers, and for one address only."""
     text = str(error)
     number = _ERRNO.search(text)
-    if plain := next((plain for said, plain in _PLAIN.items() if said in text), ""):
+    if plain := next((plain for phrase, plain in _PLAIN.items() if phrase in text), ""):
         return plain
     if number is None:
         text = _CODE.sub("", text)
         return text or ("no answer" if isinstance(error, TimeoutError) else type(error).__name__)
-    # Names that are not found have numbers of their own, below 0.
+    # Errors of name resolution have negative numbers.
     return os.strerror(int(number[1])).lower() if int(number[1]) > 0 else text.partition("] ")[2].lower()
 
 
 async def _subscribe(client: aiomqtt.Client, topic: str) -> None:
     granted = await client.subscribe(topic, qos=0)
     if any(getattr(code, "value", code) >= DENIED for code in granted):
-        raise _DeniedError(f"denies us the subscription to {topic}: see its access control")
+        raise _DeniedError(f"denies the subscription to {topic}: check its access control")
 
 
 def _heed_cancelling(before: int = 0) -> None:
-    # aiomqtt may answer a cancellation with an MqttError (no answer to its DISCONNECT), or with success (wait_for
-    # before Python 3.12): we would live on, and whoever waits for our end, for ever.
+    # aiomqtt may turn a cancellation into an MqttError (no answer to its DISCONNECT) or into success (wait_for before
+    # Python 3.12): this task would go on, and its canceller would wait for ever.
     if _cancellations() > before:
         raise asyncio.CancelledError
 

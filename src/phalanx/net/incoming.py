@@ -1,4 +1,4 @@
-"""Messages that came and wait to be read: which is next, and which are dropped."""
+"""Bounded queue of received MQTT messages, which drops the newest or stale ones under load."""
 
 from __future__ import annotations
 
@@ -11,21 +11,23 @@ from collections.abc import Callable
 from .broker_packets import Arrived
 from .packets import Emptied
 
-# What may wait to be read: room for a burst of small messages, and no more memory than a small machine has.
-INCOMING_MESSAGES = 2000  # under a second of work: what waits longer is stale news and late commands
-# A server that has so many behind a message leaves what has waited so long unopened. Opened, it would be refused as
-# late, and so would all behind it: a server that works through a backlog in its order obeys nobody.
+# Limits of the queue: room for a burst of small messages, within the memory of a small machine.
+INCOMING_MESSAGES = 2000  # under a second of work
+# With a backlog of this length, messages older than STALE_S are dropped unopened. Otherwise a server that works through
+# the backlog would refuse each command as late when its turn comes.
 BACKLOG, STALE_S = 50, 0.2
 INCOMING_BYTES = 64 * 1024 * 1024
 
 
 class Incoming(asyncio.Queue[Arrived]):
-    """Messages that wait to be read, bounded in number and in bytes of topic and payload; the newest are dropped.
+    """Queue bounded in messages and in bytes of topic and payload; a message beyond the bounds is dropped.
 
-    Of more than a few those that have waited longer than `stale_s` are dropped as well, whosesoever they are.
+    With a backlog, messages that have waited longer than `stale_s` are dropped as well.
 
-    `on_overrun` is called for every message that is dropped, `on_read` for every one that is read, with the seconds it
-    has waited here; `emptied` tells since when a message that comes now may have waited.
+    Args:
+        on_overrun: called for each message that is dropped.
+        emptied: time since which a message that arrives now may have waited in the socket.
+        on_read: called for each message that is read, with its waiting time in seconds.
     """
 
     def __init__(
@@ -43,18 +45,18 @@ class Incoming(asyncio.Queue[Arrived]):
         self._on_read = on_read
         self._on_overrun = on_overrun
         self._room_bytes = max_bytes
-        self._row: deque[tuple[float, Arrived]] = deque()  # since when they may have waited, and they
+        self._row: deque[tuple[float, Arrived]] = deque()  # messages, each with the earliest time of its arrival
 
     def qsize(self) -> int:
-        """How many wait."""
+        """Return the number of queued messages."""
         return len(self._row)
 
     def empty(self) -> bool:
-        """Whether none waits."""
+        """Return whether the queue is empty."""
         return not self._row
 
     def put_nowait(self, message: Arrived) -> None:
-        """Take the message or drop it; never `QueueFull`."""
+        """Queue a message, or drop it; never raises `QueueFull`."""
         if len(self._row) >= self._most or message.size > self._room_bytes:
             self._on_overrun()
         else:

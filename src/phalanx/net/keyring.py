@@ -1,7 +1,7 @@
-"""What the owner of a swarm keeps: its master key, who has one, how far missions are counted, keys that sign.
+"""Key file of a swarm's owner: root of the master keys, robots that have one, the last mission number, signing keys.
 
-One file, for its owner alone, sealed with a passphrase. Whatever is to be given out is on disk first: a number that may
-have left this machine is never given again, whenever the process dies.
+The file is readable by its owner alone, and encrypted with a passphrase. It is saved before keys are handed out, so
+that no mission number is used twice, even if the process is killed.
 """
 
 from __future__ import annotations
@@ -31,11 +31,13 @@ from .private_file import write_private
 ROOT_BYTES = 32
 LAST_ROBOT, LAST_MISSION = 2**16 - 1, 2**32 - 1
 SIGNERS = ("missions", "orders", "stops", "advice")
+SEE_LIST = "see phalanx keys list for the robots that have one"
+CREATE = "make one with phalanx keys create"
 
 
 @dataclass(slots=True)
 class Robot:
-    """A robot whose trusted nodes have a master key; times are ISO dates, UTC, "" for never."""
+    """Robot whose trusted nodes have a master key; times are ISO dates, UTC, "" for never."""
 
     given: str
     retired: str = ""
@@ -43,11 +45,11 @@ class Robot:
 
 @dataclass(slots=True, repr=False)
 class Keys:
-    """What the file says once it is open. `root` is what all masters are made of; signing keys are Ed25519, raw."""
+    """Content of the key file. Master keys are derived from `root`; signing keys are raw Ed25519 keys."""
 
     name: str
     root: bytes
-    missions: int = 0  # the highest number given out
+    missions: int = 0  # highest mission number in use
     robots: dict[int, Robot] = field(default_factory=dict)
     signers: dict[str, bytes] = field(default_factory=dict)
 
@@ -56,48 +58,48 @@ class Keys:
 
     @classmethod
     def new(cls, name: str) -> Keys:
-        """Keys of a swarm that has no robots yet."""
+        """Generate the keys of a swarm without robots."""
         return cls(name, secrets.token_bytes(ROOT_BYTES), signers={who: _new_signer() for who in SIGNERS})
 
     def provision(self, robot: int, now: str) -> bytes:
-        """The master key of one robot's nodes, 20 bytes, given once.
+        """Return the master key for one robot's nodes, 20 bytes; possible only once for each robot.
 
-        Each robot has its own, so that the next mission can leave out one that was lost; RoboRebound §3.2 has one for
-        all. Nodes do not notice: a key is sealed for each. Raises: UsageError: the number is no robot's, or has a key.
+        Each robot has its own, so that the next mission can exclude a lost robot; RoboRebound §3.2 has one for all.
+        This makes no difference to the nodes. Raises: UsageError: the number is out of range, or has a key.
         """
         if not 1 <= robot <= LAST_ROBOT:
-            raise UsageError(f"robot {robot}", f"1 to {LAST_ROBOT}")
+            raise UsageError(f"no robot can have the number {robot}", f"use 1 to {LAST_ROBOT}")
         if robot in self.robots:
             given = self.robots[robot].given
-            raise UsageError(f"robot {robot} was given its master key on {given}", "once only: take another number")
+            raise UsageError(f"robot {robot} got its master key on {given}", "use another number: each gets one key")
         self.robots[robot] = Robot(now)
         return self._master(robot)
 
     def master(self, robot: int) -> bytes:
-        """Return the master key that a robot's nodes were given. Raises: UsageError: it was given none."""
+        """Return the master key of a robot's nodes. Raises: UsageError: it has none."""
         if robot not in self.robots:
-            raise UsageError(f"robot {robot} has no master key", "phalanx keys list shows who has")
+            raise UsageError(f"robot {robot} has no master key", SEE_LIST)
         return self._master(robot)
 
     def retire(self, robot: int, now: str) -> None:
-        """Leave a robot out of all missions to come. Raises: UsageError: it has no key, or was retired."""
+        """Exclude a robot from all future missions. Raises: UsageError: it has no key, or was retired."""
         if robot not in self.robots:
-            raise UsageError(f"robot {robot} has no master key", "phalanx keys list shows who has")
+            raise UsageError(f"robot {robot} has no master key", SEE_LIST)
         if self.robots[robot].retired:
             raise UsageError(f"robot {robot} was retired on {self.robots[robot].retired}")
         self.robots[robot].retired = now
 
     def issue(self) -> tuple[int, dict[int, MissionKey]]:
-        """The next mission's number, and its key, sealed for each robot that is not retired.
+        """Return the next mission's number and its key, blinded for each robot that is not retired.
 
-        To be handed out only when these keys are saved: the number counts as used from now on.
+        Save these keys before handing it out, because the number counts as used from now on.
         Raises: UsageError: there is no robot, or no number left.
         """
         living = [robot for robot, about in sorted(self.robots.items()) if not about.retired]
         if not living:
-            raise UsageError("no robot has a master key", "phalanx keys provision FILE ROBOT --out BOARD")
+            raise UsageError("no robot has a master key", "run phalanx keys provision FILE ROBOT --out BOARD")
         if self.missions >= LAST_MISSION:
-            raise UsageError("all numbers of missions are used", "new boards, and a new file of keys")
+            raise UsageError("all mission numbers are used", "make a new key file and provision new boards")
         self.missions += 1
         mission = secrets.token_bytes(KEY_BYTES)
         sealed = {
@@ -107,37 +109,37 @@ class Keys:
         return self.missions, sealed
 
     def renew(self, who: str) -> None:
-        """A new signing key for `who`; the old one is forgotten."""
+        """Replace the signing key of role `who`, one of SIGNERS."""
         self.signers[who] = _new_signer()
 
     def signer(self, who: str) -> Ed25519PrivateKey:
-        """The key that signs these, one of SIGNERS."""
+        """Return the signing key of role `who`, one of SIGNERS."""
         return Ed25519PrivateKey.from_private_bytes(self.signers[who])
 
     def public(self, who: str) -> str:
-        """What checks that, 64 hexadecimal digits."""
+        """Return the public key of role `who`, 64 hexadecimal digits."""
         return self.signer(who).public_key().public_bytes_raw().hex()
 
     def _master(self, robot: int) -> bytes:
         return hkdf_sha256(self.root, b"phalanx master key" + robot.to_bytes(2, "little"), KEY_BYTES)
 
     def plain(self) -> bytes:
-        """As it is sealed."""
+        """Encode the content of the file, before encryption."""
         signers = {who: key.hex() for who, key in self.signers.items()}
         return json.dumps(asdict(self) | {"root": self.root.hex(), "signers": signers}).encode()
 
     @classmethod
     def parse(cls, plain: bytes) -> Keys:
-        """As `plain`. Raises: CorruptData: it is not as we write it."""
+        """Parse the output of `plain`. Raises: CorruptData: not valid."""
         try:
-            told: dict[str, Any] = json.loads(plain)
-            robots = {int(robot): Robot(**about) for robot, about in told["robots"].items()}
-            # An earlier version had none for some.
-            kept = {who: _new_signer().hex() for who in ("stops", "advice")} | told["signers"]
-            signers = {who: bytes.fromhex(kept[who]) for who in SIGNERS}
-            return cls(str(told["name"]), bytes.fromhex(told["root"]), int(told["missions"]), robots, signers)
+            content: dict[str, Any] = json.loads(plain)
+            robots = {int(robot): Robot(**about) for robot, about in content["robots"].items()}
+            # Files of an earlier version lack these signing keys.
+            stored = {who: _new_signer().hex() for who in ("stops", "advice")} | content["signers"]
+            signers = {who: bytes.fromhex(stored[who]) for who in SIGNERS}
+            return cls(str(content["name"]), bytes.fromhex(content["root"]), int(content["missions"]), robots, signers)
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise CorruptData("sealed by another version") from error
+            raise CorruptData("written by another version") from error
 
 
 def _new_signer() -> bytes:
@@ -145,15 +147,15 @@ def _new_signer() -> bytes:
 
 
 def pem(key: Ed25519PrivateKey) -> bytes:
-    """A signing key as a file of its own; whoever reads it signs."""
+    """Return a signing key as an unencrypted PEM file, which has to be kept secret."""
     return key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
 
 
 def create(path: Path, name: str, passphrase: str) -> Keys:
-    """A new file of keys. Raises: UsageError: something of that name is there; Unavailable: it cannot be written."""
+    """Create a key file. Raises: UsageError: `path` exists; Unavailable: it cannot be written."""
     with _alone(path):
         if path.exists() or path.is_symlink():
-            raise UsageError(f"{path} is there already", "keys are never overwritten; take another name")
+            raise UsageError(f"{path} exists already", "use another name: existing keys are never overwritten")
         keys = Keys.new(name)
         _write(path, keys, Lock.of(passphrase, secrets.token_bytes(SALT_BYTES)))
     return keys
@@ -161,7 +163,7 @@ def create(path: Path, name: str, passphrase: str) -> Keys:
 
 @contextlib.contextmanager
 def opened(path: Path, passphrase: str, new_passphrase: str = "") -> Iterator[Keys]:
-    """Yield a file's keys; save what the body changed. Raises: UsageError: not ours alone, or damaged; Unavailable."""
+    """Yield a file's keys, and save changes. Raises: UsageError: damaged, or others may read it; Unavailable."""
     with _alone(path):
         try:
             lock, plain = unlock(read_sealed(path), passphrase)
@@ -169,7 +171,7 @@ def opened(path: Path, passphrase: str, new_passphrase: str = "") -> Iterator[Ke
         except CorruptData as error:
             raise UsageError(f"{path} is damaged: {error}", "restore it from a backup") from error
         except NotAuthentic as error:
-            raise UsageError(f"{path} was sealed with another passphrase", "the one it was made with") from error
+            raise UsageError(f"wrong passphrase for {path}", "use the one with which it was created") from error
         if new_passphrase:
             lock = Lock.of(new_passphrase, secrets.token_bytes(SALT_BYTES))
         yield keys
@@ -179,12 +181,12 @@ def opened(path: Path, passphrase: str, new_passphrase: str = "") -> Iterator[Ke
 
 @contextlib.contextmanager
 def _alone(path: Path) -> Iterator[None]:
-    # A file of its own: that of the keys is another with each change.
+    # A separate lock file, because each change replaces the key file.
     beside = path.with_name(f".{path.name}.lock")
     try:
         lock = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
     except OSError as error:
-        raise UsageError(f"cannot keep keys in {path}: {error.strerror}", "a folder that is yours") from error
+        raise UsageError(f"cannot keep keys in {path}: {error.strerror}", "use a folder that you own") from error
     try:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield
@@ -193,18 +195,17 @@ def _alone(path: Path) -> Iterator[None]:
 
 
 def read_sealed(path: Path) -> bytes:
-    """Return a file of keys, still sealed. Raises: UsageError: there is none, or others may read it."""
+    """Return the encrypted content of a key file. Raises: UsageError: there is none, or others may read it."""
     try:
         with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
             status = os.fstat(file.fileno())
             if not stat.S_ISREG(status.st_mode):
-                raise UsageError(f"{path} is no file", "phalanx keys create makes one")
+                raise UsageError(f"{path} is not a regular file", CREATE)
             if status.st_mode & 0o077:
-                raise UsageError(f"others may read {path}", f"chmod 600 {path}")
+                raise UsageError(f"other users may read {path}", f"chmod 600 {path}")
             return file.read(LIMIT + 1)
     except OSError as error:
-        hint = "phalanx keys create makes one"
-        hint = file_meant(path, hint) if isinstance(error, FileNotFoundError) else hint
+        hint = file_meant(path, CREATE) if isinstance(error, FileNotFoundError) else CREATE
         raise UsageError(f"cannot read {path}: {error.strerror}", hint) from error
 
 

@@ -1,6 +1,6 @@
-"""mosquitto as a supervised child, for those who want to try a broker: started again when it dies.
+"""mosquitto as a supervised child process, restarted when it ends; for trying out a broker.
 
-Everybody may connect and publish there, as on any broker without an access control.
+Anybody may connect and publish there, as on any broker without access control.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from .children import a_child, answer, kept
 from .ports import EVERYWHERE, LOOPBACK, PortTaken, is_free
 from .private_file import private_folder
 
-# Our own packets are small, an older page's list the largest; one of these holds up a phone's websocket for seconds.
+# Largest packet: an older page's list of robots. A packet of this size takes a phone's websocket seconds.
 PACKET_BYTES = 512 * 1024
-MEMORY_BYTES = 256 * 1024 * 1024  # mosquitto ends at more, and is started again
-QUEUED_MESSAGES = 500  # a thousand robots' list is 167 parts, twice in an overlap
+MEMORY_BYTES = 256 * 1024 * 1024  # limit of mosquitto's memory: beyond it, it ends and is restarted
+QUEUED_MESSAGES = 500  # the list of a thousand robots has 167 parts, sent twice in an overlap
 MAX_KEEPALIVE_S = 120
 CONFIG = "mosquitto.conf"
 PROBE_BYTES = 64 * 1024
 TAKEN = (os.strerror(errno.EADDRINUSE), "Unable to create websockets listener")
-START_TIMEOUT_S = 20.0  # one that fails ends by itself
+START_TIMEOUT_S = 20.0
 
 
 def find_mosquitto() -> str | None:
-    """Return the path of the mosquitto program; Debian puts it where only root's PATH looks."""
+    """Return the path of the mosquitto program; on Debian it is in a folder that only root has in PATH."""
     return shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin")
 
 
 def configuration(port: int, ws_host: str, ws_port: int) -> str:
-    """Return mosquitto.conf: TCP on loopback, and websockets at an address."""
+    """Return the text of mosquitto.conf: TCP on loopback, and websockets on `ws_host`."""
     return "\n".join(
         (
             "# written by phalanx",
@@ -52,7 +52,7 @@ def configuration(port: int, ws_host: str, ws_port: int) -> str:
             "max_inflight_messages 1",
             f"max_keepalive {MAX_KEEPALIVE_S}",
             "set_tcp_nodelay true",
-            "user root",  # where it cannot be another's: in a container without rights, say
+            "user root",  # if it cannot change its user, as in an unprivileged container
             "log_dest stderr",
             "log_type error",
             "connection_messages false",
@@ -60,7 +60,7 @@ def configuration(port: int, ws_host: str, ws_port: int) -> str:
             "max_qos 0",
             f"listener {ws_port}{'' if ws_host in EVERYWHERE else f' {ws_host}'}",
             "protocol websockets",
-            # Or 2.0.11 listens for websockets at every address.
+            # Otherwise mosquitto 2.0.11 listens for websockets on every address.
             *(() if ":" in ws_host else ("socket_domain ipv4",)),
             "max_qos 0",
             "",
@@ -69,7 +69,7 @@ def configuration(port: int, ws_host: str, ws_port: int) -> str:
 
 
 def _user() -> str | None:
-    """Return as whom to run it. If it gave up root by itself, that would undo what `die_with_parent` asks for."""
+    """Return the user to run it as. If it dropped root by itself, the setting of `die_with_parent` would be lost."""
     if os.geteuid() != 0:
         return None
     names = {entry.pw_name for entry in pwd.getpwall()}
@@ -81,10 +81,10 @@ async def mosquitto(port: int, ws_host: str, ws_port: int) -> AsyncIterator[None
     """Run mosquitto. Raises: PortTaken. Unavailable: it is not installed, or does not start."""
     program = find_mosquitto()
     if program is None:
-        raise Unavailable("mosquitto is not installed", "apt-get install mosquitto, or --broker URL")
+        raise Unavailable("mosquitto is not installed", "install it (apt-get install mosquitto), or use --broker URL")
     for each, host in ((port, LOOPBACK), (ws_port, ws_host)):
         if not is_free(each, host):
-            raise PortTaken(f"cannot listen on {host} port {each}: another program has it", "phalanx doctor")
+            raise PortTaken(f"cannot listen on {host} port {each}: another program uses it", "run phalanx doctor")
     url = BrokerUrl("mqtt", LOOPBACK, port)
     with private_folder() as folder:
         user = _write(folder, configuration(port, ws_host, ws_port))
@@ -94,7 +94,7 @@ async def mosquitto(port: int, ws_host: str, ws_port: int) -> AsyncIterator[None
 
 
 def _write(folder: Path, text: str) -> str | None:
-    """Write its configuration; return the user it runs as, None for our own."""
+    """Write its configuration; return the user to run it as, None for the current one."""
     (folder / CONFIG).touch(mode=0o600)
     (folder / CONFIG).write_text(text)
     if user := _user():
@@ -102,19 +102,19 @@ def _write(folder: Path, text: str) -> str | None:
             shutil.chown(folder / CONFIG, user)
         except OSError:
             return None
-        folder.chmod(0o711)  # it may pass
+        folder.chmod(0o711)  # that user may enter, but not list it
     return user
 
 
 async def serves(url: BrokerUrl) -> bool | None:
-    """Return whether the broker takes a connection and passes on a long message in time; None if we do not know."""
+    """Return whether the broker delivers a long message in time; None if that cannot be tested now."""
     topic = _string(f"phalanx/probe/{os.urandom(8).hex()}")
     hello = _string("MQTT") + b"\x04\x02\x00\x0a" + _string("")
     message = _packet(0x30, topic + bytes(PROBE_BYTES))
-    said = _packet(0x10, hello) + _packet(0x82, b"\x00\x01" + topic + b"\x00") + message
-    # CONNACK, SUBACK and the message itself.
-    heard = await answer(url.host, url.port, said, 4 + 5 + len(message))
-    return None if heard is None else heard.endswith(message)
+    sent = _packet(0x10, hello) + _packet(0x82, b"\x00\x01" + topic + b"\x00") + message
+    # The answer: CONNACK, SUBACK and the message itself.
+    received = await answer(url.host, url.port, sent, 4 + 5 + len(message))
+    return None if received is None else received.endswith(message)
 
 
 def _string(text: str) -> bytes:
@@ -130,33 +130,33 @@ def _packet(kind: int, body: bytes) -> bytes:
 
 
 def _listens(pid: int, port: int) -> bool:
-    """Return whether a process has the socket that listens at a port: another broker may answer there.
+    """Return whether this process owns the socket that listens at a port, as another broker may answer there.
 
-    True where nobody can tell.
+    Returns true if the system does not tell.
     """
     try:
         rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
         ours = {f"socket:[{row[9]}]" for row in rows if row[3] == "0A" and int(row[1].partition(":")[2], 16) == port}
         return any(str(each.readlink()) in ours for each in Path(f"/proc/{pid}/fd").iterdir())
     except FileNotFoundError:
-        return False  # it has ended, or is about to open or close a file: the next look tells
+        return False  # it has ended, or is just opening or closing a file: the caller tries again
     except OSError:
         return True
 
 
 async def _until_it_serves(url: BrokerUrl, process: asyncio.subprocess.Process) -> None:
-    """Wait until it serves: one that listens may yet end. Raises: PortTaken. Unavailable: it does not start."""
+    """Wait until it delivers messages. Raises: PortTaken. Unavailable: it does not start."""
     deadline, does = asyncio.get_running_loop().time() + START_TIMEOUT_S, None
     while process.returncode is None and asyncio.get_running_loop().time() < deadline:
         if (does := await serves(url)) and _listens(process.pid, url.port):
             return
         await asyncio.sleep(0.02)
     if does is None and process.returncode is None:
-        return  # we had no file left to ask it; who watches it asks on
+        return  # no file descriptor left for a test: the supervisor tests it again
     with contextlib.suppress(ProcessLookupError):
         process.kill()
     assert process.stderr is not None
-    said = (await process.stderr.read()).decode(errors="replace").strip().splitlines()
-    why = said[-1] if said else "no reason given"
+    lines = (await process.stderr.read()).decode(errors="replace").strip().splitlines()
+    why = lines[-1] if lines else "no reason given"
     failure = PortTaken if any(each in why for each in TAKEN) else Unavailable
-    raise failure(f"mosquitto does not start: {why}", "phalanx doctor")
+    raise failure(f"mosquitto does not start: {why}", "run phalanx doctor")

@@ -1,8 +1,7 @@
-"""An MQTT client that looks at every packet before anything of it is parsed.
+"""MQTT client that checks the size and form of each packet before it is parsed.
 
-paho takes a time that grows with the square of a packet's MQTT 5 properties: 100 000 empty ones, half a megabyte,
-stopped a gateway for a minute and a half. So nothing of a packet is parsed before its size and form are known to be
-cheap.
+paho's time for the MQTT 5 properties of a packet grows with the square of their number: a packet of half a megabyte
+with 100 000 empty properties blocked a gateway for 90 s. So packets that are expensive to parse are dropped first.
 """
 
 from __future__ import annotations
@@ -22,17 +21,17 @@ from phalanx.errors import PeerError, TooLarge, WrongTopic
 
 from .broker_packets import Answer, Arrived, BrokerFaultError, BrokerPackets
 
-# Other work of this loop waits no longer for packets that come without end; more than enough to empty a socket.
+# Longest time for which an endless stream of packets holds up the event loop; long enough to empty a socket.
 READ_FOR_S = 0.005
 READ_BYTES = 64 * 1024
 BEAT_S = 0.05
 
 
 class Emptied:
-    """Since when a message that is read now may have lain in the socket: since that was last known to be empty.
+    """Time at which the socket was last known to be empty: messages read now arrived after it.
 
-    The kernel does not say when a message came. While this loop is held up, or messages come faster than they are read,
-    they wait unseen.
+    The kernel does not report when a message arrived. Messages wait in the socket while the event loop is blocked, or
+    when they arrive faster than they are read.
     """
 
     def __init__(self) -> None:
@@ -40,29 +39,32 @@ class Emptied:
         self._empty = True
 
     def read(self, empty: bool) -> None:
-        """Some packets were read, and the socket was `empty` then, or not."""
+        """Record that packets were read, and whether the socket is `empty` now."""
         self._empty = empty
         if empty:
             self.at_s = time.monotonic()
 
     async def watch(self) -> None:
-        """Know of a socket from which nothing comes that it is empty; runs until cancelled."""
+        """Update the time while no packets arrive; runs until cancelled."""
         while True:
             await asyncio.sleep(BEAT_S)
-            # Since the last beat the loop has looked at the socket; whatever came before that look has been read by
-            # now. How long after that look this line runs is not known.
+            # The event loop has polled the socket since the last beat, so whatever arrived before that beat has been
+            # read. The time of the poll itself is not known.
             if self._empty:
                 self.at_s = max(self.at_s, self._beat_s)
             self._beat_s = time.monotonic()
 
 
 class CheckedClient(aiomqtt.Client):
-    """aiomqtt's client, but it reads by itself: a message never comes to paho, and what does is cheap to parse.
+    """aiomqtt client with its own reading: messages bypass paho, and paho parses only small packets.
 
-    paho asks the system three times for each packet, and takes 60 µs for it; other threads have their turn at each.
+    paho makes three system calls and needs 60 µs for each packet, and other threads may run at each call.
 
-    `way` is a socket by which the broker is reached already, if it is. `arrived` takes the messages, `on_dropped` is
-    told of every one that is dropped, `emptied` when the socket is empty.
+    Args:
+        way: a socket that is connected to the broker already, if there is one.
+        arrived: called with each message.
+        on_dropped: called with the error for each message that is dropped.
+        emptied: updated when the socket is empty.
     """
 
     def __init__(
@@ -80,13 +82,13 @@ class CheckedClient(aiomqtt.Client):
         self._again: asyncio.Handle | None = None
         paho: Any = self._client
         self._packets = BrokerPackets(5 if paho._protocol == aiomqtt.ProtocolVersion.V5 else 4)  # noqa: SLF001
-        # Or what aiomqtt raises on would end this loop.
+        # Otherwise an exception in a callback of aiomqtt would end the reading.
         paho.suppress_exceptions = True
         self._dial, paho._create_socket_connection = paho._create_socket_connection, self._dialled  # noqa: SLF001
         self._way = way
 
     async def __aenter__(self) -> Self:
-        # paho connects in a thread that nothing can stop: whatever happens here, it has no way left then.
+        # paho connects in a thread that cannot be cancelled: closing its socket makes it fail.
         try:
             async with asyncio.timeout(self.timeout):
                 return await super().__aenter__()
@@ -101,11 +103,11 @@ class CheckedClient(aiomqtt.Client):
 
     def _dialled(self) -> socket.socket:
         way: socket.socket = self._way or self._dial()
-        self._way = way.dup()  # TLS takes the other one over
+        self._way = way.dup()  # TLS takes over the original socket
         return way
 
     def _on_socket_open(self, client: Any, userdata: Any, sock: Any) -> None:
-        # Called from the thread that connects. aiomqtt's own reader does not end under TLS while packets come.
+        # Called in the connecting thread. Under TLS aiomqtt's own reader does not return while packets arrive.
         super()._on_socket_open(client, userdata, sock)
         self._loop.call_soon_threadsafe(self._loop.add_reader, sock.fileno(), self._read)
 
@@ -113,7 +115,7 @@ class CheckedClient(aiomqtt.Client):
         """Read packets until the socket is empty, or for `READ_FOR_S`."""
         paho: Any = self._client
         until_s = time.monotonic() + READ_FOR_S
-        if self._again:  # or there would be one more of these in every turn of the loop that finds the socket readable
+        if self._again:  # avoid a further pending call for each turn of the loop with a readable socket
             self._again.cancel()
         try:
             while time.monotonic() < until_s:
@@ -128,14 +130,14 @@ class CheckedClient(aiomqtt.Client):
         except BlockingIOError:
             self._emptied.read(empty=True)
             if getattr(paho._sock, "pending", lambda: 0)():  # noqa: SLF001
-                # Decrypted already: the loop does not see it on the socket.
+                # Data that is decrypted already does not make the socket readable.
                 self._again = self._loop.call_soon(self._read)
         except Exception as error:  # noqa: BLE001  # as in aiomqtt: the connection broke
             if not self._disconnected.done():
                 self._disconnected.set_exception(error)
 
     def _read_one(self, paho: Any) -> MQTTErrorCode:
-        """A packet that has come, or more of the stream. Raises: BlockingIOError: there is none now."""
+        """Process the next packet, or read from the socket. Raises: BlockingIOError: the socket is empty."""
         try:
             packet = self._packets.next()
         except (TooLarge, WrongTopic) as error:
@@ -156,13 +158,13 @@ class CheckedClient(aiomqtt.Client):
                     data = b""
                 if not data:
                     return MQTTErrorCode.MQTT_ERR_CONN_LOST
-                paho._last_bytes_received = time.monotonic()  # noqa: SLF001  # or it would ask whether we are there
+                paho._last_bytes_received = time.monotonic()  # noqa: SLF001  # for paho's keep-alive
                 self._packets.add(data)
         return MQTTErrorCode.MQTT_ERR_SUCCESS
 
 
 def _parsed(paho: Any, packet: Answer) -> MQTTErrorCode:
-    """Paho has what it keeps while it reads one, and gets it back as it was."""
+    """Let paho parse a packet, by replacing its read buffer for the time of the call."""
     empty = paho._in_packet  # noqa: SLF001
     try:
         paho._in_packet = empty | {  # noqa: SLF001

@@ -1,4 +1,4 @@
-"""TCP ports: which are free, and this machine's address as others see it."""
+"""TCP ports: search for free ones, and listening; and this machine's address on its network."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import errno
 import logging
 import socket
 from collections.abc import Awaitable, Callable
-from random import SystemRandom  # whoever seeds the other one draws what all who do so draw
+from random import SystemRandom  # not `random`: processes with the same seed would try the same ports
 from typing import TypeVar
 
 from phalanx.errors import Unavailable
@@ -16,19 +16,19 @@ log = logging.getLogger(__name__)
 Started = TypeVar("Started")
 
 LOOPBACK = "127.0.0.1"
-# Below what systems give to outgoing connections: one of those is soon some flood's, before anybody listens there.
+# Below the range for outgoing connections, in which a free port may be taken before anything listens on it.
 QUIET = range(20_000, 32_768)
-PORT_TRIES = 5  # a port that was free can be taken by the time somebody listens there
-BACKLOG = 1024  # who comes at once, before we look
-EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104  # compared with what a person asked for, not bound
+PORT_TRIES = 5  # attempts, as a free port may be taken before the program listens on it
+BACKLOG = 1024  # connections that wait to be accepted
+EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104  # compared with options, not bound
 
 
 class PortTaken(Unavailable):
-    """Somebody else listens there."""
+    """Another program listens on the port."""
 
 
 def is_free(port: int, host: str = LOOPBACK) -> bool:
-    """Whether `port` can be listened on at `host` just now. Raises: Unavailable: this machine has no such address."""
+    """Return whether `port` is free at `host` now. Raises: Unavailable: this machine has no such address."""
     with socket.socket(_family(host), socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -37,7 +37,7 @@ def is_free(port: int, host: str = LOOPBACK) -> bool:
             if isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL:
                 raise Unavailable(
                     f"cannot listen on {host}: this machine has no such address",
-                    "0.0.0.0 for every address, 127.0.0.1 for this machine only",
+                    "use 0.0.0.0 for every address, 127.0.0.1 for this machine only",
                 ) from error
             return False
         return True
@@ -53,29 +53,29 @@ def free_port(preferred: int = 0, host: str = LOOPBACK) -> int:
             probe.bind((host, 0))
             port = int(probe.getsockname()[1])
     if preferred:
-        log.warning("port %d is in use: %d is taken instead", preferred, port)
+        log.warning("port %d is in use: using %d instead", preferred, port)
     return port
 
 
 async def at_a_free_port(start: Callable[[], Awaitable[Started]]) -> Started:
-    """Return what `start` returns; call it again when a port that was free is taken by the time it listens there."""
+    """Call `start`, again if it raises PortTaken because its free port was taken meanwhile; return its result."""
     for _ in range(PORT_TRIES - 1):
         with contextlib.suppress(PortTaken):
             return await start()
     return await start()
 
 
-def listen(host: str, port: int, if_taken: str = "phalanx doctor") -> socket.socket:
-    """Return a socket that listens there. Raises: PortTaken, with the hint `if_taken`. Unavailable: it cannot."""
+def listen(host: str, port: int, if_taken: str = "run phalanx doctor") -> socket.socket:
+    """Return a listening socket. Raises: PortTaken, with the hint `if_taken`; Unavailable: another error."""
     family, both = _family(host), host == "::"
     try:
         return socket.create_server((host, port), family=family, backlog=BACKLOG, dualstack_ipv6=both)
     except OSError as error:
         is_taken = error.errno == errno.EADDRINUSE
-        why = (error.strerror or str(error)).partition(" (while")[0]  # Python says where once more
+        why = (error.strerror or str(error)).partition(" (while")[0]  # Python appends the address
         raise (PortTaken if is_taken else Unavailable)(
             f"cannot listen on {host} port {port}: {why}",
-            if_taken if is_taken else "--host is an address of this machine, and below port 1024 only root may listen",
+            if_taken if is_taken else "use an address of this machine for --host; ports below 1024 need root",
         ) from error
 
 
@@ -84,9 +84,9 @@ def _family(host: str) -> socket.AddressFamily:
 
 
 def lan_address() -> str:
-    """This machine's address on its network, or loopback if it has none. No packet is sent."""
+    """Return this machine's address on its network, or loopback if it has none. Sends no packet."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
-        probe.connect(("192.0.2.1", 9))  # TEST-NET-1: only asks which interface would be used
+        probe.connect(("192.0.2.1", 9))  # TEST-NET-1: selects the interface, sends nothing
         address: str = probe.getsockname()[0]
         return address
     return LOOPBACK

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and files and folders that only their owner may read."""
+"""Atomic writing of files, and files and folders that only their owner may read."""
 
 from __future__ import annotations
 
@@ -17,20 +17,21 @@ from phalanx.errors import Unavailable, UsageError
 
 PREFIX = "phalanx-broker-"
 LOCK = ".lock"
-YOUNG_S = 10.0
+YOUNG_S = 10.0  # age below which a folder may still be without its lock
 
 
 def write_whole(path: Path, data: bytes, hint: str, *, private: bool = False) -> None:
-    """Write these bytes, or leave what the file had; follow nobody's link. Raises: Unavailable: it cannot."""
+    """Replace a file atomically, without following a symbolic link. Raises: Unavailable: it cannot be written."""
     _write(path, data, hint, 0o600 if private else 0o666)
 
 
 def write_private(path: Path, data: bytes, *, replace: bool = False) -> None:
-    """Write a file for its owner alone, whole or not at all, and on disk when this returns.
+    """Write a file for its owner alone, atomically and durably.
 
-    Raises: UsageError: it is there already and is not to be replaced; Unavailable: it cannot be written.
+    Raises: UsageError: it exists and `replace` is false; Unavailable: it cannot be written.
     """
-    _write(path, data, "a folder that is yours, with room in it", 0o600, replace=replace, on_disk=True)
+    hint = "use a folder that you own, on a disk with free space"
+    _write(path, data, hint, 0o600, replace=replace, on_disk=True)
 
 
 def _write(path: Path, data: bytes, hint: str, mode: int, *, replace: bool = True, on_disk: bool = False) -> None:
@@ -44,12 +45,12 @@ def _write(path: Path, data: bytes, hint: str, mode: int, *, replace: bool = Tru
         if replace:
             beside.replace(path)
         else:
-            os.link(beside, path)  # unlike a rename, not over what is there
+            os.link(beside, path)  # unlike a rename, it does not replace an existing file
             beside.unlink()
         if on_disk:
             sync_name(path)
     except FileExistsError as error:
-        raise UsageError(f"{path} is there already", "another name") from error
+        raise UsageError(f"{path} exists already", "use another name") from error
     except OSError as error:
         raise Unavailable(f"cannot write {path}: {error.strerror}", hint) from error
     finally:
@@ -58,7 +59,7 @@ def _write(path: Path, data: bytes, hint: str, mode: int, *, replace: bool = Tru
 
 
 def sync_name(path: Path) -> None:
-    """Return when the name of a file that was made is on disk. Raises: OSError."""
+    """Flush the directory entry of a new file to disk. Raises: OSError."""
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         os.fsync(folder)
@@ -67,21 +68,21 @@ def sync_name(path: Path) -> None:
 
 
 def is_ours_alone(status: os.stat_result) -> bool:
-    """Return whether a file or folder is this user's, and closed to all others."""
+    """Return whether this user owns a file or folder, and no other user has access."""
     return status.st_uid == os.geteuid() and not status.st_mode & 0o077
 
 
 def check_private(path: Path, status: os.stat_result) -> None:
-    """Raise UsageError if what was opened is no file, or not this user's alone."""
+    """Raise UsageError unless `path` is a regular file that only this user may access."""
     if not stat.S_ISREG(status.st_mode):
-        raise UsageError(f"{path} is no file", "one that is not there is made")
+        raise UsageError(f"{path} is not a regular file", "use the name of a file; a missing file is created")
     if not is_ours_alone(status):
-        raise UsageError(f"others may read {path}", f"chmod 600 {path}, or another file of your own")
+        raise UsageError(f"other users may read {path}", f"chmod 600 {path}, or use another file that you own")
 
 
 @contextlib.contextmanager
 def private_folder() -> Iterator[Path]:
-    """A new folder that nobody else may enter, for as long as the context lasts."""
+    """Yield a new folder that no other user may enter, and remove it at the end."""
     with tempfile.TemporaryDirectory(prefix=PREFIX) as folder, (Path(folder) / LOCK).open("w") as lock:
         os.fchmod(lock.fileno(), 0o600)
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -89,11 +90,11 @@ def private_folder() -> Iterator[Path]:
 
 
 def sweep() -> None:
-    """Remove the folders that killed gateways left behind: no living process holds their lock."""
+    """Remove folders of killed gateways: those whose lock no process holds."""
     for folder in Path(tempfile.gettempdir()).glob(f"{PREFIX}*"):
         with contextlib.suppress(OSError):
             made = folder.lstat()
-            # Only our own: everybody may write to that place, and lay a trap. And none that is being made just now.
+            # Only folders of this user, as everybody may write to /tmp; and none that is just being created.
             if made.st_uid != os.geteuid() or not stat.S_ISDIR(made.st_mode) or time.time() - made.st_mtime < YOUNG_S:
                 continue
             with (folder / LOCK).open() as lock:

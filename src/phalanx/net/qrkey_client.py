@@ -1,4 +1,4 @@
-"""A visitor of mode qrkey, for programs. Use it as `phalanx.link.QrkeyClient`."""
+"""Client of a swarm in mode qrkey, for programs. Exported as `phalanx.link.QrkeyClient`."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ from .connection import Connection
 
 log = logging.getLogger(__name__)
 
-# What may wait for whoever reads notifications. Of so many sealed bytes, all of them {}, json made 76 MB.
+# Limits of the queue of notifications, in sealed bytes. Parsed, that many bytes of JSON can take 76 MB.
 UNREAD, UNREAD_BYTES = 256, 4 * 1024 * 1024
-# A request without an answer is sent again: so a client that slept through a rotation finds its way (ADR 0004).
+# An unanswered request is sent again, so that a client that missed a rotation gets the new pin (ADR 0004).
 ASK_AGAIN_S = 1.5
 
 
 class QrkeyClient:
-    """One visitor of a swarm. Use as `async with`: entered once the broker is connected.
+    """Client of one visitor. Use as `async with`: entered once the broker is connected.
 
     Args:
-        qr: the QR code's link, or what `parse_qr_url` made of it.
-        broker: where to connect, if not to the websocket in the link: a URL, or a parsed one.
-        login: for a broker that asks for one.
-        config: the link's parameters; the root is the link's.
-        timeout_s: how long entering waits for the broker.
-        clock: seconds since 1970; for tests.
+        qr: link of the QR code, or the result of `parse_qr_url`.
+        broker: URL of the broker, if not the websocket in the link.
+        login: login for a broker that requires one.
+        config: parameters of the protocol; by default with the root of `qr`.
+        timeout_s: timeout for connecting to the broker on entering.
+        clock: returns seconds since 1970; for tests.
     Raises: BadQrUrl, UsageError: a bad link or broker. Unavailable, on entering: no broker within the time, or it
         refused the login.
     Source: Qrkey §III.
@@ -67,22 +67,22 @@ class QrkeyClient:
         self._waiting: dict[int, list[asyncio.Future[Any]]] = {}
         self._unread: asyncio.Queue[tuple[Any, int]] = asyncio.Queue()
         self._unread_bytes = 0
-        self.dropped = 0  # notifications that nobody read in time
-        self.moves = 0
+        self.dropped = 0  # notifications dropped because they were not read in time
+        self.moves = 0  # changes to another epoch
 
     @property
     def rejected(self) -> dict[str, int]:
-        """Refused messages by reason."""
+        """Return the number of refused messages, by reason."""
         return dict(self._side.rejected + Counter(overrun=self._link.overruns if self._link else 0))
 
     @property
     def client_id(self) -> str:
-        """Name under which answers come."""
+        """Return the client id, which names the topic for answers."""
         return self._side.client_id
 
     @property
     def epoch_topic(self) -> str:
-        """Topic of the epoch this client lives in; changes when it follows a rotation."""
+        """Return the topic of the current epoch; it changes when the client follows a rotation."""
         return self._side.epoch.topic
 
     async def __aenter__(self) -> Self:
@@ -101,7 +101,7 @@ class QrkeyClient:
         except BaseException as error:
             await self.__aexit__()
             if isinstance(error, TimeoutError):
-                raise Unavailable(str(error), "is the swarm up, and does this machine reach it?") from error
+                raise Unavailable(str(error), "check that the swarm runs and that this machine reaches it") from error
             raise
         return self
 
@@ -111,18 +111,18 @@ class QrkeyClient:
         await asyncio.gather(self._running, return_exceptions=True)
 
     async def command(self, address: str, name: str, payload: Any, application: str = "0") -> bool:
-        """Send a command to one robot; false if the broker is away. Nobody confirms that it arrived (QoS 0).
+        """Send a command to one robot; return false if the broker is unreachable. Not acknowledged (QoS 0).
 
-        Raises: UsageError: not entered; not JSON, or more than a server reads. WrongTopic: not an address or name.
+        Raises: UsageError: not entered; not JSON, or longer than servers accept. WrongTopic: bad address or name.
         Source: Qrkey Table I.
         """
         link = self._entered()
         return await link.send((self._side.command(CommandTopic(address, application, name), payload, self._clock()),))
 
     async def request(self, number: int, *, timeout_s: float = 10.0, **words: Any) -> Any:
-        """The data that the server answers to request `number`; asked again now and then until it does.
+        """Return the server's answer to request `number`; the request is repeated until then.
 
-        Raises: UsageError: not entered. Unavailable: no answer in time; says so if this machine's clock is the reason.
+        Raises: UsageError: not entered. Unavailable: no answer in time; the message says if the clock is the cause.
         Source: docs/adr/0004.
         """
         link = self._entered()
@@ -133,8 +133,8 @@ class QrkeyClient:
             while (left_s := deadline - time.monotonic()) > 0:
                 asked = self._side.epoch
                 await link.send((self._side.request(number, self._clock(), **words),))
-                # Many clients that lost one broker shall not all ask in the moment in which it is back.
-                wait_s = ASK_AGAIN_S * random.uniform(0.75, 1.25)  # noqa: S311  # spreads, hides nothing
+                # Jitter, so that many clients do not send at the same moment when a broker is back.
+                wait_s = ASK_AGAIN_S * random.uniform(0.75, 1.25)  # noqa: S311  # not a secret
                 done, _ = await asyncio.wait((answer,), timeout=min(wait_s, left_s))
                 if done:
                     return answer.result()
@@ -151,11 +151,11 @@ class QrkeyClient:
             )
         raise Unavailable(
             f"no answer from the swarm within {timeout_s:g} s",
-            "the code may have changed: scan again; if it has not, the operator's page may say what is in the way",
+            "scan the code again, as it may have changed; otherwise see the operator's page",
         )
 
     async def notifications(self) -> AsyncIterator[Any]:
-        """Payloads that the server sends to everybody, as they come; if nobody reads, the oldest are `dropped`."""
+        """Yield payloads of notifications as they arrive; the oldest unread ones are dropped if there are too many."""
         while True:
             payload, size = await self._unread.get()
             self._unread_bytes -= size
@@ -163,25 +163,25 @@ class QrkeyClient:
 
     def _entered(self) -> Connection:
         if self._link is None:
-            raise UsageError("the client is not entered", "async with client: …")
+            raise UsageError("the client is not entered", "use it as `async with client:`")
         return self._link
 
     async def _on_message(self, topic: str, token: bytes) -> None:
-        said = self._side.receive(topic, token, self._clock())
-        if isinstance(said, Rejected):
-            log.debug("refused a message: %s", said.reason)
-            if isinstance(said.error, OpenError) and isinstance(said.error.cause, Stale):
-                self.skew_s = said.error.cause.skew_s
+        event = self._side.receive(topic, token, self._clock())
+        if isinstance(event, Rejected):
+            log.debug("refused a message: %s", event.reason)
+            if isinstance(event.error, OpenError) and isinstance(event.error.cause, Stale):
+                self.skew_s = event.error.cause.skew_s
             return
-        if isinstance(said, Moved):
+        if isinstance(event, Moved):
             self.moves += 1
-            await self._entered().send(said.asks)
+            await self._entered().send(event.asks)
             return
         self.skew_s = None
-        if isinstance(said, Notification):
-            self._keep(said.payload, len(token))
+        if isinstance(event, Notification):
+            self._keep(event.payload, len(token))
         else:
-            self._on_answer(said)
+            self._on_answer(event)
 
     def _keep(self, payload: Any, size: int) -> None:
         self._unread.put_nowait((payload, size))
@@ -190,7 +190,7 @@ class QrkeyClient:
             self._unread_bytes -= self._unread.get_nowait()[1]
             self.dropped += 1
 
-    def _on_answer(self, said: Reply) -> None:
-        for answer in self._waiting.get(said.number, ()):
+    def _on_answer(self, reply: Reply) -> None:
+        for answer in self._waiting.get(reply.number, ()):
             if not answer.done():
-                answer.set_result(said.data)
+                answer.set_result(reply.data)

@@ -1,4 +1,4 @@
-"""The file in which a client keeps the secret to resume with."""
+"""File in which a client stores its resume secret."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ SECRET_BYTES = 32
 
 
 def read_resume(path: Path, invitation: Invitation) -> Secret | None:
-    """Return the secret with which to resume at this invitation's swarm; None: there is none that is valid now.
+    """Return the stored resume secret for this invitation's swarm; None if there is none, or it has expired.
 
-    Raises: UsageError: the file is none of ours; Unavailable: it cannot be read.
+    Raises: UsageError: the file is no such file; Unavailable: it cannot be read.
     """
     try:
         with path.open("rb") as file:
@@ -34,14 +34,14 @@ def read_resume(path: Path, invitation: Invitation) -> Secret | None:
         static, secret = (decode_base64url(kept[name].encode()) for name in ("static", "secret"))
         until_s = float(kept["until"])
     except (PeerError, ValueError, TypeError, KeyError, AttributeError) as error:
-        raise UsageError(f"{path} keeps no session", "another name; this file is left as it is") from error
+        raise UsageError(f"{path} is no session file", "use another name: this file is not overwritten") from error
     if static != invitation.static or len(secret) != SECRET_BYTES or until_s <= time.time():
         return None
     return Secret(Kind.RESUME, secret)
 
 
 def write_resume(path: Path, invitation: Invitation, secret: Secret, lifetime_s: int) -> None:
-    """Keep a secret, on disk when this returns. Raises: Unavailable."""
+    """Store a secret durably. Raises: Unavailable: it cannot be written."""
     kept = {
         "static": encode_base64url(invitation.static).decode(),
         "secret": encode_base64url(secret.raw).decode(),

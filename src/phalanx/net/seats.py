@@ -1,8 +1,8 @@
-"""Seats at a server: so many in all, and none that one address has to itself.
+"""Limit of a server's connections ("seats"), shared fairly among addresses.
 
-When all are taken, one more takes that of one from where most are: so whoever has one address pushes out only who
-shares it. It is whoever was silent longest, of those first whom we served nothing. Who is known keeps its seat
-meanwhile.
+When all seats are taken, a new connection evicts one of the address with the most connections, so a client with one
+address evicts only connections of that address. Of these the one that was idle longest is evicted, first among those
+that were served nothing yet. Known connections keep their seats.
 """
 
 from __future__ import annotations
@@ -15,24 +15,24 @@ from typing import Generic, Protocol, TypeVar
 
 
 class Seated(Protocol):
-    """A connection."""
+    """Connection that has a seat."""
 
-    place: str  # where it comes from
-    heard_at_s: float
+    place: str  # address or network of the client, see `place_of`
+    heard_at_s: float  # time of its last request
 
     def leave(self) -> None:
-        """Hang up at once, and say that it has gone."""
+        """Close the connection at once, and call `Seats.gone`."""
 
 
 Who = TypeVar("Who", bound=Seated)
 
-KNOWN_PERCENT = 90  # of the seats, at most, while there are others to push out
+KNOWN_PERCENT = 90  # share of the seats above which known connections are evicted too
 
 
 class _Place(Generic[Who]):
-    """Who comes from one place: those whom we served nothing yet, and those whom we did.
+    """Connections of one place: those that were served nothing yet, and those that were.
 
-    In each row who was silent longest is first: so whoever comes by the thousand makes us search nothing.
+    Both are ordered by idle time, longest first, so that an eviction needs no search.
     """
 
     def __init__(self) -> None:
@@ -46,12 +46,12 @@ class _Place(Generic[Who]):
         return itertools.chain(self.strangers, self.served)
 
     def first(self, but: Who) -> Who:
-        """Who should leave. Those who come and say nothing push out each other, once they are more than the others."""
+        """Return the connection to evict, not `but`: a stranger if most are strangers, else a served one."""
         row = self if 2 * len(self.strangers) > len(self) else self.served
         return next((who for who in row if who is not but), but)
 
     def drop(self, who: Who) -> bool:
-        """It is in no row any more; whether it was in one."""
+        """Remove a connection; return whether it was there."""
         for row in (self.strangers, self.served):
             if who in row:
                 del row[who]
@@ -60,13 +60,12 @@ class _Place(Generic[Who]):
 
 
 class _Places(Generic[Who]):
-    """Who comes from where."""
+    """Connections by place."""
 
     def __init__(self) -> None:
         self._count = 0
         self._from: dict[str, _Place[Who]] = {}
-        # Places by how many come from there, which was silent longest first: so whoever comes from everywhere makes us
-        # search nothing either.
+        # Places by their number of connections, in the order of their last change, so that no search is needed.
         self._crowds: dict[int, dict[str, None]] = {}
         self._crowd = 0
 
@@ -83,7 +82,7 @@ class _Places(Generic[Who]):
         self._is_now(who.place, len(place) - 1, len(place))
 
     def first(self, but: Who) -> Who:
-        """Who should leave, of where most are."""
+        """Return the connection to evict, of the place with the most connections."""
         crowded = next(iter(self._crowds[self._crowd]))
         return self._from[crowded].first(but)
 
@@ -98,7 +97,7 @@ class _Places(Generic[Who]):
             self._crowd = crowd
 
     def heard(self, who: Who) -> bool:
-        """Whether it is here."""
+        """Mark a connection as served just now; return whether it is here."""
         place = self._from.get(who.place, _Place())
         if not place.drop(who):
             return False
@@ -107,7 +106,7 @@ class _Places(Generic[Who]):
         return True
 
     def drop(self, who: Who) -> bool:
-        """Whether it was here."""
+        """Remove a connection; return whether it was here."""
         place = self._from.get(who.place, _Place())
         if not place.drop(who):
             return False
@@ -119,7 +118,7 @@ class _Places(Generic[Who]):
 
 
 class Seats(Generic[Who]):
-    """Who sits where, and of whom we know that they may."""
+    """All connections with a seat: known ones, which are evicted last, and others."""
 
     def __init__(self, most: int) -> None:
         self._most = most
@@ -133,31 +132,31 @@ class Seats(Generic[Who]):
         return len(self._guests) + len(self._known)
 
     def take(self, who: Who) -> None:
-        """One more; somebody leaves if that is one too many."""
+        """Give a new connection a seat; evict one if there are too many."""
         self._guests.add(who)
         if len(self) > self._most:
             crowded = 100 * len(self._known) > KNOWN_PERCENT * self._most
             (self._known if crowded else self._guests).first(who).leave()
 
     def heard(self, who: Who) -> None:
-        """It said something that we serve, just now."""
+        """Record a request of a connection that is being served."""
         if not self._guests.heard(who):
             self._known.heard(who)
 
     def know(self, who: Who) -> None:
-        """It is known from now on."""
+        """Mark a connection as known, so that strangers do not evict it."""
         if self._guests.drop(who):
             self._known.add(who)
             self._known.heard(who)
 
     def gone(self, who: Who) -> None:
-        """It has left."""
+        """Free the seat of a closed connection."""
         if not self._guests.drop(who):
             self._known.drop(who)
 
 
 def place_of(address: str) -> str:
-    """Where one comes from: an address, or the network that one machine has as many addresses of as it likes."""
+    """Return what a client is counted by: its IPv4 address, or the /64 network of its IPv6 address."""
     try:
         ip = ipaddress.ip_address(address.partition("%")[0])
     except ValueError:
@@ -168,9 +167,9 @@ def place_of(address: str) -> str:
 
 
 def allow_files(wanted: int) -> int:
-    """How many we may open from now on: at least `wanted`, if the system lets us.
+    """Raise the limit of open files to `wanted`, as far as the system allows; return the limit.
 
-    The usual soft limit of 1024 is a classroom of phones, or one idler with a script.
+    A classroom of phones, or one client with a script, can reach the usual soft limit of 1024.
     """
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     most = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
@@ -180,11 +179,11 @@ def allow_files(wanted: int) -> int:
 
 
 def files() -> int:
-    """How many we may open."""
+    """Return the limit of open files."""
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     return 2**31 if soft == resource.RLIM_INFINITY else soft
 
 
 def a_share(wanted: int, files_each: int = 1) -> int:
-    """Return as many connections as wanted, of so many files each, or what fits a quarter of all files."""
+    """Return `wanted` connections, reduced so that they need at most a quarter of the open files allowed."""
     return max(1, min(wanted, files() // 4 // files_each))

@@ -1,6 +1,6 @@
-"""The line to a robot's trusted nodes: bytes to a process, a Unix socket, a TCP port or a serial device, and back.
+"""Byte stream to a robot's trusted nodes: over a process, a Unix socket, a TCP port or a serial device.
 
-Only this file opens one. What stands on it is docs/spec/serial.md's.
+Only this file opens such a line. The protocol on it is in docs/spec/serial.md.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ from phalanx.errors import Unavailable, UsageError
 from .children import die_with_parent
 
 BAUD = 115_200
-BITS_A_BYTE = 10  # with start and stop
+BITS_A_BYTE = 10  # with start and stop bit
 READ_BYTES = 65_536
 OPEN_TIMEOUT_S = 5.0
-AGAIN_S = 0.02  # somebody who listens soon is waited for
+AGAIN_S = 0.02  # pause between attempts to connect
 END_TIMEOUT_S = 1.0
 ROOT = 0
-HINT = "process:PROGRAM,FLASH_FILE, unix:PATH, tcp:HOST:PORT or serial:DEVICE[@BAUD]"
+HINT = "use process:PROGRAM,FLASH_FILE, unix:PATH, tcp:HOST:PORT or serial:DEVICE[@BAUD]"
 
 
 class SerialLine:
-    """Bytes there and back, by a file descriptor; whoever ends it ends a process of ours as well.
+    """Byte stream over a file descriptor; closing it also ends the process at the other end, if this one started it.
 
     Attributes:
-        where: as it was opened.
-        byte_s: how long a byte is on the way, seconds.
-        process: ours, at the other end.
+        where: argument of `open_line`.
+        byte_s: transmission time of a byte, seconds.
+        process: process at the other end, if this process started it.
     """
 
     def __init__(
@@ -49,20 +49,20 @@ class SerialLine:
         os.set_blocking(fd, False)
 
     def send(self, raw: bytes, until_s: float) -> None:
-        """Send bytes before `until_s` of time.monotonic. Raises: Unavailable: the other end is gone, or takes none."""
+        """Send bytes before `until_s` of time.monotonic. Raises: Unavailable: the line is closed, or a timeout."""
         while raw:
             can_read, can_write, _ = select.select([self._fd], [self._fd], [], max(0.0, until_s - time.monotonic()))
             if can_write:
                 with self._gone(), contextlib.suppress(BlockingIOError):
                     raw = raw[os.write(self._fd, raw) :]
             elif can_read:
-                # A board that waits for its answer to be taken takes nothing itself.
+                # A board that waits until its answer is read does not read itself.
                 self._came = (self._came + self._read())[-READ_BYTES:]
             else:
-                raise Unavailable(f"{self.where} takes no bytes")
+                raise Unavailable(f"{self.where} does not read what is sent to it")
 
     def receive(self, until_s: float) -> bytes:
-        """Return what has come by `until_s`, as soon as something has. Raises: Unavailable: the other end is gone."""
+        """Return the next bytes, or b"" if none arrive before `until_s`. Raises: Unavailable: the line is closed."""
         if self._came:
             came, self._came = self._came, b""
             return came
@@ -85,10 +85,10 @@ class SerialLine:
         try:
             yield
         except (OSError, ValueError) as error:
-            raise Unavailable(f"{self.where} is gone") from error
+            raise Unavailable(f"{self.where} has closed the line") from error
 
     def close(self) -> None:
-        """Nothing is left open, and no process of ours runs."""
+        """Close the line, and end the process at its other end."""
         with contextlib.suppress(OSError):
             os.close(self._fd)
         if self.process:
@@ -97,7 +97,7 @@ class SerialLine:
 
 
 def open_line(where: str, *more: str) -> SerialLine:
-    """Open a line; see HINT. `more` are words of a process. Raises: UsageError: no such kind; Unavailable."""
+    """Open a line, see HINT; `more` are arguments for a process. Raises: UsageError: not valid; Unavailable."""
     kind, _, rest = where.partition(":")
     try:
         if kind == "process":
@@ -111,11 +111,11 @@ def open_line(where: str, *more: str) -> SerialLine:
         if kind == "serial":
             return _device(where, *rest.partition("@")[::2])
     except ValueError as error:
-        raise UsageError(f"{where}: no number", HINT) from error
+        raise UsageError(f"{where}: the port or baud rate is not a number", HINT) from error
     except (OSError, termios.error) as error:
-        told = error.strerror if isinstance(error, OSError) else error.args[-1]
-        raise Unavailable(f"{where} cannot be opened: {told}") from error
-    raise UsageError(f"{where}: no such kind of line", HINT)
+        why = error.strerror if isinstance(error, OSError) else error.args[-1]
+        raise Unavailable(f"{where} cannot be opened: {why}") from error
+    raise UsageError(f"{where}: unknown kind of line", HINT)
 
 
 def _process(where: str, program: str, flash: str, *more: str) -> SerialLine:
@@ -126,7 +126,7 @@ def _process(where: str, program: str, flash: str, *more: str) -> SerialLine:
             stdin=theirs.fileno(),
             stdout=subprocess.DEVNULL,
             start_new_session=True,
-            preexec_fn=die_with_parent,  # noqa: PLW1509 - or it outlives who is killed outright
+            preexec_fn=die_with_parent,  # noqa: PLW1509 - otherwise it would outlive a killed parent
         )
     return SerialLine(where, ours.detach(), process)
 
@@ -150,16 +150,16 @@ def _connected(family: int, address: str | tuple[str, int]) -> int:
 
 
 def check_owner(made: socket.socket) -> None:
-    """Who listens is us, or root: whoever made the socket first would be given the keys. Raises: PermissionError."""
+    """Raise PermissionError unless this user or root listens: another user could create the socket to get the keys."""
     _, uid, _ = struct.unpack("3i", made.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i")))
     if uid not in (ROOT, os.geteuid()):
-        raise PermissionError(errno.EPERM, f"user {uid} listens there, who is neither you nor root")
+        raise PermissionError(errno.EPERM, f"user {uid} listens there, neither you nor root")
 
 
 def _device(where: str, path: str, baud: str) -> SerialLine:
     speed = getattr(termios, f"B{int(baud or BAUD)}", None)
     if speed is None:
-        raise UsageError(f"{where}: no such speed", "9600, 115200, 460800, 921600, for example")
+        raise UsageError(f"{where}: unknown baud rate", "use for example 9600, 115200, 460800 or 921600")
     fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     try:
         tty.setraw(fd)

@@ -1,8 +1,8 @@
-"""A robot's two trusted nodes at the other end of a serial line, asked as those in this process are.
+"""Trusted nodes of a robot behind a serial line, with the same interface as nodes in this process.
 
-A call whose answer does not come is said again with its number, which the board answers without doing it again: rubbish
-on the line costs time and nothing else. What has no answer within the limit ends the line, since nobody knows whether
-it was done. Source: docs/spec/serial.md.
+A call without an answer is repeated with the same number, and the board repeats its answer without executing it again.
+So noise on the line costs only time. A call without an answer within the limit closes the line, because it is not
+known whether it was executed. Source: docs/spec/serial.md.
 """
 
 from __future__ import annotations
@@ -21,49 +21,49 @@ from phalanx.wire.table import ENTRY_HEADER_BYTES, PACKET_MAX, SEAL
 
 from .serial_line import SerialLine
 
-TIMEOUT_S = 1.0  # from a call to its answer, however often it is said
-# Before a mission: a process begins, flash is written, and no robot moves yet that would wait for it.
+TIMEOUT_S = 1.0  # from a call to its answer, with all repetitions
+# For calls before a mission, while a process starts or flash is written, and no robot moves.
 BEGINS_TIMEOUT_S = 10.0
 BEGINS = frozenset((lines.HELLO, lines.LIMITS, lines.SEAL, lines.LOAD_MASTER, lines.LOAD_MISSION))
-AGAIN_S = 0.1  # until it is said again, beside what the bytes themselves take on the line
-DONE, SAFE = 0, 1  # what is returned by functions that make no entry
+AGAIN_S = 0.1  # until a repetition, beside the time of the bytes on the line
+DONE, SAFE = 0, 1  # return values of functions without an entry
 NUMBERS = 1 << 16
 ANSWER_HEAD_BYTES = lines.ANSWER.size + ENTRY_HEADER_BYTES
 ANSWER_MAX = ANSWER_HEAD_BYTES + PACKET_MAX
-SEAL_BYTES = {lines.SEND: SEAL.size, lines.RECV: -SEAL.size}  # more in what is made than in what is given
+SEAL_BYTES = {lines.SEND: SEAL.size, lines.RECV: -SEAL.size}  # bytes added to or removed from a packet
 
 
 @dataclass(frozen=True, slots=True)
 class About:
-    """What a board says of itself."""
+    """Description that a board gives of itself."""
 
-    told: int
+    told: int  # bits TOLD_CLOCK, TOLD_READINGS and SEALED of `lines`
     robot_id: int  # 0: no master key yet
-    seq: int  # of the last mission key
+    seq: int  # sequence number of the last mission key
 
     @property
     def told_clock(self) -> bool:
-        """It is a bench: whoever asks tells it the time."""
+        """Return whether it is a test board, which gets the time from the caller."""
         return bool(self.told & lines.TOLD_CLOCK)
 
     @property
     def sealed(self) -> bool:
-        """A seal goes out behind each frame that is sent, and comes in behind each that is taken."""
+        """Return whether the radio is sealed: a seal follows each packet sent and received."""
         return bool(self.told & lines.SEALED)
 
 
 class SerialNode:
-    """The board at the end of `line`, after a handshake; both nodes of one robot.
+    """Board with both trusted nodes of one robot, at the end of `line`, after a handshake.
 
     Attributes:
-        about: what it said of itself.
-        again: calls that were said again, ever.
+        about: description of the board.
+        again: total number of repetitions.
 
     Args:
-        line: it is ours from now on.
-        timeout_s: how long a call may take; those before a mission may take 10 s.
-        again_s: after how long without an answer it is said again; twice as long each time.
-    Raises: Unavailable: nobody answers, or in another version.
+        line: owned by this object from now on.
+        timeout_s: timeout of a call; calls before a mission may take 10 s.
+        again_s: time without an answer until a repetition; doubled each time.
+    Raises: Unavailable: no answer, or another protocol version.
     """
 
     def __init__(self, line: SerialLine, *, timeout_s: float = TIMEOUT_S, again_s: float = AGAIN_S) -> None:
@@ -73,14 +73,14 @@ class SerialNode:
         self._now_ms = 0
         self._ended = ""
         self.again = 0
-        _, said = self._call(lines.HELLO, version=lines.VERSION)
-        version = said[lines.ABOUT.at("version")] if said else 0
+        _, raw = self._call(lines.HELLO, version=lines.VERSION)
+        version = raw[lines.ABOUT.at("version")] if raw else 0
         if version != lines.VERSION:
-            raise self._end(f"{line.where} speaks version {version} of the serial line, and we {lines.VERSION}")
+            raise self._end(f"{line.where} has version {version} of the serial protocol, not {lines.VERSION}")
         try:
-            about = lines.ABOUT.decode(said)
+            about = lines.ABOUT.decode(raw)
         except PeerError as error:
-            raise self._end(f"{line.where} says of itself what nobody understands") from error
+            raise self._end(f"{line.where} sent a malformed handshake answer") from error
         self.about = About(about["told"], about["id"], about["seq"])
         self._seal_bytes = SEAL_BYTES if self.about.sealed else {}
 
@@ -89,37 +89,37 @@ class SerialNode:
         if now_ms is not None and now_ms != self._now_ms and self.about.told_clock:
             code, _ = self._call(lines.CLOCK, t=now_ms)
             if code:
-                raise self._end(f"{self._line.where} is told that it is earlier than it was")
+                raise self._end(f"{self._line.where} refuses the time {now_ms} ms, which is before its last")
             self._now_ms = now_ms
         if call in FORWARDED:
-            # A longer one is refused as this is.
+            # Truncated: the board refuses this length just as a greater one.
             arguments = {name: data[: PACKET_MAX + 1] for name, data in arguments.items()}
         code, result = self._call(call, **arguments)
         wanted = made_by(call, **arguments) + self._seal_bytes.get(call, 0) if code >= 0 else 0
         known = code in trusted.REASONS or code in (DONE, SAFE) or (call in FORWARDED and code == wanted)
         if not known or len(result) != wanted:
-            raise self._end(f"{self._line.where} answers {call.name} with {len(result)} bytes and code {code}")
+            raise self._end(f"{self._line.where} answered {call.name} with {len(result)} bytes and code {code}")
         return code, result
 
-    # --- from outside the c-node -----------------------------------------------------------------------------------
+    # --- manufacture and keys --------------------------------------------------------------------------------------
 
     def make(self, limits: Limits, *, sealed: bool = False) -> None:
-        """Manufacture: both nodes have these limits. Raises: Refused: they have a master key; Unavailable."""
+        """Set the limits of both nodes, at manufacture. Raises: Refused: they have a master key; Unavailable."""
         _checked(self.ask(lines.LIMITS, **asdict(limits)))
         self._seal_bytes = SEAL_BYTES if sealed else {}
         if sealed:
             _checked(self.ask(lines.SEAL))
 
     def load_master(self, key: bytes, robot_id: int) -> None:
-        """Both nodes have their master key, for ever. Raises: Refused; Unavailable. Source: RoboRebound Alg. 2."""
+        """Load the master key into both nodes, for good. Raises: Refused; Unavailable. Source: RoboRebound Alg. 2."""
         _checked(self.ask(lines.LOAD_MASTER, key=key, id=robot_id))
 
     def load_mission(self, now_ms: int, sealed: MissionKey) -> None:
-        """Both nodes have the mission key. Raises: Refused; Unavailable. Source: RoboRebound Alg. 2."""
+        """Load the mission key into both nodes. Raises: Refused; Unavailable. Source: RoboRebound Alg. 2."""
         _checked(self.ask(lines.LOAD_MISSION, now_ms, **sealed._asdict()))
 
     def close(self) -> None:
-        """The line is closed."""
+        """Close the line."""
         self._ended = self._ended or f"{self._line.where} is closed"
         self._line.close()
 
@@ -132,7 +132,7 @@ class SerialNode:
         frame = framed(call.encode(number=self._number, **arguments))
         timeout_s = max(self._timeout_s, BEGINS_TIMEOUT_S) if call in BEGINS else self._timeout_s
         end_s = time.monotonic() + timeout_s
-        # What is answered to a frame is as long, or shorter.
+        # The answer to a frame has at most the same length plus a header.
         again_s = self._again_s + 2 * (len(frame) + ANSWER_HEAD_BYTES) * self._line.byte_s
         first = True
         try:
@@ -143,29 +143,29 @@ class SerialNode:
                 answered = self._answer(min(end_s, time.monotonic() + again_s))
                 if answered:
                     return self._understood(*answered)
-                # A board that is slow must not be given more and more to read.
+                # Repetitions must not pile up at a slow board.
                 again_s *= 2
         except Unavailable as error:
             raise self._end(str(error)) from error
-        raise self._end(f"{self._line.where} has not answered {call.name} within {timeout_s:g} s")
+        raise self._end(f"{self._line.where} did not answer {call.name} within {timeout_s:g} s")
 
     def _answer(self, until_s: float) -> tuple[int, bytes] | None:
         while True:
             raw = self._line.receive(until_s)
             for payload in self._frames.feed(raw):
                 try:
-                    said = lines.ANSWER.decode(payload)
+                    answer = lines.ANSWER.decode(payload)
                 except PeerError:
                     continue
-                # An answer that was late belongs to a call that was answered when it was said again.
-                if said["number"] == self._number:
-                    return said["code"], said["result"]
+                # A late answer belongs to an earlier call, of which a repetition was answered.
+                if answer["number"] == self._number:
+                    return answer["code"], answer["result"]
             if time.monotonic() >= until_s:
                 return None
 
     def _understood(self, code: int, result: bytes) -> tuple[int, bytes]:
         if code == lines.E_HELLO:
-            raise self._end(f"{self._line.where} has lost power since its handshake, and its mission with it")
+            raise self._end(f"{self._line.where} lost power after the handshake, and with it the mission")
         if code == lines.E_CALL:
             raise self._end(f"{self._line.where} does not know this call")
         return code, result

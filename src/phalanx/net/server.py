@@ -1,6 +1,6 @@
-"""The server's end of the link: a program's robots, commanded through a broker that nobody trusts.
+"""Server of the link in mode qrkey: exposes a program's robots through an untrusted broker.
 
-Use it as `phalanx.link.Server`.
+Exported as `phalanx.link.Server`.
 """
 
 from __future__ import annotations
@@ -39,19 +39,19 @@ CLOSE_TIMEOUT_S = 1.0
 
 
 class Server:
-    """Robots behind the link. Use as `async with`; handlers may be plain functions or coroutines.
+    """Server with handlers for commands and requests. Use as `async with`; handlers may be functions or coroutines.
 
-    A handler that cannot make sense of a payload raises a `PeerError` (such as `BadPayload`): counted, survived.
+    A handler raises a `PeerError` (such as `BadPayload`) for an invalid payload; the server counts it and goes on.
 
     Args:
         broker: mqtt://, mqtts://, ws:// or wss:// URL, or a parsed one.
-        config: the link's parameters.
-        login: for a broker that asks for one.
-        broker_for_visitors: websocket URL that browsers use; derived from `broker` if that is one.
-        pin: the first pin; a fresh one unless given.
+        config: parameters of the protocol.
+        login: login for a broker that requires one.
+        broker_for_visitors: websocket URL for browsers; derived from `broker` by default.
+        pin: the first pin; random by default.
         mqtt: protocol version to try first, 5 or 4.
-        clock: seconds since 1970; for tests.
-    Raises: UsageError: a bad URL. On entering or waiting, Unavailable: the broker refused the login.
+        clock: returns seconds since 1970; for tests.
+    Raises: UsageError: a bad URL. On waiting or running, Unavailable: the broker refused the login.
     Source: Qrkey §III.
     """
 
@@ -83,9 +83,9 @@ class Server:
         self._sooner = asyncio.Event()
 
     def on_command(self, name: str) -> Callable[[CommandHandler], CommandHandler]:
-        """Decorate the handler of command `name`, or of every other one with `ANY`; it takes a `Command`."""
+        """Register a handler for command `name`, or with `ANY` for all others; it takes a `Command`. A decorator."""
         if not isinstance(name, str):
-            raise UsageError("on_command takes the command's name", '@server.on_command("move_raw")')
+            raise UsageError("on_command takes the command's name", 'use it as @server.on_command("move_raw")')
 
         def register(handler: CommandHandler) -> CommandHandler:
             self._commands[name] = handler
@@ -94,12 +94,12 @@ class Server:
         return register
 
     def on_request(self, number: int | Literal["*"]) -> Callable[[RequestHandler], RequestHandler]:
-        """Decorate the handler of request `number`, or of every other one with `ANY`.
+        """Register a handler for request `number`, or with `ANY` for all others. A decorator.
 
-        It takes a `Request` and returns the answer's data, or a `SharedAnswer` for all who ask at about this time.
+        It takes a `Request` and returns the answer's data, or a `SharedAnswer` for all requests at about this time.
         """
         if not (isinstance(number, int) or number == ANY):
-            raise UsageError("on_request takes the request's number", "@server.on_request(0)")
+            raise UsageError("on_request takes the request's number", "use it as @server.on_request(0)")
 
         def register(handler: RequestHandler) -> RequestHandler:
             self._requests[number] = handler
@@ -109,50 +109,50 @@ class Server:
 
     @property
     def epoch(self) -> Epoch:
-        """The current pin, topic and key."""
+        """Return the current pin, topic and key."""
         return self._side.epoch
 
     @property
     def overlapping(self) -> bool:
-        """Whether two pins are accepted just now."""
+        """Return whether two pins are accepted now."""
         return len(self._side.live_epochs()) == 2
 
     @property
     def rotates_in_s(self) -> float:
-        """Seconds until the next pin; the whole time before the first connect: nobody can have scanned this one."""
+        """Return the seconds until the next pin; before the first connect the full period, as nobody has this pin."""
         if not self._reached.is_set():
             return self.config.rotate_s
         return max(0.0, self._side.rotated_at_s + self.config.rotate_s - time.monotonic())
 
     @property
     def rejected(self) -> Counter[str]:
-        """Refused messages by reason."""
+        """Return the number of refused messages, by reason."""
         return self._side.rejected + Counter(overrun=self._link.overruns if self._link else 0)
 
     is_published = True
 
     @property
     def answer_bytes(self) -> int:
-        """Return the longest answer, as JSON, that a client reads."""
+        """Return the longest answer, as JSON, that clients accept."""
         return self.config.max_to_client_bytes
 
     @property
     def connected(self) -> bool:
-        """Whether the broker is there now."""
+        """Return whether the broker is connected now."""
         return self._link is not None and self._link.connected.is_set()
 
     @property
     def trouble(self) -> str:
-        """What the last connection attempt died of; "" while connected."""
+        """Return the error of the last connection attempt; "" while connected."""
         return self._link.trouble if self._link else ""
 
     @property
     def reconnects(self) -> int:
-        """How often the broker came back."""
+        """Return the number of reconnects."""
         return self._link.reconnects if self._link else 0
 
     def qr(self) -> QrUrl:
-        """What a QR code says now; it changes at every rotation. Source: docs/spec/link.md."""
+        """Return the content of the current QR code; it changes at every rotation. Source: docs/spec/link.md."""
         mqtt = self._link.mqtt if self._link else self._mqtt
         return QrUrl(self._side.epoch.pin, self.broker_for_visitors, self.config.root, mqtt)
 
@@ -173,11 +173,11 @@ class Server:
     async def __aexit__(self, *_: object) -> None:
         for task in self._tasks:
             task.cancel()
-        # A broker that hangs must not hold up the end.
+        # A hanging broker must not block the exit.
         await asyncio.wait(self._tasks, timeout=CLOSE_TIMEOUT_S)
 
     async def wait_connected(self, timeout_s: float | None = None) -> None:
-        """Wait for the broker. Raises: UsageError: not entered. TimeoutError; Unavailable: it refused us."""
+        """Wait for the broker. Raises: UsageError: not entered; TimeoutError; Unavailable: it refused the login."""
         await self._entered().wait_connected(timeout_s)
 
     async def run(self) -> None:
@@ -186,9 +186,9 @@ class Server:
         await asyncio.gather(*self._tasks)
 
     async def notify(self, payload: Any) -> bool:
-        """Tell every visitor; one encryption (two in an overlap) whatever their number. False if the broker is away.
+        """Send a notification to all visitors, encrypted once (twice in an overlap); return false if it was not sent.
 
-        Raises: UsageError: not entered; not JSON, or more than a client reads.
+        Raises: UsageError: not entered; not JSON, or longer than clients accept.
         Source: Qrkey §III.
         """
         link = self._entered()
@@ -200,7 +200,7 @@ class Server:
 
     def _entered(self) -> Connection:
         if self._link is None:
-            raise UsageError("the server is not entered", "async with server: …")
+            raise UsageError("the server is not entered", "use it as `async with server:`")
         return self._link
 
     async def _on_connect(self, again: bool) -> None:
@@ -214,7 +214,7 @@ class Server:
         self._report(self._side.reject(error))
 
     async def rotate(self) -> bool:
-        """A new pin now, as at any rotation; False in an overlap, and before the broker was reached."""
+        """Rotate the pin now; return false in an overlap, or before the first connection to the broker."""
         return self._reached.is_set() and await self._advance(self._side.rotate)
 
     async def _rotate(self) -> None:
@@ -241,48 +241,48 @@ class Server:
             await self._link.send(asks)
 
     async def _on_message(self, topic: str, token: bytes) -> None:
-        said = self._side.receive(topic, token, self._clock(), time.monotonic())
-        if not isinstance(said, Request):
-            await self._deal_with(said)
+        event = self._side.receive(topic, token, self._clock(), time.monotonic())
+        if not isinstance(event, Request):
+            await self._deal_with(event)
             return
         try:
-            self._answers.ask((said.client_id, said.number), said.size, said)
+            self._answers.ask((event.client_id, event.number), event.size, event)
         except PeerError as error:
             self._report(self._side.reject(error))
 
-    async def _deal_with(self, said: Command | Request | Knock | Rejected) -> None:
+    async def _deal_with(self, event: Command | Request | Knock | Rejected) -> None:
         try:
-            said = await self._handle(said)
+            event = await self._handle(event)
         except PeerError as error:
-            said = self._side.reject(error)
-        if isinstance(said, Rejected):
-            log.debug("refused a message: %s", said.reason)
-        self._report(said)
+            event = self._side.reject(error)
+        if isinstance(event, Rejected):
+            log.debug("refused a message: %s", event.reason)
+        self._report(event)
 
-    def _report(self, said: Happening) -> None:
+    def _report(self, event: Happening) -> None:
         try:
-            self.on_event(said)
-        except Exception as error:  # noqa: BLE001  # whatever it is:
-            # what a peer says must not end the receive loop by way of whoever watches it.
-            log.error("on_event failed: %s", fault(error))  # noqa: TRY400  # no trace: see fault
+            self.on_event(event)
+        except Exception as error:  # noqa: BLE001  # any error:
+            # a peer's message must not end the receive loop through a fault in on_event.
+            log.error("on_event failed: %s", fault(error))  # noqa: TRY400  # no traceback: see fault
 
-    async def _handle(self, said: Command | Request | Knock | Rejected) -> Command | Request | Knock | Rejected:
-        if isinstance(said, Command):
-            handler = self._commands.get(said.name) or self._commands.get(ANY)
+    async def _handle(self, event: Command | Request | Knock | Rejected) -> Command | Request | Knock | Rejected:
+        if isinstance(event, Command):
+            handler = self._commands.get(event.name) or self._commands.get(ANY)
             if handler is None:
-                raise Unknown(f"no command {said.name!r}")
-            await call_handler(handler, replace(said, waited_s=self._link.waited_s if self._link else 0.0))
+                raise Unknown(f"no command {event.name!r}")
+            await call_handler(handler, replace(event, waited_s=self._link.waited_s if self._link else 0.0))
             self.counters["commands"] += 1
-        elif isinstance(said, Request):
-            answer = self._requests.get(said.number) or self._requests.get(ANY)
+        elif isinstance(event, Request):
+            answer = self._requests.get(event.number) or self._requests.get(ANY)
             if answer is None:
-                raise Unknown(f"no request {said.number}")
-            await self._answer(said, await call_handler(answer, said))
+                raise Unknown(f"no request {event.number}")
+            await self._answer(event, await call_handler(answer, event))
             self.counters["requests"] += 1
-        elif isinstance(said, Knock):
+        elif isinstance(event, Knock):
             self.counters["knocks"] += 1
-            await self._do(said.asks)
-        return said
+            await self._do(event.asks)
+        return event
 
     async def _answer(self, request: Request, data: Any) -> None:
         try:
@@ -293,10 +293,10 @@ class Server:
         await self._do(asks)
 
 
-async def call_handler(handler: Callable[[Any], Any], said: Command | Request) -> Any:
-    """Call a handler, which may be a coroutine. Raises: PeerError; HandlerFailed for whatever else goes wrong there."""
+async def call_handler(handler: Callable[[Any], Any], event: Command | Request) -> Any:
+    """Call a handler, which may be a coroutine. Raises: PeerError; HandlerFailed: any other error in the handler."""
     try:
-        result = handler(said)
+        result = handler(event)
         return await result if inspect.isawaitable(result) else result
     except PeerError:
         raise
@@ -305,14 +305,14 @@ async def call_handler(handler: Callable[[Any], Any], said: Command | Request) -
 
 
 def handler_failed(handler: Callable[[Any], Any], error: Exception) -> HandlerFailed:
-    """Log what went wrong in a handler, and return what it counts as."""
-    log.error("handler %s failed: %s", getattr(handler, "__qualname__", "?"), fault(error))  # no trace: see fault
+    """Log the error of a handler, and return it as a HandlerFailed."""
+    log.error("handler %s failed: %s", getattr(handler, "__qualname__", "?"), fault(error))  # no traceback: see fault
     return HandlerFailed(type(error).__name__)
 
 
 def fault(error: Exception) -> str:
-    """Type and place of a fault of this program. Not its message: it may quote a visitor (a KeyError says the key)."""
+    """Return type and place of an error, without its message, which may contain a visitor's data (as in a KeyError)."""
     ours, *theirs = ((frame.f_code.co_filename, line) for frame, line in traceback.walk_tb(error.__traceback__))
-    # The handler's own innermost line says more than that of the library it called.
+    # The innermost line in the handler's own file is more useful than one in a library.
     path, line = next((at for at in reversed(theirs) if at[0] == theirs[0][0]), ours)
     return f"{type(error).__name__} at {path}:{line}"

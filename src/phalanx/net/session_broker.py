@@ -1,7 +1,7 @@
-"""Sessions on a broker that nobody trusts: the topics of connections, in and out.
+"""Transport of sessions over an untrusted broker: topics and queues of the connections.
 
-Only lengths are looked at here. Connections take turns, those who knock have one turn together, and each has room for
-a few messages only: whoever floods a topic, which others may guess or read, keeps nobody else waiting.
+Only the lengths of messages are checked here. Connections are served round-robin, with all first messages as one
+connection, and each has a short queue. So a flood on one topic does not delay other connections.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from .broker_url import BrokerUrl
 from .connection import Connection
 from .front import Received
 
-KNOCKS = 0  # the connection of first messages, which have none yet
-ROW_BYTES = 64 * 1024  # of one connection, that may wait to be read; each message takes some more
-MORE_BYTES = 64
-AT_ONCE_S = 0.01  # for which messages are processed before anything else has its turn
-UNSENT_BYTES = 32 * 1024 * 1024  # towards a broker that takes nothing
+KNOCKS = 0  # number of the shared connection of first messages
+ROW_BYTES = 64 * 1024  # limit of one connection's queue
+MORE_BYTES = 64  # overhead of a queued message
+AT_ONCE_S = 0.01  # longest time for messages before other tasks of the event loop run
+UNSENT_BYTES = 32 * 1024 * 1024  # limit of the queue to a broker that does not read
 CLOSE_TIMEOUT_S = 1.0
 Told = Send | Update | Listen | Close
 
 
 class SessionBroker:
-    """A server's end. Use as `async with`; functions never block, and topics are below the root.
+    """Server's end of the transport. Use as `async with`; methods never block. Topics in arguments lack the root.
 
     Args:
         knocks: topic of first messages.
         max_bytes: plaintext of the longest record of a client.
 
     Attributes:
-        rejected: messages that were dropped unread, by reason.
+        rejected: number of messages dropped unread, by reason.
     """
 
     def __init__(self, broker: BrokerUrl, root: str, knocks: str, max_bytes: int) -> None:
@@ -48,12 +48,12 @@ class SessionBroker:
         self._root = root
         self._longest = RECORD.size + max_bytes + TAG_BYTES
         self._topics: dict[int, tuple[str, ...]] = {}
-        self._of: dict[str, int] = {}  # whose topic it is
-        self._rows: OrderedDict[int, deque[bytes]] = OrderedDict()  # unread messages, whose turn it is first
+        self._of: dict[str, int] = {}  # connection by topic
+        self._rows: OrderedDict[int, deque[bytes]] = OrderedDict()  # unread messages, next connection first
         self._unread_bytes: Counter[int] = Counter()
         self._unsent: deque[Ask] = deque()
         self._unsent_bytes = 0
-        self._update: Publish | None = None  # the one that waits
+        self._update: Publish | None = None  # the update in the queue
         self._reads, self._sends = asyncio.Event(), asyncio.Event()
         self._asked: set[asyncio.Task[bool]] = set()
         self._tasks: list[asyncio.Task[None]] = []
@@ -62,17 +62,17 @@ class SessionBroker:
 
     @property
     def mqtt(self) -> int:
-        """Return the version of MQTT that the broker speaks, 5 or 4."""
+        """Return the MQTT version of the connection, 5 or 4."""
         return self._link.mqtt
 
     @property
     def connected(self) -> bool:
-        """Return whether the broker is there now."""
+        """Return whether the broker is connected now."""
         return self._link.connected.is_set()
 
     @property
     def trouble(self) -> str:
-        """Return what the last connection attempt died of; "" while connected."""
+        """Return the error of the last connection attempt; "" while connected."""
         return self._link.trouble
 
     async def __aenter__(self) -> Self:
@@ -82,18 +82,18 @@ class SessionBroker:
     async def __aexit__(self, *_: object) -> None:
         for task in (*self._tasks, *self._asked):
             task.cancel()
-        await asyncio.wait(self._tasks, timeout=CLOSE_TIMEOUT_S)  # a broker that hangs must not hold up the end
+        await asyncio.wait(self._tasks, timeout=CLOSE_TIMEOUT_S)  # a hanging broker must not block the exit
 
     async def wait_connected(self, timeout_s: float) -> None:
-        """Wait for the broker. Raises: TimeoutError; Unavailable: it refused us."""
+        """Wait for the broker. Raises: TimeoutError; Unavailable: it refused the connection."""
         await self._link.wait_connected(timeout_s)
 
     async def run(self) -> None:
-        """Serve until cancelled. Raises: Unavailable: the broker refused us."""
+        """Serve until cancelled. Raises: Unavailable: the broker refused the connection."""
         await asyncio.gather(*self._tasks)
 
     async def events(self) -> AsyncIterator[Received]:
-        """Yield messages, one of each connection in turn; first messages are of connection `KNOCKS`."""
+        """Yield messages, round-robin over the connections; first messages have the connection `KNOCKS`."""
         while True:
             until_s = time.monotonic() + AT_ONCE_S
             while self._rows:
@@ -106,18 +106,18 @@ class SessionBroker:
                     del self._unread_bytes[connection]
                 yield Received(connection, data)
                 if time.monotonic() >= until_s:
-                    await asyncio.sleep(0)  # the robots' tick is due as well
+                    await asyncio.sleep(0)  # lets other tasks run, such as the robots' tick
                     until_s = time.monotonic() + AT_ONCE_S
             self._reads.clear()
             await self._reads.wait()
 
-    def carry(self, told: Told) -> None:
-        """Do what a server of sessions asks for. What is said is lost while the broker is away or takes nothing."""
-        match told:
+    def carry(self, event: Told) -> None:
+        """Carry out an event of `SessionServer`. Messages are lost while the broker is unreachable or does not read."""
+        match event:
             case Send(_, data, topic):
                 self._put(Publish(f"{self._root}/{topic}", data))
             case Update(_, data, topic):
-                # Whoever has not taken the last one misses this one: a queue would make every command late.
+                # Skipped while the last update is still queued: a backlog would make every command late.
                 update = Publish(f"{self._root}/{topic}", data)
                 if self._update is None and self._put(update):
                     self._update = update
@@ -127,7 +127,7 @@ class SessionBroker:
                 self._listen(connection, ())
 
     def _listen(self, connection: int, topics: tuple[str, ...]) -> None:
-        """Let these topics be a connection's from now on, and no others."""
+        """Set the topics of a connection to exactly these."""
         new = tuple(f"{self._root}/{each}" for each in topics)
         before = self._topics.pop(connection, ())
         for topic in before:
@@ -147,7 +147,7 @@ class SessionBroker:
     # --- the broker --------------------------------------------------------------------------------------------------
 
     def _put(self, ask: Ask) -> bool:
-        """Ask the broker in its turn; return false if it is away: topics are made good by connecting."""
+        """Queue a request to the broker; return false if it is unreachable. Reconnecting subscribes to all topics."""
         size = len(ask.payload) if isinstance(ask, Publish) else 0
         if not self.connected or self._unsent_bytes + size > UNSENT_BYTES:
             return False
@@ -167,7 +167,7 @@ class SessionBroker:
                     if ask is self._update:
                         self._update = None
                     continue
-                # Its answer is not waited for: a broker works off what one client asks in that order.
+                # Not awaited: a broker processes the requests of one client in order.
                 asked = asyncio.create_task(self._link.send((ask,)))
                 self._asked.add(asked)
                 asked.add_done_callback(self._asked.discard)
@@ -177,7 +177,7 @@ class SessionBroker:
     async def _on_message(self, topic: str, payload: bytes) -> None:
         connection = self._of.get(topic)
         if connection is None:
-            return  # of a connection that is over
+            return  # of a closed connection
         size = len(payload) + MORE_BYTES
         if len(payload) > self._longest:
             self.rejected["too_large"] += 1

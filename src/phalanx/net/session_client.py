@@ -1,4 +1,4 @@
-"""A visitor's end of a session, for programs. Use it as `phalanx.link.Client`."""
+"""Client of a swarm in mode session, for programs. Exported as `phalanx.link.Client`."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ from .session_payloads import check_nickname, check_word, payload_bytes, wheels
 
 __all__ = ["Client", "RequestRefused", "SessionOver"]
 
-SLOT_S = 0.1  # between two records while a robot is assigned or leased
+SLOT_S = 0.1  # time between two records while a robot is assigned or leased
 FIRST_UPDATE_S = 1.0
-REFUSED_WITHIN_S = 0.4  # a refusal of a command that comes later counts for a later command
-UNREAD, UNREAD_BYTES = 256, 4 * 1024 * 1024  # updates that wait for a reader
-NO_ANSWER = "no answer from the swarm", "is it up, does this machine reach it, and is the code still valid?"
-STILL_DRIVES = (Reason.LATE, Reason.TOO_MANY)  # one command was lost; the next may do
+REFUSED_WITHIN_S = 0.4  # wait for a refusal; refusals do not name their command
+UNREAD, UNREAD_BYTES = 256, 4 * 1024 * 1024  # limits of the queue of unread updates
+NO_ANSWER = "no answer from the swarm", "check that it runs, that this machine reaches it, and that the code is valid"
+STILL_DRIVES = (Reason.LATE, Reason.TOO_MANY)  # refusals of one command after which the next may be accepted
 
 
 class RequestRefused(PeerError):
@@ -50,26 +50,26 @@ class RequestRefused(PeerError):
 
 
 class Client:
-    """One visitor of a swarm. Use as `async with`: entered once it is admitted, or waits for approval.
+    """Client of one visitor. Use as `async with`: entered once it is admitted, or waits for approval.
 
-    A lost connection is made again, and the session resumed. While a robot is assigned to this visitor or leased, it
-    sends one record in each slot of 0.1 s, whatever is commanded, so that size and time of records tell nothing.
+    It reconnects and resumes the session by itself. While a robot is assigned to this visitor or leased, it sends one
+    record every 0.1 s, whatever the commands, so that sizes and times of records reveal nothing.
 
     Args:
-        url: what the QR code says: `http://host:port/#j=…`.
+        url: URL of the QR code: `http://host:port/#j=…`.
         name: nickname; the swarm or the ticket may choose another.
-        secret_file: keeps the secret to resume with, for its owner alone, so that the next run is the same visitor.
-        timeout_s: how long entering waits, and a request for its reply.
-        away_s: how long a lost connection is tried again.
+        secret_file: file for the resume secret, readable by its owner alone, so that the next run is the same visitor.
+        timeout_s: timeout of entering, and of requests.
+        away_s: time after which a lost connection is given up.
 
     Attributes:
-        visitor: its number; 0 before it is admitted.
-        standing: what it may do now.
-        commands: how many were sent.
-        refusals: refused commands and requests, by reason.
-        dropped: updates that nobody read in time.
+        visitor: id of the visitor; 0 before it is admitted.
+        standing: current rights.
+        commands: number of commands sent.
+        refusals: number of refused commands and requests, by reason.
+        dropped: number of updates dropped because they were not read in time.
 
-    Raises: BadInvitation, UsageError: URL, name. On entering, Unavailable: no server; SessionOver: not admitted.
+    Raises: BadInvitation: URL; UsageError: name. On entering, Unavailable: no server; SessionOver: not admitted.
     Source: docs/spec/session.md.
     """
 
@@ -104,21 +104,21 @@ class Client:
         self._slots = Slots()
         self._driving: Say | None = None  # the wheels of the newest `drive`
         self._tasks: list[asyncio.Task[None]] = []
-        self._waiting: dict[int, asyncio.Future[bytes | Reason]] = {}  # by the numbers of requests
-        self._pending: set[asyncio.Future[Any]] = set()  # replies, and records that wait for their slots
-        self._refused: list[asyncio.Future[Reason]] = []  # the next refusal of a command
+        self._waiting: dict[int, asyncio.Future[bytes | Reason]] = {}  # pending replies, by request number
+        self._pending: set[asyncio.Future[Any]] = set()  # futures that fail if the connection is lost
+        self._refused: list[asyncio.Future[Reason]] = []  # futures of the next refusal of a command
         self._updates: deque[bytes] = deque()
-        self._changed = asyncio.Event()  # is set, and replaced, whenever something has changed
-        self._has_seen = False  # an update in this connection
+        self._changed = asyncio.Event()  # set and replaced at each change of state
+        self._has_seen = False  # an update has arrived in this connection
 
     @property
     def rejected(self) -> dict[str, int]:
-        """Return how many messages of the server were refused, by reason."""
+        """Return the number of refused messages of the server, by reason."""
         return dict(self._connection.rejected)
 
     @property
     def is_joined(self) -> bool:
-        """Return whether the session is up now."""
+        """Return whether the session is established now."""
         return self._connection.is_joined
 
     async def __aenter__(self) -> Self:
@@ -137,16 +137,16 @@ class Client:
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
     async def leave(self) -> None:
-        """End the session; the secret in the file still resumes it."""
+        """End the session; the secret in the file stays valid for resuming."""
         await self._connection.leave()
 
     # --- requests ----------------------------------------------------------------------------------------------------
 
     async def request(self, name: str, payload: Any = None, *, timeout_s: float | None = None) -> Any:
-        """Return the reply to a request.
+        """Send a request, and return its reply.
 
-        Raises: RequestRefused; BadPayload: no JSON; SessionOver; Unavailable: no reply, or the connection was
-            lost; UsageError: not JSON, too long, or no such name.
+        Raises: RequestRefused; BadPayload: the reply is not JSON; SessionOver; Unavailable: no reply, or the
+            connection was lost; UsageError: the payload is not JSON or too long, or the name is not valid.
         """
         check_word(NAME, name, "a request's name")
         body = b"" if payload is None else payload_bytes(payload)
@@ -161,27 +161,27 @@ class Client:
         try:
             await self._say(say)
             async with asyncio.timeout(timeout_s or self._timeout_s):
-                said = await answer
+                reply = await answer
         except TimeoutError as error:
             raise Unavailable(*NO_ANSWER) from error
         finally:
             answer.cancel()
             self._waiting = {number: each for number, each in self._waiting.items() if not each.done()}
-        if isinstance(said, Reason):
-            raise RequestRefused(f"request {name}", said)
-        return decode_json(said)
+        if isinstance(reply, Reason):
+            raise RequestRefused(f"request {name}", reply)
+        return decode_json(reply)
 
     async def robots(self) -> list[dict[str, Any]]:
-        """Return the robots of which the swarm tells an address. Raises: as `request`; BadPayload: no list."""
-        said = await self.request("robots")
-        if not isinstance(said, list):
+        """Return the swarm's robots with valid addresses. Raises: as `request`; BadPayload: the reply is not a list."""
+        robots = await self.request("robots")
+        if not isinstance(robots, list):
             raise BadPayload("the answer is not a list of robots")
-        return [each for each in said if isinstance(each, dict) and is_address(each.get("address"))]
+        return [each for each in robots if isinstance(each, dict) and is_address(each.get("address"))]
 
     async def updates(self) -> AsyncIterator[Any]:
-        """Yield the swarm's updates as they come; if nobody reads, the oldest are `dropped`.
+        """Yield the swarm's updates as they arrive; the oldest unread ones are dropped if there are too many.
 
-        Raises: SessionOver; Unavailable: the connection stays lost.
+        Raises: SessionOver; Unavailable: the connection was lost for `away_s`.
         """
         while True:
             await self._until(lambda: bool(self._updates), None)
@@ -195,9 +195,9 @@ class Client:
     async def command(
         self, robot: str, name: str, payload: Any, *, stop: bool = False, refused_within_s: float = 0.0
     ) -> None:
-        """Command a robot, by its address. Nothing confirms it: a refusal is awaited so long, else only counted.
+        """Send a command to a robot. Commands are not acknowledged; wait for a refusal for `refused_within_s`.
 
-        Raises: RequestRefused; SessionOver; Unavailable: connection lost; UsageError: not JSON, too long, no address.
+        Raises: RequestRefused; SessionOver; Unavailable: connection lost; UsageError: an argument is not valid.
         """
         say = self._command(robot, name, payload, stop=stop)
         refused = self._next_refusal()
@@ -209,7 +209,7 @@ class Client:
             self._forget(refused)
 
     async def drive(self, robot: str, left_pct: float, right_pct: float, for_s: float = 1.0) -> bool:
-        """Drive a robot for a time, and stop it; return false, and early, if `stop` or another `drive` took over.
+        """Drive a robot for a time, then stop it; return false early if `stop` or another `drive` takes over.
 
         Raises: RequestRefused; else as `command`.
         """
@@ -220,7 +220,7 @@ class Client:
         try:
             while self._driving is say and (left_s := end_s - time.monotonic()) > 0:
                 if self._is_paced and self.is_joined:
-                    self._slots.steady = say  # not queued: a stop drops it at once
+                    self._slots.steady = say  # not queued, so that a stop removes it at once
                 else:
                     await self._say(say, robot)
                 await asyncio.wait((refused,), timeout=min(SLOT_S, left_s))
@@ -236,13 +236,13 @@ class Client:
                     await self.stop(robot)
 
     async def route(self, robot: str, points_mm: Sequence[tuple[float, float]], threshold_mm: float = 100.0) -> None:
-        """Send a robot along points, each reached within the threshold. Raises: RequestRefused; else as `command`."""
+        """Send a robot along points; each counts as reached within the threshold. Raises: as `command`."""
         points = [{"x": x, "y": y, "z": 0} for x, y in points_mm]
         payload = {"threshold": threshold_mm, "waypoints": points}
         await self.command(robot, "waypoints", payload, refused_within_s=REFUSED_WITHIN_S)
 
     async def stop(self, robot: str, *, refused_within_s: float = 0.0) -> None:
-        """Stop a robot: never late, and before all else that waits to be sent. Raises: as `command`."""
+        """Stop a robot, ahead of all queued records; a stop is never refused as late. Raises: as `command`."""
         self._driving = self._slots.steady = None
         await self.command(robot, "move_raw", wheels(0, 0), stop=True, refused_within_s=refused_within_s)
 
@@ -265,9 +265,9 @@ class Client:
         return bool(self.standing and self.standing.robot)
 
     async def _say(self, say: Say, robot: str = "", *, stop: bool = False) -> None:
-        """Send at once, or in a slot while there are slots; return when it is sent."""
+        """Send a record at once, or in the next slot while a robot is assigned or leased; return when it is sent."""
         if not self._tasks:
-            raise UsageError("the client is not entered", "async with client: …")
+            raise UsageError("the client is not entered", "use it as `async with client:`")
         if self._connection.failure:
             raise self._connection.failure
         if robot and not stop:
@@ -285,7 +285,7 @@ class Client:
 
         def drop() -> None:
             if not sent.done():
-                sent.set_exception(UsageError("a stop came before this command was sent"))
+                sent.set_exception(UsageError("a stop for the robot cancelled this command before it was sent"))
 
         if stop:
             self._slots.stop(say_now, robot)
@@ -294,13 +294,13 @@ class Client:
         await sent
 
     async def _wait_for_update(self) -> None:
-        """Wait a moment for the first update in this connection, as a command is based on one."""
+        """Wait up to 1 s for the first update in this connection, because commands refer to an update."""
         if not self._has_seen:
             with contextlib.suppress(Unavailable):
                 await self._until(lambda: self._has_seen, FIRST_UPDATE_S)
 
     async def _pace(self) -> None:
-        """Send a record in each slot, while a robot is assigned or leased, and until nothing waits for a slot."""
+        """Send a record in each slot while a robot is assigned or leased, or records are queued."""
         due_s = time.monotonic()
         while not self._connection.failure:
             due_s = max(due_s + SLOT_S, time.monotonic())
@@ -355,10 +355,10 @@ class Client:
             each.set_exception(self._connection.failure or Unavailable(*LOST))
         self._notify()
 
-    def _answer(self, number: int, said: bytes | Reason) -> None:
+    def _answer(self, number: int, reply: bytes | Reason) -> None:
         answer = self._waiting.get(number)
         if answer and not answer.done():
-            answer.set_result(said)
+            answer.set_result(reply)
 
     def _keep(self, state: bytes) -> None:
         kept = self._updates
@@ -372,7 +372,7 @@ class Client:
         self._changed = asyncio.Event()
 
     async def _until(self, holds: Callable[[], bool], within_s: float | None) -> None:
-        """Wait until something holds. Raises: Unavailable: not within the time; or why the session is over."""
+        """Wait until `holds()`. Raises: Unavailable: not within the time; the failure that ended the session."""
         try:
             async with asyncio.timeout(within_s):
                 while True:

@@ -1,4 +1,4 @@
-"""Keep a session up, on either way: connect, resume, make new keys, and store the secret to resume with."""
+"""Connection of a session's client, over a websocket or a broker: connect, reconnect, resume, and store secrets."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from .websocket import CLOSE_S
 
 log = logging.getLogger(__name__)
 
-LOST = "the connection to the swarm is lost", "it is tried again"
-RETRY_S = (0.25, 4.0)  # pause before the next connection: the first, and the longest
-REFUSALS = 3  # first messages without an answer, before a session that was up counts as over
-RESUMED = (EndReason.OLD_KEYS, EndReason.CLOSING)  # ends after which a client resumes
+LOST = "the connection to the swarm is lost", "wait: the client reconnects by itself"
+RETRY_S = (0.25, 4.0)  # first and longest pause before reconnecting
+REFUSALS = 3  # unanswered first messages after which an admitted client's session counts as over
+RESUMED = (EndReason.OLD_KEYS, EndReason.CLOSING)  # end reasons after which a client resumes
 
 
 class SessionOver(PeerError):
-    """The session has ended; `why` is the swarm's reason, None if it gave none."""
+    """The session has ended; `why` is the swarm's reason, or None if it gave none."""
 
     def __init__(self, why: EndReason | None, message: str = "") -> None:
         self.why = why
@@ -44,18 +44,18 @@ class SessionOver(PeerError):
 
 
 class SessionConnection:
-    """One visitor's connection, made again when it is lost.
+    """Connection of one visitor, which reconnects when it is lost.
 
     Args:
-        url: of the websocket; not used if the invitation names a broker.
-        secret_file: keeps the secret to resume with; None: memory does.
-        away_s: how long a lost connection is tried again.
-        on_event: is called with the protocol's events, in order.
-        on_lost: is called when the connection is lost, or the session over.
+        url: URL of the websocket; not used if the invitation names a broker.
+        secret_file: file for the resume secret; None: only in memory.
+        away_s: time after which a lost connection is given up.
+        on_event: called with the protocol's events, in order.
+        on_lost: called when the connection is lost, or the session is over.
 
     Attributes:
-        failure: why the session is over.
-    Raises: UsageError, Unavailable: the file cannot be read, or is none of ours.
+        failure: the error that ended the session; None while it goes on.
+    Raises: Unavailable: the file cannot be read; UsageError: it is no session file.
     """
 
     def __init__(
@@ -87,15 +87,15 @@ class SessionConnection:
 
     @property
     def rejected(self) -> Counter[str]:
-        """Return how many messages of the server were refused, by reason."""
+        """Return the number of refused messages of the server, by reason."""
         return self._rejected + (self.protocol.rejected if self.protocol else Counter())
 
     def count(self, error: PeerError) -> None:
-        """Count a message that was opened and is wrong inside."""
+        """Count an authentic message with invalid content."""
         self._rejected[error.reason] += 1
 
     def fail(self, failure: PeerError | Unavailable) -> None:
-        """End the session for this reason, if it is not over."""
+        """End the session with this error, if it is not over."""
         if self.failure is None:
             self.failure = failure
             self._on_lost()
@@ -112,7 +112,7 @@ class SessionConnection:
             raise Unavailable(*LOST) from error
 
     async def leave(self) -> None:
-        """End the session; the secret still resumes it."""
+        """End the session; the resume secret stays valid."""
         self.fail(SessionOver(None, "this client has left"))
         with contextlib.suppress(*AWAY):
             async with asyncio.timeout(CLOSE_S):
@@ -122,7 +122,7 @@ class SessionConnection:
                     await self._way.close()
 
     async def run(self) -> None:
-        """Keep the session up, until it is over."""
+        """Connect, and reconnect when the connection is lost, until the session is over."""
         pause_s, refusals, lost_s = RETRY_S[0], 0, time.monotonic()
         while not self.failure:
             why = ""
@@ -143,8 +143,8 @@ class SessionConnection:
             if time.monotonic() - lost_s > self._away_s:
                 self.fail(Unavailable(f"no connection to the swarm for {self._away_s:g} s{why}"))
             if not self.failure:
-                log.info("connecting again%s", why)
-                await asyncio.sleep(pause_s * random.uniform(0.75, 1.25))  # noqa: S311  # spreads, hides nothing
+                log.info("reconnecting%s", why)
+                await asyncio.sleep(pause_s * random.uniform(0.75, 1.25))  # noqa: S311  # jitter, not a secret
                 pause_s = min(2 * pause_s, RETRY_S[1])
 
     async def _connect(self) -> bool:
@@ -178,7 +178,7 @@ class SessionConnection:
     async def _tick(self, way: Way, protocol: SessionClient) -> None:
         while not protocol.is_over:
             await asyncio.sleep(1)
-            with contextlib.suppress(*AWAY):  # the reader sees that as well
+            with contextlib.suppress(*AWAY):  # the reading task handles the error
                 await self._carry_out(protocol.tick(_now_ms()))
         await way.close()
 
@@ -202,20 +202,20 @@ class SessionConnection:
             try:
                 await asyncio.to_thread(write_resume, self._file, self.invitation, secret, lifetime_s)
             except Unavailable as error:
-                log.warning("the secret to resume with is not kept: %s", error)
-                return  # the server accepts the one before, which the file has
+                log.warning("cannot store the resume secret: %s", error)
+                return  # the server still accepts the previous secret, which is in the file
         self._secret = secret
         if self.protocol and self.protocol.is_joined:
             await self._carry_out([self.protocol.stored(secret, _now_ms())])
 
     def _ended(self, why: EndReason | None) -> None:
-        # What a file keeps may be of a visitor that was removed: `_refused` tries the invitation then.
+        # The stored secret may be that of a removed visitor: then `_refused` tries the invitation.
         is_old = why is EndReason.NOT_ADMITTED and self._secret and not self._was_admitted
         if why is not None and why not in RESUMED and not is_old:
             self.fail(SessionOver(why))
 
     def _refused(self, times: int) -> None:
-        """Decide what it means that the server did not admit this visitor. On a broker it may be away as well."""
+        """Handle a connection without admission: try another secret, or fail. On a broker the server may be down."""
         if self.invitation.broker:
             self._spares_secret = not self._was_admitted and not self._spares_secret
         elif self._secret and not self._was_admitted:
@@ -230,9 +230,9 @@ def websocket_url(url: str) -> str:
         parts = urlsplit(url.strip())
         host, port = parts.hostname, parts.port
     except ValueError:
-        raise BadInvitation("it has no address") from None
+        raise BadInvitation("the URL has no valid address") from None
     if parts.scheme not in ("http", "https") or not host or parts.username is not None:
-        raise BadInvitation("it begins with http://host or https://host")
+        raise BadInvitation("the URL does not begin with http://host or https://host")
     name = f"[{host}]" if ":" in host else host
     return f"{'wss' if parts.scheme == 'https' else 'ws'}://{name}{f':{port}' if port else ''}{LINK_PATH}"
 

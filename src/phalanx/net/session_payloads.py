@@ -1,4 +1,4 @@
-"""What a client of sessions puts into commands and requests, checked before it is sent."""
+"""Validation and encoding of a session client's commands and requests."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 from phalanx.errors import UsageError
 from phalanx.link.envelope import encode_json
 
-LONGEST = 16_000  # bytes of a payload: a record to the server has at most 16 KiB, with names and padding
+LONGEST = 16_000  # bytes of a payload: a record to the server has at most 16 KiB including names and padding
 NAME_BYTES = 255
 
 
 def payload_bytes(payload: Any) -> bytes:
-    """Return a payload as JSON. Raises: UsageError: it is not JSON (NaN included), or too long."""
+    """Encode a payload as JSON. Raises: UsageError: it is not JSON (NaN included), or too long."""
     try:
         body = encode_json(payload)
     except (TypeError, ValueError, RecursionError) as error:
@@ -29,12 +29,12 @@ def wheels(left_pct: float, right_pct: float) -> dict[str, float]:
 
 
 def check_word(grammar: re.Pattern[str], word: str, what: str) -> None:
-    """Raise UsageError if a word that is to be sent does not follow its grammar."""
+    """Raise UsageError if `word` does not match `grammar`; `what` names it in the message."""
     if not grammar.fullmatch(word):
-        raise UsageError(f"not {what}: {word[:80]!r}", "letters and digits, - and _, 64 at most")
+        raise UsageError(f"not {what}: {word[:80]!r}", "use at most 64 letters, digits, - and _")
 
 
 def check_nickname(name: str) -> None:
-    """Raise UsageError if a nickname does not fit the first message. The server shortens it further."""
+    """Raise UsageError if a nickname does not fit into the first message. The server may shorten it."""
     if not 0 <= len(name.encode(errors="replace")) <= NAME_BYTES or not name.isprintable():
-        raise UsageError("not a nickname", f"{NAME_BYTES} bytes at most, on one line")
+        raise UsageError("not a valid nickname", f"use one line of at most {NAME_BYTES} bytes")

@@ -1,7 +1,7 @@
-"""The store of sessions on disk: sqlite3, for one gateway at a time, readable by its owner alone.
+"""Store of sessions on disk: an sqlite3 file for one gateway at a time, readable by its owner alone.
 
-Rows are durable when `write` returns: a visitor that was removed before a power cut stays removed after it. The swarm's
-keys are in the same file, so that a restart keeps its codes' public key, and with it all sessions.
+Rows are durable when `write` returns, so a removed visitor stays removed after a power cut. The file also holds the
+swarm's keys: after a restart, codes have the same public key, and sessions go on.
 """
 
 from __future__ import annotations
@@ -22,39 +22,40 @@ from phalanx.errors import Unavailable, UsageError
 
 from .private_file import check_private, sync_name
 
-APPLICATION_ID = 0x50484C58  # "PHLX": what `file` and we know it by
+APPLICATION_ID = 0x50484C58  # "PHLX", which identifies the file
 FORMAT = 1
 KEY_BYTES = 32
+WRITABLE = "use a folder that you own, on a disk with free space"
 _STATIC, _SIGNER = "static", "signer"
 
 
 @dataclass(frozen=True, slots=True)
 class LinkKeys:
-    """A swarm's keys: X25519 for handshakes, Ed25519 for updates. Printing them shows nothing."""
+    """A swarm's keys: X25519 for handshakes, Ed25519 for updates. The repr does not show them."""
 
     static: X25519PrivateKey = field(repr=False)
     signer: Ed25519PrivateKey = field(repr=False)
 
 
 def new_link_keys() -> LinkKeys:
-    """Return fresh keys."""
+    """Generate keys."""
     return LinkKeys(X25519PrivateKey.generate(), Ed25519PrivateKey.generate())
 
 
 class SessionStore:
-    """The file at `path`, made if it is not there. A `Store` of `phalanx.link.session`; close it at the end.
+    """`Store` of `phalanx.link.session` in the file at `path`, which is created if it does not exist; has to be closed.
 
     Attributes:
-        keys: the swarm's, made with the file.
+        keys: the swarm's keys, generated with the file.
 
-    Raises: UsageError: others may read it, or it is damaged; Unavailable: another gateway has it, or the disk is full.
+    Raises: UsageError: other users may read it, or it is damaged; Unavailable: in use, or the disk is full.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
         _make_private(path)
         with self._faults():
-            # Statements begin and end their transactions themselves.
+            # Autocommit: transactions begin and end explicitly.
             self._db = sqlite3.connect(path, timeout=0, isolation_level=None)
         try:
             with self._faults():
@@ -79,7 +80,7 @@ class SessionStore:
             return dict(self._db.execute("SELECT key, row FROM rows ORDER BY key"))
 
     def write(self, rows: Mapping[bytes, bytes | None]) -> None:
-        """Write rows, and delete those that are None, in one transaction. Returns when all are on disk."""
+        """Write rows, and delete those that are None, in one transaction. Return when all are on disk."""
         with self._faults():
             self._db.execute("BEGIN IMMEDIATE")
             try:
@@ -95,25 +96,26 @@ class SessionStore:
                 raise
 
     def close(self) -> None:
-        """Close the file: another gateway may have it."""
+        """Close the file, so that another gateway may open it."""
         self._db.close()
 
     def _open(self) -> None:
-        # One process: another would write rows of visitors that this one has removed.
+        # Only one process: another one would write back visitors that this one has removed.
         self._db.execute("PRAGMA locking_mode = EXCLUSIVE")
         self._db.execute("PRAGMA journal_mode = WAL")
         self._db.execute("PRAGMA synchronous = FULL")
-        self._db.execute("PRAGMA secure_delete = ON")  # secrets of removed visitors are overwritten
+        self._db.execute("PRAGMA secure_delete = ON")  # overwrites secrets of removed visitors
         known = self._number("application_id"), self._number("user_version")
         if known == (0, 0) and not self._db.execute("SELECT name FROM sqlite_master").fetchall():
             self._make()
         elif known != (APPLICATION_ID, FORMAT):
-            raise UsageError(f"{self._path} is no store of sessions", "another file; one that is not there is made")
+            hint = "use another file; a missing file is created"
+            raise UsageError(f"{self._path} is not a session store of this version", hint)
         else:
-            self._db.execute("BEGIN IMMEDIATE")  # takes the lock, if another has not
+            self._db.execute("BEGIN IMMEDIATE")  # takes the lock
             self._db.execute("COMMIT")
         if self._db.execute("PRAGMA quick_check").fetchone() != ("ok",):
-            raise sqlite3.DatabaseError("pages do not fit together")
+            raise sqlite3.DatabaseError("the integrity check failed")
 
     def _make(self) -> None:
         self._db.execute("BEGIN IMMEDIATE")
@@ -131,39 +133,37 @@ class SessionStore:
     def _keys(self) -> LinkKeys:
         raw = dict(self._db.execute("SELECT name, raw FROM keys"))
         if sorted(raw) != sorted((_STATIC, _SIGNER)) or any(len(each) != KEY_BYTES for each in raw.values()):
-            raise sqlite3.DatabaseError("the swarm's keys are not in it")
+            raise sqlite3.DatabaseError("the swarm's keys are missing")
         return LinkKeys(
             X25519PrivateKey.from_private_bytes(raw[_STATIC]), Ed25519PrivateKey.from_private_bytes(raw[_SIGNER])
         )
 
     @contextlib.contextmanager
     def _faults(self) -> Iterator[None]:
-        """Raise in one line what sqlite3 finds wrong; it quotes no row."""
+        """Translate errors of sqlite3, which never contain rows."""
         try:
             yield
         except sqlite3.OperationalError as error:
             if "locked" in str(error):
-                raise Unavailable(f"another gateway has {self._path}", "give this one another folder") from error
-            raise Unavailable(
-                f"cannot write {self._path}: {error}", "a folder that is yours, with room in it"
-            ) from error
+                raise Unavailable(f"another gateway uses {self._path}", "use another folder for this one") from error
+            raise Unavailable(f"cannot write {self._path}: {error}", WRITABLE) from error
         except (sqlite3.ProgrammingError, sqlite3.InterfaceError):
-            raise  # a fault of this program
+            raise  # a bug of this program
         except sqlite3.DatabaseError as error:
-            hint = "move it away: visitors then scan a new code, and tickets are void"
+            hint = "move it away; then all visitors have to scan a new code, and tickets are void"
             raise UsageError(f"{self._path} is damaged: {error}", hint) from error
 
 
 def _make_private(path: Path) -> None:
-    """Make the file for its owner alone, if it is not there, before sqlite3 opens it; follow nobody's link."""
+    """Create the file for its owner alone before sqlite3 opens it, without following a symbolic link."""
     try:
         file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600)
         try:
             status = os.fstat(file)
         finally:
             os.close(file)
-        # Its name is on disk before anything that is acknowledged is in it.
+        # The directory entry must be durable before the first acknowledged row.
         sync_name(path)
     except OSError as error:
-        raise Unavailable(f"cannot open {path}: {error.strerror}", "a folder that is yours, with room in it") from error
+        raise Unavailable(f"cannot open {path}: {error.strerror}", WRITABLE) from error
     check_private(path, status)

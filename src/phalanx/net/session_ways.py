@@ -1,4 +1,4 @@
-"""How a client of sessions reaches the swarm: a websocket at the origin of its page, or a broker that nobody trusts."""
+"""Transports of a session's client: a websocket at the origin of the page, or an untrusted broker."""
 
 from __future__ import annotations
 
@@ -20,35 +20,35 @@ from .websocket import CLOSE_S, end_websocket
 
 CONNECT_S = 10.0
 HEARTBEAT_S = 20.0
-UNREAD = 256  # messages; the broker's connection drops those that come then
-# What is raised while there is no connection, or none any more.
+UNREAD = 256  # messages in the queue; further ones wait in the broker's connection, which may drop them
+# Errors that are raised without a connection.
 AWAY = (OSError, aiohttp.ClientError, TimeoutError)
 
 
 class Way(Protocol):
-    """One connection. Use as `async with`: entered once it is there."""
+    """One connection. Use as `async with`: entered once it is established."""
 
     async def __aenter__(self) -> Self:
-        """Connect. Raises: AWAY; Unavailable: the broker refuses us."""
+        """Connect. Raises: AWAY; Unavailable: the broker refuses the connection."""
 
     async def __aexit__(self, *_: object) -> None:
-        """Hang up."""
+        """Disconnect."""
 
     def messages(self) -> AsyncIterator[bytes]:
-        """Yield what comes, until the connection is over."""
+        """Yield received messages until the connection is closed."""
 
-    async def send(self, told: Transmit) -> None:
+    async def send(self, message: Transmit) -> None:
         """Send a message. Raises: AWAY."""
 
     async def hear(self, topics: tuple[str, ...]) -> None:
-        """Receive by these topics, and by no others."""
+        """Set the topics to receive from to exactly these."""
 
     async def close(self) -> None:
         """End `messages`."""
 
 
 class WebsocketWay:
-    """A websocket. `max_bytes`: of a message; `rejected` counts messages that are none of ours."""
+    """Websocket. `max_bytes` limits a message; `rejected` counts messages that are not binary."""
 
     def __init__(self, url: str, max_bytes: int, rejected: Counter[str]) -> None:
         self._url, self._max_bytes, self._rejected = url, max_bytes, rejected
@@ -69,7 +69,7 @@ class WebsocketWay:
     async def __aexit__(self, *_: object) -> None:
         try:
             await self.close()
-        finally:  # also where whoever leaves is cancelled meanwhile
+        finally:  # also if `close` is cancelled
             await self._http.close()
 
     async def messages(self) -> AsyncIterator[bytes]:
@@ -81,10 +81,10 @@ class WebsocketWay:
             else:
                 self._rejected["unexpected"] += 1
 
-    async def send(self, told: Transmit) -> None:
+    async def send(self, message: Transmit) -> None:
         """Send a message. Raises: AWAY."""
         assert self._socket is not None, "it is entered first"
-        await self._socket.send_bytes(told.data)
+        await self._socket.send_bytes(message.data)
 
     async def hear(self, topics: tuple[str, ...]) -> None:
         """Do nothing: there are no topics here."""
@@ -96,7 +96,7 @@ class WebsocketWay:
 
 
 class BrokerWay:
-    """Topics on an invitation's broker. Whether the swarm is there, only its messages tell."""
+    """Topics on an invitation's broker. A connection does not mean that the swarm is reachable."""
 
     def __init__(self, invitation: Invitation, rejected: Counter[str]) -> None:
         self._root, self._rejected = invitation.root, rejected
@@ -123,17 +123,17 @@ class BrokerWay:
             await asyncio.wait((self._running,), timeout=CLOSE_S)
 
     async def messages(self) -> AsyncIterator[bytes]:
-        """Yield what comes by topics that are heard, until `close`; a lost broker is connected to again."""
+        """Yield messages of the current topics until `close`; a lost broker is reconnected."""
         while (data := await self._came.get()) is not None:
             yield data
 
-    async def send(self, told: Transmit) -> None:
+    async def send(self, message: Transmit) -> None:
         """Send a message. Raises: AWAY."""
-        if not await self._link.send((Publish(f"{self._root}/{told.topic}", told.data),)):
-            raise ConnectionError("the broker is away")
+        if not await self._link.send((Publish(f"{self._root}/{message.topic}", message.data),)):
+            raise ConnectionError("the broker is unreachable")
 
     async def hear(self, topics: tuple[str, ...]) -> None:
-        """Subscribe to these topics, and to no others; what fails is made good by connecting."""
+        """Set the subscriptions to exactly these topics; a reconnect repeats those that failed."""
         wanted, before = tuple(f"{self._root}/{each}" for each in topics), self._topics
         self._topics = wanted
         asks: list[Ask] = [Subscribe(each) for each in wanted if each not in before]
@@ -141,7 +141,7 @@ class BrokerWay:
         await asyncio.gather(*(self._link.send((ask,)) for ask in asks))
 
     async def close(self) -> None:
-        """End `messages`, whatever waits to be read."""
+        """End `messages`, and drop unread ones."""
         while self._came.full():
             self._came.get_nowait()
         self._came.put_nowait(None)

@@ -1,8 +1,8 @@
-"""A page over HTTP: who may connect, for how long, and with which headers it is served.
+"""HTTP server for a page: limits of connections and requests, and security headers.
 
-The operator's is served beside the gateway's event loop (`beside`): what holds that up does not hold up an emergency
-stop. The visitors', which strangers reach, by a process of its own (`front`): threads share one interpreter, and a few
-who asked for pages without end cost a third of all moves.
+The operator's page has an event loop of its own (`beside`), so that a busy gateway does not delay an emergency stop.
+The visitors' page, which strangers reach, has a process of its own (`front`): in a thread of the gateway, a few clients
+with endless requests delayed a third of all commands.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from aiohttp.web_protocol import RequestHandler
 from .ports import LOOPBACK, listen
 from .seats import Seats, a_share, place_of
 
-# A page is some 600 KB: a phone that cannot load it within this cannot drive a robot either.
+# A page has some 600 KB: a phone that cannot load it in this time cannot drive a robot either.
 HANG_UP_AFTER_S = 30.0
 CHECK_S = 1.0
-# What a request may be before what it asks for is known: aiohttp keeps 128 headers of 8190 bytes, of many at once.
+# Limits of a request's head. By default aiohttp buffers 128 headers of 8190 bytes for each of many connections.
 LINE_BYTES, HEADERS, HEAD_BYTES = 4096, 64, 16 * 1024
-AT_ONCE = 100  # let in before any is heard: fewer than there are seats, or who just came is pushed out unheard
-FILES_EACH = 2  # a connection, and what is read for it
-# aiohttp logs a trace for every request that is no HTTP, and quotes it; and for whoever goes before the file is sent.
+AT_ONCE = 100  # accepted in one turn: fewer than there are seats, or the newest would be evicted before they are read
+FILES_EACH = 2  # file descriptors per connection: the socket, and a file that is sent
+# aiohttp logs a traceback, with the request, for each malformed request and for each client that leaves too early.
 _FAULTS = logging.getLogger(f"{__name__}.aiohttp")
 _FAULTS.addFilter(lambda record: not (record.exc_info and _is_theirs(record.exc_info[1])))
 
@@ -51,9 +51,9 @@ def _is_theirs(error: BaseException | None) -> bool:
 
 
 class Site:
-    """An HTTP server for the page in `folder`, and for so many connections.
+    """HTTP server for the page in `folder`, with a limited number of connections.
 
-    It listens on loopback, for people at this machine alone, or is given `doors` that listen already.
+    It listens on loopback, for this machine only, or uses `doors`, sockets that listen already.
     """
 
     port_option = "--port"
@@ -78,14 +78,14 @@ class Site:
         @web.middleware
         async def check(request: web.Request, handler: Handler) -> web.StreamResponse:
             connection_of(request).asks(asyncio.current_task())
-            # A foreign page that rebinds its name to loopback sends its own.
+            # A foreign page that rebinds its host name to loopback (DNS rebinding) sends that name.
             is_rebound = not doors and request.host.rsplit(":", 1)[0] not in (LOOPBACK, "localhost")
             try:
                 await self._pace(request)
                 response = await (_for_this_machine_only if is_rebound else handler)(request)
             except web.HTTPException as error:  # aiohttp's way of saying 404
                 response = web.Response(status=error.status, text=f"{error.reason}\n")
-            except OSError:  # a name longer than any file's
+            except OSError:  # for example a file name that is too long
                 response = web.Response(status=404, text="Not Found\n")
             for name, value in headers.items():
                 response.headers.setdefault(name, value)
@@ -98,13 +98,13 @@ class Site:
             "max_line_size": LINE_BYTES,
             "max_field_size": LINE_BYTES,
             "max_headers": HEADERS,
-            "auto_decompress": False,  # or it is unpacked for whoever sends it; our pages send none that is packed
+            "auto_decompress": False,  # the pages send no compressed requests, and decompression costs time
         }
         self._runner = web.AppRunner(self.app, access_log=None, logger=_FAULTS, shutdown_timeout=0.5, **limits)
-        self._longest = HEAD_BYTES + 2 * longest  # who says a little too much is told so
+        self._longest = HEAD_BYTES + 2 * longest  # slightly too long requests still get an answer
 
     def _add_routes(self) -> None:
-        """Routes that come before the page's files."""
+        """Add routes that take precedence over the page's files."""
 
     def _add_files(self, folder: Path) -> None:
         self.app.router.add_get("/", self._index)
@@ -112,10 +112,10 @@ class Site:
             self.app.router.add_static("/", folder)
 
     async def _pace(self, request: web.Request) -> None:
-        """Wait until a request may be answered. Raises: HTTPException: it may not."""
+        """Delay a request until it may be answered. Raises: HTTPException: it must not be answered."""
 
     def know(self, request: web.Request) -> None:
-        """Keep the seat of whoever asks this, however many strangers come."""
+        """Protect the seat of this request's connection from being given to strangers."""
         self._seats.know(connection_of(request))
 
     async def _index(self, _: web.Request) -> web.StreamResponse:
@@ -125,7 +125,7 @@ class Site:
         return web.FileResponse(index)
 
     async def __aenter__(self) -> Self:
-        hint = f"another program has it; choose another with {self.port_option}, or {self.port_option} 0 for any"
+        hint = f"another program uses it: choose another with {self.port_option}, or {self.port_option} 0 for any"
         doors = self._doors or (listen(LOOPBACK, self.port, hint),)
         self.port = int(doors[0].getsockname()[1])
         await self._runner.setup()
@@ -134,7 +134,7 @@ class Site:
         return self
 
     async def _listen(self, doors: Sequence[socket.socket]) -> None:
-        """Accept connections."""
+        """Start to accept connections."""
         for door in doors:
             listening = await asyncio.get_running_loop().create_server(self._connect, sock=door, backlog=AT_ONCE)
             self._listening.append(listening)
@@ -153,7 +153,7 @@ class Site:
         await self._runner.cleanup()
 
     async def _hang_up_on_idlers(self) -> None:
-        """Hang up on whoever asks nothing for a while, or does not read the answer: aiohttp waits for them for ever."""
+        """Close connections that are idle or do not read their answers: aiohttp has no such limit."""
         while True:
             await asyncio.sleep(CHECK_S)
             now_s = time.monotonic()
@@ -162,40 +162,40 @@ class Site:
 
 
 class Connection(RequestHandler):
-    """A connection of aiohttp's that has a seat."""
+    """aiohttp connection with a seat, a time limit and a limit of unanswered bytes."""
 
     def __init__(self, server: web.Server, seats: Seats[Connection], longest: int) -> None:
-        super().__init__(server, loop=asyncio.get_running_loop(), **server._kwargs)  # noqa: SLF001  # as it makes its own
+        super().__init__(server, loop=asyncio.get_running_loop(), **server._kwargs)  # noqa: SLF001  # as aiohttp does
         self.place = ""
         self.heard_at_s = time.monotonic()
         self._seats = seats
         self._answering: asyncio.Task[Any] | None = None
         self._longest = longest
-        self._unanswered = 0  # bytes since its last request was taken up
+        self._unanswered = 0  # bytes received since its last request was processed
         self.is_websocket = False
         self.on_lost: Callable[[], None] | None = None
 
     def asks(self, answering: asyncio.Task[Any] | None) -> None:
-        """Note a request, on which this task works."""
+        """Record a request, and the task that answers it."""
         self.heard_at_s = time.monotonic()
         self._answering = answering
         self._unanswered = 0
         self._seats.heard(self)
 
     def upgrade(self) -> None:
-        """Stop counting bytes and time: what follows is a websocket's."""
+        """Stop limiting bytes and time: the connection is a websocket now."""
         self.is_websocket = True
 
     def is_idle(self, now_s: float) -> bool:
-        """Return whether it asked nothing for too long."""
+        """Return whether the last request is too long ago."""
         return not self.is_websocket and now_s - self.heard_at_s >= HANG_UP_AFTER_S
 
     def leave(self) -> None:
-        """Hang up."""
+        """Close the connection."""
         self._seats.gone(self)
         if self._answering:
             self._answering.cancel()
-        # Nobody tells a sendfile that its socket is closed: it must have ended before.
+        # A running sendfile does not notice that its socket is closed, so it has to end first.
         if self.transport:
             asyncio.get_running_loop().call_soon(self.transport.abort)
 
@@ -206,7 +206,7 @@ class Connection(RequestHandler):
         self._seats.take(self)
 
     def data_received(self, data: bytes) -> None:
-        """Hang up on whoever sends more than a request may be before that is answered."""
+        """Process data, or close the connection if an unanswered request is too long."""
         self._unanswered += len(data)
         if self._unanswered > self._longest and not self.is_websocket:
             self.leave()
@@ -214,7 +214,7 @@ class Connection(RequestHandler):
             super().data_received(data)
 
     def close(self) -> None:
-        """Hang up on a websocket that breaks its protocol: aiohttp would read on, and drop what it reads."""
+        """Close a websocket after a protocol error: aiohttp would go on reading, and drop the data."""
         super().close()
         if self.is_websocket:
             self.leave()
@@ -228,7 +228,7 @@ class Connection(RequestHandler):
 
 
 def connection_of(request: web.Request) -> Connection:
-    """Return the connection that a request came by."""
+    """Return the connection of a request."""
     return cast("Connection", request.protocol)
 
 
@@ -238,7 +238,7 @@ async def _for_this_machine_only(_: web.Request) -> web.StreamResponse:
 
 @contextlib.asynccontextmanager
 async def beside(pages: Served) -> AsyncIterator[Served]:
-    """A page, served by an event loop in a thread of its own while the context lasts."""
+    """Serve a site by an event loop in a separate thread while the context lasts."""
     runner = asyncio.Runner(loop_factory=asyncio.new_event_loop)
     loop = runner.get_loop()
     thread = threading.Thread(target=loop.run_forever, name="pages", daemon=True)
@@ -256,4 +256,4 @@ async def beside(pages: Served) -> AsyncIterator[Served]:
     finally:
         loop.call_soon_threadsafe(loop.stop)
         await asyncio.to_thread(thread.join)
-        await asyncio.to_thread(runner.close)  # what is under way there ends with it
+        await asyncio.to_thread(runner.close)  # cancels the remaining tasks

@@ -1,10 +1,10 @@
-"""A robot's radio over UDP: a frame is a datagram, and what does not come from a configured address was never there.
+"""A robot's radio over UDP: a packet is a datagram, and datagrams from unknown addresses are dropped.
 
-Nothing here is trusted and nothing is acknowledged: datagrams are lost, repeated and overtake each other, and the
-audits hold with that. IPv4 or IPv6, to a list of addresses or to one multicast group.
+Nothing here is trusted or acknowledged: datagrams may be lost, duplicated and reordered, and audits tolerate that.
+IPv4 or IPv6, to a list of addresses or to one multicast group.
 
-Each peer has a socket of its own, connected to it. So the system sorts senders, frames wait there until they are taken,
-and what nobody has room or an allowance for costs this process nothing.
+Each peer has its own connected socket. So the kernel sorts datagrams by sender and buffers them, and datagrams beyond
+the buffer or the allowance of a peer cost this process nothing.
 """
 
 from __future__ import annotations
@@ -27,43 +27,43 @@ from phalanx.errors import Unavailable, UsageError
 from phalanx.wire.table import KIND_AUDIT, PACKET_MAX
 
 ADDRESSES = Path("/proc/net/if_inet6")
-# Of one sender so many of the longest frames wait at least; of all together so many, if that is more.
+# Buffered packets of the longest size: at least so many per sender, or in total, whichever is more.
 LEAST_WAITING, MOST_WAITING = 32, 256
-LONGEST_TAKES = 2304  # of a socket's buffer, which the system doubles for what it keeps with a frame
-STRANGERS_KEPT = 1  # bytes: as little as the system allows, since nobody reads them but to count
-COUNTED = 512  # strangers' datagrams at a time
-SO_MEMINFO, DROPS = 55, struct.Struct("=32xI")  # linux/sock_diag.h: what a socket had no room for
-OF_ADDRESS = "an address of this machine's"
-OF_PORT = "another port, or end what listens there: another robot of this machine?"
-HINT = "ADDRESS:PORT, as 192.168.1.7:4410 or [fd00::7]:4410"
+LONGEST_TAKES = 2304  # bytes of a socket's buffer per packet; the kernel doubles it for its own data
+STRANGERS_KEPT = 1  # bytes: the smallest buffer that the kernel allows, as these datagrams are only counted
+COUNTED = 512  # datagrams of strangers counted at a time
+SO_MEMINFO, DROPS = 55, struct.Struct("=32xI")  # linux/sock_diag.h: datagrams dropped by a full socket
+OF_ADDRESS = "use an address of this machine"
+OF_PORT = "use another port, or end the program that listens there (another robot of this machine?)"
+HINT = "use ADDRESS:PORT, such as 192.168.1.7:4410 or [fd00::7]:4410"
 Address = tuple[str, int]
 
 
 class Radio(Protocol):
-    """What a robot speaks through, whatever it is: serial radios are one file each."""
+    """Interface of a robot's radio, such as UDP or a serial radio."""
 
     @property
     def refused(self) -> Mapping[str, int]:
-        """Frames that were dropped, by reason."""
+        """Number of dropped packets, by reason."""
 
     def send(self, frame: bytes) -> None:
-        """The frame goes out to all who hear this robot, or is lost."""
+        """Broadcast a packet; it may be lost."""
 
     def take(self) -> bytes:
-        """The next frame that waits, of each sender in its turn; b"" if there is none."""
+        """Return the next received packet, round-robin over the senders; b"" if there is none."""
 
     def fileno(self) -> int:
-        """A file that can be read while some wait."""
+        """Return a file descriptor that is readable while packets wait."""
 
 
 @dataclass(frozen=True, slots=True)
 class Allowance:
-    """What one peer may say: what its a-node lets through, whatever its radio does.
+    """Receive limits of one peer: at most what its a-node lets it send.
 
     Attributes:
-        packets_per_s: so many datagrams are read, and at first as many as in a second; the others wait.
-        send_us_per_s, send_capacity_us, fixed_us, ns_per_byte: airtime of frames that are none of the audits', as an
-            a-node's `Limits` have it; what is above that is read and dropped, as it would fill the log.
+        packets_per_s: datagrams read per second, with a burst of one second's number; further ones stay buffered.
+        send_us_per_s, send_capacity_us, fixed_us, ns_per_byte: airtime of packets other than audits', as in the
+            `Limits` of an a-node; packets above the limit are dropped, because they would fill the log.
     """
 
     packets_per_s: float = 1000.0
@@ -74,7 +74,7 @@ class Allowance:
 
 
 class _Peer:
-    """Whom we hear: its socket, and what it may still say now."""
+    """A peer's socket, and its remaining allowance."""
 
     def __init__(self, here: Address, address: Address, room: int, may: Allowance, *, shared: bool) -> None:
         self.address = address
@@ -92,7 +92,7 @@ class _Peer:
         self._frames, self._send_us, self._at_s = self._most, may.send_capacity_us, time.monotonic()
 
     def may_be_read(self) -> bool:
-        """Whether its next datagram may be read now."""
+        """Return whether its next datagram may be read now."""
         now_s, may = time.monotonic(), self._may
         self._frames = min(self._most, self._frames + (now_s - self._at_s) * may.packets_per_s)
         self._send_us = min(may.send_capacity_us, self._send_us + (now_s - self._at_s) * may.send_us_per_s)
@@ -100,13 +100,13 @@ class _Peer:
         return self._frames >= 1
 
     def read(self) -> tuple[bytes, Address]:
-        """Its next datagram, and whose it is. Raises: OSError: there is none, or nobody listens there."""
+        """Return its next datagram and the sender's address. Raises: OSError: none waits, or an ICMP error."""
         self._frames -= 1
         raw, came_from = self.socket.recvfrom(PACKET_MAX + 1)
         return raw, came_from[:2]
 
     def may_send(self, frame: bytes) -> bool:
-        """Whether its a-node may have let this through. Source: docs/spec/rebound-nodes.md."""
+        """Return whether its a-node's airtime limit allows this packet. Source: docs/spec/rebound-nodes.md."""
         took_us = self._may.fixed_us + self._may.ns_per_byte * len(frame) / 1000
         if frame[0] & KIND_AUDIT:
             return True
@@ -120,17 +120,17 @@ ANYTHING = Allowance()
 
 
 class UdpRadio:
-    """A socket at `here`, and one for each peer.
+    """Radio with a socket at `here` for sending, and one for receiving from each peer.
 
     Args:
-        here: where it listens, as in HINT.
-        peers: from whom it hears, and to whom it speaks.
-        group: a multicast group to speak to instead; it still hears `peers` alone.
-        may: what each peer may say.
+        here: address to listen on, in the form of HINT.
+        peers: addresses to receive from and send to.
+        group: multicast group to send to instead; packets are still received only from `peers`.
+        may: receive limits of each peer.
 
     Attributes:
-        came_from: who said the frame that was taken last.
-    Raises: UsageError: no such address; Unavailable: it cannot listen there.
+        came_from: sender of the packet that `take` returned last.
+    Raises: UsageError: an address is not valid; Unavailable: it cannot listen there.
     """
 
     def __init__(self, here: str, peers: Sequence[str], group: str = "", may: Allowance = ANYTHING) -> None:
@@ -141,21 +141,23 @@ class UdpRadio:
         self.came_from: Address = ("", 0)
         family = _family(self._here)
         if any(_family(each) != family for each in (*addresses, *self._to)):
-            raise UsageError(f"{here} and its peers are not all IPv4 or all IPv6", "one kind for all")
+            raise UsageError(f"{here} and its peers are not all IPv4 or all IPv6", "use the same version for all")
         if group and not ipaddress.ip_address(self._to[0][0]).is_multicast:
-            raise UsageError(f"{group} is no multicast group", "239.1.2.3:4410 or [ff15::4410]:4410, for example")
+            hint = "use an address such as 239.1.2.3:4410 or [ff15::4410]:4410"
+            raise UsageError(f"{group} is not a multicast group", hint)
         if group and any(port != self._to[0][1] for _, port in (self._here, *addresses)):
-            raise UsageError(f"not all speak from port {self._to[0][1]}", "that of the group, for here and peers")
+            hint = "use the port of the group for this robot and all peers"
+            raise UsageError(f"not all robots use port {self._to[0][1]}", hint)
         room = max(LEAST_WAITING, MOST_WAITING // max(1, len(addresses)))
         self._is_group = bool(group)
         self._epoll = select.epoll()
         self._peers: dict[int, _Peer] = {}
-        self._turns: dict[int, None] = {}  # who is next, first
+        self._turns: dict[int, None] = {}  # peers with waiting datagrams, in their order
         self._paused: set[int] = set()
         self._socket = _made(family, 0 if group else STRANGERS_KEPT)
         try:
             at = self._bind(self._to[0] if group else None)
-            # Nobody else was bound there, and from here on nobody else can be: only those between may share it.
+            # The bind succeeded, so the port is ours. SO_REUSEPORT is set only while our other sockets share it.
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
             for each in addresses:
                 peer = _Peer(at, each, room, may, shared=self._is_group)
@@ -169,11 +171,11 @@ class UdpRadio:
             raise Unavailable(f"cannot listen on {here}: {error.strerror}", hint) from error
 
     def _bind(self, group: Address | None) -> Address:
-        """Where all of our sockets are bound."""
+        """Bind the sending socket; return the address for the peers' sockets."""
         if not group:
             self._socket.bind(self._here)
             return self._here
-        # Robots of one machine share the group's port; each hears all that is said there.
+        # Robots on one machine share the group's port, and each receives all its datagrams.
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         family = _family(group)
         there, ours = (socket.inet_pton(family, each[0].partition("%")[0]) for each in (group, self._here))
@@ -183,7 +185,7 @@ class UdpRadio:
         else:
             index = struct.pack("=I", _interface_of(ours))
             self._socket.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, there + index)
-            # Of an interface's addresses this one, by which the others know us; and that interface.
+            # Send from this address of the interface, because the peers know this robot by it.
             self._socket.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_PKTINFO, ours + index)
         self._socket.bind(group)
         return group
@@ -196,10 +198,10 @@ class UdpRadio:
 
     @property
     def refused(self) -> dict[str, int]:
-        """Datagrams that were dropped, by reason; `waiting` are those that found no room, none of them read."""
+        """Number of dropped datagrams, by reason; `waiting`: dropped by the kernel because the buffer was full."""
         self._count_strangers()
         waiting = sum(_dropped(peer.socket) for peer in self._peers.values())
-        # A group's words come to all sockets: what found no room among strangers' was perhaps a peer's.
+        # A group's datagrams reach all sockets: those dropped here may be from peers.
         unseen = 0 if self._is_group else _dropped(self._socket)
         return {**self._refused, "foreign": self._refused["foreign"] + unseen, "waiting": waiting}
 
@@ -218,16 +220,16 @@ class UdpRadio:
             self.send_to(frame, each)
 
     def send_to(self, frame: bytes, address: Address) -> None:
-        """The frame goes to one alone, or is lost."""
-        with contextlib.suppress(OSError):  # nobody listens there yet, or no room: as lost as on the air
+        """Send a packet to one address; it may be lost."""
+        with contextlib.suppress(OSError):  # no listener yet, or a full buffer: the packet is lost
             self._socket.sendto(frame, address)
 
     def fileno(self) -> int:
-        """See `Radio`; who has had its allowance for now does not count."""
+        """See `Radio`; peers without an allowance left do not make it readable."""
         return self._epoll.fileno()
 
     def take(self) -> bytes:
-        """See `Radio`. Who floods us waits for itself, and the others for one of its frames at most."""
+        """See `Radio`. A peer that floods delays the others by at most one of its packets."""
         for fd in [each for each in self._paused if self._peers[each].may_be_read()]:
             self._paused.remove(fd)
             self._epoll.register(fd, select.EPOLLIN)
@@ -253,7 +255,7 @@ class UdpRadio:
         return b""
 
     def _why_not(self, peer: _Peer, raw: bytes, came_from: Address) -> str:
-        if came_from != peer.address:  # before its socket was connected
+        if came_from != peer.address:  # arrived before the socket was connected
             return "foreign"
         if len(raw) > PACKET_MAX:
             return "too_large"
@@ -262,21 +264,21 @@ class UdpRadio:
         return "" if peer.may_send(raw) else "too_many"
 
     def close(self) -> None:
-        """Nothing comes and goes any more."""
+        """Close all sockets."""
         self._epoll.close()
         for each in self._sockets:
             each.close()
 
 
-def parsed(words: str) -> Address:
-    """The address that is said. Raises: UsageError: it is none."""
-    host, _, port = words.rpartition(":")
+def parsed(text: str) -> Address:
+    """Parse "ADDRESS:PORT". Raises: UsageError: not valid."""
+    host, _, port = text.rpartition(":")
     try:
         address = ipaddress.ip_address(host.removeprefix("[").removesuffix("]") if ":" in host else host)
         if not (port.isascii() and port.isdigit() and 1 <= int(port) <= 0xFFFF):
             raise ValueError(port)
     except ValueError as error:
-        raise UsageError(f"{words!r} is no address", HINT) from error
+        raise UsageError(f"{text!r} is not an address", HINT) from error
     return str(address), int(port)
 
 
@@ -289,7 +291,7 @@ def _made(family: socket.AddressFamily, buffer_bytes: int) -> socket.socket:
 
 
 def _dropped(made: socket.socket) -> int:
-    """Datagrams that found no room in a socket; 0 where the system does not say, and of one that is closed."""
+    """Return the datagrams that a full socket dropped; 0 if the system does not report it, or it is closed."""
     try:
         return int(DROPS.unpack(made.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, DROPS.size))[0])
     except OSError:
@@ -297,7 +299,7 @@ def _dropped(made: socket.socket) -> int:
 
 
 def _interface_of(ours: bytes) -> int:
-    """The number of the interface that has this IPv6 address. Raises: OSError: none has."""
+    """Return the index of the interface with this IPv6 address. Raises: OSError: there is none."""
     for line in ADDRESSES.read_text().splitlines():
         address, index, *_ = line.split()
         if bytes.fromhex(address) == ours:

@@ -1,7 +1,7 @@
-"""MQTT over a websocket: aiohttp has the websocket, and paho one end of a pair of sockets.
+"""MQTT over a websocket: aiohttp speaks to the broker, and passes the bytes to paho over a pair of sockets.
 
-paho's own copies all that it has of a frame for every piece that it takes of it: a frame of a megabyte in which a
-broker puts many small packets holds it up for minutes. And it answers pings unmasked, and is hung up on for it.
+paho's own websocket copies the whole frame for each piece that it reads, so a frame of 1 MB with many small packets
+blocks it for minutes. It also answers pings without a mask, for which brokers close the connection.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from .broker_packets import MAX_PACKET_BYTES
 from .broker_url import BrokerUrl
 from .packets import READ_BYTES, READ_FOR_S
 
-MAX_FRAME_BYTES = 8 * MAX_PACKET_BYTES  # a packet too long to be read is skipped, if it is no longer than this
+MAX_FRAME_BYTES = 8 * MAX_PACKET_BYTES  # a packet that is too long is skipped up to this size
 CLOSE_S = 1.0
 
 
 @contextlib.asynccontextmanager
 async def by_websocket(broker: BrokerUrl) -> AsyncIterator[socket.socket]:
-    """Yield a socket by which the broker is spoken to. Raises: MqttError, OSError: there is no websocket."""
+    """Yield a socket that is connected to the broker. Raises: MqttError, OSError: there is no websocket."""
     ours, theirs = socket.socketpair()
     ours.setblocking(False)
     async with contextlib.AsyncExitStack() as stack:
@@ -53,14 +53,14 @@ async def by_websocket(broker: BrokerUrl) -> AsyncIterator[socket.socket]:
 
 
 async def end_websocket(there: aiohttp.ClientWebSocketResponse) -> None:
-    """Close a websocket within CLOSE_S, whatever its other end still sends or leaves unread."""
+    """Close a websocket within CLOSE_S, whatever the peer does."""
     with contextlib.suppress(TimeoutError):
-        async with asyncio.timeout(CLOSE_S):  # aiohttp's own begins anew with each message
+        async with asyncio.timeout(CLOSE_S):  # aiohttp's own timeout restarts with each message
             await there.close()
 
 
 async def _inward(there: aiohttp.ClientWebSocketResponse, ours: socket.socket) -> None:
-    """Carry what comes, until it ends; other work of this loop waits no longer for frames without end."""
+    """Copy received bytes until the websocket is closed; yield to other tasks regularly."""
     loop = asyncio.get_running_loop()
     until_s = loop.time() + READ_FOR_S
     with contextlib.suppress(OSError, aiohttp.ClientError):

@@ -1,4 +1,4 @@
-"""Bytes are defined once: the table, and the codec that reads it."""
+"""The byte table, which defines every record once, and its codec."""
 
 from . import table
 from .record import Field, MalformedRecord, Record

@@ -1,8 +1,8 @@
-"""Little-endian fields in rows of bytes, for kernels: the same bytes compiled and not.
+"""Access to little-endian fields in rows of bytes, for kernels: the same bytes compiled and uncompiled.
 
-`row` is always (n,) uint8, in C order, and `at` lies within it with the field's width to spare: callers check lengths
-first. Each access is checked against the row's length, compiled and not. Whole numbers come out as int64: a signed and
-an unsigned number's difference would be a float.
+`row` is always (n,) uint8, in C order. Callers check lengths first, so a field at `at` lies within the row; each
+access is still checked against the row's length, compiled and uncompiled. Integers are returned as int64, because the
+difference of a signed and an unsigned number would be a float.
 """
 
 from __future__ import annotations
@@ -18,29 +18,29 @@ from phalanx.kernel import intrinsic, kernel
 from .record import LARGEST_F32, LARGEST_NUMBER, Field
 from .table import OUTPUT, STATE
 
-assert sys.byteorder == "little", "numbers lie in memory as they do on the wire"
+assert sys.byteorder == "little", "kernels need a little-endian processor"
 Row: TypeAlias = U8x1
 
 U32_BYTES, F32_BYTES = (Field("", kind, "").size for kind in ("u32", "f32"))
 OUTPUT_HEAD_BYTES, OUTPUT_LENGTH = OUTPUT.size, OUTPUT.at("payload")
-ID, TIME = map(STATE.at, ("id", "t"))  # as in every message of a controller's
+ID, TIME = map(STATE.at, ("id", "t"))  # offsets, the same in every message of a controller
 _INT64: Any = np.int64
 
 
 def row(raw: bytes) -> Row:
-    """Return bytes as kernels take them: a writable row."""
+    """Copy bytes into a writable row for kernels."""
     return np.frombuffer(bytearray(raw), np.uint8)
 
 
 @intrinsic("whole")
 def whole(value: SupportsInt) -> int:
-    """`value`, cut to a whole number."""
+    """Return `value` truncated to an integer."""
     made: int = _INT64(value)
     return made
 
 
 def _piece(row: Row, at: int, length: int) -> Row:
-    """Return a piece of a row. Raises: IndexError: the row does not have all of it; negative is no place either."""
+    """Return a slice of a row. Raises: IndexError: it is not within the row, or `at` is negative."""
     if not 0 <= at <= len(row) - length:
         raise IndexError(f"{length} bytes at {at} are outside an array of {len(row)}")
     return row[at : at + length]
@@ -67,19 +67,19 @@ def get_u32(row: Row, at: int) -> int:
 
 @intrinsic("load_64")
 def get_u64(row: Row, at: int) -> int:
-    """Return the u64 at `at`; negative from 2^63 on, which no clock of ours reaches."""
+    """Return the u64 at `at`; negative from 2^63 on, a time that no clock reaches."""
     return int(_piece(row, at, 8).view("<i8")[0])
 
 
 @kernel
 def get_f32(row: Row, at: int) -> float:
-    """Return the f32 at `at`, exactly, as float64."""
+    """Return the f32 at `at` as float64, exactly."""
     return np.float64(np.uint32(get_u32(row, at)).view(np.float32))
 
 
 @kernel
 def are_fine(row: Row, at: int, count: int) -> bool:
-    """Return whether `count` f32 from `at` on are finite and no larger than 10^6.
+    """Return whether `count` f32 from `at` on are finite and at most 10^6 in magnitude.
 
     One NaN in a broadcast would spread to every neighbour's command, and differs between compilers.
     """
@@ -92,7 +92,7 @@ def are_fine(row: Row, at: int, count: int) -> bool:
 
 @kernel
 def are_finite(row: Row, at: int, count: int) -> bool:
-    """Return whether `count` f32 from `at` on are numbers of any size."""
+    """Return whether `count` f32 from `at` on are finite."""
     for k in range(count):
         value = get_f32(row, at + F32_BYTES * k)
         if not (-LARGEST_F32 <= value <= LARGEST_F32):
@@ -120,19 +120,19 @@ def put_u64(row: Row, at: int, value: int) -> None:
 
 @kernel
 def put_f32(row: Row, at: int, value: float) -> None:
-    """Write `value`, rounded once to f32; the caller keeps it finite."""
+    """Write `value`, rounded once to f32; callers pass only finite values."""
     put_u32(row, at, whole(np.float32(value).view(np.uint32)))
 
 
 @intrinsic("move")
 def move(to: Row, to_at: int, source: Row, source_at: int, length: int) -> None:
-    """Copy `length` bytes, 0 or more; the rows may be the same, and the places overlap."""
+    """Copy `length` bytes, 0 or more; both may lie in the same row, and overlap."""
     _piece(to, to_at, length)[:] = _piece(source, source_at, length).copy()
 
 
 @kernel
 def put_head(out: Row, at: int, entry: int, length: int, kind: int, rob_id: int, t_ms: int) -> int:
-    """Write the head of an `output` of a controller, and its message's kind, id and time; return where that begins."""
+    """Write the header of a controller's `output`, and the message's kind, id and time; return the message's offset."""
     out[at] = entry
     put_u16(out, at + OUTPUT_LENGTH, length)
     begin = at + OUTPUT_HEAD_BYTES
@@ -144,17 +144,17 @@ def put_head(out: Row, at: int, entry: int, length: int, kind: int, rob_id: int,
 
 @kernel
 def copy(to: Row, to_at: int, source: Row, source_at: int, length: int) -> None:
-    """Copy `length` bytes, none if it is negative; the rows may be the same."""
+    """Copy `length` bytes, none if it is negative; both may lie in the same row."""
     if length > 0:
         move(to, to_at, source, source_at, length)
 
 
 @intrinsic("equal")
 def same(one: Row, one_at: int, other: Row, other_at: int, length: int) -> bool:
-    """Return whether `length` bytes, 0 or more, agree; not for secrets."""
+    """Return whether `length` bytes, 0 or more, are equal; not constant-time, so not for secrets."""
     return bool((_piece(one, one_at, length) == _piece(other, other_at, length)).all())
 
 
 @intrinsic("prefetch")
 def prefetch(rows: Any, i: int, begin: int, length: int) -> None:
-    """Ask the processor's caches for `length` bytes of rows[i], from byte `begin` on. Nothing is read or changed."""
+    """Prefetch `length` bytes of rows[i], from byte `begin` on, into the processor's cache."""

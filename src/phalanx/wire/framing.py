@@ -1,6 +1,6 @@
-"""Frames of the serial line: a payload with its CRC, without zeros (COBS), between two marks.
+"""Framing of the serial line: a payload and its CRC, encoded without zeros (COBS), between two zero bytes.
 
-Rubbish costs the frame it hits and no other: whatever stands between two marks is a frame or is dropped.
+Noise on the line destroys only the frames it hits: bytes between two marks are a valid frame or are dropped.
 Source: docs/spec/serial.md; S. Cheshire, M. Baker: Consistent Overhead Byte Stuffing, SIGCOMM 1997.
 """
 
@@ -18,11 +18,11 @@ _FULL = RUN_MAX + 1  # the length of a block that no zero follows
 
 
 class BadFrame(PeerError):
-    """Rubbish between two marks: altered, cut off, or never a frame."""
+    """The bytes between two marks are no valid frame: altered, cut off, or noise."""
 
 
 def framed(payload: bytes) -> bytes:
-    """The frame of a payload."""
+    """Encode a payload as a frame, with its marks."""
     rest = payload + zlib.crc32(payload).to_bytes(CRC_BYTES, "little")
     blocks, at = [_MARK], 0
     while True:
@@ -36,9 +36,9 @@ def framed(payload: bytes) -> bytes:
 
 
 def opened(frame: bytes) -> bytes:
-    """The payload of what stood between two marks.
+    """Decode the bytes between two marks, and return the payload.
 
-    Raises: BadFrame.
+    Raises: BadFrame: cut off, or the CRC does not match.
     """
     rest, at = bytearray(), 0
     while at < len(frame):
@@ -56,23 +56,23 @@ def opened(frame: bytes) -> bytes:
 
 
 class Frames:
-    """The payloads in a stream of bytes that comes in pieces.
+    """Decoder for a stream of bytes that arrives in pieces.
 
     Attributes:
-        bad: pieces of rubbish so far.
+        bad: number of invalid frames so far.
     """
 
     def __init__(self, longest: int) -> None:
-        """`longest` is a payload's most bytes: no more is kept of what has no mark."""
+        """Limit payloads to `longest` bytes, and the buffer to one frame of that length."""
         self._longest = longest
         self._most = len(framed(bytes([RUN_MAX]) * longest))
         self._rest = b""
         self.bad = 0
 
     def feed(self, raw: bytes) -> Iterator[bytes]:
-        """The payloads that are whole now."""
+        """Yield the payloads that these bytes complete."""
         *frames, rest = (self._rest + raw).split(_MARK)
-        # Too long for a frame: of what is behind, up to the next mark, nothing counts.
+        # An incomplete frame that is too long already: the bytes up to the next mark are dropped.
         self._rest = rest[: self._most]
         for frame in filter(None, frames):
             try:

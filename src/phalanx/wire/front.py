@@ -1,6 +1,6 @@
-"""Define the messages between a front end and its gateway: a header, then as many bytes as it states.
+"""Messages between a front end and its gateway: a header, then as many bytes as it states.
 
-Nobody else reads these bytes. The gateway does not trust the front end: it checks each head and each length.
+The gateway does not trust the front end: it checks each header and each length.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from enum import IntEnum
 
 from .record import MalformedRecord, record
 
-NUMBERS_MAX = 2**32 - 1  # of connections
+NUMBERS_MAX = 2**32 - 1  # largest number of a connection
 
 FRONT_HEAD = record(
     "front_head: before each message between a front end and its gateway",
-    "length u32: of what follows, bytes",
+    "length u32: bytes that follow",
     "kind u8: see FromFront and ToFront",
-    "number u32: of a connection; for `publish` and `taken` how many numbers follow",
+    "number u32: number of a connection; for `publish` and `taken`, how many numbers follow",
 )
 
 
@@ -25,7 +25,7 @@ class FromFront(IntEnum):
     """Message kinds from a front end."""
 
     OPENED = 1  # a client's address, ASCII
-    RECEIVED = 2  # its message
+    RECEIVED = 2  # a message of that client
     CLOSED = 3
     ALIVE = 4  # the answer to a probe
 
@@ -37,17 +37,17 @@ class ToFront(IntEnum):
     PUBLISH = 66  # numbers of connections, and a message for all of them
     CLOSE = 67  # a reason, ASCII
     ADMITTED = 68
-    TAKEN = 69  # so many messages were processed; for each, in their order, how long that took in µs
+    TAKEN = 69  # messages processed: for each, in order, the processing time in µs
     PROBE = 70
 
 
 def pack_numbers(numbers: Sequence[int]) -> bytes:
-    """Return the bytes of numbers."""
+    """Encode numbers as u32."""
     return struct.pack(f"<{len(numbers)}I", *numbers)
 
 
 def unpack_numbers(raw: bytes, count: int) -> tuple[tuple[int, ...], bytes]:
-    """Return `count` numbers, and the bytes behind them. Raises: MalformedRecord: there are fewer."""
+    """Decode `count` u32; return them and the bytes after them. Raises: MalformedRecord: there are fewer."""
     size = 4 * count
     if len(raw) < size:
         raise MalformedRecord(f"{count} numbers in {len(raw)} bytes")

@@ -1,4 +1,4 @@
-"""Encode a frozen dataclass by the types of its fields: a controller's memory becomes a checkpoint.
+"""Encoding of frozen dataclasses by the types of their fields; checkpoints hold controllers' memory in it.
 
 Fields are written in their order, little-endian, without padding:
 
@@ -7,8 +7,8 @@ Fields are written in their order, little-endian, without padding:
   item by item;
 - `bytes` has a length of 2 bytes before it, `Annotated[bytes, 20]` is 20 bytes without one.
 
-A float is written as its IEEE bits, infinities and -0.0 too. Every NaN becomes the same one, because the sign and the
-payload of a NaN differ between machines.
+A float is written as its IEEE bits, infinities and -0.0 too. All NaNs are written with the same bits, because the
+sign and the payload of a NaN differ between machines.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Unfit(ValueError):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class _Leaf:
-    """A number, or a piece of bytes."""
+    """A number, bool or byte string within a dataclass."""
 
     name: str  # as in `memory.neighbours[2].x_m`
     type: type[Any]
@@ -47,14 +47,14 @@ class _Leaf:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class _Part:
-    """Functions that spread a field's value into the values of its leaves, and build it from them."""
+    """Functions that flatten a field's value into the values of its leaves, and build it from them."""
 
     spread: Callable[[Any, list[Any]], None]
     build: Callable[[Iterator[Any]], Any]
 
 
 class Packing:
-    """The encoding of one dataclass; errors call its values `name`.
+    """Encoding of one dataclass; error messages call its values `name`.
 
     Attributes:
         size: bytes of every encoding; None if that depends on the value.
@@ -75,7 +75,7 @@ class Packing:
         self._floats = [n for n, leaf in enumerate(leaves) if leaf.type is float]
 
     def settle(self, value: Any) -> tuple[bytes, Any]:
-        """Return a value's bytes, and the value that decodes from them: an F32 is rounded, a 1 may become 1.0.
+        """Encode a value; return the bytes and the value that they decode to: an F32 is rounded, a 1 may become 1.0.
 
         Raises: Unfit: a type, a number or a length is wrong; the message names the field.
         """
@@ -92,24 +92,24 @@ class Packing:
         return raw, self._part.build(iter(settled))
 
     def decode(self, raw: bytes) -> Any:
-        """Return the value that these bytes encode.
+        """Decode a value.
 
-        Raises: MalformedRecord: no value has this encoding: another length, a bool of 2, another NaN than ours.
+        Raises: MalformedRecord: no value has this encoding: wrong length, a bool of 2, a NaN with other bits.
         """
         try:
             value = self._part.build(iter(self._split(raw)))
             own, value = self.settle(value)
-        except Exception as error:  # a dataclass may check its fields, and raise what it likes
+        except Exception as error:  # a dataclass may check its fields and raise any exception
             raise MalformedRecord(f"{len(raw)} bytes: {error}") from error
         if own != raw:
-            raise MalformedRecord(f"{len(raw)} bytes: other than those of the same value")
+            raise MalformedRecord(f"{len(raw)} bytes: not the canonical encoding of the value")
         return value
 
     def _joined(self, values: Sequence[Any]) -> bytes:
         if self._form:
             with suppress(struct.error, OverflowError):
                 return self._form.pack(*values)
-        return b"".join(map(_packed, self._leaves, values))  # which names the leaf that does not fit
+        return b"".join(map(_packed, self._leaves, values))  # raises, and names the leaf that does not fit
 
     def _split(self, raw: bytes) -> list[Any]:
         if self._form:
@@ -122,18 +122,18 @@ class Packing:
             values.append(struct.unpack_from(f"<{letter}", raw, at)[0])
             at += struct.calcsize(f"<{letter}")
         if at != len(raw):
-            raise Unfit(f"{len(raw) - at} of them are too many")
+            raise Unfit(f"{len(raw) - at} bytes too many")
         return values
 
 
 @cache
 def packing_of(kind: type[Any]) -> Packing:
-    """Return the packing of a class. Raises: as `Packing`."""
+    """Return the cached packing of a class. Raises: as `Packing`."""
     return Packing(kind)
 
 
 def _packed(leaf: _Leaf, value: Any) -> bytes:
-    """Return a leaf's bytes. Raises: Unfit: the value does not fit."""
+    """Encode a leaf. Raises: Unfit: the value does not fit."""
     if not leaf.letter:
         return LENGTH.pack(len(value)) + value  # type: ignore[no-any-return]
     try:
@@ -147,11 +147,11 @@ def _packed(leaf: _Leaf, value: Any) -> bytes:
 
 
 def _part(kind: Any, name: str, leaves: list[_Leaf]) -> _Part:
-    """Return the part of a type, and append its leaves to `leaves`. Raises: Unfit: the type has no encoding."""
+    """Return the functions for a type, and append its leaves to `leaves`. Raises: Unfit: the type has no encoding."""
     of, *more = (get_args(kind)) if get_origin(kind) is Annotated else (kind,)
     declared = more[0] if len(more) == 1 else None
     if len(leaves) >= MOST_BYTES:
-        raise Unfit(f"{name} is one too many: more than {MOST_BYTES} numbers")
+        raise Unfit(f"{name}: more than {MOST_BYTES} numbers")
     if of in DECLARED and (declared in WIDTHS or not more):
         width = declared or DECLARED[of]
         if (width in FLOATS) == (of is float):
@@ -164,7 +164,7 @@ def _part(kind: Any, name: str, leaves: list[_Leaf]) -> _Part:
         return _tuple(of, more, name, leaves)
     if dataclasses.is_dataclass(of) and not more:
         return _class(of, name, leaves)
-    raise Unfit(f"{name} is a {_shown(kind)}, which has no bytes of its own")
+    raise Unfit(f"{name} is a {_shown(kind)}, which has no encoding")
 
 
 def _number(leaf: _Leaf, leaves: list[_Leaf]) -> _Part:
@@ -194,10 +194,10 @@ def _tuple(of: Any, more: list[Any], name: str, leaves: list[_Leaf]) -> _Part:
     items = list(get_args(of))
     if Ellipsis in items:
         if len(more) != 1 or not _is_length(more[0]):
-            raise Unfit(f"{name} is a {_shown(of)}: Annotated[{_shown(of)}, 16] has a fixed length")
+            raise Unfit(f"{name} is a {_shown(of)} without a fixed length: use Annotated[{_shown(of)}, 16]")
         items = items[:1] * more[0]
     elif more:
-        raise Unfit(f"{name} is a {_shown(of)} and {more[0]!r}: its items are counted already")
+        raise Unfit(f"{name} is a {_shown(of)} annotated with {more[0]!r}: its length is fixed already")
     parts = [_part(item, f"{name}[{n}]", leaves) for n, item in enumerate(items)]
 
     def spread(value: Any, values: list[Any]) -> None:
@@ -214,14 +214,14 @@ def _class(of: Any, name: str, leaves: list[_Leaf]) -> _Part:
     if not hasattr(of, "__dataclass_params__"):
         raise Unfit(f"{name} is a {_shown(of)}, not a dataclass")
     if not of.__dataclass_params__.frozen:
-        raise Unfit(f"{name} is a {of.__name__} that is not frozen: @dataclass(frozen=True)")
+        raise Unfit(f"{name} is a {of.__name__} that is not frozen: use @dataclass(frozen=True)")
     try:
         hints = get_type_hints(of, include_extras=True)
     except NameError as error:
         raise Unfit(f"{name}: {error}") from error
     parts = {each.name: _part(hints[each.name], f"{name}.{each.name}", leaves) for each in dataclasses.fields(of)}
 
-    # Two or more plain numbers are read at once, which is several times as fast.
+    # A single attrgetter for two or more plain numbers is several times as fast.
     all_of = attrgetter(*parts) if len(parts) > 1 and all(part.spread is _append for part in parts.values()) else None
 
     def spread(value: Any, values: list[Any]) -> None:

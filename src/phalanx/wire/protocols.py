@@ -1,6 +1,6 @@
-"""The byte table's page of the protocols beside flocking: what robots claim, and what they remember of each other.
+"""Records of the protocols beside flocking: claims, sightings, and robots' memory of each other.
 
-Their robots run in plain Python (robot/controllers/protocols): no kernel reads these, so table.py does not list them.
+Controllers of these protocols are plain Python (robot/controllers/protocols), so table.py does not list the records.
 """
 
 from __future__ import annotations
@@ -8,58 +8,58 @@ from __future__ import annotations
 from .record import fields, record
 
 KIND_CLAIM, KIND_SIGHTING = 0x0D, 0x0E
-NOWHERE = 0xFFFF  # instead of a place's number
+NOWHERE = 0xFFFF  # in place of a place number: none
 
 PLACES = fields(
-    "here u16: number of the place where it is, or has been last; 0xFFFF: none",
-    "holds u16: of the place that it goes to, and that is its own until then",
-    "wants u16: of the place that it asks for next",
+    "here u16: place number of its current or last place; 0xFFFF: none",
+    "holds u16: place number of its destination, reserved for it until it arrives",
+    "wants u16: place number of the place that it requests next",
 )
 CLAIM = record(
-    "claim: broadcast behind a `state`: which places a robot takes on",
+    "claim: broadcast after a `state`: places that a robot occupies, has reserved and requests",
     "id u16: robot id",
     "t u64: ms, a-node's clock",
     *PLACES,
     tag=KIND_CLAIM,
 )
 PEER = record(
-    "peer: what is remembered of another robot of the mission, by rising id",
-    "heard u64: ms, a-node's clock: its last claim",
-    "x_m y_m f32: where it said it was",
+    "peer: memory of another robot of the mission, by rising id",
+    "heard u64: ms, a-node's clock at its last claim",
+    "x_m y_m f32: position that it broadcast",
     *PLACES,
 )
 PEER_MEMORY = record(
-    "peer_memory: what a robot of these protocols remembers",
+    "peer_memory: memory of a robot of these protocols",
     *PLACES,
-    "done u16: legs of its errands",
+    "done u16: completed legs of its errands",
     "rest rest: a `peer` for each other robot",
 )
 VISIT = record(
-    "visit: behind a `peer_memory`, of each place: who was there last",
+    "visit: after a `peer_memory`, for each place: the last robot that claimed to be there",
     "at u64: ms, a-node's clock; 0: never",
-    "id u16: of the robot that says it was there",
+    "id u16: id of that robot",
 )
 WAITING = record(
-    "waiting: behind the `visit`s, of each other robot by rising id",
-    "at u64: ms, a-node's clock: when it was said; 0: nothing waits",
-    "place u16: where the robot said it had come to, which waits for its next word",
-    "been u16: the last of its places that was believed; 0xFFFF: none",
+    "waiting: after the `visit`s, for each other robot by rising id: a visit not yet accepted",
+    "at u64: ms, a-node's clock at the claim; 0: none",
+    "place u16: place that the robot claimed to have reached; its next claim decides",
+    "been u16: the last of its places that was accepted; 0xFFFF: none",
 )
 SEEN = record(
-    "seen: behind a `sensor` reading: what the robot sees beside itself",
-    "number u16: of the nearest thing in sight; 0xFFFF: none",
-    "dx_m dy_m f32: from the robot to it",
+    "seen: after a `sensor` reading: the nearest thing that the robot sees",
+    "number u16: number of the thing; 0xFFFF: none",
+    "dx_m dy_m f32: vector from the robot to the thing",
 )
-THING = fields("number u16: of a thing that moves; 0xFFFF: none", "x_m y_m f32: where it is")
+THING = fields("number u16: number of a moving thing; 0xFFFF: none", "x_m y_m f32: its position")
 SIGHTING = record(
-    "sighting: broadcast behind a `claim`: what a robot sees",
+    "sighting: broadcast after a `claim`: a thing that a robot sees",
     "id u16: robot id",
     "t u64: ms, a-node's clock",
     *THING,
     tag=KIND_SIGHTING,
 )
 SIGHTED = record(
-    "sighted: behind a `peer_memory`, of each robot by rising id: what it said last that it sees",
+    "sighted: after a `peer_memory`, for each robot by rising id: its last sighting",
     "at u64: ms, a-node's clock",
     *THING,
 )

@@ -1,6 +1,6 @@
-"""Records of the byte table and their codec: little-endian, no padding, lengths before contents, no trailing bytes.
+"""Record type of the byte table, and its codec: little-endian, no padding, lengths before contents, no trailing bytes.
 
-Only this file turns values into bytes and back. table.py lists the records.
+Only this file encodes and decodes values. table.py lists the records.
 """
 
 from __future__ import annotations
@@ -18,58 +18,58 @@ Value = int | float | bytes
 INTEGERS = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "i8": "b", "i16": "h", "i32": "i", "i64": "q"}
 FLOATS = {"f32": "f", "f64": "d", "f64?": "d"}
 LENGTHS = {"v8": "B", "v16": "H"}
-LARGEST_NUMBER = 1e6  # of an f32 here: one NaN or infinity in a broadcast would spoil every neighbour's sums
-LARGEST_F32 = 3.4028234663852886e38  # of the type
+LARGEST_NUMBER = 1e6  # limit of an f32: one NaN or infinity in a broadcast would spoil every neighbour's sums
+LARGEST_F32 = 3.4028234663852886e38  # largest finite value of the type
 
 
 class MalformedRecord(PeerError):
-    """A record is too short, too long, has another tag, or a number out of range."""
+    """A record is too short or too long, or has a wrong tag or a number out of range."""
 
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One field of a record.
+    """Field of a record.
 
-    `type`: u8, u16, u32, u64; i8, i16, i32, i64, in two's complement; f32 (finite, at most 10^6 in size); f64 (not
-    NaN); f64? (NaN stands for no value); bN: N bytes; v8, v16: a length, then as many bytes; rest: all bytes that
+    `type`: u8, u16, u32, u64; i8, i16, i32, i64, in two's complement; f32 (finite, at most 10^6 in magnitude); f64
+    (not NaN); f64? (NaN: no value); bN: N bytes; v8, v16: a length, then that many bytes; rest: all bytes that
     follow, only as the last field.
     """
 
-    name: str  # as in code
+    name: str  # name in code
     type: str
-    doc: str  # its meaning and unit
-    value: int | None = None  # the constant of an integer field, which the codec writes and checks
+    doc: str  # meaning and unit
+    value: int | None = None  # value of a constant integer field; the codec writes and checks it
 
     @property
     def size(self) -> int:
-        """Return the size of its fixed part, bytes."""
+        """Return the size of the fixed part, bytes."""
         return struct.calcsize(f"<{self.form}")
 
     @property
     def dtype(self) -> str:
-        """Return the numpy dtype of its fixed part."""
+        """Return the numpy dtype of the fixed part."""
         return f"<{self.form}"
 
     @property
     def form(self) -> str:
-        """Return the `struct` format of its fixed part."""
+        """Return the `struct` format of the fixed part."""
         known = {**INTEGERS, **FLOATS, **LENGTHS, "rest": ""}
         return known[self.type] if self.type in known else f"{self.type[1:]}s"
 
 
 @dataclass(frozen=True)
 class Record:
-    """Named fields in their order on the wire."""
+    """Message or other byte string with named fields, in their order on the wire."""
 
-    name: str  # as in code and in the C header
+    name: str  # name in code and in the C header
     fields: tuple[Field, ...]  # without the tag
     doc: str  # one line
-    tag: int | None = None  # the first byte; without one the first field tells records apart
+    tag: int | None = None  # first byte, if the record has a tag
 
     @cached_property
     def all_fields(self) -> tuple[Field, ...]:
         """Return the fields, after the tag as the first field."""
-        tag = () if self.tag is None else (Field("tag", "u8", "says what follows", self.tag),)
+        tag = () if self.tag is None else (Field("tag", "u8", "kind of the record", self.tag),)
         return tag + self.fields
 
     @cached_property
@@ -79,12 +79,12 @@ class Record:
 
     @cached_property
     def form(self) -> struct.Struct:
-        """Return the `struct` of its fixed part: unchecked, for bytes of our own and for attacks."""
+        """Return the `struct` of the fixed part: without checks, for trusted bytes and for attacks."""
         return struct.Struct("<" + "".join(field.form for field in self.all_fields))
 
     @cached_property
     def dtype(self) -> list[tuple[str, str]]:
-        """Return the fields of the numpy dtype of its fixed part."""
+        """Return the numpy dtype of the fixed part, as a list of fields."""
         return [(field.name, field.dtype) for field in self.all_fields]
 
     def at(self, name: str) -> int:
@@ -100,9 +100,9 @@ class Record:
         raise UsageError(f"{self.name} has no field {name}")
 
     def encode(self, **values: Value) -> bytes:
-        """Return the record's bytes, from the values of all fields that are not constant, by name.
+        """Encode the record from the values of all fields that are not constant, by name.
 
-        Raises: UsageError: a field is missing or too many, or a value does not fit.
+        Raises: UsageError: a field is missing or unknown, or a value does not fit.
         """
         wanted = {field.name for field in self.all_fields if field.value is None}
         if wanted != set(values):
@@ -113,10 +113,10 @@ class Record:
             raise UsageError(f"{self.name}: {error}") from error
 
     def read(self, raw: bytes, at: int = 0) -> tuple[dict[str, Any], int]:
-        """Read the record that begins at `at`.
+        """Decode the record that begins at offset `at`; other bytes may follow it.
 
         Returns: the values of the fields that are not constant, by name; the offset behind the record.
-        Raises: MalformedRecord: it is incomplete or not valid.
+        Raises: MalformedRecord: the record is incomplete or not valid.
         """
         values: dict[str, Any] = {}
         for field in self.all_fields:
@@ -128,7 +128,7 @@ class Record:
         return values, at
 
     def decode(self, raw: bytes) -> dict[str, Any]:
-        """Return the fields of a record that fills all of `raw`.
+        """Decode a record that fills all of `raw`.
 
         Raises: MalformedRecord: too short, too long, or not valid.
         """
@@ -139,25 +139,25 @@ class Record:
 
 
 def fields(*declared: str | Field) -> tuple[Field, ...]:
-    """Return the declared fields, each from "NAME TYPE: its meaning and unit".
+    """Parse declarations of fields, each "NAME TYPE: meaning and unit".
 
-    Several names before a type make as many fields; the first has the text. "= NUMBER" behind a type is the field's
-    `value`.
+    Several names before a type declare as many fields; only the first gets the text. "= NUMBER" after a type is the
+    field's `value`.
     """
     made: list[Field] = []
     for each in declared:
         if isinstance(each, Field):
             made.append(each)
             continue
-        words, _, doc = each.partition(": ")
-        words, _, value = words.partition(" = ")
-        *names, kind = words.split()
+        declaration, _, doc = each.partition(": ")
+        declaration, _, value = declaration.partition(" = ")
+        *names, kind = declaration.split()
         made += [Field(name, kind, "" if n else doc, int(value) if value else None) for n, name in enumerate(names)]
     return tuple(made)
 
 
 def record(head: str, *declared: str | Field, tag: int | None = None) -> Record:
-    """Return a record of these `fields`; its head is "NAME: its meaning"."""
+    """Return a record of these `fields`; `head` is "NAME: meaning"."""
     name, _, doc = head.partition(": ")
     return Record(name, fields(*declared), doc, tag)
 

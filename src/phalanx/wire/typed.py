@@ -1,4 +1,4 @@
-"""The base of the dataclasses that are generated from records of the byte table: they know their bytes."""
+"""Base class of the dataclasses that are generated from records of the byte table, with encoding and decoding."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from .record import FLOATS, LARGEST_NUMBER, MalformedRecord, Record
 
 
 class Typed:
-    """A record with its fields as attributes: the first two are `id` and `t`, given by name, the others by position.
+    """A record with its fields as attributes: the first two, `id` and `t`, are keyword-only.
 
     Class attributes:
-        RECORD: of the byte table; of a fixed length.
+        RECORD: the record of the byte table, of fixed length.
     """
 
     __slots__ = ()
     RECORD: ClassVar[Record]
     _names: ClassVar[tuple[str, ...]]  # of the fields, in the order of their bytes
-    _values: ClassVar[Any]  # of an instance, in that order
-    _floats: ClassVar[Any]  # of the tag and those values
+    _values: ClassVar[Any]  # getter of an instance's values, in that order
+    _floats: ClassVar[Any]  # getter of the floats among the tag and those values
 
     def __init_subclass__(cls) -> None:
         cls._names = tuple(field.name for field in cls.RECORD.fields)
@@ -29,7 +29,7 @@ class Typed:
 
     @classmethod
     def find(cls, raw: bytes, **beside: Any) -> Self | None:
-        """Return the record in these bytes, with fields `beside` those of the byte table; None if they are none."""
+        """Decode bytes, with `beside` as fields that the byte table does not have; None if they are malformed."""
         try:
             return cls.decode(raw, **beside)
         except MalformedRecord:
@@ -37,20 +37,20 @@ class Typed:
 
     @classmethod
     def decode(cls, raw: bytes, **beside: Any) -> Self:
-        """Return the record in these bytes, with fields `beside` those of the byte table.
+        """Decode bytes, with `beside` as fields that the byte table does not have.
 
-        Raises: MalformedRecord: of another length or kind; or a number is not finite, or above 10^6 in size.
+        Raises: MalformedRecord: another length or tag, or a number that is not finite or above 10^6 in magnitude.
         """
         record = cls.RECORD
         if len(raw) != record.size or raw[0] != record.tag:
             raise MalformedRecord(f"{len(raw)} bytes: not a {record.name}")
         _, sender, t, *rest = values = record.form.unpack(raw)
         if not _are_finite(cls._floats(values)):
-            raise MalformedRecord(f"{record.name}: a number is not finite, or above 10^6 in size")
+            raise MalformedRecord(f"{record.name}: a number is not finite, or above 10^6 in magnitude")
         return cls(*rest, id=sender, t=t, **beside)  # type: ignore[call-arg]  # a dataclass
 
     def encode(self, rob_id: int = 0, t_ms: int = 0) -> bytes:
-        """Return the bytes; `rob_id` and `t_ms` stand in for an `id` and a `t` of 0.
+        """Encode the record; `rob_id` and `t_ms` replace an `id` and a `t` of 0.
 
         Raises: UsageError: a field does not fit.
         """
@@ -61,9 +61,9 @@ class Typed:
                 return self.RECORD.form.pack(*values)
         except (struct.error, TypeError):
             pass
-        return self.RECORD.encode(**dict(zip(self._names, values[1:], strict=True)))  # which says what does not fit
+        return self.RECORD.encode(**dict(zip(self._names, values[1:], strict=True)))  # raises, and names the field
 
 
 def _are_finite(numbers: tuple[float, ...]) -> bool:
-    # Mostly all of them together are no larger than one may be. The sum with a NaN is one.
+    # Fast path: usually even the sum is below the limit of one number. A sum with a NaN is NaN.
     return sum(map(abs, numbers)) <= LARGEST_NUMBER or all(abs(each) <= LARGEST_NUMBER for each in numbers)

@@ -54,7 +54,7 @@ class Command(Typed):
 
 @dataclass(frozen=True, slots=True)
 class State(Typed):
-    """Broadcast: where a robot is and where it goes.
+    """Broadcast: position and velocity of a robot.
 
     Attributes:
         id: robot id; 0: the sender's own.

@@ -1,6 +1,6 @@
-"""Names for the widths of numbers in annotations: `U16` is an int of 16 bits, `F32` a float of 32.
+"""Annotations for the widths of numbers: `U16` is an int of 16 bits, `F32` a float of 32.
 
-Type checkers see `int` and `float`. The names of the widths are those of the byte table's fields.
+Type checkers see `int` and `float`. The names are those of the field types in the byte table.
 """
 
 from typing import Annotated

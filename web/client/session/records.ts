@@ -24,7 +24,7 @@ export interface HelloFields {
 }
 export const HELLO = layout<HelloFields>("hello", 0x01, { kind: "u8", id: "b8", noise: "b48" });
 
-/** the same on a broker */
+/** hello over a broker */
 export interface SignedHelloFields {
   readonly kind: number;
   readonly id: Uint8Array;
@@ -40,7 +40,7 @@ export interface AcceptFields {
 }
 export const ACCEPT = layout<AcceptFields>("accept", 0x02, { generation: "u8", noise: "b48" });
 
-/** of the handshake */
+/** Noise prologue of the handshake */
 export interface PrologueFields {
   readonly version: Uint8Array;
   readonly kind: Uint8Array;
@@ -81,7 +81,7 @@ export interface UpdateFields {
 }
 export const UPDATE = layout<UpdateFields>("update", 0x11, { epoch: "u32", counter: "u64", signature: "b64", sealed: "rest" });
 
-/** what is signed */
+/** signed bytes of an update */
 export interface SignedUpdateFields {
   readonly epoch: number;
   readonly counter: number;
@@ -89,7 +89,7 @@ export interface SignedUpdateFields {
 }
 export const SIGNED_UPDATE = layout<SignedUpdateFields>("signed_update", 0x12, { epoch: "u32", counter: "u64", sealed: "rest" });
 
-/** plaintext of a record or an update; as long as the next size allows */
+/** plaintext of a record or an update, padded to the next allowed size */
 export interface PaddedFields {
   readonly length: number;
   readonly content: Uint8Array;
@@ -102,17 +102,17 @@ export interface JoinFields {
 }
 export const JOIN = layout<JoinFields>("join", 0x21, { name: "v8" });
 
-/** first message of a known visitor, and after each new key */
+/** first message of a resuming visitor, and after each new key */
 export type ReadyFields = object;
 export const READY = layout<ReadyFields>("ready", 0x22, {});
 
-/** the resume secret is stored */
+/** the client has stored the resume secret */
 export interface StoredFields {
   readonly id: Uint8Array;
 }
 export const STORED = layout<StoredFields>("stored", 0x23, { id: "b8" });
 
-/** for one robot */
+/** command for one robot */
 export interface CommandFields {
   readonly stop: number;
   readonly seen: number;
@@ -131,13 +131,13 @@ export interface LinkRequestFields {
 }
 export const LINK_REQUEST = layout<LinkRequestFields>("link_request", 0x25, { number: "u32", name: "v8", payload: "rest" });
 
-/** ends the session; the resume secret stays valid */
+/** end of the session; the resume secret stays valid */
 export interface LeaveFields {
   readonly keep: number;
 }
 export const LEAVE = layout<LeaveFields>("leave", 0x26, { keep: "u8" });
 
-/** nothing to say */
+/** keep-alive without content */
 export type AliveFields = object;
 export const ALIVE = layout<AliveFields>("alive", 0x27, {});
 
@@ -149,14 +149,14 @@ export interface WelcomeFields {
 }
 export const WELCOME = layout<WelcomeFields>("welcome", 0x41, { visitor: "u32", signer: "b32", name: "v8" });
 
-/** resume with it from now on; answered with `stored` */
+/** new resume secret; answered with `stored` */
 export interface SecretFields {
   readonly secret: Uint8Array;
   readonly lifetime_s: number;
 }
 export const SECRET = layout<SecretFields>("secret", 0x42, { secret: "b32", lifetime_s: "u32" });
 
-/** key of the updates that follow */
+/** key for the updates that follow */
 export interface EpochFields {
   readonly epoch: number;
   readonly counter: number;
@@ -165,7 +165,7 @@ export interface EpochFields {
 }
 export const EPOCH = layout<EpochFields>("epoch", 0x43, { epoch: "u32", counter: "u64", chain: "b32", topic: "b16" });
 
-/** what the visitor may do now */
+/** current rights of the visitor */
 export interface StandingFields {
   readonly role: number;
   readonly waiting: number;
@@ -175,7 +175,7 @@ export interface StandingFields {
 }
 export const STANDING = layout<StandingFields>("standing", 0x44, { role: "u8", waiting: "u8", place: "u16", left_ms: "u32", robot: "v8" });
 
-/** to a request */
+/** answer to a request */
 export interface ReplyFields {
   readonly number: number;
   readonly payload: Uint8Array;

@@ -1,4 +1,4 @@
-"""Mode session: a key for each visitor, on a websocket or any MQTT broker. Pure: sockets and clocks are elsewhere."""
+"""Mode session: a key for each visitor, over a websocket or any MQTT broker. No I/O: callers do it."""
 
 from .client import SessionClient
 from .door import Ticket

@@ -1,4 +1,4 @@
-"""Who drives which robot: leases, one robot each with turns, or as tickets say. One driver at a time, always."""
+"""Assignment of robots to visitors: by leases, in turns of one robot each, or by tickets. One driver per robot."""
 
 from __future__ import annotations
 
@@ -15,25 +15,26 @@ from .visitors import Visitor
 @dataclass(slots=True)
 class _Hold:
     visitor: int
-    until_ms: int | None  # of a lease; None: assigned until it is taken
+    until_ms: int | None  # end of a lease; None: assigned until it is taken away
     since_ms: int
 
 
 class Assignment:
-    """Robots, their drivers and, with one robot each, the queue.
+    """Robots, their drivers and, in mode `one-each`, the queue of visitors.
 
-    In mode `free` and `tickets` a command makes a lease, which each command renews; a visitor has one at a time. In
-    mode `one-each` visitors get robots as they come. What an operator gives lasts until it is taken.
+    In modes `free` and `tickets` a command takes a lease of the robot, and each further command renews it; a visitor
+    has one lease at a time. In mode `one-each` visitors get robots in the order in which they join. A robot that an
+    operator assigns stays assigned until it is taken away.
     """
 
     def __init__(self, config: SessionConfig) -> None:
         self._config = config
         self._robots: dict[str, _Hold | None] = {}  # in the order of their addresses
-        self._of: dict[int, list[str]] = {}  # robots of each visitor that has one: commands come in thousands
+        self._of: dict[int, list[str]] = {}  # robots by visitor: an index, as each command looks them up
         self._queue: list[int] = []
 
     def set_robots(self, robots: Iterable[str], now_ms: int) -> None:
-        """Take note of the robots that there are; who drove one that is gone queues first."""
+        """Set the robots that exist now; drivers of removed robots go to the head of the queue."""
         there = set(robots)
         lost = [hold.visitor for robot, hold in self._robots.items() if hold and robot not in there]
         for robot in self._robots.keys() - there:
@@ -44,21 +45,21 @@ class Assignment:
         self._serve(now_ms)
 
     def arrive(self, visitor: Visitor, now_ms: int) -> None:
-        """Queue a visitor for a robot, with one robot each."""
+        """Queue a visitor for a robot, in mode `one-each`."""
         wants = self._config.assign == "one-each" and visitor.role is Role.DRIVE and not visitor.waiting
         if wants and visitor.id not in self._queue and self.robot_of(visitor.id) is None:
             self._queue.append(visitor.id)
             self._serve(now_ms)
 
     def leave(self, visitor: int, now_ms: int) -> None:
-        """Free what a visitor has: it left, was removed, or may not drive any more."""
+        """Free the robots of a visitor that left, was removed, or lost the right to drive."""
         self._queue = [each for each in self._queue if each != visitor]
         for robot in list(self._of.get(visitor, ())):
             self._put(robot, None)
         self._serve(now_ms)
 
     def tick(self, now_ms: int) -> None:
-        """End leases that were not renewed, and turns while others queue."""
+        """End leases that were not renewed, and expired turns while others are in the queue."""
         for robot, hold in self._robots.items():
             if hold and hold.until_ms is not None and now_ms >= hold.until_ms:
                 self._put(robot, None)
@@ -67,7 +68,7 @@ class Assignment:
             for robot, hold in self._robots.items()
             if hold and self._config.assign == "one-each" and now_ms - hold.since_ms >= self._config.turn_ms
         ]
-        for _, robot in sorted(over)[: len(self._queue)]:  # longest first; nobody gives way to nobody
+        for _, robot in sorted(over)[: len(self._queue)]:  # longest turn first; as many as are in the queue
             hold = self._robots[robot]
             if hold:
                 self._put(robot, None)
@@ -75,16 +76,16 @@ class Assignment:
         self._serve(now_ms)
 
     def claim(self, visitor: Visitor, robot: str, now_ms: int, *, is_stop: bool = False) -> None:
-        """Take or renew the lease of a command that was carried out, or raise. A stop takes none, and renews none.
+        """Take or renew the lease for a command that was carried out. A stop neither takes nor renews a lease.
 
-        Raises: NotAllowed: its role, ticket or assignment; Busy: another visitor drives it.
+        Raises: NotAllowed: role, ticket or assignment do not allow it; Busy: another visitor drives the robot.
         """
         hold = self.check(visitor, robot, now_ms)
         operates = visitor.role is Role.OPERATE
         if is_stop or (hold and hold.visitor == visitor.id and hold.until_ms is None):
             return
         if operates and hold and hold.until_ms is None:
-            return  # an operator helps; the robot stays assigned
+            return  # an operator's command leaves the assignment as it is
         for other in list(self._of.get(visitor.id, ())):
             its = self._robots[other]
             if other != robot and its and its.until_ms is not None and not operates:
@@ -93,7 +94,7 @@ class Assignment:
         self._put(robot, _Hold(visitor.id, now_ms + self._config.lease_ms, since_ms))
 
     def give(self, robot: str, visitor: Visitor, now_ms: int) -> None:
-        """Assign a robot to a visitor, until it is taken. Raises: NotAllowed: as `suits`."""
+        """Assign a robot to a visitor until it is taken away. Raises: NotAllowed: as `suits`."""
         self.suits(visitor, robot)
         self.leave(visitor.id, now_ms)
         hold = self._robots[robot]
@@ -103,7 +104,7 @@ class Assignment:
         self._serve(now_ms)
 
     def take(self, robot: str, now_ms: int) -> None:
-        """Free a robot; its driver queues last, with one robot each. Raises: NotAllowed: no such robot."""
+        """Free a robot; in mode `one-each` queue its driver at the end. Raises: NotAllowed: no such robot."""
         self._known(robot)
         hold = self._robots[robot]
         self._put(robot, None)
@@ -120,12 +121,12 @@ class Assignment:
         self._put(second, hold)
 
     def driver_of(self, robot: str, now_ms: int) -> int | None:
-        """Return who drives a robot now."""
+        """Return the id of the visitor that drives a robot now; None: nobody."""
         hold = self._robots.get(robot)
         return hold.visitor if hold and (hold.until_ms is None or now_ms < hold.until_ms) else None
 
     def drivers(self, now_ms: int) -> dict[str, int]:
-        """Return who drives each robot that somebody drives now."""
+        """Return the driver's id for each robot that has one now."""
         return {
             robot: hold.visitor
             for robot, hold in self._robots.items()
@@ -137,11 +138,11 @@ class Assignment:
         return min(self._of.get(visitor, ()), default=None)
 
     def place_of(self, visitor: int) -> int:
-        """Return a visitor's place in the queue, from 1; 0: it is not in it."""
+        """Return a visitor's position in the queue, from 1; 0: not in the queue."""
         return self._queue.index(visitor) + 1 if visitor in self._queue else 0
 
     def left_ms(self, visitor: int, now_ms: int) -> int:
-        """Return what is left of a visitor's turn while others queue; 0: no limit."""
+        """Return the time left of a visitor's turn while others are in the queue; 0: no limit."""
         robot = self.robot_of(visitor)
         hold = self._robots[robot] if robot else None
         if hold is None or self._config.assign != "one-each" or not self._queue:
@@ -149,31 +150,31 @@ class Assignment:
         return max(1, hold.since_ms + self._config.turn_ms - now_ms)
 
     def suits(self, visitor: Visitor, robot: str) -> None:
-        """Raise NotAllowed: no such robot, or one that this visitor may never drive: its role, or its ticket."""
+        """Raise NotAllowed if the robot does not exist, or the visitor's role or ticket excludes it."""
         if visitor.role < Role.DRIVE or visitor.waiting:
             raise NotAllowed("this visitor may only watch")
         self._known(robot)
         if visitor.robots and robot not in visitor.robots:
-            raise NotAllowed("a robot that the ticket does not name")
+            raise NotAllowed("the ticket does not name this robot")
 
     def check(self, visitor: Visitor, robot: str, now_ms: int) -> _Hold | None:
-        """Return who has the robot, if this visitor may command it. Raises: NotAllowed; Busy."""
+        """Return the current hold on the robot, if this visitor may command it. Raises: NotAllowed; Busy."""
         self.suits(visitor, robot)
         if self._config.assign == "tickets" and not visitor.robots and visitor.role is not Role.OPERATE:
-            raise NotAllowed("a ticket names the robots of each visitor")
+            raise NotAllowed("only tickets that name robots allow driving")
         hold = self._robots[robot]
         if hold and hold.until_ms is not None and now_ms >= hold.until_ms:
             hold = None
         if visitor.role is Role.OPERATE or (hold and hold.visitor == visitor.id):
             return hold
         if self._config.assign == "one-each":
-            raise NotAllowed("a robot of another visitor")
+            raise NotAllowed("the robot is not assigned to this visitor")
         if hold:
             raise Busy("another visitor drives this robot")
         return None
 
     def _put(self, robot: str, hold: _Hold | None) -> None:
-        """Let somebody have a robot, or nobody."""
+        """Set or clear the hold on a robot, and update the index by visitor."""
         before, self._robots[robot] = self._robots[robot], hold
         if (before and before.visitor) == (hold and hold.visitor):
             return
@@ -189,7 +190,7 @@ class Assignment:
             raise NotAllowed("no such robot")
 
     def _serve(self, now_ms: int) -> None:
-        """Give free robots to those who queue."""
+        """Assign free robots to visitors in the queue."""
         if self._config.assign != "one-each":
             return
         for robot, hold in self._robots.items():

@@ -1,4 +1,4 @@
-"""Records of one session at one end: sealed with the newest keys, opened with those of two generations."""
+"""Encryption of a session's records at one end: sealed with the newest keys, opened with those of two generations."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ class _Generation:
     made_ms: int
     sent: int = 0
     window: Window = field(default_factory=Window)
-    until_ms: int | None = None  # it is received until then
+    until_ms: int | None = None  # end of receiving with these keys
 
 
 class Opened(NamedTuple):
-    """A message of a peer."""
+    """An opened message of the peer."""
 
     content: bytes
-    is_first: bool  # with keys that were offered, which are in use now
-    in_order: bool  # no later record was opened before
+    is_first: bool  # first with the offered keys, which are in use now
+    in_order: bool  # newer than all records opened before
 
 
 class Channel:
-    """The keys of one end, and the counters.
+    """Keys and counters of one end of a session.
 
     A server `offers` keys when it answers a handshake; they take effect with the first record that they open. A client
     `adopts` keys when it reads that answer, and sends with them at once.
@@ -52,57 +52,57 @@ class Channel:
 
     @property
     def is_open(self) -> bool:
-        """Return whether there are keys in use."""
+        """Return whether keys are in use."""
         return self._now is not None
 
     @property
     def made_ms(self) -> int:
-        """Return when the keys in use were made; 0 without keys."""
+        """Return the time at which the keys in use were made; 0 without keys."""
         return self._now.made_ms if self._now else 0
 
     @property
     def next_generation(self) -> int:
-        """Return the number of the keys that a handshake now would make."""
+        """Return the generation number for the keys of the next handshake."""
         return (self._now.number + 1) % GENERATIONS if self._now else 0
 
     def receive_ciphers(self) -> list[Cipher]:
-        """Return the ciphers with which records are received: topics on a broker are derived from them."""
+        """Return the ciphers for receiving; topics on a broker are derived from them."""
         return [each.receive for each in (self._now, self._before, self._offered) if each]
 
     def send_cipher(self) -> Cipher:
-        """Return the cipher with which the next record is sent. Raises: UsageError: there are no keys yet."""
+        """Return the cipher for sending. Raises: UsageError: there are no keys yet."""
         return self._used().send
 
     def offer(self, keys: Keys, now_ms: int) -> None:
-        """Accept records with these keys as well; earlier ones that were only offered are dropped."""
+        """Accept records with these keys as well; they replace keys that were only offered."""
         self._offered = self._generation(self.next_generation, keys, now_ms)
 
     def withdraw(self) -> None:
-        """Drop keys that were only offered."""
+        """Drop offered keys that are not in use yet."""
         self._offered = None
 
     def adopt(self, number: int, keys: Keys, now_ms: int) -> None:
-        """Use these keys from now on. Those before are received until the other end uses the new ones, and a while."""
+        """Use these keys from now on; still receive with the old ones until a while after the peer uses the new."""
         self._before, self._now = self._now, self._generation(number, keys, now_ms)
 
     def expire(self, now_ms: int) -> None:
-        """Drop the keys before, if their time is over."""
+        """Drop the previous keys if their time is over."""
         if self._before and self._before.until_ms is not None and now_ms >= self._before.until_ms:
             self._before = None
 
     def seal(self, content: bytes) -> bytes:
-        """Return the record of a message. Raises: UsageError: too long, or there are no keys yet."""
+        """Encrypt a message as a record. Raises: UsageError: too long, or there are no keys yet."""
         used = self._used()
         plaintext = pad(content, self._max_send)
         if used.sent >= COUNTER_LIMIT:
-            raise UsageError("a session's counter is used up", "make new keys")
+            raise UsageError("the counter of the session is exhausted", "make new keys")
         head = {"generation": used.number, "counter": used.sent}
         used.sent += 1
         sealed = used.send.seal(head["counter"], plaintext, RECORD_HEAD.encode(**head))
         return RECORD.encode(**head, sealed=sealed)
 
     def open(self, raw: bytes, now_ms: int) -> Opened:
-        """Open a record of a peer.
+        """Open a record of the peer.
 
         Raises: TooLarge, MalformedRecord, NotAuthentic, Replayed.
         """
@@ -113,7 +113,7 @@ class Channel:
         known = (self._now, self._before, self._offered)
         used = next((each for each in known if each and each.number == number), None)
         if used is None:
-            raise NotAuthentic("keys of no generation in use")
+            raise NotAuthentic("the key generation is not in use")
         used.window.check(counter)
         plaintext = used.receive.open(counter, sealed, RECORD_HEAD.encode(generation=number, counter=counter))
         content = unpad(plaintext)
@@ -132,5 +132,5 @@ class Channel:
 
     def _used(self) -> _Generation:
         if self._now is None:
-            raise UsageError("a session without keys")
+            raise UsageError("the session has no keys yet")
         return self._now

@@ -1,6 +1,6 @@
-"""A visitor's side of a session: bytes and a time in, events and bytes out.
+"""Client side of a session, without I/O: bytes and a time in, events and bytes out.
 
-Refused bytes are counted, and change nothing.
+Refused messages are counted, and change nothing.
 """
 
 from __future__ import annotations
@@ -55,10 +55,10 @@ from .noise import KEY_BYTES, Initiator
 from .secret import Kind, Secret, hello_topic, prologue, record_topic, topic_name
 from .updates import UpdateReader, is_update
 
-ALIVE_MS = 4_000  # on a broker something is said as often
-# Nothing on a broker tells that the server is gone, or has forgotten us. Who waits for approval gets no updates.
+ALIVE_MS = 4_000  # longest time between two records to a broker
+# On a broker only silence reveals a lost server or session. A visitor waiting for approval gets no updates.
 QUIET_MS, QUIET_WAITING_MS = 5_000, 60_000
-EPOCHS_KEPT = 2  # that come before `welcome` does
+EPOCHS_KEPT = 2  # epochs kept that arrive before `welcome`
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,16 +70,16 @@ class _Handshake:
 
 
 class SessionClient:
-    """One visitor.
+    """Session of one visitor.
 
     Attributes:
         rejected: refused messages, by reason.
-        is_over: nothing is sent or read any longer; a new client may resume.
+        is_over: the session has ended; a new client may resume.
 
     Args:
-        invitation: from the QR code, a room code, or with the secret to resume with.
-        random_bytes: makes n bytes from a cryptographic source.
-        name: nickname; the server may choose another.
+        invitation: from the QR code or a room code, or with a resume secret.
+        random_bytes: returns n bytes from a cryptographic source.
+        name: requested nickname; the server may choose another.
     """
 
     def __init__(
@@ -98,12 +98,12 @@ class SessionClient:
             overlap_ms=config.overlap_ms,
         )
         self._handshake: _Handshake | None = None
-        self._adopted_ms: int | None = None  # since then `welcome` is waited for
+        self._adopted_ms: int | None = None  # when new keys were adopted, until `welcome` confirms them
         self._is_joined = False
         self._signer = b""
         self._reader: UpdateReader | None = None
         self._early: list[Epoch] = []
-        self._early_secret: list[ClientEvent] = []  # that came before `welcome`: it cannot be confirmed yet
+        self._early_secret: list[ClientEvent] = []  # secret received before `welcome`: it cannot be confirmed yet
         self._requests = 0
         self._said_ms = self._heard_ms = 0
         self._is_waiting = False
@@ -129,7 +129,7 @@ class SessionClient:
         return [*self._hear(), Transmit(signed, hello_topic(static))]
 
     def receive(self, raw: bytes, now_ms: int) -> list[ClientEvent]:
-        """Read what came from the server, or says so. Never raises for what it says."""
+        """Process a message that claims to be from the server. Never raises for its content."""
         if self.is_over:
             return []
         try:
@@ -143,7 +143,7 @@ class SessionClient:
             return []
 
     def tick(self, now_ms: int) -> list[ClientEvent]:
-        """Do what is due; call it once a second, and after sleep before anything else."""
+        """Process timeouts and key changes; call once a second, and first of all after a sleep."""
         if self.is_over:
             return []
         config = self.config
@@ -156,7 +156,7 @@ class SessionClient:
         if since and now_ms - min(since) >= config.handshake_ms:
             if not self._is_joined:
                 return self._end(None)
-            if now_ms - max(since) >= 2 * config.handshake_ms:  # the server has forgotten the one before
+            if now_ms - max(since) >= 2 * config.handshake_ms:  # the server has dropped the previous handshake
                 self._adopted_ms = None
                 return self.start(now_ms)
             return []
@@ -167,36 +167,36 @@ class SessionClient:
         return []
 
     def command(self, robot: str, name: str, payload: bytes, now_ms: int, *, stop: bool = False) -> Transmit:
-        """Return a command for one robot, based on the newest update. Raises: UsageError: not joined, or too long."""
+        """Seal a command for one robot, based on the newest update. Raises: UsageError: not joined, or too long."""
         reader = self._joined()
         return self._send(Command(stop, reader.seen, reader.digest, robot, name, payload), now_ms)
 
     def request(self, name: str, payload: bytes, now_ms: int) -> tuple[int, Transmit]:
-        """Return a request, and its number. Raises: UsageError: not joined, or too long."""
+        """Seal a request; return its number and the record. Raises: UsageError: not joined, or too long."""
         self._joined()
         self._requests += 1
         return self._requests, self._send(Request(self._requests, name, payload), now_ms)
 
     def alive(self, now_ms: int) -> Transmit:
-        """Return a record that says nothing. Raises: UsageError: not joined."""
+        """Seal a keep-alive. Raises: UsageError: not joined."""
         self._joined()
         return self._send(Alive(), now_ms)
 
     def stored(self, secret: Secret, now_ms: int) -> Transmit:
-        """Say that a secret is stored, so that the one before may die. Raises: UsageError: not joined."""
+        """Confirm that a secret is stored, so that the server drops the old one. Raises: UsageError: not joined."""
         self._joined()
         return self._send(Stored(secret.id), now_ms)
 
     def leave(self, now_ms: int) -> list[ClientEvent]:
-        """End the session, and free its robot; the secret to resume with stays valid."""
-        said = [self._send(Leave(keep=False), now_ms)] if self._channel.is_open else []
-        return [*said, *self._end(None)]
+        """End the session and free its robot; the resume secret stays valid."""
+        sent = [self._send(Leave(keep=False), now_ms)] if self._channel.is_open else []
+        return [*sent, *self._end(None)]
 
     def _accept(self, raw: bytes, now_ms: int) -> list[ClientEvent]:
         fields = ACCEPT.decode(raw)
         handshake = self._handshake
         if handshake is None:
-            raise Unexpected("an answer to no handshake")
+            raise Unexpected("an answer without a handshake")
         _, keys = handshake.initiator.read(fields["noise"])
         self._channel.adopt(fields["generation"], keys, now_ms)
         self._handshake, self._adopted_ms = None, now_ms
@@ -209,9 +209,9 @@ class SessionClient:
         content, _, in_order = self._channel.open(raw, now_ms)
         self._heard_ms = now_ms
         message = decode_from_server(content)
-        # Held back on the way, these would undo what the server has said since.
+        # Delivered late, these would undo newer messages of the server.
         if isinstance(message, NewSecret | Standing) and not in_order:
-            raise Unexpected("a record that comes after later ones")
+            raise Unexpected("an old record after newer ones")
         return self._read(message)
 
     def _read(self, message: FromServer) -> list[ClientEvent]:
@@ -262,7 +262,7 @@ class SessionClient:
 
     def _joined(self) -> UpdateReader:
         if self._reader is None or not self.is_joined:
-            raise UsageError("not joined")
+            raise UsageError("the server has not admitted this visitor, or the session is over")
         return self._reader
 
     def _send(self, message: FromClient, now_ms: int) -> Transmit:

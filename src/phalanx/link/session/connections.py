@@ -1,7 +1,7 @@
-"""Handshakes and records of a server's connections: from bytes to messages of a visitor, and back.
+"""Connections of a server: handshakes, and encryption and decryption of records.
 
-A connection is a websocket, or what one client has on a broker. Nothing of a client is parsed before it is authentic
-but the header of its first message.
+A connection is a websocket, or one client's topics on a broker. Before a client is authenticated, only the header of
+its first message is parsed.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from .messages import FromServer, encode
 from .noise import KEY_BYTES, respond
 from .secret import Kind, Secret, prologue, record_topic
 
-HELLOS_REMEMBERED = 1024  # first messages on a broker, which cost no second Diffie-Hellman
+HELLOS_REMEMBERED = 1024  # first messages on a broker whose repetition is refused before the Diffie-Hellman
 FindSecret = Callable[[Kind, bytes, str, Now], Secret]
 
 
 @dataclass(slots=True)
 class Connection:
-    """One client's way to this server."""
+    """Connection of one client."""
 
     number: int
     address: str
@@ -39,10 +39,10 @@ class Connection:
     channel: Channel
     opened_ms: int
     heard_ms: int
-    secret: Secret | None = field(default=None, repr=False)  # of the handshake that waits for its first record
-    offered_ms: int = 0  # when that was answered
-    visitor: int = 0  # 0: not admitted yet
-    bad: int = 0  # records that were refused
+    secret: Secret | None = field(default=None, repr=False)  # secret of the handshake that waits for its first record
+    offered_ms: int = 0  # when that handshake was answered
+    visitor: int = 0  # visitor id; 0: not admitted yet
+    bad: int = 0  # number of refused records
 
     @property
     def is_pending(self) -> bool:
@@ -51,10 +51,10 @@ class Connection:
 
 
 class Connections:
-    """All connections, by number: those of websockets are positive and the caller's, those on a broker negative.
+    """All connections, by number: positive numbers, chosen by the caller, for websockets; negative ones on a broker.
 
     Args:
-        find_secret: returns the secret that a first message names, or raises a PeerError.
+        find_secret: returns the secret with the kind and id of a first message, or raises a PeerError.
     """
 
     def __init__(
@@ -77,19 +77,19 @@ class Connections:
         return iter(list(self._all.values()))
 
     def find(self, number: int) -> Connection | None:
-        """Return a connection, or None if it is over."""
+        """Return a connection, or None if it was closed."""
         return self._all.get(number)
 
     def of_visitor(self, visitor: int) -> Connection | None:
-        """Return a visitor's connection, or None if it is away."""
+        """Return a visitor's connection, or None if the visitor is not connected."""
         return self._all.get(self._of_visitor.get(visitor, 0))
 
     def visitors(self) -> dict[int, int]:
-        """Return the connections of visitors, by the visitors' ids."""
+        """Return the numbers of visitors' connections, by visitor id."""
         return self._of_visitor
 
     def open(self, number: int, address: str, now: Now, *, on_broker: bool = False) -> Connection:
-        """Take note of a new connection. Raises: TooMany."""
+        """Add a new connection. Raises: TooMany."""
         if len(self._all) >= self._config.connections_max:
             raise TooMany("connections")
         channel = Channel(
@@ -102,14 +102,14 @@ class Connections:
         return self._all[number]
 
     def drop(self, number: int) -> Connection | None:
-        """Forget a connection, and return it; what it still sends is ignored."""
+        """Remove a connection and return it; further messages from it are ignored."""
         connection = self._all.pop(number, None)
         if connection and self._of_visitor.get(connection.visitor) == number:
             del self._of_visitor[connection.visitor]
         return connection
 
     def attach(self, connection: Connection, visitor: int) -> None:
-        """Let a connection be a visitor's."""
+        """Associate a connection with a visitor."""
         connection.visitor = visitor
         self._of_visitor[visitor] = connection.number
 
@@ -121,10 +121,10 @@ class Connections:
         return self._accept(connection, secret, fields["noise"], now)
 
     def answer_on_broker(self, raw: bytes, count: Callable[[Secret], int], now: Now) -> list[ServerEvent]:
-        """Answer a first message on a broker: nobody but its sender sees whether that was done.
+        """Answer a first message on a broker; only its sender can tell that it was answered.
 
         Args:
-            count: counts it for who has the secret, and returns the visitor that resumes; 0: none. Raises: TooMany.
+            count: counts it for the secret's owner; returns the id of the visitor that resumes, or 0. Raises: TooMany.
         Raises: PeerError: it is refused.
         """
         fields = SIGNED_HELLO.decode(raw)
@@ -135,8 +135,8 @@ class Connections:
         hello = raw[: HELLO.size]
         secret.check_mac1(hello, fields["mac1"])
         if hello in self._hellos:
-            raise Replayed("a first message, again")
-        # First what its sender has: else one visitor would use up what all others resume with.
+            raise Replayed("first message received before")
+        # The sender's own limit comes first, or one visitor could exhaust the limit that all share.
         resumed = count(secret)
         if not self._budgets[kind].take(now.ms / 1000):
             raise TooMany("first messages of this kind")
@@ -153,12 +153,12 @@ class Connections:
         return [*dropped, *self._accept(connection, secret, fields["noise"], now, topic)]
 
     def seal(self, connection: Connection, *messages: FromServer) -> list[ServerEvent]:
-        """Return the records of messages to a connection with keys."""
+        """Encrypt messages to a connection that has keys."""
         topic = record_topic(connection.channel.send_cipher()) if connection.on_broker else ""
         return [Send(connection.number, connection.channel.seal(encode(each)), topic) for each in messages]
 
     def listen(self, connection: Connection) -> list[ServerEvent]:
-        """Return what is to be subscribed to for a connection on a broker."""
+        """Return the event that sets the subscriptions of a connection on a broker."""
         if not connection.on_broker:
             return []
         return [Listen(connection.number, tuple(map(record_topic, connection.channel.receive_ciphers())))]
@@ -173,11 +173,11 @@ class Connections:
         connection.channel.offer(keys, now.ms)
         connection.secret, connection.offered_ms = secret, now.ms
         accept = ACCEPT.encode(generation=generation, noise=answer)
-        # First the subscription: the client's first record follows at once.
+        # Subscribe before the answer: the client's first record follows at once.
         return [*self.listen(connection), Send(connection.number, accept, topic)]
 
     def _make_room(self) -> list[ServerEvent]:
-        """Drop the oldest handshake on the broker that was not confirmed, rather than refuse a newcomer."""
+        """Drop the oldest unconfirmed handshake on the broker if there are too many connections."""
         if len(self._all) >= self._config.connections_max:
             waiting = [each for each in self._all.values() if each.on_broker and not each.visitor]
             if waiting:
@@ -188,7 +188,7 @@ class Connections:
 
 
 def is_record(raw: bytes) -> bool:
-    """Return whether bytes say that they are a record."""
+    """Return whether a message has the tag of a record."""
     return raw[:1] == RECORD.encode(generation=0, counter=0, sealed=b"")[:1]
 
 
@@ -196,4 +196,4 @@ def _kind(number: int) -> Kind:
     try:
         return Kind(number)
     except ValueError as error:
-        raise MalformedRecord("no kind of secret") from error
+        raise MalformedRecord("unknown kind of secret") from error

@@ -1,4 +1,4 @@
-"""The door: which invitations are valid now, and what each admits to. Its codes are known to this file alone."""
+"""Admission: the invitations that are valid now, and the rights each grants. Only this file holds the codes."""
 
 from __future__ import annotations
 
@@ -21,38 +21,38 @@ from .visitors import LINE
 
 @dataclass(frozen=True, slots=True)
 class Ticket:
-    """An invitation for so many uses. Raises: UsageError."""
+    """Invitation for a fixed number of uses. Raises: UsageError."""
 
     secret: Secret = field(repr=False)
     role: Role
-    uses: int  # left
+    uses: int  # uses left
     expires_s: int  # Unix time
-    name: str = ""  # of the visitor; empty: it chooses
-    robots: frozenset[str] = frozenset()  # that it may drive; empty: any
+    name: str = ""  # nickname of the visitor; empty: the visitor chooses
+    robots: frozenset[str] = frozenset()  # robots that the visitor may drive; empty: any
 
     def __post_init__(self) -> None:
         if self.uses < 1:
-            raise UsageError(f"a ticket for {self.uses} uses", "1 or more")
+            raise UsageError(f"a ticket for {self.uses} uses", "use 1 or more")
         if self.role is Role.OPERATE and self.uses != 1:
             raise UsageError("an operator's ticket for more than one use", "make one for each operator")
 
 
 @dataclass(frozen=True, slots=True)
 class Grant:
-    """What an invitation admits to."""
+    """Rights that an invitation grants."""
 
     role: Role
     name: str = ""
     robots: frozenset[str] = frozenset()
     ticket: bytes = NO_ID
-    uses: int = 0  # left of that ticket
+    uses: int = 0  # uses left of that ticket
 
 
 class Door:
-    """Open code, room code and tickets.
+    """The open code, the room code and the tickets of a swarm.
 
     Attributes:
-        open_role: that the open code and the room code admit to; never operate.
+        open_role: role that the open code and the room code grant; never OPERATE.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class Door:
         self.open_role = open_role
         self._tries = RoomTries(config)
         self._tickets: dict[bytes, Ticket] = {}
-        self._hellos: dict[bytes, Pace] = {}  # of tickets, on a broker
+        self._hellos: dict[bytes, Pace] = {}  # limits of first messages with a ticket, on a broker
         for key, row in store.load().items():
             if key[:1] == TICKET_KEY.encode(id=NO_ID)[:1]:
                 self._tickets[TICKET_KEY.decode(key)["id"]] = _ticket(row)
@@ -74,12 +74,12 @@ class Door:
 
     @property
     def code(self) -> Secret:
-        """Return the secret of the open code that is shown now."""
+        """Return the secret of the current open code."""
         return self._code
 
     @property
     def room(self) -> str | None:
-        """Return the room code that is shown now, eight digits; None: there is none."""
+        """Return the current room code, eight digits; None if there is none."""
         return self._room
 
     def left_ms(self, now_ms: int) -> int:
@@ -87,15 +87,15 @@ class Door:
         return max(0, self._code_ms + self._config.code_ms - now_ms)
 
     def overlaps(self, now_ms: int) -> bool:
-        """Return whether the open code before is still accepted."""
+        """Return whether the previous open code is still accepted."""
         return len(self._codes(now_ms)) == 2
 
     def tickets(self) -> list[Ticket]:
-        """Return the tickets with uses left; those whose time is over are here until the next is added."""
+        """Return the tickets with uses left; expired ones are included until the next ticket is added."""
         return list(self._tickets.values())
 
     def tick(self, now_ms: int) -> bool:
-        """Change the open code when it is time, keep the one before for a while; return whether it changed."""
+        """Change the open code when due, and accept the previous one for a while; return whether it changed."""
         age = now_ms - self._code_ms
         if age >= self._config.code_overlap_ms:
             self._before = None
@@ -107,28 +107,28 @@ class Door:
         return True
 
     def new_code(self, now_ms: int) -> None:
-        """Change the open code, and the room code if there is one; those before are refused from now on."""
+        """Replace the open code, and the room code if there is one; the old ones are refused from now on."""
         self._code = self._new_code(now_ms)
         self._before = None
         if self._room is not None:
             self.show_room()
 
     def show_room(self) -> str:
-        """Make a room code for an operator, with tries of its own; return its digits. The one before is refused."""
+        """Make a new room code, with a new budget of attempts; return its digits. The old one is refused."""
         self._tries.begin()
         self._room = new_room_code(self._random_bytes)
         return self._room
 
     def hide_room(self) -> None:
-        """Admit nobody by room code."""
+        """Remove the room code."""
         self._room = None
 
     def add_ticket(self, ticket: Ticket, unix_s: int) -> None:
-        """Write a ticket, before it is shown; those whose time is over go. Raises: UsageError: there are too many."""
+        """Store a ticket before it is shown, and delete expired ones. Raises: UsageError: there are too many."""
         over = [each for each, known in self._tickets.items() if known.expires_s <= unix_s]
         if len(self._tickets) - len(over) >= self._config.tickets_max:
             left_s = min(each.expires_s for each in self._tickets.values()) - unix_s
-            hint = f"wait: the time of one is over in {max(0, left_s)} s; one ticket can be for many --uses"
+            hint = f"wait {max(0, left_s)} s until one expires, or make one ticket for many --uses"
             raise UsageError(f"more than {self._config.tickets_max} tickets", hint)
         rows: dict[bytes, bytes | None] = {_key(ticket): _row(ticket)}
         for each in over:
@@ -137,13 +137,13 @@ class Door:
         self._tickets[ticket.secret.id] = ticket
 
     def revoke_ticket(self, ticket_id: bytes) -> dict[bytes, bytes | None]:
-        """Refuse a ticket from now on; return the rows that the caller writes."""
+        """Refuse a ticket from now on; return the rows that the caller has to write."""
         ticket = self._tickets.pop(ticket_id, None)
         self._hellos.pop(ticket_id, None)
         return {_key(ticket): None} if ticket else {}
 
     def count_hello(self, ticket_id: bytes, now_ms: int) -> None:
-        """Count a first message on a broker with a valid ticket: at once one of each who has it. Raises: TooMany."""
+        """Count a first message on a broker with a valid ticket; the burst allows one per use. Raises: TooMany."""
         if ticket_id not in self._hellos:
             at_once = self._config.handshakes_at_once + self._tickets[ticket_id].uses
             self._hellos[ticket_id] = Pace(self._config.handshakes_per_min / 60, at_once, now_ms / 1000)
@@ -151,10 +151,10 @@ class Door:
             raise TooMany("first messages with this ticket")
 
     def secret(self, kind: Kind, secret_id: bytes, address: str, now_ms: int, unix_s: int) -> Secret:
-        """Return the secret that a first message names. Raises: UnknownSecret; TriesUsedUp."""
+        """Return the secret with the kind and id of a first message. Raises: UnknownSecret; TriesUsedUp."""
         if kind is Kind.ROOM:
             if self._room is None or secret_id != NO_ID:
-                raise UnknownSecret("no room code is shown")
+                raise UnknownSecret("there is no room code")
             self._tries.count(address, now_ms)
             return Secret(Kind.ROOM, self._room.encode())
         ticket = self._tickets.get(secret_id) if kind is Kind.TICKET else None
@@ -166,9 +166,9 @@ class Door:
         raise UnknownSecret("no such invitation")
 
     def use(self, secret: Secret, now_ms: int, unix_s: int) -> Grant:
-        """Return what a secret admits to, once its handshake is confirmed; it may have been revoked since.
+        """Return the rights that a secret grants, once its handshake is confirmed: it may have been revoked since.
 
-        A ticket's use counts later: `spend`. Raises: UnknownSecret.
+        `spend` counts the use of a ticket, later. Raises: UnknownSecret.
         """
         if secret.kind is Kind.ROOM:
             if self._room is None or secret.raw != self._room.encode():
@@ -184,13 +184,13 @@ class Door:
         return Grant(self.open_role)
 
     def used(self, secret: Secret, address: str) -> None:
-        """Change a room code that has admitted somebody; those who try to guess it get no more tries by that."""
+        """Replace a room code that has admitted a visitor; the budget for guesses stays the same."""
         if secret.kind is Kind.ROOM:
             self._tries.forgive(address)
             self._room = new_room_code(self._random_bytes)
 
     def spend(self, ticket_id: bytes) -> dict[bytes, bytes | None]:
-        """Count a use of a ticket, whose visitor can resume now; return the rows that the caller writes."""
+        """Count a use of a ticket, once its visitor can resume; return the rows that the caller has to write."""
         ticket = self._tickets.get(ticket_id)
         if ticket is None or ticket.uses == 1:
             return self.revoke_ticket(ticket_id)

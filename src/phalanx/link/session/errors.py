@@ -1,4 +1,4 @@
-"""What a session refuses beside what `phalanx.errors` has: each is counted by its reason, and survived."""
+"""Errors of sessions, beside those of `phalanx.errors`. The receiver counts each by its reason, and goes on."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from phalanx.errors import PeerError
 
 
 class Reason(IntEnum):
-    """Why a command or request was refused, as the visitor is told."""
+    """Reason sent to a visitor when a command or request is refused."""
 
     LATE = 1
     NOT_ALLOWED = 2
@@ -21,7 +21,7 @@ class Reason(IntEnum):
 
 
 class EndReason(IntEnum):
-    """Why a session is over, as the visitor is told."""
+    """Reason sent to a visitor when a session ends."""
 
     REMOVED = 1
     REPLACED = 2
@@ -33,23 +33,23 @@ class EndReason(IntEnum):
 
 
 class SessionError(PeerError):
-    """A message that does not fit the session."""
+    """Base of the errors of a peer's message in a session."""
 
 
 class UnknownSecret(SessionError):
-    """No invitation, room code or resume secret of this id is valid: expired, used up, removed, or never made."""
+    """No invitation, room code or resume secret with this id is valid: expired, used up, removed, or unknown."""
 
 
 class TriesUsedUp(SessionError):
-    """Too many tries of room codes in the last hour, from this address or in all."""
+    """Too many attempts with room codes in the last hour, from this address or in total."""
 
 
 class TooMany(SessionError):
-    """More than this visitor, or all, may send or be."""
+    """A limit on the messages or the number of visitors was exceeded."""
 
 
 class Unexpected(SessionError):
-    """A message that its sender may not send now."""
+    """A message that is not allowed in the current state of the session."""
 
 
 class UnknownEpoch(SessionError):

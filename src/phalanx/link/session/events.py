@@ -1,4 +1,4 @@
-"""What a session's ends ask of their surroundings, and what they report."""
+"""Events of `SessionServer` and `SessionClient`: requests for I/O to their callers, and reports."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from .secret import Secret
 
 
 class Now(NamedTuple):
-    """The time, as a server is told it."""
+    """Time, as an argument of the server's methods."""
 
-    ms: int  # of a clock that never goes back
-    unix_s: int  # for tickets and resume secrets, which outlive the process
+    ms: int  # monotonic clock
+    unix_s: int  # Unix time, for tickets and resume secrets, which outlive the process
 
 
 # --- of a server -----------------------------------------------------------------------------------------------------
@@ -40,7 +40,7 @@ class Publish:
 
 @dataclass(frozen=True, slots=True)
 class Listen:
-    """On a broker: these topics are this connection's from now on, and no others."""
+    """On a broker: set the topics of this connection to exactly these."""
 
     connection: int
     topics: tuple[str, ...]
@@ -48,7 +48,7 @@ class Listen:
 
 @dataclass(frozen=True, slots=True)
 class Close:
-    """Close a connection once what was sent is out. `reason` is a PeerError's, or an end's in small letters."""
+    """Close a connection after flushing. `reason` is that of a PeerError, or an EndReason's name in lower case."""
 
     connection: int
     reason: str
@@ -56,7 +56,7 @@ class Close:
 
 @dataclass(frozen=True, slots=True)
 class Joined:
-    """A visitor is connected, and admitted or waiting for approval."""
+    """A visitor has connected; it is admitted, or waits for approval."""
 
     visitor: int
     name: str
@@ -67,16 +67,16 @@ class Joined:
 
 @dataclass(frozen=True, slots=True)
 class Left:
-    """A visitor's connection is over."""
+    """A visitor has disconnected."""
 
     visitor: int
 
 
 @dataclass(frozen=True, slots=True)
 class Commanded:
-    """A visitor that may drive this robot commands it; call `accept` once that was carried out, or `refuse`.
+    """A permitted command of a visitor; call `accept` once it was carried out, or `refuse`.
 
-    `is_stop`: stop it, whatever the payload says.
+    `is_stop`: stop the robot, whatever the payload is.
     """
 
     visitor: int
@@ -88,7 +88,7 @@ class Commanded:
 
 @dataclass(frozen=True, slots=True)
 class Requested:
-    """A visitor asks something; answer with `reply` or `refuse`."""
+    """A request of a visitor; answer with `reply` or `refuse`."""
 
     visitor: int
     number: int
@@ -98,7 +98,7 @@ class Requested:
 
 @dataclass(frozen=True, slots=True)
 class CommandRefused:
-    """A command of a visitor was refused: for the trail."""
+    """A command of a visitor was refused; for the trail."""
 
     visitor: int
     robot: str
@@ -128,7 +128,7 @@ class Hear:
 
 @dataclass(frozen=True, slots=True)
 class Admitted:
-    """The server knows this visitor."""
+    """The server has admitted this visitor, or lets it wait for approval."""
 
     visitor: int
     name: str
@@ -136,7 +136,7 @@ class Admitted:
 
 @dataclass(frozen=True, slots=True)
 class KeepSecret:
-    """Store a secret to resume with, and then call `stored`."""
+    """Store a resume secret, and then call `stored`."""
 
     secret: Secret
     lifetime_s: int
@@ -144,14 +144,14 @@ class KeepSecret:
 
 @dataclass(frozen=True, slots=True)
 class Stands:
-    """What this visitor may do now."""
+    """The current rights of this visitor."""
 
     standing: Standing
 
 
 @dataclass(frozen=True, slots=True)
 class Updated:
-    """The state of the swarm."""
+    """A new state of the swarm."""
 
     state: bytes
 
@@ -174,7 +174,7 @@ class WasRefused:
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """The session is over; the reason is that of the server, or None: no answer to a handshake."""
+    """The session is over; `reason` is the server's, or None: the client left, or the server stopped answering."""
 
     reason: EndReason | None
 

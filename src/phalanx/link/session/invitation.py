@@ -1,6 +1,6 @@
-"""Invitations: what a QR code's fragment holds, and room codes, which people type.
+"""Invitations in the fragment of a QR code's URL, and room codes, which people type.
 
-No error repeats what was given: it may be a mistyped secret.
+No error message contains the input: it may be a mistyped secret.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from phalanx.wire.sessions import INVITATION
 
 from .secret import Kind, Secret
 
-WORD = "j="  # what a fragment of ours begins with
+WORD = "j="  # prefix of the fragment
 FRAGMENT_LONGEST = 1024  # characters
 ROOM_DIGITS = 8
 MQTT_VERSIONS = (4, 5)
@@ -26,7 +26,7 @@ _DIGITS = re.compile(rf"[0-9]{{{ROOM_DIGITS}}}", re.ASCII)
 
 
 class BadInvitation(UsageError):
-    """Not what a swarm's QR code or screen shows."""
+    """Not a valid invitation link or room code."""
 
     def __init__(self, what: str) -> None:
         super().__init__(f"not an invitation: {what}", "copy the whole link, in quotes, from under the QR code")
@@ -34,13 +34,13 @@ class BadInvitation(UsageError):
 
 @dataclass(frozen=True, slots=True)
 class Invitation:
-    """All that a visitor needs to join. Raises: BadInvitation."""
+    """Data that a visitor needs to join. Raises: BadInvitation."""
 
     static: bytes  # the swarm's X25519 public key
     secret: Secret  # open, ticket, room or resume
-    broker: str = ""  # ws or wss URL; empty: direct
-    root: str = ""  # first part of every topic; empty: direct
-    mqtt: int = field(default=0)  # protocol version, 5 or 4 (3.1.1); 0: direct
+    broker: str = ""  # ws or wss URL; empty: no broker
+    root: str = ""  # first part of every topic; empty: no broker
+    mqtt: int = field(default=0)  # protocol version, 5 or 4 (3.1.1); 0: no broker
 
     def __post_init__(self) -> None:
         if not self.broker:
@@ -52,14 +52,14 @@ class Invitation:
         if not _BROKER.fullmatch(self.broker):
             raise BadInvitation("the broker is not a ws:// or wss:// URL")
         if self.mqtt not in MQTT_VERSIONS:
-            raise BadInvitation("MQTT version is 4 or 5")
+            raise BadInvitation("the MQTT version is not 4 or 5")
         try:
             LinkConfig(root=self.root)
         except UsageError:
-            raise BadInvitation("the root is not a topic") from None
+            raise BadInvitation("the root is not a valid topic") from None
 
     def fragment(self) -> str:
-        """Return the fragment, without `#`. Raises: UsageError: room codes and resume secrets stand in no URL."""
+        """Return the URL fragment, without `#`. Raises: UsageError: a room code or resume secret, which has no URL."""
         if self.secret.kind not in (Kind.OPEN, Kind.TICKET):
             raise UsageError("only open codes and tickets have a URL")
         return (
@@ -78,27 +78,27 @@ class Invitation:
 
 
 def is_session_url(text: str) -> bool:
-    """Return whether a URL's fragment says that it is an invitation to a session."""
+    """Return whether a URL's fragment has the prefix of an invitation to a session."""
     return text.strip().rpartition("#")[2].startswith(WORD)
 
 
 def parse_invitation(text: str) -> Invitation:
-    """Return the invitation in a URL, or in its fragment. Raises: BadInvitation."""
+    """Parse the invitation in a URL, or in its fragment. Raises: BadInvitation."""
     word = text.strip().rpartition("#")[2]
     if not word.startswith(WORD) or len(word) > FRAGMENT_LONGEST or not word.isascii():
-        raise BadInvitation("no such fragment in it")
+        raise BadInvitation("the link has no valid fragment")
     try:
         values = INVITATION.decode(decode_base64url(word.removeprefix(WORD).encode()))
         root, broker = values["root"].decode("ascii"), values["broker"].decode("ascii")
     except (PeerError, UnicodeDecodeError):
-        raise BadInvitation("cut off, or of another version") from None
+        raise BadInvitation("the link is cut off, or of another version") from None
     if values["kind"] not in (Kind.OPEN, Kind.TICKET):
-        raise BadInvitation("of another kind")
+        raise BadInvitation("the link is of another kind")
     return Invitation(values["static"], Secret(Kind(values["kind"]), values["secret"]), broker, root, values["mqtt"])
 
 
 def new_room_code(random_bytes: Callable[[int], bytes]) -> str:
-    """Return eight digits, each equally likely."""
+    """Generate a room code: eight uniform digits."""
     chosen = ""
     while len(chosen) < ROOM_DIGITS:
         # 250 is the last multiple of 10 in a byte; keeping 250..255 would favour the digits 0 to 5.
@@ -107,13 +107,13 @@ def new_room_code(random_bytes: Callable[[int], bytes]) -> str:
 
 
 def shown_room_code(digits: str) -> str:
-    """Return a room code as people read it: two groups."""
+    """Format a room code for people: two groups of digits."""
     half = ROOM_DIGITS // 2
     return f"{digits[:half]} {digits[half:]}"
 
 
 def parse_room_code(text: str) -> Secret:
-    """Return the secret of a room code that somebody typed. Raises: BadInvitation."""
+    """Parse a typed room code. Raises: BadInvitation."""
     digits = _SPACES.sub("", text)
     if not _DIGITS.fullmatch(digits):
         raise BadInvitation(f"a room code has {ROOM_DIGITS} digits")

@@ -1,4 +1,4 @@
-"""Limits: rates of one visitor, joins and tries of one address. Their memory is bounded, whatever comes."""
+"""Rate limits: of each visitor, and joins and room code attempts of each address. Memory is bounded under any load."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from phalanx.pace import Pace
 from .errors import TooMany, TriesUsedUp
 
 HOUR_MS = 3_600_000
-ROUTES_PER_S = 2  # of a visitor, for each robot
+ROUTES_PER_S = 2  # per visitor and robot
 ROUTE_POINTS = 64
-TRIES_REMEMBERED = 8  # times as many as all have for one room code
-ROBOTS_REMEMBERED = 64  # of a visitor's routes
-ADDRESSES_REMEMBERED = 4096  # whose joins are counted
+TRIES_REMEMBERED = 8  # budgets of a room code whose attempts are remembered
+ROBOTS_REMEMBERED = 64  # robots per visitor with a route limit
+ADDRESSES_REMEMBERED = 4096  # addresses with a join limit
 
 
 class Caps:
-    """The rates of one visitor, whatever its connections."""
+    """Rate limits of one visitor, over all its connections."""
 
     __slots__ = ("_commands", "_handshakes", "_requests", "_routes")
 
@@ -40,7 +40,7 @@ class Caps:
             raise TooMany("requests of this visitor")
 
     def handshake(self, now_ms: int) -> None:
-        """Count new keys or a resumption, of which each is written to disk. Raises: TooMany."""
+        """Count a handshake for new keys or a resumption, which each cost a write to disk. Raises: TooMany."""
         if not self._handshakes.take(now_ms / 1000):
             raise TooMany("handshakes of this visitor")
 
@@ -49,7 +49,7 @@ class Caps:
         if points > ROUTE_POINTS:
             raise TooMany(f"a route of {points} points, limit {ROUTE_POINTS}")
         if robot not in self._routes:
-            # A forgotten robot's pace is full again: the cap on commands bounds what that is worth.
+            # Forgetting a robot resets its limit; the limit of commands still holds.
             if len(self._routes) >= ROBOTS_REMEMBERED:
                 self._routes.popitem(last=False)
             self._routes[robot] = Pace(ROUTES_PER_S, ROUTES_PER_S, now_ms / 1000)
@@ -58,28 +58,28 @@ class Caps:
 
 
 class AllCaps:
-    """The caps of each visitor: they stay when it leaves, or each connection would bring a fresh burst."""
+    """Rate limits of all visitors; kept when a visitor leaves, or each new connection would allow a fresh burst."""
 
     def __init__(self, config: SessionConfig) -> None:
         self._config = config
         self._of: OrderedDict[int, Caps] = OrderedDict()
 
     def of(self, visitor: int, now_ms: int) -> Caps:
-        """Return a visitor's caps."""
+        """Return the rate limits of a visitor."""
         if visitor not in self._of:
             self.give(visitor, Caps(self._config, now_ms))
         self._of.move_to_end(visitor)
         return self._of[visitor]
 
     def give(self, visitor: int, caps: Caps) -> None:
-        """Let a visitor have these caps, as it takes another's place."""
+        """Set the rate limits of a visitor that replaces another one."""
         self._of[visitor] = caps
         if len(self._of) > self._config.visitors_max:
             self._of.popitem(last=False)
 
 
 class Joins:
-    """Joins without a ticket, of each address. An address that was forgotten may begin anew."""
+    """Rate limit of joins without a ticket, per address. Of more addresses than fit, the oldest is reset."""
 
     def __init__(self, config: SessionConfig) -> None:
         self._per_hour = config.joins_per_address
@@ -97,23 +97,23 @@ class Joins:
 
 
 class RoomTries:
-    """Tries of room codes in the last hour. Those that admitted somebody do not count: fifty phones have one router.
+    """Attempts with room codes in the last hour. Successful ones do not count: fifty phones may share one router.
 
-    The code that an operator makes has a budget of its own, or twelve addresses could keep all others out for an hour.
-    An address that has used up its own waits nevertheless.
+    Each code that an operator makes has a new budget, or twelve addresses could lock out all others for an hour. The
+    limit of an address stays in force.
     """
 
     def __init__(self, config: SessionConfig) -> None:
         self._config = config
         self._tries: deque[tuple[int, str]] = deque(maxlen=TRIES_REMEMBERED * config.room_tries)
-        self._of_code = 0  # the newest so many are of the code that is shown
+        self._of_code = 0  # number of the newest attempts that count for the current code
 
     def begin(self) -> None:
-        """Begin the budget of a code that an operator has made."""
+        """Begin the budget of a code that an operator has just made."""
         self._of_code = 0
 
     def count(self, address: str, now_ms: int) -> None:
-        """Count a try. Raises: TriesUsedUp."""
+        """Count an attempt. Raises: TriesUsedUp."""
         while self._tries and now_ms - self._tries[0][0] >= HOUR_MS:
             self._tries.popleft()
         self._of_code = min(self._of_code, len(self._tries))
@@ -125,7 +125,7 @@ class RoomTries:
         self._of_code += 1
 
     def forgive(self, address: str) -> None:
-        """Forget the last try of an address: it admitted somebody."""
+        """Remove the last attempt of an address: it was successful."""
         for at in range(len(self._tries) - 1, -1, -1):
             if self._tries[at][1] == address:
                 self._of_code -= len(self._tries) - at <= self._of_code

@@ -1,4 +1,4 @@
-"""Messages inside records, as dataclasses: their fields are those of the byte table, texts checked."""
+"""Messages inside records, as dataclasses with the fields of the byte table; strings are validated."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .errors import EndReason, Reason, Unexpected
 
 
 class Role(IntEnum):
-    """What a visitor may do; each includes those before."""
+    """Rights of a visitor; each role includes those before it."""
 
     WATCH = 1
     DRIVE = 2
@@ -22,26 +22,26 @@ class Role(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Join:
-    """Join: a new visitor's first message."""
+    """First message of a new visitor."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
 class Ready:
-    """Resume: the first message of a known visitor, and after each new key."""
+    """First message of a resuming visitor, and after each new key."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stored:
-    """Confirm that a resume secret is stored."""
+    """Confirmation that a resume secret is stored."""
 
     id: bytes
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Command one robot."""
+    """Command for one robot."""
 
     stop: bool
     seen: int
@@ -53,7 +53,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """Ask something of the server."""
+    """Request to the server."""
 
     number: int
     name: str
@@ -62,19 +62,19 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Leave:
-    """End the session; `keep` its robot for a while."""
+    """End of the session by the client; with `keep` its robot stays reserved for a while."""
 
     keep: bool
 
 
 @dataclass(frozen=True, slots=True)
 class Alive:
-    """Say that this client is still there."""
+    """Keep-alive of a client."""
 
 
 @dataclass(frozen=True, slots=True)
 class Welcome:
-    """Admit a visitor."""
+    """First message to an admitted visitor."""
 
     visitor: int
     signer: bytes
@@ -83,7 +83,7 @@ class Welcome:
 
 @dataclass(frozen=True, slots=True)
 class NewSecret:
-    """Replace the secret to resume with."""
+    """New resume secret."""
 
     secret: bytes = field(repr=False)
     lifetime_s: int
@@ -91,7 +91,7 @@ class NewSecret:
 
 @dataclass(frozen=True, slots=True)
 class Epoch:
-    """Hand over the key of updates, from one update on."""
+    """Key of updates, from one update on."""
 
     epoch: int
     counter: int
@@ -101,7 +101,7 @@ class Epoch:
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """Tell what the visitor may do now."""
+    """Current rights of the visitor."""
 
     role: Role
     waiting: bool
@@ -112,7 +112,7 @@ class Standing:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """Answer a request."""
+    """Answer to a request."""
 
     number: int
     payload: bytes
@@ -120,7 +120,7 @@ class Reply:
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """Refuse a command or a request."""
+    """Refusal of a command or a request."""
 
     number: int
     reason: Reason
@@ -128,7 +128,7 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """End the session, and say why."""
+    """End of the session by the server, with the reason."""
 
     reason: EndReason
 
@@ -156,7 +156,7 @@ _FROM_SERVER = {_CLASSES[kind].tag: kind for kind in FromServer.__args__}
 
 
 def encode(message: FromClient | FromServer) -> bytes:
-    """Return the bytes of a message. Raises: UsageError: a field does not fit."""
+    """Encode a message. Raises: UsageError: a field does not fit."""
     values = {each.name: getattr(message, each.name) for each in fields(message)}
     return _CLASSES[type(message)].encode(
         **{name: value.encode() if isinstance(value, str) else value for name, value in values.items()}
@@ -164,17 +164,17 @@ def encode(message: FromClient | FromServer) -> bytes:
 
 
 def decode_from_client(content: bytes) -> FromClient:
-    """Return a client's message. Raises: Unexpected: no such message; MalformedRecord: it has another form."""
+    """Decode a client's message. Raises: Unexpected: unknown kind; MalformedRecord: not valid."""
     message: FromClient = _decode(content, _FROM_CLIENT)
     if isinstance(message, Command | Request) and not NAME.fullmatch(message.name):
-        raise MalformedRecord("a command's or request's name")
+        raise MalformedRecord("the name of a command or request is not valid")
     if isinstance(message, Command) and not ADDRESS.fullmatch(message.robot):
-        raise MalformedRecord("a robot's address")
+        raise MalformedRecord("the address of a robot is not valid")
     return message
 
 
 def decode_from_server(content: bytes) -> FromServer:
-    """Return a server's message. Raises: Unexpected: no such message; MalformedRecord: it has another form."""
+    """Decode a server's message. Raises: Unexpected: unknown kind; MalformedRecord: not valid."""
     message: FromServer = _decode(content, _FROM_SERVER)
     return message
 
@@ -198,10 +198,10 @@ _READERS: dict[str, Any] = {
 def _decode(content: bytes, known: dict[int | None, type[Any]]) -> Any:
     kind = known.get(next(iter(content), None))
     if kind is None:
-        raise Unexpected("no message of this kind")
+        raise Unexpected("unknown kind of message")
     values = _CLASSES[kind].decode(content)
     readers = _READERS | {"reason": Reason if kind is Refused else EndReason}
     try:
         return kind(**{name: readers.get(name, lambda x: x)(value) for name, value in values.items()})
-    except ValueError as error:  # not UTF-8, or a number that means nothing
+    except ValueError as error:  # not UTF-8, or not a member of the enumeration
         raise MalformedRecord(f"{kind.__name__}: {error}") from error

@@ -1,4 +1,4 @@
-"""Nicknames: what is kept of a wish, and what a name looks like. Nobody shall drive under what seems another's name."""
+"""Nicknames: sanitising of requested names, and detection of look-alikes, so that nobody poses as another visitor."""
 
 # ruff: noqa: RUF001
 
@@ -8,10 +8,10 @@ import unicodedata
 from bisect import bisect_right
 
 NICKNAME_CHARACTERS = 32
-MARKS_IN_A_ROW = 3  # more of them cover what is written above and below
+MARKS_IN_A_ROW = 3  # more combining marks would cover the lines above and below
 RESERVED = ("operator", "gateway", "everybody")
 
-# Letters of scripts that are in daily use; others have look-alikes that the table below does not know.
+# Letters of scripts in daily use; others have look-alikes that are not in the table below.
 _LETTERS = (
     *((0x41, 0x5A), (0x61, 0x7A), (0xC0, 0x24F), (0x300, 0x36F), (0x370, 0x3FF), (0x400, 0x4FF), (0x531, 0x587)),
     *((0x591, 0x5EA), (0x620, 0x6FF), (0x780, 0x7B1), (0x900, 0xEFF), (0xF40, 0xFBC), (0x1000, 0x109F)),
@@ -19,9 +19,9 @@ _LETTERS = (
     *((0x3400, 0x9FFF), (0xAC00, 0xD7A3), (0x20000, 0x323AF)),
 )
 _BEGINS = [begin for begin, _ in _LETTERS]
-_DRAWN = ((0x2600, 0x27BF), (0x1F300, 0x1FAFF))  # pictures
-_IGNORED = "\u034f\u0640\u17b4\u17b5"  # in those ranges, and shown as nothing or as a longer line
-_AS_TYPED = str.maketrans("‘’ʼ“”–—", "'''\"\"--")  # what phones make of it
+_DRAWN = ((0x2600, 0x27BF), (0x1F300, 0x1FAFF))  # pictographs
+_IGNORED = "\u034f\u0640\u17b4\u17b5"  # in those ranges, but invisible or shown as a longer line
+_AS_TYPED = str.maketrans("‘’ʼ“”–—", "'''\"\"--")  # phones replace typed quotes and dashes
 
 # Letters that look the same, of the scripts above and without their marks: Unicode's confusables.txt (UTS #39).
 _GROUPS = """
@@ -36,7 +36,7 @@ _LOOKS |= str.maketrans({"m": "rn", "w": "vv", "ѡ": "vv", "ա": "vv"})
 
 
 def clean_nickname(wish: str) -> str:
-    """Return a nickname of letters, digits, ASCII's signs and pictures; empty: nothing would be seen of it."""
+    """Reduce a requested nickname to letters, digits, ASCII signs and pictographs; empty if nothing visible is left."""
     kept, marks = "", 0
     for each in unicodedata.normalize("NFKC", wish).translate(_AS_TYPED):
         kind = unicodedata.category(each)
@@ -52,9 +52,9 @@ def clean_nickname(wish: str) -> str:
 
 
 def looks(name: str) -> set[str]:
-    """Return what a name looks like, as it is and in small letters: those of names that look alike have one in common.
+    """Return the skeletons of a name, as written and in lower case; names that look alike have a skeleton in common.
 
-    Marks, spaces and signs do not count. Of two texts together they are those of each, together.
+    Marks, spaces and signs are left out. The skeleton of a concatenation is the concatenation of the skeletons.
     """
     plain = [each for each in unicodedata.normalize("NFKD", name) if not unicodedata.combining(each)]
     seen = "".join(
@@ -64,7 +64,7 @@ def looks(name: str) -> set[str]:
 
 
 def is_reserved(name: str) -> bool:
-    """Return whether a name looks as if it were not a visitor's."""
+    """Return whether a name looks like a reserved one, such as the operator's."""
     return any(_one_for_all(each) in seen for each in RESERVED for seen in looks(name))
 
 

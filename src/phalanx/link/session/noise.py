@@ -1,6 +1,6 @@
-"""Noise_NKpsk0_25519_ChaChaPoly_SHA256: the handshake of a session, and the two ciphers that it makes.
+"""Noise_NKpsk0_25519_ChaChaPoly_SHA256: the handshake of a session, and the two ciphers that it derives.
 
-Source: The Noise Protocol Framework, revision 34. Only this file touches X25519 and ChaCha20-Poly1305 of a handshake.
+Source: The Noise Protocol Framework, revision 34. Only this file uses X25519 and ChaCha20-Poly1305 in handshakes.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from phalanx.errors import NotAuthentic
 NAME = b"Noise_NKpsk0_25519_ChaChaPoly_SHA256"
 KEY_BYTES = HASH_BYTES = PUBLIC_BYTES = 32
 _NONCE_ZEROS, _COUNTER_BYTES = bytes(4), 8
-_EMPTY_BYTES = PUBLIC_BYTES + 16  # of a message with an empty payload
+_EMPTY_BYTES = PUBLIC_BYTES + 16  # length of a message with an empty payload
 
 
 class Cipher:
-    """The key of one direction; the caller counts."""
+    """Cipher of one direction; the caller keeps the counter."""
 
     __slots__ = ("_aead", "_key")
 
@@ -31,23 +31,23 @@ class Cipher:
         self._aead = ChaCha20Poly1305(key)
 
     def seal(self, counter: int, plaintext: bytes, associated: bytes) -> bytes:
-        """Return the ciphertext and its tag; no counter may be used twice."""
+        """Encrypt; return ciphertext and tag. A counter must not be used twice."""
         return self._aead.encrypt(_nonce(counter), plaintext, associated)
 
     def open(self, counter: int, sealed: bytes, associated: bytes) -> bytes:
-        """Return the plaintext. Raises: NotAuthentic."""
+        """Decrypt; return the plaintext. Raises: NotAuthentic."""
         try:
             return self._aead.decrypt(_nonce(counter), sealed, associated)
         except InvalidTag as error:
             raise NotAuthentic("the tag does not verify") from error
 
     def derive(self, info: bytes, length: int) -> bytes:
-        """Return bytes derived from the key, for a purpose other than sealing."""
+        """Derive bytes from the key, for a purpose other than encryption."""
         return hmac.digest(self._key, info, "sha256")[:length]
 
 
 class Keys(NamedTuple):
-    """The two directions of a session, and the hash of the handshake that made them."""
+    """Ciphers of the two directions of a session, and the hash of its handshake."""
 
     to_server: Cipher
     to_client: Cipher
@@ -55,7 +55,7 @@ class Keys(NamedTuple):
 
 
 class _State(NamedTuple):
-    """SymmetricState of Noise: immutable, so that a forged message changes nothing."""
+    """SymmetricState of Noise; immutable, so that a forged message changes nothing."""
 
     hash: bytes
     chaining: bytes
@@ -73,7 +73,7 @@ class _State(NamedTuple):
         return self._replace(chaining=chaining, key=key).mix_hash(extra)
 
     def mix_ephemeral(self, public: bytes) -> _State:
-        return self.mix_hash(public).mix_key(public)  # the second for the psk: Noise §9.2
+        return self.mix_hash(public).mix_key(public)  # mix_key because of the psk: Noise §9.2
 
     def seal(self, payload: bytes) -> tuple[_State, bytes]:
         sealed = Cipher(self.key).seal(0, payload, self.hash)
@@ -89,7 +89,7 @@ class _State(NamedTuple):
 
 
 class Initiator:
-    """The client's half: it knows the server's static public key and the psk.
+    """Client's side of a handshake, with the server's static public key and the psk.
 
     Args:
         ephemeral: 32 fresh random bytes, never used twice.
@@ -110,7 +110,7 @@ class Initiator:
         return public + sealed
 
     def read(self, message: bytes) -> tuple[bytes, Keys]:
-        """Return the payload of the second message, and the keys; a refused message leaves all as it was.
+        """Return the payload of the second message, and the keys; a refused message leaves the state unchanged.
 
         Raises: NotAuthentic.
         """
@@ -123,7 +123,7 @@ class Initiator:
 def respond(
     prologue: bytes, static: X25519PrivateKey, psk: bytes, ephemeral: bytes, message: bytes, payload: bytes = b""
 ) -> tuple[bytes, bytes, Keys]:
-    """Answer a first message: the server's half in one step.
+    """Answer a first message: the server's side of a handshake.
 
     Args:
         ephemeral: 32 fresh random bytes, never used twice.
@@ -141,7 +141,7 @@ def respond(
 
 
 def _begin(prologue: bytes, static: bytes) -> _State:
-    name = sha256(NAME).digest()  # longer than a hash
+    name = sha256(NAME).digest()  # hashed because the name is longer than a hash
     return _State(name, name, b"").mix_hash(prologue).mix_hash(static)
 
 
@@ -168,5 +168,5 @@ def _split(message: bytes) -> tuple[bytes, bytes]:
 def _exchange(own: X25519PrivateKey, theirs: bytes) -> bytes:
     try:
         return own.exchange(X25519PublicKey.from_public_bytes(theirs))
-    except ValueError as error:  # of low order: the secret would be zero, whatever our key is
-        raise NotAuthentic("a public key of low order") from error
+    except ValueError as error:  # low order: the shared secret would be zero for any private key
+        raise NotAuthentic("the public key is of low order") from error

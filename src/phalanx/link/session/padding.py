@@ -1,4 +1,4 @@
-"""Padding of plaintexts to few sizes, so that a record's length does not tell a turn from a stop."""
+"""Padding of plaintexts to a few sizes, so that the length of a record does not reveal the command in it."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from phalanx.errors import TooLarge, UsageError
 from phalanx.wire import MalformedRecord
 from phalanx.wire.sessions import PADDED
 
-SIZES = (128, 512, 2048)  # then multiples of the last
+SIZES = (128, 512, 2048)  # bytes; then multiples of the last
 
 
 def padded_size(length: int) -> int:
-    """Return the size of the plaintext that holds a content of `length` bytes."""
+    """Return the size of the plaintext for a content of `length` bytes."""
     whole, last = length + PADDED.size, SIZES[-1]
     return next((size for size in SIZES if whole <= size), -(-whole // last) * last)
 
 
 def pad(content: bytes, most: int) -> bytes:
-    """Return the plaintext of a content. Raises: UsageError: it is longer than `most` bytes with its padding."""
+    """Pad a content. Raises: UsageError: the plaintext is longer than `most` bytes."""
     size = padded_size(len(content))
     if size > most:
         raise UsageError(f"message of {len(content)} bytes, limit {most - PADDED.size}", "send less at once")
@@ -24,15 +24,15 @@ def pad(content: bytes, most: int) -> bytes:
 
 
 def unpad(plaintext: bytes) -> bytes:
-    """Return the content. Raises: MalformedRecord: it has another size than it would be padded to, or other padding."""
+    """Remove the padding. Raises: MalformedRecord: not the size that `pad` chooses, or padding that is not zero."""
     fields = PADDED.decode(plaintext)
     length, content = fields["length"], fields["content"]
     if length > len(content) or padded_size(length) != len(plaintext) or any(content[length:]):
-        raise MalformedRecord("not padded as it should be")
+        raise MalformedRecord("wrong padding")
     return bytes(content[:length])
 
 
 def check_size(raw: bytes, most: int) -> None:
-    """Raise TooLarge for more than `most` bytes."""
+    """Raise TooLarge if `raw` has more than `most` bytes."""
     if len(raw) > most:
         raise TooLarge(f"{len(raw)} bytes, limit {most}")

@@ -1,6 +1,6 @@
-"""What is derived from the secret of an invitation, a room code or a resume: psk, id, MAC key and topics.
+"""Secrets of invitations, room codes and resumption, and the psk, id, MAC key and topics derived from them.
 
-Only this file knows the labels of derivations, and only this file compares MACs.
+Only this file has the labels of derivations, and only this file compares MACs.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ NO_ID = bytes(ID_BYTES)
 
 
 class Kind(IntEnum):
-    """Where the secret of a handshake comes from; the name in small letters is the info of its psk."""
+    """Kind of a handshake's secret; the name in lower case is the HKDF info of its psk."""
 
     OPEN = 1
     TICKET = 2
@@ -37,7 +37,7 @@ class Kind(IntEnum):
 
 @dataclass(frozen=True, slots=True, repr=False, eq=False)
 class Secret:
-    """A secret, and what it is for. Printing it shows nothing."""
+    """A secret and its kind. The repr does not show it."""
 
     kind: Kind
     raw: bytes
@@ -47,20 +47,20 @@ class Secret:
 
     @property
     def psk(self) -> bytes:
-        """Return the psk of its handshakes."""
+        """Return the pre-shared key of its handshakes."""
         return derive(self.raw, self.kind.name.lower().encode(), KEY_BYTES)
 
     @property
     def id(self) -> bytes:
-        """Return the id in the first message; zeros for a room code, which could be searched by it offline."""
+        """Return the id in the first message; zeros for a room code, which could be brute-forced offline from an id."""
         return NO_ID if self.kind is Kind.ROOM else derive(self.raw, b"id", ID_BYTES)
 
     def mac1(self, hello: bytes) -> bytes:
-        """Return the MAC of a first message on a broker; no room code is used there."""
+        """Return the MAC of a first message on a broker, where room codes are not used."""
         return hmac.digest(derive(self.raw, b"mac1", KEY_BYTES), hello, "sha256")[:MAC1_BYTES]
 
     def check_mac1(self, hello: bytes, mac1: bytes) -> None:
-        """Raise NotAuthentic if this is not the MAC of the message."""
+        """Raise NotAuthentic unless `mac1` is the MAC of the message."""
         if not hmac.compare_digest(self.mac1(hello), mac1):
             raise NotAuthentic("mac1 does not verify")
 
@@ -70,12 +70,12 @@ class Secret:
 
 
 def derive(secret: bytes, purpose: bytes, length: int) -> bytes:
-    """Return bytes derived for a purpose: HKDF-SHA256 without salt, info `phalanx/1 <purpose>`."""
+    """Derive bytes for a purpose: HKDF-SHA256 without salt, info `phalanx/1 <purpose>`."""
     return hkdf_sha256(secret, PROTOCOL + purpose, length)
 
 
 def prologue(kind: Kind, secret_id: bytes, root: str, broker: str) -> bytes:
-    """Return the prologue of a handshake: each field with its length."""
+    """Return the Noise prologue of a handshake."""
     return sessions.PROLOGUE.encode(
         version=bytes([sessions.VERSION]),
         kind=bytes([kind]),
@@ -86,15 +86,15 @@ def prologue(kind: Kind, secret_id: bytes, root: str, broker: str) -> bytes:
 
 
 def hello_topic(static: X25519PublicKey) -> str:
-    """Return the topic of first messages to a swarm on a broker."""
+    """Return the topic on a broker for first messages to a swarm."""
     return topic_name(derive(static.public_bytes_raw(), b"hello", TOPIC_BYTES))
 
 
 def record_topic(cipher: Cipher) -> str:
-    """Return the topic of the records of one direction and generation on a broker."""
+    """Return the topic on a broker for the records of one direction and generation."""
     return topic_name(cipher.derive(PROTOCOL + b"topic", TOPIC_BYTES))
 
 
 def topic_name(raw: bytes) -> str:
-    """Return the 22 characters of a topic below the root."""
+    """Return 16 bytes as the 22 characters of a topic below the root."""
     return encode_base64url(raw).decode()

@@ -1,6 +1,7 @@
-"""The server of sessions: bytes and a time in, events and bytes out. Refused bytes are counted, and change nothing.
+"""Server side of all sessions, without I/O: bytes and a time in, events and bytes out.
 
-A visitor is admitted with its first valid record, so that a replayed first message has no effect.
+Refused messages are counted, and change nothing. A visitor is admitted with its first valid record, so that a
+replayed first message has no effect.
 """
 
 from __future__ import annotations
@@ -50,14 +51,14 @@ class SessionServer:
 
     Attributes:
         rejected: refused messages, by reason.
-        door, visitors, assignment: what an operator changes through `Operations`.
-        caps: what each visitor may still send.
+        door, visitors, assignment: state that operators change through `Operations`.
+        caps: rate limits of each visitor.
 
     Args:
-        static: the swarm's key, whose public half stands in its codes.
-        signer: the key of its updates.
-        random_bytes: makes n bytes from a cryptographic source.
-        open_role: that the open code and the room code admit to.
+        static: the swarm's private key; invitations contain its public half.
+        signer: private key that signs updates.
+        random_bytes: returns n bytes from a cryptographic source.
+        open_role: role that the open code and the room code grant.
     """
 
     def __init__(
@@ -79,14 +80,14 @@ class SessionServer:
         self.updates = UpdateWriter(config, signer, random_bytes, now.ms)
         self.connections = Connections(config, static, random_bytes, self._find_secret, now)
         self._random_bytes = random_bytes
-        self._away: dict[int, int] = {}  # visitors that have just left, and when
+        self._away: dict[int, int] = {}  # time at which visitors disconnected, while they keep their robots
         self._joins = Joins(config)
         self._standings = Standings(self.assignment)
 
     # --- connections -------------------------------------------------------------------------------------------------
 
     def opened(self, number: int, address: str, now: Now) -> list[ServerEvent]:
-        """Take note of a websocket; `number` is positive and new, `address` counts joins and tries of room codes."""
+        """Add a websocket; `number` is positive and new; limits of joins and room codes count for `address`."""
         try:
             self.connections.open(number, address, now)
         except TooMany as error:
@@ -95,7 +96,7 @@ class SessionServer:
         return []
 
     def closed(self, number: int, now: Now, *, keep: bool = True) -> list[ServerEvent]:
-        """Take note that a connection is over; `keep` its robot for a while."""
+        """Remove a closed connection; with `keep` the visitor keeps its robot for a while."""
         connection = self.connections.drop(number)
         if connection is None or not connection.visitor:
             return []
@@ -104,10 +105,10 @@ class SessionServer:
         return [Left(connection.visitor)]
 
     def receive(self, number: int, raw: bytes, now: Now) -> list[ServerEvent]:
-        """Read what a connection sent. Never raises for what it says."""
+        """Process a message of a connection. Never raises for its content."""
         connection = self.connections.find(number)
         if connection is None:
-            return []  # over, and its client does not know yet
+            return []  # closed, and the client has not noticed yet
         try:
             if not is_record(raw):
                 return self._hello(connection, raw, now)
@@ -117,7 +118,7 @@ class SessionServer:
             return self._refuse_bytes(connection, error, now)
 
     def receive_hello(self, raw: bytes, now: Now) -> list[ServerEvent]:
-        """Read what came by the topic of first messages, on a broker."""
+        """Process a message on the broker's topic for first messages."""
         try:
             return self.connections.answer_on_broker(raw, lambda secret: self._count_hello(secret, now), now)
         except PeerError as error:
@@ -125,7 +126,7 @@ class SessionServer:
             return []
 
     def tick(self, now: Now) -> list[ServerEvent]:
-        """Do what is due; call it ten times a second."""
+        """Process timeouts and changes that are due; call ten times a second."""
         self.door.tick(now.ms)
         events: list[ServerEvent] = []
         for connection in self.connections:
@@ -134,7 +135,7 @@ class SessionServer:
         if epoch:
             events += self.tell_all(epoch)
         for visitor, since_ms in list(self._away.items()):
-            if now.ms - since_ms >= self.config.lease_ms:  # a page that is loaded again keeps its robot
+            if now.ms - since_ms >= self.config.lease_ms:  # until then a reloaded page keeps its robot
                 del self._away[visitor]
                 self.assignment.leave(visitor, now.ms)
         self.assignment.tick(now.ms)
@@ -143,7 +144,7 @@ class SessionServer:
     # --- to visitors -------------------------------------------------------------------------------------------------
 
     def publish(self, state: bytes, now: Now) -> Publish:
-        """Seal the state of the swarm for all visitors. Raises: UsageError: it is too long."""
+        """Encrypt the state of the swarm for all visitors. Raises: UsageError: it is too long."""
         topic = topic_name(self.updates.topic)
         update = self.updates.seal(state, now.ms)
         return Publish(tuple(each.number for each in self.connections if self._reads(each)), update, topic)
@@ -153,7 +154,7 @@ class SessionServer:
         return self.tell(visitor, Reply(number, payload))
 
     def accept(self, command: Commanded, now: Now) -> list[ServerEvent]:
-        """Take note that a command was carried out: now it takes or renews the lease."""
+        """Take or renew the lease for a command that was carried out."""
         visitor, connection = self.visitors.find(command.visitor), self.connections.of_visitor(command.visitor)
         if visitor is None or connection is None:
             return []
@@ -176,17 +177,17 @@ class SessionServer:
         ]
 
     def end(self, connection: Connection, reason: EndReason, now: Now) -> list[ServerEvent]:
-        """End a connection, and say why if there are keys."""
-        said = self.connections.seal(connection, End(reason)) if connection.channel.is_open else []
-        return [*said, *self.closed(connection.number, now), Close(connection.number, reason.name.lower())]
+        """End a connection, with the reason as a message if there are keys."""
+        sent = self.connections.seal(connection, End(reason)) if connection.channel.is_open else []
+        return [*sent, *self.closed(connection.number, now), Close(connection.number, reason.name.lower())]
 
     def forget(self, visitor: int, now: Now) -> None:
-        """Free what a removed visitor has, at once."""
+        """Free the robots of a removed visitor at once."""
         self._away.pop(visitor, None)
         self.assignment.leave(visitor, now.ms)
 
     def standings(self, now: Now) -> list[ServerEvent]:
-        """Tell visitors what has changed in what they may do."""
+        """Send visitors the changes of their rights."""
         return [event for connection in self.connections for event in self._tell_standing(connection, now)]
 
     def _tell_standing(self, connection: Connection, now: Now) -> list[ServerEvent]:
@@ -198,8 +199,8 @@ class SessionServer:
 
     def _hello(self, connection: Connection, raw: bytes, now: Now) -> list[ServerEvent]:
         if connection.on_broker or connection.is_pending:
-            raise Unexpected("a first message")
-        # Of who is connected only: others repeat its first messages, and must not use up what it has.
+            raise Unexpected("a first message during a handshake, or by the wrong topic")
+        # Counted only if the visitor is connected here: others may replay its first messages, to exhaust its limit.
         if connection.visitor:
             self.caps.of(connection.visitor, now.ms).handshake(now.ms)
         events = self.connections.answer(connection, raw, now)
@@ -209,7 +210,7 @@ class SessionServer:
         ):
             connection.channel.withdraw()
             connection.secret = None
-            raise Unexpected("a first message of another visitor")
+            raise Unexpected("a first message with another visitor's secret")
         return events
 
     def _find_secret(self, kind: Kind, secret_id: bytes, address: str, now: Now) -> Secret:
@@ -218,7 +219,7 @@ class SessionServer:
         return self.door.secret(kind, secret_id, address, now.ms, now.unix_s)
 
     def _count_hello(self, secret: Secret, now: Now) -> int:
-        """Count a first message on a broker for its visitor or ticket; return who resumes, or 0. Raises: TooMany."""
+        """Count a first message on a broker; return the id of the visitor that resumes, or 0. Raises: TooMany."""
         if secret.kind is Kind.TICKET:
             self.door.count_hello(secret.id, now.ms)
         if secret.kind is not Kind.RESUME:
@@ -231,10 +232,10 @@ class SessionServer:
         return self.visitors.by_secret(secret_id, now.unix_s)[0]
 
     def _confirm(self, connection: Connection, message: FromClient, now: Now) -> list[ServerEvent]:
-        """Admit the visitor whose first record this is."""
+        """Admit or resume the visitor that has sent this first record."""
         secret, connection.secret = connection.secret, None
         if secret is None:
-            raise Unexpected("a first record")
+            raise Unexpected("a first record without a handshake")
         try:
             if secret.kind is Kind.RESUME:
                 visitor, events = self._resume(secret, connection, now), list[ServerEvent]()
@@ -258,14 +259,14 @@ class SessionServer:
         epochs = [] if visitor.waiting else self.updates.epochs()
         events += self.connections.listen(connection)
         events += self.connections.seal(connection, welcome, secrets, *epochs)
-        # What this changes for others they are told with the next tick: a look at all costs as much as there are.
+        # Other visitors get their changes with the next tick, because that takes a loop over all connections.
         return events + self._tell_standing(connection, now)
 
     def _admit(
         self, secret: Secret, connection: Connection, message: FromClient, now: Now
     ) -> tuple[Visitor, list[ServerEvent]]:
         if not isinstance(message, Join):
-            raise Unexpected("a newcomer's first message is `join`")
+            raise Unexpected("the first message of a newcomer must be `join`")
         grant: Grant = self.door.use(secret, now.ms, now.unix_s)
         waiting = self.visitors.approval and grant.role is not Role.OPERATE
         wish = clean_nickname(message.name)
@@ -290,7 +291,7 @@ class SessionServer:
 
     def _resume(self, secret: Secret, connection: Connection, now: Now) -> Visitor:
         visitor = self._resumes(secret.id, now)
-        # Else it was counted with its first message.
+        # Otherwise the handshake was counted with its first message.
         if not connection.on_broker and connection.visitor != visitor.id:
             self.caps.of(visitor.id, now.ms).handshake(now.ms)
         fresh = self._random_bytes(RESUME_BYTES)
@@ -304,7 +305,7 @@ class SessionServer:
         message = decode_from_client(content)
         if is_first:
             events = self._confirm(connection, message, now)
-            # On a broker `ready` may get lost, or come after what follows it.
+            # On a broker `ready` may be lost, or arrive after later messages.
             if isinstance(message, Join | Ready):
                 return events
             return [*events, *self._message(connection, message, now, in_order=in_order)]
@@ -313,14 +314,14 @@ class SessionServer:
     def _message(self, connection: Connection, message: FromClient, now: Now, *, in_order: bool) -> list[ServerEvent]:
         visitor = self.visitors.find(connection.visitor)
         if visitor is None:
-            raise Unexpected("a record of nobody")
+            raise Unexpected("a record without an admitted visitor")
         match message:
             case Command():
                 return self._command(visitor, connection, message, now, in_order=in_order)
             case Request(number) if visitor.waiting:
                 return self._refused(connection, NotAllowed("a request before approval"), number, Reason.NOT_ALLOWED)
             case Request(number) if not in_order:
-                return self._refused(connection, Late("a request after later ones"), number, Reason.LATE)
+                return self._refused(connection, Late("an old request after newer ones"), number, Reason.LATE)
             case Request(number, name, payload):
                 try:
                     self.caps.of(visitor.id, now.ms).request(now.ms)
@@ -329,10 +330,10 @@ class SessionServer:
                 return [Requested(visitor.id, number, name, payload)]
             case Stored(secret_id):
                 self.visitors.stored(visitor.id, secret_id, self.door.spend)
-            case Leave(keep) if in_order:  # not one of a page that was loaded again meanwhile
+            case Leave(keep) if in_order:  # a late one may be from before a reload of the page
                 return [*self.closed(connection.number, now, keep=keep), Close(connection.number, "leave")]
             case Join() | Ready():
-                raise Unexpected("a second first message")
+                raise Unexpected("a first message in an open session")
         return []
 
     def _command(
@@ -340,17 +341,17 @@ class SessionServer:
     ) -> list[ServerEvent]:
         try:
             self.caps.of(visitor.id, now.ms).command(now.ms)
-            # One that was held back must not undo a later one, within the second in which its update is recent.
+            # A delayed command must not undo a newer one while the update that it refers to is still recent.
             if not command.stop and not (in_order and self.updates.is_recent(command.seen, command.digest, now.ms)):
-                raise Late("a command based on an old update, or after later ones")
+                raise Late("a command based on an old update, or older than another one")
             self.assignment.check(visitor, command.robot, now.ms)
             return [Commanded(visitor.id, command.robot, command.name, command.payload, command.stop)]
         except (TooMany, Late, NotAllowed, Busy) as error:
             self._reject(error)
             reasons = {TooMany: Reason.TOO_MANY, Late: Reason.LATE, Busy: Reason.BUSY}
             refused = reasons.get(type(error), Reason.NOT_ALLOWED)
-        told = self.connections.seal(connection, Refused(0, refused))
-        return [*told, CommandRefused(visitor.id, command.robot, refused)]
+        sent = self.connections.seal(connection, Refused(0, refused))
+        return [*sent, CommandRefused(visitor.id, command.robot, refused)]
 
     def _refused(self, connection: Connection, error: PeerError, number: int, reason: Reason) -> list[ServerEvent]:
         self._reject(error)
@@ -380,7 +381,7 @@ class SessionServer:
         self.rejected[error.reason] += 1
 
     def _refuse_bytes(self, connection: Connection, error: PeerError, now: Now) -> list[ServerEvent]:
-        # On a broker others may send by these topics: they must not end a session.
+        # On a broker anybody may publish to these topics, and must not be able to end a session.
         if connection.on_broker:
             return []
         connection.bad += 1

@@ -1,4 +1,4 @@
-"""A constant rate: one record in each slot, whatever is said. So neither times nor sizes tell a turn from a stop."""
+"""Constant sending rate: one record per slot, so that neither times nor sizes reveal which command is sent."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from phalanx.errors import UsageError
 from .client import SessionClient
 from .events import Transmit
 
-LONGEST = 64  # records that wait for their slots
-Say = Callable[[int], Transmit]  # seals a record at this time, ms: so it names the newest update
+LONGEST = 64  # records in the queue
+Say = Callable[[int], Transmit]  # seals a record at this time, ms; only then, so that it names the newest update
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,10 +23,10 @@ class _Waiting:
 
 
 class Slots:
-    """What one client says next.
+    """Send queue of one client.
 
     Attributes:
-        steady: what is said in slots in which nothing else is, such as the wheels of a joystick; None: `alive`.
+        steady: sent in slots without a queued record, such as the wheels of a joystick; None: `alive`.
     """
 
     def __init__(self) -> None:
@@ -37,20 +37,20 @@ class Slots:
 
     @property
     def waits(self) -> bool:
-        """Return whether a record waits for its slot."""
+        """Return whether a record is queued."""
         return bool(self._stops or self._waiting)
 
     def put(self, say: Say, robot: str = "", drop: Callable[[], None] = lambda: None) -> None:
-        """Queue a request, or a command for a robot; `drop` is called if a stop comes before it is sent.
+        """Queue a request, or a command for a robot; `drop` is called if a stop for that robot removes it.
 
-        Raises: UsageError: too many wait.
+        Raises: UsageError: the queue is full.
         """
         if len(self._waiting) >= LONGEST:
-            raise UsageError(f"{LONGEST} messages wait already", "fewer at a time")
+            raise UsageError(f"{LONGEST} messages are queued already", "send fewer at a time")
         self._waiting.append(_Waiting(say, robot, drop))
 
     def stop(self, say: Say, robot: str) -> None:
-        """Queue a stop before all else, and drop the robot's commands that wait: they were given before it."""
+        """Queue a stop before all other records, and drop the robot's queued commands, which are older."""
         self._stops.append(say)
         dropped = [each for each in self._waiting if each.robot == robot]
         self._waiting = deque(each for each in self._waiting if each.robot != robot)
@@ -58,7 +58,7 @@ class Slots:
             each.drop()
 
     def take(self, client: SessionClient) -> Say:
-        """Return what to say in this slot. What waits leaves every other slot to what is steady."""
+        """Return the record for this slot. If both exist, queued records and the steady one alternate."""
         if self._stops:
             return self._stops.popleft()
         self._steady_is_next = not self._steady_is_next
@@ -67,7 +67,7 @@ class Slots:
         return self.steady or client.alive
 
     def clear(self) -> None:
-        """Forget all: the session is over, or was lost."""
+        """Drop all records: the session is over, or was lost."""
         self.steady = None
         self._stops.clear()
         self._waiting.clear()

@@ -1,6 +1,6 @@
-"""Rows that survive the gateway: visitors that may resume, tickets, and whether newcomers wait for approval.
+"""Stores of the rows that outlive the gateway: visitors that may resume, tickets, and settings of admission.
 
-A row is durable when `write` returns, and a write is all or nothing: what is acknowledged is written before.
+Rows are durable when `write` returns, and a write is atomic. So a change is written before it is acknowledged.
 """
 
 from __future__ import annotations
@@ -10,21 +10,21 @@ from typing import Protocol
 
 
 class Store(Protocol):
-    """Keys and rows, as in the byte table's `store`."""
+    """Store of rows by key, both encoded as in the byte table (sessions.py)."""
 
     def load(self) -> dict[bytes, bytes]:
         """Return all rows by their keys."""
         ...
 
     def write(self, rows: Mapping[bytes, bytes | None]) -> None:
-        """Write rows, and delete those that are None, in one transaction. Returns when all are on disk."""
+        """Write rows, and delete those that are None, in one transaction. Return when all are on disk."""
         ...
 
 
 class GroupedStore:
-    """Writes to a store, or while `is_grouping` keeps rows until `flush`: many writes then wait for the disk once.
+    """Store that, while `is_grouping`, keeps rows until `flush`, so that many writes wait for the disk once.
 
-    Whoever groups acknowledges nothing of it before `flush` has returned.
+    A caller that groups must not acknowledge any of the writes before `flush` has returned.
     """
 
     def __init__(self, store: Store) -> None:
@@ -38,7 +38,7 @@ class GroupedStore:
         return self._store.load()
 
     def write(self, rows: Mapping[bytes, bytes | None]) -> None:
-        """Write rows, or keep them; those that are kept are written with the next, in their order."""
+        """Write rows, with those kept before; or keep them while grouping."""
         self.writes += 1
         if self.is_grouping:
             self._rows |= rows
@@ -47,13 +47,13 @@ class GroupedStore:
             self._rows = {}
 
     def flush(self) -> None:
-        """Write what was kept; it is kept still if that fails."""
+        """Write the kept rows; they stay kept if that fails."""
         if self._rows:
             self.write({})
 
 
 class MemoryStore:
-    """Rows that are lost with the process: for tests, and for swarms that forget their visitors."""
+    """Store in memory: for tests, and for swarms that do not persist their visitors."""
 
     def __init__(self) -> None:
         self.rows: dict[bytes, bytes] = {}

@@ -1,6 +1,6 @@
-"""State updates: sealed once for all visitors, signed by the swarm, under keys that do not open earlier ones.
+"""State updates: encrypted once for all visitors, signed by the swarm, with keys that do not open earlier updates.
 
-Each update has a key of its own, from a chain of hashes: who gets the chain at an update can read it and later ones.
+Each update has its own key, from a hash chain: with the chain key of one update a visitor reads it and later ones.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from .secret import PROTOCOL, TOPIC_BYTES
 from .window import COUNTER_LIMIT
 
 DIGEST_BYTES = 8
-REMEMBERED = 64  # updates that a command may name
-SKIP_LIMIT = 20_000  # updates that a client may have missed: an epoch at 20 Hz, and more
+REMEMBERED = 64  # updates that a command may refer to
+SKIP_LIMIT = 20_000  # updates that a client may miss: more than an epoch at 20 Hz
 _KEY, _NEXT = PROTOCOL + b"update", PROTOCOL + b"chain"
 
 
 @dataclass(slots=True)
 class Chain:
-    """The key of the next update of an epoch, from which all later ones follow."""
+    """Chain key of the next update of an epoch, from which the keys of all later ones are derived."""
 
     epoch: int
-    counter: int  # of the update that the key is for
+    counter: int  # counter of the update that the key belongs to
     key: bytes = field(repr=False)
     topic: bytes
 
     def advance(self, counter: int) -> None:
-        """Move on to the key of a later update, past which earlier ones cannot be derived."""
+        """Advance to the key of a later update; keys of earlier ones cannot be derived from it."""
         while self.counter < counter:
             self.key = hmac.digest(self.key, _NEXT, "sha256")
             self.counter += 1
@@ -51,16 +51,16 @@ class Chain:
         return Cipher(hmac.digest(self.key, _KEY, "sha256"))
 
     def message(self) -> Epoch:
-        """Return what a visitor is sent, to read from here on."""
+        """Return the message that lets a visitor read updates from here on."""
         return Epoch(self.epoch, self.counter, self.key, self.topic)
 
 
 class UpdateWriter:
-    """The swarm's side: one update per tick.
+    """The swarm's side: encrypts and signs updates.
 
     Args:
-        signer: the swarm's key, whose public half visitors get when they are admitted.
-        random_bytes: makes n bytes from a cryptographic source.
+        signer: the swarm's key; visitors get its public half when they are admitted.
+        random_bytes: returns n bytes from a cryptographic source.
     """
 
     def __init__(
@@ -76,21 +76,21 @@ class UpdateWriter:
 
     @property
     def topic(self) -> bytes:
-        """Return the topic of the updates now."""
+        """Return the topic of updates on a broker in the current epoch."""
         return self._now.topic
 
     def epochs(self) -> list[Epoch]:
-        """Return what a visitor needs who is admitted now: it opens no update that was sent before."""
+        """Return the keys for a visitor that is admitted now; they do not open earlier updates."""
         return [chain.message() for chain in (self._now, self._next) if chain]
 
     def begin(self, now_ms: int) -> Epoch:
-        """Begin a new epoch at once, because somebody was removed; return what all others are sent."""
+        """Begin a new epoch at once, after a visitor was removed; return its key, for all others."""
         self._now = self._make((self._next or self._now).epoch + 1)
         self._next, self._begun_ms = None, now_ms
         return self._now.message()
 
     def tick(self, now_ms: int) -> Epoch | None:
-        """Make the next epoch's key when it is time, and use it later; return what all visitors are sent, or None."""
+        """Make the next epoch's key some time before its first use; return it for all visitors, or None if not due."""
         age = now_ms - self._begun_ms
         if self._next and age >= self._config.epoch_ms:
             self._now, self._next, self._begun_ms = self._next, None, now_ms
@@ -100,7 +100,7 @@ class UpdateWriter:
         return None
 
     def seal(self, state: bytes, now_ms: int) -> bytes:
-        """Return the next update. Raises: UsageError: it is too long."""
+        """Encrypt and sign the next update. Raises: UsageError: it is too long."""
         plaintext = pad(state, self._config.max_to_client_bytes)
         self._counter += 1
         chain = self._now
@@ -117,7 +117,7 @@ class UpdateWriter:
         return update
 
     def is_recent(self, seen: int, digest: bytes, now_ms: int) -> bool:
-        """Return whether a command is based on an update of ours that was sent no longer than `late_ms` ago."""
+        """Return whether a command refers to an update that was sent at most `late_ms` ago."""
         own, sent_ms = self._sent.get(seen, (b"", 0))
         return hmac.compare_digest(own, digest) and now_ms - sent_ms <= self._config.late_ms
 
@@ -126,20 +126,20 @@ class UpdateWriter:
 
 
 class UpdateReader:
-    """A visitor's side. Attributes: seen, digest: of the newest update, for commands; 0 and zeros before the first."""
+    """A visitor's side. Attributes: seen, digest: counter and digest of the newest update; zeros before the first."""
 
     def __init__(self, config: SessionConfig, signer: bytes) -> None:
-        """`signer` is the swarm's public key. Raises: NotAuthentic: it is none."""
+        """Verify updates with `signer`, the swarm's public key. Raises: NotAuthentic: not a valid key."""
         try:
             self._signer = Ed25519PublicKey.from_public_bytes(signer)
         except ValueError as error:
-            raise NotAuthentic("no Ed25519 public key") from error
+            raise NotAuthentic("not an Ed25519 public key") from error
         self._config = config
         self._chains: dict[int, Chain] = {}  # at most two
         self.seen, self.digest = 0, bytes(DIGEST_BYTES)
 
     def learn(self, epoch: Epoch) -> None:
-        """Take the key of an epoch, from a session. Of more than two the oldest is dropped."""
+        """Add the key of an epoch, received in a session; only the newest two epochs are kept."""
         known = self._chains.get(epoch.epoch)
         if known is None or known.counter < epoch.counter:
             self._chains[epoch.epoch] = Chain(epoch.epoch, epoch.counter, epoch.chain, epoch.topic)
@@ -160,12 +160,12 @@ class UpdateReader:
         epoch, counter, sealed = fields["epoch"], fields["counter"], fields["sealed"]
         chain = self._chains.get(epoch)
         if chain is None:
-            raise UnknownEpoch("an update of an epoch whose key is not here")
+            raise UnknownEpoch(f"no key for epoch {epoch}")
         if counter <= self.seen or counter < chain.counter:
             raise Replayed(f"update {counter}, newest {self.seen}")
         if counter - chain.counter > SKIP_LIMIT or counter >= COUNTER_LIMIT:
-            raise UnknownEpoch("an update too far ahead")
-        # Before the chain is advanced, which costs a hash for each update that was missed.
+            raise UnknownEpoch(f"update {counter} is too far ahead")
+        # Verify before advancing the chain, which costs a hash for each missed update.
         try:
             self._signer.verify(fields["signature"], SIGNED_UPDATE.encode(epoch=epoch, counter=counter, sealed=sealed))
         except InvalidSignature as error:
@@ -180,10 +180,10 @@ class UpdateReader:
 
 
 def digest_of(update: bytes) -> bytes:
-    """Return what a command names an update by."""
+    """Return the digest with which commands refer to an update."""
     return sha256(update).digest()[:DIGEST_BYTES]
 
 
 def is_update(raw: bytes) -> bool:
-    """Return whether bytes say that they are an update."""
+    """Return whether a message has the tag of an update."""
     return raw[:1] == UPDATE_HEAD.encode(epoch=0, counter=0)[:1]

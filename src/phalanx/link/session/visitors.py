@@ -1,6 +1,6 @@
-"""Visitors: who was admitted, what each may do, and the secret with which each resumes.
+"""Admitted visitors, with their rights and resume secrets.
 
-Every change is written before its caller goes on, so that no removed visitor comes back after a crash.
+Methods store every change before they return, so that no removed visitor comes back after a crash.
 """
 
 from __future__ import annotations
@@ -20,45 +20,45 @@ from .store import Store
 
 NO_SECRET = bytes(RESUME_BYTES)
 LINE = "\n"
-FEW = 100  # with one name: so many numbers are tried each time, those above once
+FEW = 100  # numbers below are tried again for each name, those above only once
 Rows = Mapping[bytes, bytes | None]
-Spend = Callable[[bytes], Rows]  # a use of this ticket; returns what is written with it
+Spend = Callable[[bytes], Rows]  # counts a use of this ticket; returns the rows to write
 
 
 @dataclass(frozen=True, slots=True)
 class Visitor:
-    """Somebody who was admitted."""
+    """A person or program that was admitted, or waits for approval."""
 
     id: int
     name: str
     role: Role
-    waiting: bool  # for approval
-    robots: frozenset[str]  # that it may drive; empty: any
+    waiting: bool  # waits for approval
+    robots: frozenset[str]  # robots that it may drive; empty: any
     ticket: bytes  # id of the ticket that it joined with; zeros: none
     expires_s: int  # Unix time until which it may resume
-    secret: bytes = field(repr=False)  # with which it resumes; zeros: a newcomer, which has confirmed none yet
-    pending: bytes = field(default=NO_SECRET, repr=False)  # its successor, not yet confirmed; zeros: none
+    secret: bytes = field(repr=False)  # resume secret; zeros: a newcomer, which has confirmed none yet
+    pending: bytes = field(default=NO_SECRET, repr=False)  # next resume secret, not yet confirmed; zeros: none
 
     @property
     def is_new(self) -> bool:
-        """Return whether it may not have read its first secret: it may come again as it came."""
+        """Return whether it has not confirmed its first secret, so that it may join again with its invitation."""
         return self.secret == NO_SECRET
 
     def secrets(self) -> list[Secret]:
-        """Return the secrets that are valid now."""
+        """Return the resume secrets that are valid now."""
         return [Secret(Kind.RESUME, raw) for raw in (self.secret, self.pending) if raw != NO_SECRET]
 
 
 class Visitors:
-    """All who may resume."""
+    """All visitors that may resume, in memory and in the store."""
 
     def __init__(self, config: SessionConfig, store: Store) -> None:
-        """Load them. Raises: MalformedRecord: the store has rows of another form."""
+        """Load the visitors. Raises: MalformedRecord: the store has malformed rows."""
         self._config, self._store = config, store
         self._all: dict[int, Visitor] = {}
         self._by_secret: dict[bytes, tuple[int, Secret]] = {}
         self._by_look: dict[str, int] = {}
-        self._number = FEW  # behind the next name of which there are many
+        self._number = FEW  # number to try next for a common name
         self.approval, self._next = False, 1
         for key, row in store.load().items():
             if key == DOOR_KEY.encode():
@@ -78,7 +78,7 @@ class Visitors:
         return self._all.get(visitor_id)
 
     def by_secret(self, secret_id: bytes, unix_s: int) -> tuple[Visitor, Secret]:
-        """Return who resumes with a secret of this id. Raises: UnknownSecret."""
+        """Return the visitor with a resume secret of this id, and the secret. Raises: UnknownSecret."""
         known = self._by_secret.get(secret_id)
         visitor = self._all[known[0]] if known else None
         if known is None or visitor is None or visitor.expires_s <= unix_s:
@@ -86,14 +86,14 @@ class Visitors:
         return visitor, known[1]
 
     def replaced(self, ticket: bytes, uses: int, connected: Mapping[int, object]) -> int:
-        """Return whose place the next newcomer by a ticket takes, if all its uses have newcomers; 0: nobody's."""
+        """Return the newcomer that the next one with this ticket replaces; 0 while there are fewer than its uses."""
         new = [each.id for each in self._all.values() if each.is_new and each.ticket == ticket]
         return min(new, key=lambda each: (each in connected, each)) if len(new) >= uses > 0 else 0
 
     def admit(self, made: Visitor, connected: Mapping[int, object], unix_s: int, replaced: int = 0) -> Visitor:
-        """Write a new visitor, under an id that nobody had and a nickname like nobody's, in place of another or none.
+        """Store a new visitor, with a new id and a unique nickname; it may replace another one.
 
-        Raises: TooMany: no place is free, and none may be taken.
+        Raises: TooMany: there are too many visitors, and none may be dropped.
         """
         gone = [replaced] if replaced else self._room(made, connected, unix_s)
         rows: dict[bytes, bytes | None] = {_key(each): None for each in gone}
@@ -106,39 +106,39 @@ class Visitors:
         return visitor
 
     def change(self, visitor: Visitor, beside: Rows | None = None) -> Visitor:
-        """Write what has changed of a visitor, and return it. Raises: UnknownSecret: it was removed."""
+        """Store a changed visitor with the rows `beside`, and return it. Raises: UnknownSecret: it was removed."""
         if visitor.id not in self._all:
-            raise UnknownSecret("a visitor that was removed")
+            raise UnknownSecret("the visitor was removed")
         self._store.write({**(beside or {}), _key(visitor.id): _row(visitor)})
         self._forget(visitor.id)
         self._keep(visitor)
         return visitor
 
     def renew(self, visitor_id: int, used: bytes, fresh: bytes, unix_s: int, spend: Spend) -> Visitor:
-        """Give a visitor the next secret to resume with; the one that it used stays valid until it has stored that.
+        """Set a visitor's next resume secret; the one that it used stays valid until it has stored the next.
 
-        A next one that was given before and not confirmed is given again: a client that has stored it, and whose word
-        is still on its way when an older connection's first record arrives, would have no valid secret else.
+        An unconfirmed next secret is sent again, not replaced: the client may have stored it already, and its
+        confirmation may still be on the way when the first record of an older connection arrives.
 
-        Raises: UnknownSecret: it was removed.
+        Raises: UnknownSecret: the visitor was removed.
         """
         visitor = self._all.get(visitor_id)
         if visitor is None:
-            raise UnknownSecret("a visitor that was removed")
+            raise UnknownSecret("the visitor was removed")
         expires_s = unix_s + self._config.resume_s
         given = visitor.pending if used == visitor.secret and visitor.pending != NO_SECRET else fresh
         renewed = replace(visitor, secret=used, pending=given, expires_s=expires_s)
         return self.change(renewed, spend(visitor.ticket) if visitor.is_new else None)
 
     def stored(self, visitor_id: int, secret_id: bytes, spend: Spend) -> None:
-        """Drop the secret before, as the visitor has stored its successor. A newcomer's ticket is used with that."""
+        """Drop the old secret, as the visitor has stored the next one. This counts the use of a newcomer's ticket."""
         visitor = self._all.get(visitor_id)
         if visitor and visitor.pending != NO_SECRET and Secret(Kind.RESUME, visitor.pending).id == secret_id:
             beside = spend(visitor.ticket) if visitor.is_new else None
             self.change(replace(visitor, secret=visitor.pending, pending=NO_SECRET), beside)
 
     def remove(self, ids: set[int], beside: Rows | None = None, *, approval: bool) -> None:
-        """Remove visitors, with the rows `beside`; newcomers wait for approval from now on, or not."""
+        """Remove visitors, and write the rows `beside`; `approval`: newcomers wait for approval from now on."""
         self.approval = approval
         gone: dict[bytes, bytes | None] = {_key(each): None for each in sorted(ids)}
         self._store.write({**(beside or {}), **gone, DOOR_KEY.encode(): self._door()})
@@ -146,13 +146,13 @@ class Visitors:
             self._forget(each)
 
     def set_approval(self, approval: bool) -> None:
-        """Write whether newcomers wait for approval."""
+        """Set and store whether newcomers wait for approval."""
         self.remove(set(), approval=approval)
 
     def _room(self, made: Visitor, connected: Mapping[int, object], unix_s: int) -> list[int]:
-        """Return whom to forget for a newcomer: those whose time is over, or who would be first.
+        """Return the visitors to drop for a newcomer: all expired ones, else one, if possible a newcomer.
 
-        Who came without a ticket takes no place of one who came with one: anybody can do so as often as he likes.
+        A newcomer without a ticket does not displace a visitor with one, because anybody can join without one again.
         """
         rivals = [each for each in self._all.values() if each.waiting]
         if not made.waiting or len(rivals) < self._config.waiting_max:
@@ -171,7 +171,7 @@ class Visitors:
         return [first.id]
 
     def _free_name(self, wish: str, gone: list[int]) -> str:
-        """Return a nickname that looks like no visitor's: it says who drives."""
+        """Return a nickname that does not look like another visitor's, because it identifies the driver."""
         wish = wish or f"Visitor {self._next}"
         if self._is_free(looks(wish), gone):
             return wish

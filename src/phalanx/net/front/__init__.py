@@ -1,4 +1,4 @@
-"""The front end of the direct transport: a process of its own for the visitors' page and their websockets."""
+"""Front end of the gateway: a separate process that serves the visitors' page and their websockets."""
 
 from .gateway_end import Closed, Event, Front, Opened, Received
 

@@ -1,6 +1,6 @@
-"""Accepts connections: from all addresses in turn, at a pace that leaves the processor to those who are in.
+"""Accepting of connections: round-robin over addresses, at a rate that leaves time for those that are admitted.
 
-Half of what a connection costs is the event loop's work after it was accepted. So it waits here as a bare socket.
+Half of the cost of a connection is the event loop's work after accept(). So accepted sockets wait here before it.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from .newcomers import Newcomers
 from .turns import Turns
 
 OUT_OF_FILES_S = 1.0
-AT_ONCE = 32  # accepted before anybody else is served
+AT_ONCE = 32  # connections accepted in one turn of the event loop
 ARRIVALS_AT_ONCE = 8.0
 
 
 class Arrival:
-    """A socket that waits, or whose TLS handshake is under way."""
+    """Accepted socket that waits, or is in its TLS handshake."""
 
     def __init__(self, sock: socket.socket, address: str, until_s: float) -> None:
         self.socket, self.address, self.until_s = sock, address, until_s
         self.task: asyncio.Task[None] | None = None
-        self.has_begun = False  # a task that is cancelled before it begins closes nothing
+        self.has_begun = False  # the task runs, and closes the socket if it is cancelled
 
     def leave(self) -> None:
-        """Close it."""
+        """Close the socket."""
         if self.task:
             self.task.cancel()
         if not self.has_begun:
@@ -41,11 +41,11 @@ class Arrival:
 
 
 class Arrivals:
-    """Accepts at a listening socket.
+    """Acceptor for listening sockets.
 
     Args:
-        make: makes the protocol of a connection.
-        behind_proxy: all come from one address, and are counted by their requests instead.
+        make: returns the protocol for a new connection.
+        behind_proxy: all connections have the proxy's address, so limits count their requests instead.
     """
 
     def __init__(
@@ -73,13 +73,13 @@ class Arrivals:
         self._listening: list[socket.socket] = []
 
     def listen(self, listening: socket.socket) -> None:
-        """Accept there."""
+        """Accept connections at a socket."""
         listening.setblocking(False)
         self._listening.append(listening)
         self._watch(listening)
 
     def close(self) -> None:
-        """Accept no longer."""
+        """Stop accepting, and close waiting sockets."""
         for listening in self._listening:
             asyncio.get_running_loop().remove_reader(listening)
         self._listening.clear()
@@ -106,7 +106,7 @@ class Arrivals:
                 sock, peer = listening.accept()
             except (BlockingIOError, ConnectionError):
                 return
-            except OSError:  # no file is left: somebody goes soon
+            except OSError:  # out of file descriptors: try again later
                 self._pause(listening, OUT_OF_FILES_S)
                 return
             self._accepts.use()
@@ -127,7 +127,7 @@ class Arrivals:
         timeout = {"ssl_handshake_timeout": self._limits.head_s} if self._tls else {}
         loop = asyncio.get_running_loop()
         try:
-            with contextlib.suppress(OSError):  # it has gone, or speaks no TLS
+            with contextlib.suppress(OSError):  # the client has disconnected, or the TLS handshake failed
                 await loop.connect_accepted_socket(self._make, arrival.socket, ssl=self._tls, **timeout)
         except asyncio.CancelledError:
             arrival.socket.close()

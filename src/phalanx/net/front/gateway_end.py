@@ -1,6 +1,7 @@
-"""The gateway's end of the front end: events of connections in, messages out. It trusts nothing that comes from there.
+"""The gateway's interface to the front end: yields events of connections, and sends messages.
 
-The front end holds no keys. It is a child that is started again when it ends, stops, or sends what is malformed.
+The front end is a child process without keys, and not trusted. It is restarted when it ends, hangs, or sends a
+malformed message.
 """
 
 from __future__ import annotations
@@ -31,18 +32,18 @@ log = logging.getLogger(__name__)
 
 ADDRESS_BYTES = 64
 REASON_BYTES = 64
-# A front end that takes nothing: updates are dropped first, then it is started again.
+# Limits of unread data to the front end: beyond the first, updates are dropped; beyond the second, it is restarted.
 UNSENT_UPDATES_BYTES = 1024 * 1024
 UNSENT_BYTES = 32 * 1024 * 1024
-AT_ONCE_S = 0.01  # for which messages are processed before anything else has its turn
-UNREAD_BYTES = 64 * 1024  # in the system, of a client that we hold back
-LONGEST_US = 1_000_000  # that a message counts for: who debugs a gateway stops it for minutes
-IF_TAKEN = "another program has it; choose another with --port, or --port 0 for any"
+AT_ONCE_S = 0.01  # longest time for messages before other tasks of the event loop run
+UNREAD_BYTES = 64 * 1024  # receive buffer of each connection in the kernel
+LONGEST_US = 1_000_000  # limit of a message's time: a debugger may stop the gateway for minutes
+IF_TAKEN = "another program uses it: choose another with --port, or --port 0 for any"
 
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """A websocket sent its first message, which follows. `address` is what arrivals are counted by."""
+    """A websocket has sent its first message, which follows. Limits of arrivals count for `address`."""
 
     connection: int
     address: str
@@ -58,7 +59,7 @@ class Received:
 
 @dataclass(frozen=True, slots=True)
 class Closed:
-    """A connection is over, whoever ended it; there is one for each `Opened`."""
+    """A connection was closed by either side; one follows for each `Opened`."""
 
     connection: int
 
@@ -67,18 +68,18 @@ Event = Opened | Received | Closed
 
 
 class Front:
-    """Runs the front end. Functions never block; what concerns a connection that is over is ignored.
+    """Front end process, as seen by the gateway. Methods never block, and ignore closed connections.
 
     Attributes:
-        port: of the page and of its websocket.
-        restarts: of the child.
+        port: port of the page and its websocket.
+        restarts: number of restarts of the child.
 
     Args:
         pages: folder of the visitors' page.
-        policy: its Content-Security-Policy.
-        tls: certificate and key, PEM; else plain http.
-        behind_proxy: the last entry of X-Forwarded-For is a client's address.
-        key: the swarm's public key, as the page asks for it at `/link-key`.
+        policy: Content-Security-Policy of the page.
+        tls: certificate and key, PEM; None: plain http.
+        behind_proxy: the last entry of X-Forwarded-For is the client's address.
+        key: the swarm's public key, which the page reads at `/link-key`.
         operator: folder of the operator's page, served below `/operator/`.
     """
 
@@ -103,9 +104,9 @@ class Front:
         self._tls = tuple(map(str, tls or ()))
         self._pipe: Pipe | None = None
         self._listening: socket.socket | None = None
-        self._highest = self._before = 0  # number of a connection, in all and before this child
-        self._open: set[int] = set()  # that the other end has not closed
-        self._ending: set[int] = set()  # of these, those that we closed
+        self._highest = self._before = 0  # highest connection number, in total and before this child
+        self._open: set[int] = set()  # connections that the front end has not closed
+        self._ending: set[int] = set()  # of these, those that the gateway has closed
         self._in_flight = 0
         self._events: deque[Event] = deque()
         self._wakes = asyncio.Event()
@@ -122,7 +123,7 @@ class Front:
         if self._tls:
             tls_context(*self._tls)
         async with contextlib.AsyncExitStack() as stack:
-            # We listen, not the child: whoever comes while it starts waits, and nobody takes the port.
+            # The gateway listens, not the child: clients wait during a restart, and no other program takes the port.
             self._listening = stack.enter_context(listen(self._host, self.port, IF_TAKEN))
             self._listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, UNREAD_BYTES)  # of each connection
             self.port = int(self._listening.getsockname()[1])
@@ -136,14 +137,14 @@ class Front:
         self._wakes.set()
 
     async def events(self) -> AsyncIterator[Event]:
-        """Yield what happens; a message counts as processed when the next event is asked for."""
+        """Yield events; a message counts as processed when the next event is requested."""
         while not self._over or self._events:
             until_s = time.monotonic() + AT_ONCE_S
             while self._events:
                 event = self._events.popleft()
                 began_s = time.monotonic()
                 if began_s >= until_s:
-                    await asyncio.sleep(0)  # the robots' tick is due as well
+                    await asyncio.sleep(0)  # lets other tasks run, such as the robots' tick
                     began_s = time.monotonic()
                     until_s = began_s + AT_ONCE_S
                 if type(event) is not Received:
@@ -157,23 +158,23 @@ class Front:
                 await self._wakes.wait()
 
     def send(self, connection: int, data: bytes) -> None:
-        """Send a message to one client; whoever does not take it in time is closed."""
+        """Send a message to one client, which is closed if it does not read it in time."""
         if self._serving(connection):
             self._put(ToFront.SEND, connection, data)
 
     def publish(self, connections: Sequence[int], data: bytes) -> None:
-        """Send an update to many clients; one that has not taken the last one misses this one."""
+        """Send an update to many clients, except those that have not read the last one."""
         numbers = [each for each in connections if self._serving(each)]
         if numbers and self._pipe and self._pipe.unsent_bytes <= UNSENT_UPDATES_BYTES:
             self._put(ToFront.PUBLISH, len(numbers), pack_numbers(numbers), data)
 
     def admitted(self, connection: int) -> None:
-        """Count a connection no longer as an unfinished handshake."""
+        """Mark a connection as admitted, so that limits of newcomers no longer apply."""
         if self._serving(connection):
             self._put(ToFront.ADMITTED, connection)
 
     def close(self, connection: int, reason: str) -> None:
-        """End a connection after what was sent to it; nothing more is received from it."""
+        """Close a connection after all messages to it; further messages from it are ignored."""
         if self._serving(connection):
             self._ending.add(connection)
             self._put(ToFront.CLOSE, connection, reason.encode("ascii", "replace")[:REASON_BYTES])
@@ -192,7 +193,7 @@ class Front:
 
                 def lost(error: Exception | None) -> None:
                     if error:
-                        log.warning("the front end is ended: %s", error)
+                        log.warning("ending the front end: %s", error)
                     with contextlib.suppress(ProcessLookupError):
                         process.kill()
 
@@ -209,14 +210,14 @@ class Front:
                     self._lose_all()
 
     async def _begins(self, process: asyncio.subprocess.Process) -> None:
-        """Wait until the child serves. Raises: Unavailable: it does not."""
+        """Wait until the child serves. Raises: Unavailable: it does not start."""
         alive, ended = self._probe(), asyncio.create_task(process.wait())
         try:
             await asyncio.wait((alive, ended), timeout=BEGINS_WITHIN_S, return_when=asyncio.FIRST_COMPLETED)
         finally:
             ended.cancel()
         if not alive.done():
-            raise Unavailable("the front end does not start", "phalanx doctor")
+            raise Unavailable("the front end does not start", "run phalanx doctor")
 
     async def _serves(self) -> bool | None:
         """Return whether the child answers in time."""
@@ -240,16 +241,16 @@ class Front:
     # --- messages ----------------------------------------------------------------------------------------------------
 
     def _on_message(self, kind: int, number: int, content: bytes) -> None:
-        """Read a message of the child. Raises: MalformedRecord: an honest one sends nothing like it."""
+        """Process a message of the child. Raises: MalformedRecord: it violates the protocol."""
         match kind:
             case FromFront.RECEIVED if number in self._open:
                 self._in_flight += 1
                 if self._in_flight > self._limits.in_flight:
-                    raise MalformedRecord("more messages than there is room for")
+                    raise MalformedRecord("more messages in flight than allowed")
                 self._tell(Received(number, content))
             case FromFront.OPENED if self._is_next(number):
                 if len(content) > ADDRESS_BYTES or not content.isascii():
-                    raise MalformedRecord("an address that is none")
+                    raise MalformedRecord("malformed address")
                 self._highest = number
                 self._open.add(number)
                 self._tell(Opened(number, content.decode("ascii")))
@@ -261,7 +262,7 @@ class Front:
                 if self._alive and not self._alive.done():
                     self._alive.set_result(None)
             case _:
-                raise MalformedRecord(f"message {kind} of connection {number}")
+                raise MalformedRecord(f"unexpected message {kind} of connection {number}")
 
     def _is_next(self, number: int) -> bool:
         return self._highest < number <= NUMBERS_MAX and len(self._open) < self._limits.connections_max
@@ -270,9 +271,9 @@ class Front:
         return connection in self._open and connection not in self._ending
 
     def _tell(self, event: Event) -> None:
-        # An honest one opens a connection only with a message that there is room for.
+        # A correct front end opens a connection only with a message that is within the limit.
         if len(self._events) > 2 * (self._limits.in_flight + self._limits.connections_max):
-            raise MalformedRecord("more events than there is room for")
+            raise MalformedRecord("more events than allowed")
         self._events.append(event)
         self._wakes.set()
 
@@ -280,12 +281,12 @@ class Front:
         if self._pipe:
             self._pipe.send(kind, number, *content)
             if self._pipe.unsent_bytes > UNSENT_BYTES:
-                log.warning("the front end does not take what it is sent; starting it again")
+                log.warning("the front end does not read its messages; restarting it")
                 self._pipe.close()
 
     def _take(self, connection: int, took_s: float) -> None:
         if connection <= self._before:
-            return  # of a child that has ended
+            return  # a connection of a previous child
         if not self._taken_us:
             asyncio.get_running_loop().call_soon(self._flush_taken)
         self._taken_us.append(min(int(took_s * 1e6), LONGEST_US))

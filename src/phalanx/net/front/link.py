@@ -1,4 +1,4 @@
-"""One websocket of the front end: frames to a client, and what the client has not taken of them."""
+"""One websocket of the front end: sending of frames, and detection of clients that do not read."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from phalanx.config.front import FrontConfig
 from phalanx.net.site import Connection
 from phalanx.pace import Pace
 
-READ_BYTES = 4 * 1024  # at once, of a connection: what it may have unread here; as frames of nothing 25 times as much
-SEND_BUFFER_BYTES = 32 * 1024  # of the system
-SIOCOUTQNSD = 0x894B  # linux/sockios.h: bytes in a socket's send buffer that were not sent yet
+READ_BYTES = 4 * 1024  # size of a read, which bounds a connection's unprocessed data; empty frames take 25 times that
+SEND_BUFFER_BYTES = 32 * 1024  # send buffer of the kernel
+SIOCOUTQNSD = 0x894B  # linux/sockios.h: unsent bytes in a socket's send buffer
 CLOSE_NORMAL = (1000).to_bytes(2, "big")
 BINARY, CLOSE, PONG = 2, 8, 10  # RFC 6455
 
 
 class Link:
-    """A websocket.
+    """Websocket of one client.
 
     Attributes:
-        number: as the gateway knows it; 0: not yet.
-        until_s: when it is closed, if it is not admitted by then, or is closing.
-        pending: of a message that waits to be passed on.
+        number: connection number at the gateway; 0: none yet.
+        until_s: deadline for admission, or for closing.
+        pending: future of a message that waits to be forwarded to the gateway.
         data: that message.
     """
 
@@ -38,13 +38,13 @@ class Link:
         self._limits = limits
         self._messages = Pace(limits.messages_per_s, limits.messages_at_once, now_s)
         self._bytes = Pace(limits.bytes_per_s, limits.bytes_at_once, now_s)
-        self._written = self._taken = 0  # bytes; as far as the client has taken them at the last look
+        self._written = self._taken = 0  # bytes written, and of these sent at the last check
         self._taken_at_s = now_s
-        self._is_owed = False  # a message to it alone is unsent
+        self._is_owed = False  # a message other than an update is unsent
         self._socket: socket.socket | None = None
         if transport := connection.transport:
             with contextlib.suppress(AttributeError):
-                transport.max_size = READ_BYTES  # type: ignore[attr-defined]  # of a read, in asyncio's own loops
+                transport.max_size = READ_BYTES  # type: ignore[attr-defined]  # only asyncio's own loops have it
             self._socket = transport.get_extra_info("socket")
         if self._socket:
             with contextlib.suppress(OSError):
@@ -52,25 +52,25 @@ class Link:
 
     @property
     def queued_bytes(self) -> int:
-        """Return how much waits in this process."""
+        """Return the bytes queued in this process."""
         transport = self.connection.transport
         return transport.get_write_buffer_size() if isinstance(transport, asyncio.WriteTransport) else 0
 
     @property
     def unsent_bytes(self) -> int:
-        """Return how much waits here and in the system, because the client or its line takes no more."""
+        """Return the unsent bytes, here or else in the kernel's buffer."""
         queued = self.queued_bytes
         if queued or self._socket is None:
             return queued
         try:
             raw = fcntl.ioctl(self._socket, SIOCOUTQNSD, bytes(4))
-        except (OSError, ValueError):  # closed, or a system that does not know
+        except (OSError, ValueError):  # closed, or not supported by the system
             self._socket = None
             return 0
         return int.from_bytes(raw, "little")
 
     def wait_s(self, size: int, now_s: float) -> float:
-        """Count the message just read, and return how long it must wait for the rates of this connection."""
+        """Count a received message; return the delay that the rate limits of this connection require."""
         wait_s = max(self._messages.wait_s(now_s), self._bytes.wait_s(now_s))
         self._messages.use()
         self._bytes.use(size)
@@ -78,7 +78,7 @@ class Link:
 
     @contextlib.contextmanager
     def held_back(self) -> Iterator[None]:
-        """Read nothing more of the client in this context, so that TCP holds it back."""
+        """Pause reading in this context, so that TCP flow control stops the client."""
         self.connection.pause_reading()
         try:
             yield
@@ -86,7 +86,7 @@ class Link:
             self.connection.resume_reading()
 
     def send(self, data: bytes, now_s: float) -> None:
-        """Send a message; the client must take it in time."""
+        """Send a message; a client that does not read it in time is closed."""
         if not self._is_owed:
             self._is_owed, self._taken_at_s = True, now_s
         self.write(BINARY, data)
@@ -94,16 +94,16 @@ class Link:
             self.leave()
 
     def update(self, frame: bytes) -> None:
-        """Send a frame, unless what was sent before is unsent: queues make every command late."""
+        """Send an update, unless earlier data is unsent: a queue would make every command late."""
         if not self.is_closing and not self.unsent_bytes:
             self._write(frame)
 
     def write(self, opcode: int, data: bytes) -> None:
-        """Send a frame of a websocket."""
+        """Send a websocket frame."""
         self._write(frame_head(opcode, len(data)) + data)
 
     def end(self, reason: bytes, now_s: float) -> None:
-        """Close the websocket after what was sent."""
+        """Send a close frame after all earlier data."""
         self.is_closing = True
         self.until_s = now_s + self._limits.closing_s
         self.write(CLOSE, CLOSE_NORMAL + reason)
@@ -113,7 +113,7 @@ class Link:
         self.connection.leave()
 
     def is_stalled(self, now_s: float) -> bool:
-        """Return whether the client has taken nothing for too long; call it a few times a second."""
+        """Return whether the client has read nothing for too long; call it a few times a second."""
         taken = self._written - self.unsent_bytes
         if taken != self._taken:
             self._taken, self._taken_at_s = taken, now_s
@@ -130,7 +130,7 @@ class Link:
 
 
 def frame_head(opcode: int, length: int) -> bytes:
-    """Return what comes before `length` bytes of a server's frame."""
+    """Return the header of a server's websocket frame with a payload of `length` bytes."""
     head = bytes([0x80 | opcode])
     if length < 126:
         return head + bytes([length])

@@ -1,7 +1,7 @@
-"""Websockets of the front end: messages of clients to the gateway, its messages and updates to clients.
+"""Websockets of the front end: forwards clients' messages to the gateway, and its messages and updates to clients.
 
-What a client sends is read no faster than its limits allow, and than the gateway processes what it was passed: then TCP
-holds the client back. What a client does not take is not queued: an update is dropped, and for messages it is closed.
+A client is read no faster than its limits allow and the gateway processes its messages; TCP flow control stops it.
+For a client that does not read, updates are dropped, and unread messages close its connection.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from .window import Window
 
 
 class Links:
-    """All websockets.
+    """All websockets of the front end.
 
     Args:
-        first: number of the first one.
-        on_admitted: called with the connection of each that is admitted.
-        on_refused: called with the address of each that the gateway refuses.
+        first: connection number of the first websocket.
+        on_admitted: called with each connection that the gateway admits.
+        on_refused: called with the address of each client that the gateway refuses.
     """
 
     def __init__(
@@ -43,13 +43,13 @@ class Links:
         self._limits, self._newcomers, self._on_admitted = limits, newcomers, on_admitted
         self._on_refused = on_refused
         self._next = first
-        self._links: dict[int, Link] = {}  # that the gateway knows
+        self._links: dict[int, Link] = {}  # websockets with a number, which the gateway knows
         self._window: Window[Link] = Window(limits, self._pass_on, time.monotonic())
 
     # --- from clients ---
 
     async def serve(self, request: web.Request, address: str) -> web.StreamResponse:
-        """Serve a websocket until it ends."""
+        """Serve a websocket until it is closed."""
         connection, longest = connection_of(request), self._limits.message_bytes + 1
         websocket = web.WebSocketResponse(autoclose=False, autoping=False, compress=False, max_msg_size=longest)
         connection.upgrade()
@@ -63,7 +63,7 @@ class Links:
             self._drop(link)
             if transport := request.transport:
                 transport.close()
-                # What was sent goes out first, but a client that does not take it is not waited for.
+                # Buffered data goes out first, for a limited time.
                 asyncio.get_running_loop().call_later(self._limits.closing_s, transport.abort)
         return websocket
 
@@ -109,7 +109,7 @@ class Links:
         link.data = b""
 
     def _drop(self, link: Link) -> None:
-        link.is_closing = True  # a message that waits for its rate must not follow
+        link.is_closing = True  # a message delayed by a rate limit must not be forwarded
         self._window.drop(link)
         self._newcomers.remove(link)
         if self._links.pop(link.number, None) and self.pipe:
@@ -118,7 +118,7 @@ class Links:
     # --- from the gateway ---
 
     def on_message(self, kind: int, number: int, content: bytes) -> None:
-        """Do what the gateway says."""
+        """Process a message of the gateway."""
         match kind:
             case ToFront.PUBLISH:
                 numbers, update = unpack_numbers(content, number)
@@ -155,7 +155,7 @@ class Links:
     # --- what is due ---
 
     def sweep(self, now_s: float) -> None:
-        """Close those that take nothing, or whose time is over; call it a few times a second."""
+        """Close clients that do not read, or exceed their deadline; call it a few times a second."""
         queued = 0
         for link in list(self._links.values()):
             if link.is_stalled(now_s) or (link.is_closing and now_s >= link.until_s):

@@ -1,4 +1,4 @@
-"""Connections that were not admitted yet: so many of one address, and in all."""
+"""Limits of connections that are not admitted yet, per address and in total."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from .turns import Rows
 
 
 class Newcomer(Protocol):
-    """A connection, or a TLS handshake."""
+    """Connection or TLS handshake that is not complete."""
 
-    until_s: float  # when it is closed, if it has gone no further by then
+    until_s: float  # deadline
 
     def leave(self) -> None:
-        """Close it."""
+        """Close the connection."""
 
 
 class Newcomers:
-    """Unfinished handshakes. One too many closes the oldest of its address, or of the address that has most.
+    """Incomplete handshakes. If there are too many, the oldest of the address, or of the busiest address, is closed.
 
-    Refusing the one that comes would lock honest visitors out.
+    Refusing new ones instead would lock out honest visitors.
 
     Args:
-        on_silent: called with the address of each that is closed because it went no further.
+        on_silent: called with the address of each newcomer that is closed, by a limit or its deadline.
     """
 
     def __init__(self, limits: FrontConfig, on_silent: Callable[[str], None]) -> None:
@@ -40,7 +40,7 @@ class Newcomers:
         return iter(self._rows)
 
     def add(self, address: str, newcomer: Newcomer) -> None:
-        """Count a connection, or count it as the newest again."""
+        """Add a connection, or make it the newest again."""
         self.remove(newcomer)
         self._rows.add(address, newcomer)
         self._addresses[newcomer] = address
@@ -50,13 +50,13 @@ class Newcomers:
             self._close_oldest(self._rows.crowded())
 
     def remove(self, newcomer: Newcomer) -> None:
-        """Count a connection no longer."""
+        """Remove a connection, if it is here."""
         address = self._addresses.pop(newcomer, None)
         if address is not None:
             self._rows.remove(address, newcomer)
 
     def sweep(self, now_s: float) -> None:
-        """Close those whose time is over."""
+        """Close connections whose deadline has passed."""
         for newcomer in [each for each in self if each.until_s <= now_s]:
             self._close(newcomer)
 

@@ -1,4 +1,4 @@
-"""One end of the socket between a front end and its gateway. Messages of one turn of the event loop go out together."""
+"""Message framing on the socket between a front end and its gateway, with one write per turn of the event loop."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ OnLost = Callable[[Exception | None], None]
 
 
 class Pipe(asyncio.Protocol):
-    """Sends and receives messages.
+    """Protocol of one end of the socket.
 
     Args:
-        longest: content of a message from the other end, bytes; a longer one, or one that `on_message` raises
-            MalformedRecord for, ends the connection.
+        longest: longest content of a received message, bytes. A longer one ends the connection, and so does a message
+            for which `on_message` raises MalformedRecord.
     """
 
     def __init__(self, longest: int, on_message: OnMessage, on_lost: OnLost) -> None:
@@ -32,11 +32,11 @@ class Pipe(asyncio.Protocol):
 
     @property
     def unsent_bytes(self) -> int:
-        """Return how much the other end has not taken yet."""
+        """Return the bytes that the other end has not read yet."""
         return self._unsent_bytes + (self._transport.get_write_buffer_size() if self._transport else 0)
 
     def send(self, kind: int, number: int = 0, *content: bytes) -> None:
-        """Send a message; it is dropped if the connection is over."""
+        """Send a message; it is dropped if the connection is closed."""
         if self._transport is None or self._transport.is_closing():
             return
         if not self._unsent:
@@ -46,17 +46,17 @@ class Pipe(asyncio.Protocol):
         self._unsent_bytes += len(head) + sum(map(len, content))
 
     def close(self) -> None:
-        """End the connection at once."""
+        """Close the connection at once."""
         if self._transport:
             self._transport.abort()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Begin."""
+        """Store the transport."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
 
     def data_received(self, data: bytes) -> None:
-        """Read whole messages."""
+        """Process complete messages."""
         self._received += data
         raw = bytes(self._received)
         at = 0
@@ -75,7 +75,7 @@ class Pipe(asyncio.Protocol):
         del self._received[:at]
 
     def connection_lost(self, error: Exception | None) -> None:
-        """Say so, once."""
+        """Call `on_lost`, once."""
         self._lose(error)
 
     def _lose(self, error: Exception | None) -> None:

@@ -1,9 +1,9 @@
-"""The front end's process.
+"""Main program of the front end's process.
 
 Started by `gateway_end.py`: `python -m phalanx.net.front.serve PARENT PIPE DOOR FIRST PAGES OPERATOR POLICY LIMITS
-PROXY PUBLIC [CERT KEY]`: whose child it is; the numbers of its socket to the gateway and of one that listens; the
-number of its first connection; the pages; limits, and whether it is behind a proxy, as JSON; the swarm's public key;
-PEM files.
+PROXY PUBLIC [CERT KEY]`: the parent's process id; file descriptors of the socket to the gateway and of the listening
+socket; number of the first connection; folders and policy of the pages; limits, and true behind a proxy, as JSON; the
+swarm's public key; PEM files.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from .pipe import Pipe
 from .tls import tls_context
 
 FROM_GATEWAY_BYTES = 4 * 1024 * 1024
-# The gateway, which has the robots' tick and the operator's stop, comes first when both want the same processor.
+# Lower priority than the gateway's, which runs the robots' tick and the operator's stop.
 NICE = 5
 
 
-async def serve(words: list[str]) -> None:
-    """Serve until the gateway's end of the pipe is closed, or SIGTERM."""
-    pipe_number, door_number, first, pages, operator, policy, limits_json, proxy_json, public, *files = words
+async def serve(arguments: list[str]) -> None:
+    """Serve until the gateway closes the pipe, or SIGTERM."""
+    pipe_number, door_number, first, pages, operator, policy, limits_json, proxy_json, public, *files = arguments
     limits = FrontConfig(**json.loads(limits_json))
     allow_files(4 * FILES_EACH * limits.connections_max)
     over = asyncio.Event()
@@ -58,14 +58,14 @@ async def serve(words: list[str]) -> None:
 
 
 def yield_to_gateway() -> None:
-    """Lower this process's priority. Where sessions are scheduled as groups, a nice value counts within one only."""
+    """Lower this process's priority; also that of its autogroup, within which alone a nice value counts."""
     os.nice(NICE)
     with contextlib.suppress(OSError):
         Path("/proc/self/autogroup").write_text(str(NICE))
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the gateway, which ends us
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the gateway, which ends this process
     end_with(int(sys.argv[1]))
     yield_to_gateway()
     asyncio.run(serve(sys.argv[2:]))

@@ -1,4 +1,4 @@
-"""Queues in which addresses take turns: however many wait from one address, others wait for one of them at a time."""
+"""Queues with round-robin over addresses: the load of one address delays others by one item at a time."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from phalanx.pace import Pace, Paces
 
 Item = TypeVar("Item")
 
-# Between two looks at a queue whose pace is used up, and at one where each address's own is: that is a longer look.
+# Limits of the pause before the next run: if the common rate is used up, and if all addresses' own rates are.
 SOONEST_S, SOONEST_OWN_S, LATEST_S = 0.005, 0.025, 1.0
 
 
 class Rows(Generic[Item]):
-    """Items by their address, each row in the order in which they came."""
+    """Items by address, in the order of arrival."""
 
     def __init__(self) -> None:
         self._of: OrderedDict[str, OrderedDict[Item, None]] = OrderedDict()
@@ -34,15 +34,15 @@ class Rows(Generic[Item]):
             yield from row
 
     def addresses(self) -> list[str]:
-        """Return addresses with items, that of the next turn first."""
+        """Return the addresses with items, in the order of their turns."""
         return list(self._of)
 
     def count(self, address: str) -> int:
-        """Return how many items an address has."""
+        """Return the number of an address's items."""
         return len(self._of.get(address, ()))
 
     def add(self, address: str, item: Item) -> None:
-        """Append an item to its address's row."""
+        """Append an item for an address."""
         self._of.setdefault(address, OrderedDict())[item] = None
         self._count += 1
 
@@ -58,15 +58,15 @@ class Rows(Generic[Item]):
         return True
 
     def oldest(self, address: str) -> Item:
-        """Return the first item of an address."""
+        """Return the oldest item of an address."""
         return next(iter(self._of[address]))
 
     def crowded(self) -> str:
-        """Return the address that has most items."""
+        """Return the address with the most items."""
         return max(self._of, key=lambda address: len(self._of[address]))
 
     def pop(self, address: str) -> Item:
-        """Remove and return the first item of an address, whose next turn comes after all others'."""
+        """Remove and return the oldest item of an address, and move the address to the end of the turns."""
         item = self.oldest(address)
         self.remove(address, item)
         if address in self._of:
@@ -75,13 +75,14 @@ class Rows(Generic[Item]):
 
 
 class Turns(Generic[Item]):
-    """Serves items at a pace, one address after another.
+    """Queue that serves items at a limited rate, round-robin over addresses.
 
     Args:
         serve: called with each item in its turn.
-        pace: of all addresses; `paces`, if given, is each address's own.
-        waiting_max: more than these push out the oldest of the address that has most, for which `refuse` is called.
-        has_room: whether one more can be served just now; call `run` when that changes.
+        refuse: called with each item that is dropped.
+        pace: rate of all addresses together; `paces`, if given, has the rate of each address.
+        waiting_max: length of the queue; beyond it, the oldest item of the busiest address is dropped.
+        has_room: returns whether one more item can be served now; call `run` when that changes.
     """
 
     def __init__(
@@ -99,13 +100,13 @@ class Turns(Generic[Item]):
         self._most, self._has_room = waiting_max, has_room
         self._rows: Rows[Item] = Rows()
         self._timer: asyncio.TimerHandle | None = None
-        self._all_wait = False  # for their own paces, until the timer
+        self._all_wait = False  # all addresses wait for their own rates, until the timer
 
     def __len__(self) -> int:
         return len(self._rows)
 
     def add(self, address: str, item: Item) -> None:
-        """Let an item wait for its turn, which may be now."""
+        """Queue an item, and serve it at once if possible."""
         self._rows.add(address, item)
         if len(self._rows) > self._most:
             self._refuse(self._rows.pop(self._rows.crowded()))
@@ -116,11 +117,11 @@ class Turns(Generic[Item]):
             self._serve_one(address, now_s)
 
     def remove(self, address: str, item: Item) -> bool:
-        """Let an item wait no longer; return whether it did."""
+        """Remove an item; return whether it was in the queue."""
         return self._rows.remove(address, item)
 
     def run(self) -> None:
-        """Serve whose turn it is, as far as pace and room go."""
+        """Serve items as far as rates and room allow."""
         if self._timer:
             return
         now_s = time.monotonic()
@@ -137,17 +138,17 @@ class Turns(Generic[Item]):
             self._serve_one(address, now_s)
 
     def charge(self, address: str, count: float) -> None:
-        """Let an address have so many turns less; a negative number gives them back."""
+        """Take turns from the allowance of an address; a negative number returns them."""
         if self._paces is not None:
             self._paces.of(address, time.monotonic()).use(count)
 
     def forget(self, now_s: float) -> None:
-        """Forget the paces of addresses that used nothing lately; call it about once a second."""
+        """Drop the rate limits of addresses with a full allowance; call it about once a second."""
         if self._paces is not None:
             self._paces.forget(now_s)
 
     def close(self) -> None:
-        """Refuse all that wait."""
+        """Refuse all items in the queue."""
         if self._timer:
             self._timer.cancel()
         for item in list(self._rows):

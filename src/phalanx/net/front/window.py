@@ -1,9 +1,9 @@
-"""Whose message is passed to the gateway next: as many are under way as it processes within a few milliseconds.
+"""Flow control towards the gateway: only as many messages are in flight as it processes in a few milliseconds.
 
-A connection has at most one message that waits, so that serving them in their order is taking turns. Newcomers have a
-small window of their own, take turns by address, and each waits for the gateway's answer before its next message.
-The gateway tells how long each took, and all of newcomers together get a share of its time: those who are in do not
-wait for handshakes, however slow the machine is.
+Each connection has at most one waiting message, so serving them in order is round-robin. Newcomers have a small window
+of their own, are served round-robin by address, and wait for the gateway's answer before their next message. The
+gateway reports the time for each message, and newcomers together get a fixed share of its time. So admitted clients do
+not wait for handshakes, however slow the machine is.
 """
 
 from __future__ import annotations
@@ -18,27 +18,27 @@ from phalanx.pace import Pace
 
 from .turns import Turns
 
-US = 1_000_000  # in a second
-NEWCOMERS_AT_ONCE_US = 30_000.0  # of the gateway's time, when it had none lately
+US = 1_000_000  # microseconds per second
+NEWCOMERS_AT_ONCE_US = 30_000.0  # burst of the gateway's time for newcomers
 
 
 class Sender(Protocol):
-    """A connection."""
+    """Connection that sends messages to the gateway."""
 
     address: str
     is_admitted: bool
     awaits_answer: bool
-    pending: asyncio.Future[None] | None  # done when its message waits no longer
+    pending: asyncio.Future[None] | None  # done when its message was forwarded or dropped
 
 
 Who = TypeVar("Who", bound=Sender)
 
 
 class Window(Generic[Who]):
-    """Messages that the gateway has not processed yet, and those that wait for that.
+    """Messages in flight to the gateway, and the queue of those that wait.
 
     Args:
-        pass_on: passes on the message of a connection.
+        pass_on: forwards the message of a connection.
     """
 
     def __init__(self, limits: FrontConfig, pass_on: Callable[[Who], None], now_s: float) -> None:
@@ -53,25 +53,25 @@ class Window(Generic[Who]):
             waiting_max=limits.connections_max,
             has_room=lambda: self._newcomers_in_flight < self._limits.newcomers_in_flight,
         )
-        self._of_newcomers: deque[bool] = deque()  # messages under way, in their order
+        self._of_newcomers: deque[bool] = deque()  # for each message in flight, in order: a newcomer sent it
         self._newcomers_in_flight = 0
 
     def go(self, sender: Who) -> bool:
-        """Pass on a message if nothing keeps it waiting; return whether it was."""
+        """Forward a message if it need not wait; return whether it was forwarded."""
         may = sender.is_admitted and not self._admitted and self._has_room()
         if may:
             self._go(sender)
         return may
 
     async def turn(self, sender: Who) -> None:
-        """Pass on a message in its turn, unless the connection is dropped meanwhile."""
+        """Wait until a message was forwarded in its turn, or its connection dropped."""
         pending: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         sender.pending = pending
         self._wait(sender)
         await pending
 
     def taken(self, took_us: Sequence[int]) -> None:
-        """Note that the gateway has processed messages, and how long it took for each."""
+        """Record that the gateway has processed messages, with the time for each."""
         for each_us in took_us:
             if self._of_newcomers.popleft():
                 self._newcomers_in_flight -= 1
@@ -79,14 +79,14 @@ class Window(Generic[Who]):
         self._run()
 
     def answered(self, sender: Who) -> None:
-        """Note that the gateway has answered a connection, or has admitted it."""
+        """Record that the gateway has answered or admitted a connection."""
         sender.awaits_answer = False
         if sender.pending:
             self._newcomers.remove(sender.address, sender)
             self._wait(sender)
 
     def drop(self, sender: Who) -> None:
-        """Let a connection wait no longer."""
+        """Remove the waiting message of a connection."""
         if sender.pending:
             self._admitted.pop(sender, None)
             self._newcomers.remove(sender.address, sender)
