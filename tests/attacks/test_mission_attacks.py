@@ -233,7 +233,7 @@ class TestCommand:
             (["move-code:robot=3"], "move-code with robot", "one robot"),
             (["move-code", "--duration", "3"], "move-code with --duration", "one robot"),
             (["move-code:far=3"], "attack move-code has no option 'far'", "at, unchecked"),
-            (["move-code:unchecked=yes"], "move-code have unchecked='yes'", "0 or 1"),
+            (["move-code:unchecked=yes"], "option unchecked of attack move-code is 'yes'", "0 or 1"),
             (["move-code:at=5000"], "move-code at 5000 s", "0 to 3600 s"),
             (["move-code", "--seed", "-1"], "seed -1", "0 or more"),
             (["flip-bit:bit=1e9"], "bit 1e+09 of a mission", "0 to "),
