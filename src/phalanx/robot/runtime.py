@@ -65,7 +65,7 @@ class Runtime:
 
     @property
     def due_ms(self) -> int:
-        """Return when the earliest of the four is due."""
+        """Return when the next reading, round, retry, check or wake-up is due."""
         return min(self.input_ms, self.audit_ms, self.check_ms, self.wake_ms)
 
     def on_reading(self, now_ms: int, reading: bytes, advice: bytes = b"") -> list[Done]:
