@@ -38,8 +38,8 @@ class TestMistakes:
         [
             (["up", "--robots", "0"], 2, "a swarm of 0 robots"),
             (["up", "--robots", "many"], 2, "--robots"),
-            (["up", "--pin-digits", "3"], 2, "pin of 3 digits"),
-            (["up", "--rotate-s", "5", "--overlap-s", "6"], 2, "overlap of 6 s"),
+            (["up", "--pin-digits", "3"], 2, "pin_digits is 3"),
+            (["up", "--rotate-s", "5", "--overlap-s", "6"], 2, "overlap_s is 6"),
             (["up", "--rotate-s", "nan"], 2, "'--rotate-s': nan is no finite number"),
             (["up", "--root", "noslash"], 2, "root 'noslash'"),
             (["up", "--qrkey", "--broker", "http://x"], 2, "unknown broker scheme http://"),

@@ -280,7 +280,7 @@ class TestAttack:
             ({}, "lies.py:Brakes", "lies.py has no Brakes"),
             ({"(Liar)": ""}, "lies.py:Brake", "Brake in lies.py is not a Liar"),
             ({}, "lies.py:Brake:robot=x", "'brake:robot=x': robot of brake is 'x'"),
-            ({}, "lies.py:Brake:far=3", "'brake:far=3': options of brake have no 'far'"),
+            ({}, "lies.py:Brake:far=3", "'brake:far=3': attack brake has no option 'far'"),
             ({}, "lies.py:Brake:", "'brake:' is not an attack"),
         ],
     )

@@ -198,7 +198,7 @@ class TestRun:
             (["bti-fig8", "--attack", "spoof:robot=26"], "spoof in robot 26", "a robot from 1 to 25"),
             (["bti-fig8", "--attack", "spoof:at"], "'at' in 'spoof:at'", "for example"),
             (["bti-fig8", "--robots", "0"], "0 robots", "1 to 65535"),
-            (["bti-fig8", "--t-audit", "9"], "tokens count for 10 s", "1.5 times"),
+            (["bti-fig8", "--t-audit", "9"], "t_val is 10 s", "1.5 times"),
             (["bti-fig8", "--t-audit", "inf"], "--t-audit", ""),
             (["bti-fig8", "--t-audit", "1e300"], "--t-audit is 1e+300", "0.5 to 600"),
             (["bti-fig8", "--t-audit", "0.1"], "--t-audit is 0.1", "0.5 to 600"),

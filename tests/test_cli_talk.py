@@ -244,7 +244,7 @@ def test_what_setup_installs_can_draw():
         ("up --defence bound", "'bound' is not one of", "did you mean hardened? phalanx up --help"),
         ("up --world drawn:ofice", "no building is called 'drawn:ofice'", "did you mean office?"),
         ("mission run office --noise 0.03,0.05,stge", "noise '0.03,0.05,stge'", "did you mean stage?"),
-        ("sim run flock-12 --attack spoof:robt=3", "have no 'robt'", "did you mean robot?"),
+        ("sim run flock-12 --attack spoof:robt=3", "has no option 'robt'", "did you mean robot?"),
         ("robot arena --on-air repaly:robot=1", "no such attack or option", "did you mean replay?"),
         ("robot arena --on-air replay:robt=1", "no such attack or option", "did you mean robot?"),
         ("mission run office --record /nowhere/x.mcap", "no folder /nowhere", "make it first"),

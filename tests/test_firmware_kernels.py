@@ -151,7 +151,7 @@ def test_a_read_only_row_is_refused_where_the_c_writes_to_it_and_only_there(name
         arguments = arguments_of(functions()[name], trusted.PAPER)
         arguments[list(signature(functions()[name]).parameters).index(row)].flags.writeable = False
         if is_written:
-            with pytest.raises(ValueError, match="an array is read-only, and the"):
+            with pytest.raises(ValueError, match="read-only"):
                 function(*arguments)
         else:
             assert isinstance(function(*arguments), int)

@@ -466,7 +466,7 @@ class TestEnvelope:
         config.check_start((0, 0))
         for place, says in (
             ((60, 0), "outside its fences"),
-            ((8, 6), "keep out of"),
+            ((8, 6), "in a keep-out area"),
             ((49.5, 0), "0.5 m from an edge"),
             ((-6.5, 0), "0.5 m from an edge"),
         ):

@@ -95,12 +95,12 @@ class TestScenario:
             ({"seed": -1}, "seed is -1"),
             ({"seed": 1 << 32}, "seed is 4294967296"),
             ({"contact_m": -1.0}, "contact_m is -1"),
-            ({"n_max": 4}, "n_max is 4, and a quorum with f_max 3 is 5 neighbours"),
+            ({"n_max": 4}, "n_max is 4, less than the quorum of 5 neighbours for f_max 3"),
             ({"attacks": (AttackSpec(name="spoof", robot=26),)}, "spoof in robot 26"),
             ({"attacks": (AttackSpec(name="spoof", robot=3),) * 2}, "two attacks in robot 3"),
             ({"attacks": (SPOOF,) * 3, "robots": 2}, "3 attacks for 2 robots"),
             ({"attacks": (AttackSpec(name="spoff"),)}, "no attack 'spoff'"),
-            ({"obstacles": (Disc(x_m=0, y_m=0, radius_m=1),)}, "nobody avoids them"),
+            ({"obstacles": (Disc(x_m=0, y_m=0, radius_m=1),)}, "obstacles have no effect"),
         ],
     )
     def test_what_is_out_of_range_is_refused(self, wrong, complaint):
@@ -140,7 +140,7 @@ class TestOptions:
         assert few.with_options(robots=200).bti.n_max == 107, "68.02 in range"
 
     def test_audits_too_rare_for_their_tokens_are_refused(self):
-        with pytest.raises(UsageError, match="tokens count for 10 s"):
+        with pytest.raises(UsageError, match="t_val is 10 s"):
             Scenario().with_options(t_audit_s=8)
 
     @pytest.mark.parametrize("wrong", [math.inf, -math.inf, math.nan, 1e300])

@@ -108,7 +108,7 @@ class TestArrays:
             ({"every_s": "1"}, "every_s is '1'"),
             ({"workers": "all"}, "workers is 'all'"),
             ({"controller": 3}, "controller is 3"),
-            ({"attacks": 3}, "3 is no attack"),
+            ({"attacks": 3}, "3 is not an attack"),
             ({"controller": "flok"}, "no controller 'flok'"),
             ({"controller": "nowhere.py:Own"}, "no file nowhere.py"),
         ],

@@ -232,12 +232,12 @@ class TestCommand:
             (["flip-bits"], "no attack 'flip-bits'", "did you mean flip-bit?"),
             (["move-code:robot=3"], "move-code with robot", "one robot"),
             (["move-code", "--duration", "3"], "move-code with --duration", "one robot"),
-            (["move-code:far=3"], "move-code have no 'far'", "at, unchecked"),
-            (["move-code:unchecked=yes"], "move-code have unchecked='yes'", "0 or 1"),
+            (["move-code:far=3"], "attack move-code has no option 'far'", "at, unchecked"),
+            (["move-code:unchecked=yes"], "option unchecked of attack move-code is 'yes'", "0 or 1"),
             (["move-code:at=5000"], "move-code at 5000 s", "0 to 3600 s"),
             (["move-code", "--seed", "-1"], "seed -1", "0 or more"),
             (["flip-bit:bit=1e9"], "bit 1e+09 of a mission", "0 to "),
-            (["guess-graph:at=3"], "guess-graph have no 'at'", "none"),
+            (["guess-graph:at=3"], "attack guess-graph has no option 'at'", "none"),
         ],
     )
     def test_misuse_is_one_line_and_a_hint(self, phalanx, words, complaint, hint):

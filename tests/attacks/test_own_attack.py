@@ -48,13 +48,13 @@ def test_a_class_says_of_itself_what_the_record_needs():
 
 @pytest.mark.parametrize("thing", [dict, ShoveAside.lies, "hijack"])
 def test_what_is_no_attack_is_refused(thing):
-    with pytest.raises(UsageError, match="is no attack"):
+    with pytest.raises(UsageError, match="is not an attack"):
         own_attack(thing)
 
 
 def test_its_options_are_checked_as_those_of_the_library_are():
     own = Attack("shove", ShoveAside)
-    with pytest.raises(UsageError, match="options of shove have no 'far'"):
+    with pytest.raises(UsageError, match="attack shove has no option 'far'"):
         AttackSpec(name="shove", own=own, options={"far": 3.0})
     assert Scenario(attacks=(AttackSpec(name="shove", own=own),)).attacks[0].attack is own
 
@@ -73,7 +73,7 @@ def test_who_would_wait_for_ever_to_be_called_out_of_turn_is_told():
         def on_wake(self, now_ms):
             return []
 
-    with pytest.raises(UsageError, match="Shout has on_wake, and no period_ms"):
+    with pytest.raises(UsageError, match="Shout has on_wake but no period_ms"):
         own_attack(Shout)
     Shout.period_ms = 100
     assert own_attack(Shout).name == "shout"

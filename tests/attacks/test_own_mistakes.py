@@ -152,7 +152,7 @@ def test_a_long_memory_says_how_long_and_is_audited():
     long = controller([], bytes(1500))
     with pytest.raises(UsageError, match="encode returned 1500 bytes") as caught:
         advanced(long)
-    assert caught.value.hint.endswith("or state_bytes = 1500 in its class")
+    assert caught.value.hint.endswith("or set state_bytes = 1500 in its class")
     long.state_bytes = 1500
     ended = advanced(long)
     assert {why for *_, why in ended.new_verdicts()} == {Refusal.NONE}

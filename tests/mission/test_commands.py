@@ -271,7 +271,7 @@ def test_without_matplotlib_drawing_says_what_is_missing(folder, monkeypatch):
         (("build", "broken.yaml", "--out", "x"), "broken.yaml:1: not YAML: "),
         (("build", "--map", "broken.yaml", "--out", "x"), "broken.yaml:1: not YAML: "),
         (("build", "bare.yaml", "--out", "x"), "bare.yaml is a map, not a mission"),
-        (("build", "twice.yaml", "--out", "x"), "is there twice"),
+        (("build", "twice.yaml", "--out", "x"), "occurs twice"),
         (("build", "small.yaml", "--out", "x", "--robots", "a"), "is no robot"),
         (("build", "small.yaml", "--out", "x", "--robots", "5-1"), "robots 5-1"),
         (("build", "small.yaml", "--out", "x", "--robots", "1,60000-70000"), "robots 60000-70000"),

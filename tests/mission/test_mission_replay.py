@@ -165,7 +165,7 @@ def test_a_scan_packs_to_half_of_it_and_unpacks_to_the_same_and_to_no_more():
     bomb = b"\0" + zlib.compress(bytes(50_000_000))
     with pytest.raises(BadEvidence):
         unpack_evidence(bomb, BEAMS)
-    with pytest.raises(BadEvidence, match="2 claims at once"):
+    with pytest.raises(BadEvidence, match="2 claims instead of 0 or 1"):
         unpack_evidence(b"\2" + packed[1:], BEAMS)
 
 

@@ -1,1 +1,1 @@
-"""Bounded-time interaction: what is really done (docs/spec/rebound.md). Pure: bytes and a time in, bytes out."""
+"""Bounded-time interaction (docs/spec/rebound.md): logs, checkpoints, audits and tokens, without any I/O."""

@@ -1,8 +1,8 @@
-"""The auditor: ordered checks over one request, each a pure function of the bytes shown.
+"""The auditor: ordered checks of one request, each a pure function of the bytes shown.
 
 The checks come in the order of docs/spec/rebound.md: the start, the authenticators, the entries and both chains, the
-replay, the state at the checkpoint. The replay itself needs the controller, which lives a floor higher: whoever runs
-it calls `next_event` and, after an INPUT, `expect`. Time and memory are bounded by the length of the request.
+replay, the state at the checkpoint. The replay runs the controller, which is in phalanx.robot: its caller repeats
+`next_event` and, after an INPUT, `expect`. Time and memory are bounded by the length of the request.
 Source: RoboRebound §3.7.
 """
 
@@ -35,7 +35,7 @@ END = 0
 
 @kernel
 def open_request(w: Work, q: Row, length: int, src: int) -> int:
-    """Check that the request's parts fill it exactly, and that it names its sender as the auditee; set `w.case`.
+    """Parse a request into `w.case`: its parts must fill it exactly, and its sender must be the auditee it names.
 
     Returns: 0 or a `Refusal`. Source: docs/spec/rebound.md.
     """
@@ -66,7 +66,7 @@ def open_request(w: Work, q: Row, length: int, src: int) -> int:
 
 @kernel
 def examine(f: Fleet, i: int, w: Work, q: Row, length: int, src: int) -> int:
-    """Do all checks that come before the replay. Returns: 0 or a `Refusal`. Source: RoboRebound §3.7."""
+    """Run all checks that come before the replay. Returns: 0 or a `Refusal`. Source: RoboRebound §3.7."""
     refused = open_request(w, q, length, src)
     if refused == 0:
         refused = check_start(f, i, w, q)
@@ -79,16 +79,16 @@ def examine(f: Fleet, i: int, w: Work, q: Row, length: int, src: int) -> int:
 
 @kernel
 def check_start(f: Fleet, i: int, w: Work, q: Row) -> int:
-    """Check that the log begins at boot, or at a checkpoint of f_max + 1 tokens. Source: RoboRebound §3.6, §3.7."""
+    """Check that the log starts at boot, or at a checkpoint with f_max + 1 tokens. Source: RoboRebound §3.6, §3.7."""
     c, s = w.case[0], f.settings[0]
     c.newest = -1
     c.checkpoints = 0
     c.marked = 0
     if q[request.AT_FLAGS]:
-        # A mission key of tomorrow would make no reading due until then, and the checkpoint would vouch for it.
+        # If the key's time were in the future, no reading would be due until then, and the checkpoint would confirm it.
         if c.due > c.t:
             return Refusal.OUT_OF_ORDER
-        # Nodes forward nothing before they have the key: who claims it came later than it did has heard too early.
+        # Nodes forward nothing before they have the key: an entry older than the key shows that its time is false.
         c.newest = c.due
         c.due += rounds.phase_of(s.mission_seed, c.auditee, s.t_control)
         w.tops[:] = 0
@@ -118,7 +118,7 @@ def check_start(f: Fleet, i: int, w: Work, q: Row) -> int:
 
 @kernel
 def check_authenticators(f: Fleet, i: int, w: Work, q: Row) -> int:
-    """Check that the tops are the trusted nodes' own and, in `hardened`, made for this token request.
+    """Check that the trusted nodes authenticated the tops and, in `hardened`, did so for this token request.
 
     Source: RoboRebound Alg. 3; docs/spec/rebound.md (stale log).
     """
@@ -137,7 +137,7 @@ def check_authenticators(f: Fleet, i: int, w: Work, q: Row) -> int:
 
 @kernel
 def _flush(w: Work, chain: int) -> None:
-    """Hash what the s-chain (0) or the a-chain (1) has held back."""
+    """Extend the s-chain (0) or the a-chain (1) with its batch."""
     if w.held[chain, 1] > 0:
         trusted.chain_extend(w.tops[chain], w.batch[chain], w.held[chain, 1])
     w.held[chain] = 0
@@ -145,9 +145,9 @@ def _flush(w: Work, chain: int) -> None:
 
 @kernel
 def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912 - one pass over the bytes
-    """Check that entries are well formed, in order and complete, and that both chains re-hash to the tops shown.
+    """Check that entries are well formed, in order and complete, and that both chains hash to the tops shown.
 
-    The tops at the checkpoint are then in `w.state`, as its hash covers them.
+    The tops at the checkpoint are then in `w.state`: the checkpoint's hash covers them.
     Source: RoboRebound §3.7, §3.8; docs/spec/rebound.md (free interleaving, starving the sensors).
     """
     c, s = w.case[0], f.settings[0]
@@ -202,11 +202,11 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912 - one
 
 
 @kernel
-def next_event(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901 - as long as the list of what may stand there
-    """Replay to the next entry that the controller must see, and compare outputs on the way.
+def next_event(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901 - one branch per kind of item
+    """Advance to the next item that the controller must process, and compare logged outputs on the way.
 
-    Returns: INPUT or RECV with `case.entry_t`, `payload_at`, `payload_len` and `evidence_len` set; ADVICE with the
-        payload's two; CHECKPOINT with all of it but the controller's state in `w.state`; END; or minus a refusal.
+    Returns: INPUT or RECV, with `case.entry_t`, `payload_at`, `payload_len` and `evidence_len` set; ADVICE, with
+        `payload_at` and `payload_len`; CHECKPOINT, with its fixed fields in `w.state`; END; or a negative `Refusal`.
     Source: RoboRebound §3.7.
     """
     c, s = w.case[0], f.settings[0]
@@ -237,7 +237,7 @@ def next_event(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901 - as long as the
             return int(kind)
         if c.waiting == 0:
             return -Refusal.OUTPUT_UNCALLED
-        # The first output that replay still waits for; from the length on, as its time is its cause's.
+        # Compare with the first expected output, from the length on: its time is that of its cause.
         length = last - begin
         if w.waiting[0] != kind or not same(w.waiting, ENTRY_LENGTH, q, begin + ENTRY_LENGTH, length - ENTRY_LENGTH):
             return -Refusal.OUTPUT_WRONG
@@ -250,7 +250,10 @@ def next_event(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901 - as long as the
 
 @kernel
 def expect(f: Fleet, w: Work, length: int) -> int:
-    """Expect the controller's outputs in `w.out[:length]` next in the log. Source: docs/spec/rebound.md."""
+    """Expect the controller's outputs in `w.out[:length]` next in the log; return 0 or a `Refusal`.
+
+    Source: docs/spec/rebound.md.
+    """
     c = w.case[0]
     c.step += 1
     c.due += f.settings[0].t_control
@@ -270,7 +273,7 @@ def expect(f: Fleet, w: Work, length: int) -> int:
 
 @kernel
 def check_state(w: Work, q: Row, state_len: int) -> int:
-    """Check that the replayed state, of so many bytes in `w.state`, has the hash claimed. Source: RoboRebound §3.7."""
+    """Check that the replayed state, `state_len` bytes in `w.state`, has the claimed hash. Source: RoboRebound §3.7."""
     hckpt = w.small[3]
     trusted.sha1(w.state, rounds.CHECKPOINT_BYTES + state_len, hckpt)
     if not same(hckpt, 0, q, request.AT_HCKPT, HASH_BYTES):
@@ -280,7 +283,7 @@ def check_state(w: Work, q: Row, state_len: int) -> int:
 
 @kernel
 def issue(f: Fleet, i: int, w: Work, q: Row, mac: Row) -> int:
-    """Have the auditor's a-node issue a token for the auditee's log up to this request, to `mac` (8,).
+    """Let the auditor's a-node issue a token for the auditee's log up to this request; write its MAC to `mac` (8,).
 
     Returns: 0 or `Refusal.REQUEST_INVALID`. Source: RoboRebound Alg. 4.
     """

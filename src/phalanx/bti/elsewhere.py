@@ -1,7 +1,7 @@
-"""Trusted nodes that are not in this process: kernels call them as they call those that are.
+"""Remote trusted nodes: kernels call them as they call those in this process.
 
-Such a node's row is a number and no memory, by which whoever answers for it is found (net/serial_node.py). A kernel
-takes numbers alone: what goes wrong on the way is a refusal to it, and is raised by `raise_failed` once it is back.
+The row of a remote node contains a number, by which its driver is found (net/serial_node.py). Kernels receive only
+result codes: to them, a failed call is a refusal. The exception is stored, and `raise_failed` raises it afterwards.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from phalanx.wire.table import ENTRY_HEADER_BYTES, MAC_BYTES
 
 from . import trusted
 
-# Which call each function is; its arguments are the call's fields, in their order.
+# The remote call of each function; its arguments are the call's fields, in their order.
 FUNCTIONS = {
     trusted.snode_poll: lines.POLL,
     trusted.anode_recv: lines.RECV,
@@ -33,30 +33,30 @@ FUNCTIONS = {
     trusted.anode_install_token: lines.INSTALL_TOKEN,
     trusted.anode_check: lines.CHECK,
 }
-# Bytes of what a call makes; those that are not here make an entry around what they are given, or nothing.
+# Output bytes of calls; those in FORWARDED return an entry around their data, all others nothing.
 MADE = {lines.MAKE_AUTH: trusted.AUTH_BYTES, lines.TOKEN_REQUEST: trusted.TREQ_BYTES, lines.ISSUE_TOKEN: MAC_BYTES}
 FORWARDED = {lines.POLL, lines.RECV, lines.SEND, lines.ACTUATE}
 FAILED: int = trusted.E_ARG
 
 
 class Elsewhere(Protocol):
-    """A robot's two trusted nodes, wherever they are."""
+    """A robot's two trusted nodes on another machine."""
 
     def ask(self, call: Record, now_ms: int | None = None, **arguments: Any) -> tuple[int, bytes]:
-        """Ask the remote node to run a call; return its result code and its output bytes.
+        """Run a call on the remote node; return its result code and its output bytes.
 
         Args:
             call: of wire.lines.
-            now_ms: the time, for nodes that are told it; None if the function has nothing to do with time.
-            arguments: the call's fields but its number.
-        Returns: a code >= 0 with exactly what `made_by` says, or one of trusted's errors with nothing.
-        Raises: Unavailable: no such answer, or none in time.
+            now_ms: the time, for nodes without a clock; None if the function does not depend on time.
+            arguments: the call's fields except its number.
+        Returns: a code >= 0 with exactly `made_by` bytes, or one of trusted's errors with none.
+        Raises: Unavailable: no answer in time, or an invalid one.
         """
         ...
 
 
 def made_by(call: Record, **arguments: Any) -> int:
-    """Bytes of what a call makes if it is not refused."""
+    """Return the number of output bytes of a call that is not refused."""
     if call in FORWARDED:
         (data,) = arguments.values()
         return ENTRY_HEADER_BYTES + len(data)
@@ -68,7 +68,7 @@ _failed: list[BaseException] = []
 
 
 def place(nodes: Sequence[Elsewhere]) -> NDArray[np.uint8]:
-    """The rows by which kernels know these nodes, (n, ELSEWHERE_BYTES), until `forget`."""
+    """Register remote nodes until `forget`, and return their rows for kernels, (n, ELSEWHERE_BYTES)."""
     rows = np.zeros((len(nodes), trusted.ELSEWHERE_BYTES), np.uint8)
     for each, its in zip(nodes, rows, strict=True):
         number = max(_placed, default=0) + 1
@@ -78,16 +78,13 @@ def place(nodes: Sequence[Elsewhere]) -> NDArray[np.uint8]:
 
 
 def forget(rows: NDArray[np.uint8]) -> None:
-    """Nobody answers for these nodes any more."""
+    """Unregister remote nodes; later calls to them fail."""
     for each in rows:
         _placed.pop(get_u32(each, 0), None)
 
 
 def raise_failed() -> None:
-    """Nothing has gone wrong on the way to a node since the last call.
-
-    Raises: what did, the first time.
-    """
+    """Raise the first exception of a call to a remote node since the last time this function was called, if any."""
     failed = _failed[:1]
     _failed.clear()
     for error in failed:
@@ -95,24 +92,24 @@ def raise_failed() -> None:
 
 
 def _asks(kernel: Any, call: Record) -> Callable[..., int]:
-    """Return the callback that `kernel` calls for a node on another machine."""
+    """Return the callback that `kernel` calls for a remote node."""
     view = trusted.FIRMWARE[trusted.HARDENED][0].buffer
     declared = inspect.signature(getattr(kernel, "py_func", kernel)).parameters
-    told = [name for name in declared if name not in ("profile", "node")]
+    names = [name for name in declared if name not in ("profile", "node")]
     fields = call.fields[1:]
 
     def ask(node: Any, *values: Any) -> int:
-        given = dict(zip(told, values, strict=True))
+        given = dict(zip(names, values, strict=True))
         now_ms = given.pop("now", None)
         if "data" in given:
             given["data"] = bytes(view(given["data"], given.pop("length")))
-        # Behind the call's arguments comes where to put what is made.
+        # After the call's arguments comes the buffer for its output.
         pairs = zip(fields, given.values(), strict=False)
         arguments = {f.name: x if isinstance(x, int | bytes) else bytes(view(x, f.size)) for f, x in pairs}
         try:
             number = row(bytes(view(node, trusted.ELSEWHERE_BYTES)))
             code, result = _placed[get_u32(number, 0)].ask(call, now_ms, **arguments)
-        except BaseException as error:  # noqa: BLE001 - C that called us would lose it, as it would Ctrl-C
+        except BaseException as error:  # noqa: BLE001 - C calls this function and would drop it, even KeyboardInterrupt
             _failed.append(error)
             return FAILED
         if result:

@@ -1,6 +1,6 @@
-"""State of N c-nodes as arrays with one row per robot: kernels take them and a robot's index.
+"""State of N c-nodes as arrays with one row per robot; kernels take them and a robot's index.
 
-Nothing here is trusted: the trusted nodes' own memory lies in `snode` and `anode`; only the C in firmware/ reads it.
+This state is untrusted, except the trusted nodes' memory in `snode` and `anode`, which only the C in firmware/ reads.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
 from .memo import Memo, make_memo
 
-# The firmware's profiles, and none: a robot without trusted nodes, whose entries nobody chains or logs.
+# The firmware's profiles, and PLAIN: robots without trusted nodes, whose entries are not chained or logged.
 HARDENED, PAPER, PLAIN = 0, 1, 2
-# Requests that are put together from fragments at the same time, beside one of each of f_max compromised robots: these
-# push nobody out (docs/adr/0014).
+# Requests that are assembled from fragments at the same time, beside one of each of f_max compromised robots, so that
+# these cannot displace others (docs/adr/0014).
 RX_SLOTS = 3
-PAPER_ROOM = 6
+PAPER_ROOM = 6  # logs in `paper` are larger by this factor
 START, PENDING = 0, 1
 LONG_AGO = -(1 << 40)
-# Where all logs would be larger than the first, so much of each lies close to others': with ten neighbours few logs are
-# longer, with 24 most.
+# If all logs would take more than LARGE_LOGS_BYTES, the first LOG_FRONT_BYTES of each are stored densely, and the rest
+# sparsely. With ten neighbours few logs are longer than that, with 24 most.
 LARGE_LOGS_BYTES, LOG_FRONT_BYTES = 8 << 20, 2688
 
 ROBOT = layout(
     "id u2",
     "alive u1",  # powered and keyed
     "log_full u1",
-    # What each event needs lies together: of large swarms it is not near, and each line of it is waited for.
+    # Fields of every event are adjacent: in large swarms each cache line of them is a miss.
     "booted u1",  # the log begins at boot, not at a checkpoint
-    "seeks u1",  # 0; in a round in which it asks only robots that have answered its SEEK: 1, and 1 for each SEEK so far
+    "seeks u1",  # 0 if it does not seek, else 1 + its SEEKs in this round, at most MOST_DOUBLED
     "log_len i8",
     "log_max i8",  # longest log so far
     "state_len i8",
@@ -45,30 +45,30 @@ ROBOT = layout(
     "peers i8",
     "t_key i8",  # ms of the robot's own clock, at which its mission key was loaded
     "phase i8",  # ms; its sensors' grid is t_key + phase + k * t_control
-    "checkpoint_no i8",  # of the checkpoint that was taken last
-    "start_no i8",  # of the one at which the log begins
-    "checkpoint_at i8",  # where in the log the pending checkpoint's mark stands, -1 if there is none
-    "start_len i8",  # of what the log begins with: a checkpoint, or `booted`
+    "checkpoint_no i8",  # number of the last checkpoint
+    "start_no i8",  # number of the checkpoint at which the log begins
+    "checkpoint_at i8",  # offset of the pending checkpoint's mark in the log, -1 if there is none
+    "start_len i8",  # length of the log's start: a checkpoint, or the record `booted`
     "pending_len i8",
-    "round_no i8",  # not `round`: uncompiled, that is a method of any record
-    "quota i8",  # requests that may still go out before the next retry
-    "got i8",  # tokens in this round
+    "round_no i8",  # not `round`: numpy records have a method of that name
+    "quota i8",  # requests that may still be sent before the next retry
+    "got i8",  # tokens received in this round
     "asked_at i8",
     "request_no request_to u2",
-    "request_len i8",  # of the request under way, 0 if none
-    "request_row i4",  # where it is, NO_ROW if nowhere
+    "request_len i8",  # length of the request that is being sent, 0 if none
+    "request_row i4",  # its row in `Fleet.request`, or NO_ROW
     "nonce u4",  # of this round's SEEK; drawn from the secret
-    f"secret {MAC_BYTES}u1",  # the MAC of an authenticator that is shown to nobody: of it all random times are drawn
+    f"secret {MAC_BYTES}u1",  # MAC of an authenticator that is never sent: the source of all random times
     "round_at i8",  # when this round began
-    "drawn_in i8",  # one more than the round for which they were drawn
+    "drawn_in i8",  # one more than the round for which nonce and secret were drawn
     "seek_at i8",  # when it sends the next SEEK, ms of the robot's clock
     "retry_at i8",  # when further robots may be asked
-    "answer_at i8",  # when it answers the next SEEK; 0: none is left
-    "request_next i8",  # its next fragment
-    "repeats i8",  # how often fragments of it were said again
-    "repeat_at i8",  # when the next fragment may be said, ms of the robot's clock
+    "answer_at i8",  # when it answers the next SEEK; 0: no SEEK is unanswered
+    "request_next i8",  # index of the request's next fragment
+    "repeats i8",  # number of repeated fragments of the request
+    "repeat_at i8",  # when the next fragment may be sent, ms of the robot's clock
     "tokens_start tokens_pending i8",
-    "accepted i8",  # requests taken for audit, ever
+    "accepted i8",  # requests accepted for audit since boot
     "requests_sent tokens_got audits_passed audits_refused i8",
 )
 TOKEN = layout("auditor t i8", f"mac {MAC_BYTES}u1")
@@ -76,64 +76,64 @@ PEER = layout(
     "heard i8",  # ms of our clock, of the newest AUDIT packet from it
     "token i8",  # t of its newest token
     "asked_ms i8",  # when we last asked it
-    "took i8",  # ms at which we last took a request of its
-    "took_t i8",  # and that request's own time
-    "here i8",  # ms at which it last answered a SEEK of ours
+    "took i8",  # ms at which we last accepted the begin of its request
+    "took_t i8",  # time of its last accepted token request, on its own clock
+    "here i8",  # ms at which it last answered our SEEK
     "asked i4",  # round in which we last asked it
-    "claimed i4",  # the checkpoint that was about, by its number
+    "claimed i4",  # number of the checkpoint in that request
     "answered i4",  # round in which it last gave us a token
-    "misses i4",  # rounds in a row in which we asked it for nothing
+    "misses i4",  # consecutive rounds in which it did not answer our request
 )
-# What a robot owes each of its peers.
+# Pending answer to a peer's SEEK, and the last token issued to that peer.
 OWED = layout(
-    "sought i8",  # ms of our clock, of the last SEEK from it that we took
-    "answer_at i8",  # when to answer it; 0: it is answered
-    "nonce since i8",  # out of that SEEK
-    "t i8",  # of the last request of its that passed; the token's MAC, and the request's number
+    "sought i8",  # ms of our clock, of its last SEEK that we accepted
+    "answer_at i8",  # when to answer it; 0: already answered
+    "nonce since i8",  # from that SEEK
+    "t i8",  # time of its last request that passed; then the token's MAC and the request's number
     f"mac {MAC_BYTES}u1",
     "no i8",
 )
 RX = layout(
-    "src i8",  # who sends it, 0: nobody, and the row is not the place's any more
+    "src i8",  # sender of the request; 0: this entry is free, and its row is released
     "no count have len at i8",
-    "row i8",  # where it is, or was last
+    "row i8",  # current or last row in `Fleet.rx`
 )
 SETTINGS = layout(
     "profile controller f_max t_audit t_val t_control delta skew retry batch_size packet_max mission_seed i8",
-    "log_max i8",  # bytes that a log has room for
-    "plain u1",  # nothing is computed in a clever way: a run to compare with
+    "log_max i8",  # capacity of a log, bytes
+    "plain u1",  # 1: without optimisations, as a reference for comparisons
 )
 
 
 class Fleet(NamedTuple):
-    """N robots' c-nodes; every array but `settings`, `params` and what is lent has one row a robot."""
+    """State of N robots' c-nodes; all arrays but `settings`, `params` and the pools have one row per robot."""
 
     settings: Annotated[Any, Records(SETTINGS)]  # (1,)
     params: F64x1  # (P,), the controllers' parameters, the same for all: the mission
     robot: Annotated[Any, Records(ROBOT)]  # (N,)
-    snode: U8x2  # (N, size), the trusted nodes' memory
-    anode: U8x2  # the same
+    snode: U8x2  # (N, size), the s-nodes' memory
+    anode: U8x2  # (N, size), the a-nodes' memory
     log: U8x2  # (N, front); begins at the start checkpoint (log.py)
-    log_rest: U8x2  # (N, L - front or more), what of a log does not fit there
-    state: U8x2  # (N, C in whole lines), the controller's live state, which is its own encoding
-    checkpoint: U8x3  # (N, 2, C + 48): the one at which the log begins, and the one that waits for tokens
+    log_rest: U8x2  # (N, L - front or more), the rest of each log
+    state: U8x2  # (N, C in whole cache lines), the controller's current state, in its encoded form
+    checkpoint: U8x3  # (N, 2, C + 48): START, at which the log begins, and PENDING, which waits for tokens
     hckpt: U8x3  # (N, 2, 20): their hashes
     token: Annotated[Any, Records(TOKEN, 3)]  # (N, 2, K): the tokens that cover them
-    peer: Annotated[Any, Records(PEER, 2)]  # (N, n_max): robots whose AUDIT packets or tokens were heard
-    peer_id: U16x2  # (N, n_max), who they are: beside the rest, as most of what is asked is who is known
+    peer: Annotated[Any, Records(PEER, 2)]  # (N, n_max): robots whose AUDIT packets or tokens were received
+    peer_id: U16x2  # (N, n_max), their ids, in a separate array because most accesses only look up an id
     owed: Annotated[Any, Records(OWED, 2)]  # (N, n_max): answers and tokens for the same robots
-    request: Pool  # of R bytes: requests under way
-    rx: Pool  # of R bytes: requests that arrive in fragments
+    request: Pool  # rows of R bytes: requests that are being sent
+    rx: Pool  # rows of R bytes: requests that are being received
     rx_info: Annotated[Any, Records(RX, 2)]  # (N, f_max + RX_SLOTS)
-    memo: Memo  # audits that passed
-    taken: I64x2  # (N, audits_taken): when the last requests were taken for audit
+    memo: Memo  # cache of audits that passed
+    taken: I64x2  # (N, audits_taken): when the last requests were accepted for audit
 
 
 pack = bundled(Fleet)
 
 
 def records(shape: int | tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Zeroed records whose fields are attributes, compiled and not."""
+    """Return zeroed records whose fields are attributes, in compiled and in plain Python code."""
     made: NDArray[Any] = np.zeros(shape, dtype).view(np.recarray)
     return made
 
@@ -154,10 +154,10 @@ def make_fleet(
     snode: NDArray[np.uint8],
     anode: NDArray[np.uint8],
 ) -> Fleet:
-    """A fleet of `n` robots that are not powered up yet, with ids 1..n, of manufactured nodes, (n, size).
+    """Return the state of `n` robots with ids 1..n, not powered up yet; `snode` and `anode` are as in `Nodes`.
 
-    `controller` is a bundled one's number, 0 for one in plain Python; `mission_seed` spreads the sensors' phases;
-    `plain` is for a run that others are compared with, whose bytes are the same.
+    `controller` is the number of a bundled controller, or 0 for one in plain Python. `mission_seed` spreads the phases
+    of the sensors. `plain` turns optimisations off, as a reference for comparisons; the bytes are the same.
     Source: docs/spec/rebound.md.
     """
     settings = records(1, SETTINGS)
@@ -171,8 +171,7 @@ def make_fleet(
     robot["id"] = np.arange(1, n + 1)
     robot["request_row"] = NO_ROW
     state_bytes = config.checkpoint_capacity_bytes
-    # As printed nothing limits what a compromised robot sends, and all who hear it log it: room for that is the
-    # robots' own affair.
+    # In `paper` nothing limits what a compromised robot sends, and all its neighbours log it, so their logs are larger.
     room = PAPER_ROOM if profile == PAPER else 1
     log_bytes = room * config.log_capacity_bytes
     chosen.log_max = log_bytes

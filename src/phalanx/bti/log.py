@@ -1,11 +1,11 @@
 """The c-node's log: entries exactly as the trusted nodes chained them, in the order of processing, and marks.
 
-A mark is one byte, is in no chain, and tells the auditor where a chain was flushed before its batch was full, and where
-the checkpoint was taken. Behind an INPUT there may be evidence: in no chain either, but a chained INPUT has the hash of
-what it shows (docs/spec/rebound.md). Advice stands where the controller was given it, and nothing vouches for it.
+A mark is one byte outside the chains. It shows the auditor where a chain was flushed before its batch was full, and
+where the checkpoint was taken. Evidence may follow an INPUT. It is in no chain either, but the INPUT contains its hash
+(docs/spec/rebound.md). Advice is logged at the point where the controller received it, and is not authenticated.
 
-A log lies in two pieces: its front beside others', the rest where it takes memory only if it is needed. Whoever else
-reads or writes a log goes through `write`, `read` and `logged`.
+A log is stored in two arrays: a short front in memory shared with other logs' fronts, and the rest in sparse memory.
+Code outside this file accesses logs only through `write`, `read` and `logged`.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ EVIDENCE_LENGTH = table.EVIDENCE.at("bytes")
 ADVICE = guarded.MARK_ADVICE
 ADVICE_HEAD_BYTES = guarded.ADVICE.size
 ADVICE_LENGTH = guarded.ADVICE.at("bytes")
-CUT = -1  # no kind of any entry or mark
+CUT = -1  # in place of a kind: the entry is incomplete
 
 
 @kernel
 def piece_at(raw: Row, at: int, end: int) -> tuple[int, int, int]:
-    """Return what `raw[:end]` has at `at`: an entry, a mark, evidence or advice.
+    """Parse the item at offset `at` of `raw[:end]`: an entry, a mark, evidence or advice.
 
-    Returns: its kind, or CUT if it is not there to its end; where its payload begins, a mark's being empty; its end.
+    Returns: its kind, or CUT if it is incomplete; the offset of its payload, which is empty for a mark; its end.
     Source: docs/spec/rebound.md.
     """
     kind = whole(raw[at])
@@ -70,14 +70,14 @@ def read(f: Fleet, i: int, length: int, to: Row, to_at: int) -> None:
 
 
 def logged(f: Fleet, i: int, begin: int = 0, end: int | None = None) -> bytes:
-    """Return robot i's log, or what is in it between two places."""
+    """Return robot i's log, or its bytes from offset `begin` to `end`."""
     end, front = int(f.robot[i].log_len) if end is None else end, f.log.shape[1]
     return bytes(f.log[i, begin:end]) + bytes(f.log_rest[i, max(begin - front, 0) : max(end - front, 0)])
 
 
 @kernel
 def append(f: Fleet, i: int, entry: Row, length: int) -> int:
-    """Log an entry; -1 if the log is full, after which the robot cannot pass an audit. Source: RoboRebound §3.4."""
+    """Append an entry; return -1 if the log is full: the robot then fails its audits. Source: RoboRebound §3.4."""
     r = f.robot[i]
     at = r.log_len
     if at + length > f.settings[0].log_max:
@@ -91,7 +91,7 @@ def append(f: Fleet, i: int, entry: Row, length: int) -> int:
 
 @kernel
 def mark(f: Fleet, i: int, kind: int) -> int:
-    """Log a mark; -1 if the log is full. Source: docs/spec/rebound.md."""
+    """Append a mark; return 0, or -1 if the log is full. Source: docs/spec/rebound.md."""
     r = f.robot[i]
     if r.log_len + 1 > f.settings[0].log_max:
         r.log_full = 1
@@ -107,7 +107,7 @@ def mark(f: Fleet, i: int, kind: int) -> int:
 
 @kernel
 def truncate(f: Fleet, i: int) -> None:
-    """Cut the log: it begins behind the pending checkpoint's mark. Source: RoboRebound §3.6."""
+    """Remove the log up to and including the pending checkpoint's mark. Source: RoboRebound §3.6."""
     r = f.robot[i]
     begin, front, at = r.checkpoint_at + 1, f.log.shape[1], 0
     r.log_len -= begin

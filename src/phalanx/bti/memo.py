@@ -1,11 +1,11 @@
-"""Cache of passed audits: a later request that extends a passed one is audited from there on.
+"""Cache of passed audits for simulations: the audit of a request that extends a passed one resumes where that ended.
 
-A robot shows its log to f_max + 1 others in a round, and each sees what the one before saw and a few entries more. In a
-simulation they all sit in one process. An audit's verdict is a function of the bytes shown, of the mission, and of keys
-that are the same in every robot that has got this far: so what has passed once, compared byte for byte, passes again.
-What differs from one request to the next, its time, its MACs and the tops of its chains, is looked at each time.
+A robot sends its log to f_max + 1 auditors per round, each time with a few entries more. In a simulation all auditors
+share one process. An audit's verdict depends only on the bytes shown, the mission and the keys, which are equal in all
+robots that get this far. So bytes that passed once, compared byte for byte, pass again. The parts that differ from
+request to request (time, MACs and the tops of the chains) are checked each time.
 
-A robot in the world keeps no such memo: its auditors are other machines.
+Physical robots do not use this cache: their auditors are other machines.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ MOST_SLOTS = 256
 class Memo(NamedTuple):
     """The last request of each robot that passed, until another's takes its slot."""
 
-    passed: Annotated[Any, Records(CASE)]  # (S,), the case at the end of its audit; `auditee` is 0 of nobody
+    passed: Annotated[Any, Records(CASE)]  # (S,), the case at the end of its audit; `auditee` 0: empty slot
     shown: U8x2  # (S, R), the request
     tops: U8x3  # (S, 2, 20)
-    state: U8x2  # (S, C + 48), the controller's, behind the rest of a checkpoint
-    waiting: U8x2  # (S, W), outputs that the log still has to show
+    state: U8x2  # (S, C + 48), a checkpoint: its fixed fields, then the controller's state
+    waiting: U8x2  # (S, W), outputs that must still appear in the log
 
 
 pack = bundled(Memo)
 
 
 def make_memo(robots: int, request_bytes: int, state_bytes: int, waiting_bytes: int) -> Memo:
-    """Return an empty memo: no request has passed yet."""
+    """Return an empty cache."""
     slots = min(robots, MOST_SLOTS)
     made = Memo(
         passed=np.zeros(slots, CASE).view(np.recarray),
@@ -57,10 +57,9 @@ def make_memo(robots: int, request_bytes: int, state_bytes: int, waiting_bytes: 
 
 @kernel
 def recall(memo: Memo, w: Work, q: Row) -> int:
-    """Return how much of the request in `q`, of which `w.case` has the parts, has passed before; 0 if nothing.
+    """Return how many bytes of the request in `q`, parsed in `w.case`, have passed before.
 
-    If something has, `w` is as it was where that audit ended: the case, both chains, the controller's state, and the
-    outputs that it waits for.
+    If not 0, restore `w` as of the end of that audit: case, both chains, controller's state and expected outputs.
     """
     c = w.case[0]
     slot = c.auditee % len(memo.passed)
@@ -68,7 +67,7 @@ def recall(memo: Memo, w: Work, q: Row) -> int:
     n, t, end = passed.end, c.t, c.end
     if passed.auditee != c.auditee or n > end or t < passed.t or q[FLAGS] != shown[FLAGS]:
         return 0
-    # Of the head all but what is looked at each time: the checkpoint's hash and how long the parts are.
+    # Of the header, compare the checkpoint's hash, the number of tokens and the start's length.
     if not same(q, HCKPT, shown, HCKPT, LENGTH - HCKPT) or not same(q, HEAD_BYTES, shown, HEAD_BYTES, n - HEAD_BYTES):
         return 0
     w.case[0] = passed
@@ -85,9 +84,9 @@ def recall(memo: Memo, w: Work, q: Row) -> int:
 
 @kernel
 def remember(memo: Memo, w: Work, q: Row, known: int) -> None:
-    """Remember that the request in `q` has passed, `known` bytes of it from memory; `w` is as its audit left it.
+    """Store that the request in `q` has passed, of which `known` bytes are stored already; `w` is its audit's result.
 
-    Not if it ends right behind an entry: evidence for that entry may follow, and would change what it calls for.
+    Requests that end right after an entry are not stored: later evidence for that entry could change the replay.
     """
     c = w.case[0]
     if c.marked == 0 or c.end > memo.shown.shape[1]:

@@ -1,6 +1,6 @@
-"""The trusted nodes of N robots, from the factory to Safe Mode, and the operator's side of their mission key.
+"""The trusted nodes of N robots, and the operator's side of their mission key.
 
-`Nodes` owns their memory; kernels take `snode` and `anode` rows and call bti.trusted. Only this file makes nodes.
+`Nodes` owns their memory; kernels take `snode` and `anode` rows and call bti.trusted. Only this file creates nodes.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from . import trusted
 
 
 class Refused(PeerError):
-    """A trusted node refused what its c-node asked for, with a code of trusted.REASONS; nothing has happened."""
+    """Error: a trusted node refused a call, with a code of trusted.REASONS, and its state is unchanged."""
 
     def __init__(self, code: int) -> None:
-        super().__init__(f"a trusted node refused: {trusted.REASONS[code]}")
+        super().__init__(f"a trusted node refused a call: {trusted.REASONS[code]}")
         self.code = code
         self.reason = trusted.REASONS[code]  # type: ignore[misc]
 
@@ -55,12 +55,12 @@ class Limits:
 
     @classmethod
     def of(cls, config: BtiConfig, fixed_us: int, ns_per_byte_broadcast: int, ns_per_byte_unicast: int) -> Limits:
-        """The limits that leave an honest robot room and nobody more than a few times its needs.
+        """Return limits that suffice for a correct robot, and allow a compromised one only a few times as much.
 
-        Ordinary packets: 4 times the airtime of its states. AUDIT packets: twice that of a round's requests to
-        2 f_max + 1 auditors, each the log of t_val with checkpoint and overhead, and of 6 f_max replies; and at least
-        those requests and the replies to n_max neighbours, each asking twice. A packet takes `fixed_us`, however short,
-        and each byte its ns on top.
+        Ordinary packets: 4 times the airtime of the robot's states. AUDIT packets: twice the airtime of one round,
+        which has requests to 2 f_max + 1 auditors and 6 f_max replies; at least those requests, and two replies to
+        each of n_max neighbours. A request contains the log of t_val, a checkpoint and overhead. Each packet takes
+        `fixed_us`, and each byte its ns on top.
 
         Source: RoboRebound §3.8, §5.1; docs/spec/rebound-nodes.md.
         """
@@ -99,23 +99,23 @@ def limits_of(config: BtiConfig, radio: RadioConfig) -> Limits:
 class MissionKey(NamedTuple):
     """The key that an operator loads into every node at the start of a mission. Source: RoboRebound §3.3."""
 
-    k: bytes  # blinded: only who has the master key can tell the mission key
+    k: bytes  # the mission key, blinded: the master key recovers it
     r: bytes
     seq: int
     mac: bytes
 
 
 def seal_mission_key(master: bytes, mission: bytes, r: bytes, seq: int) -> MissionKey:
-    """The mission key, blinded with a hash of the master key and sealed under it.
+    """Return the mission key, blinded with a hash of the master key and authenticated under it.
 
-    A key is for one mission and sealed once: a robot that restarts and gets the same key again could use its old tokens
-    again, because its clock has begun anew.
+    Seal each mission key only once. A robot that restarts and loads the same key again could reuse its old tokens,
+    because its clock has restarted too.
 
-    `master` and `mission` are K1 ‖ K2, `r` is random, and `seq` higher than that of any mission before.
-    Raises: UsageError: a length or the number is wrong. Source: RoboRebound Alg. 2 (LoadMissionKey).
+    `master` and `mission` are K1 ‖ K2, `r` is random, and `seq` is higher than in any mission before.
+    Raises: UsageError: a length or `seq` is wrong. Source: RoboRebound Alg. 2 (LoadMissionKey).
     """
     if not len(master) == len(mission) == len(r) == KEY_BYTES or seq < 1:
-        raise UsageError(f"master key, mission key and r have {KEY_BYTES} bytes each, and seq is at least 1")
+        raise UsageError(f"wrong length or seq: master key, mission key and r have {KEY_BYTES} bytes, seq >= 1")
     blind = np.zeros(HASH_BYTES, np.uint8)
     trusted.sha1(row(r + master), 2 * KEY_BYTES, blind)
     k = bytes(a ^ b for a, b in zip(mission, blind.tobytes(), strict=True))
@@ -125,26 +125,26 @@ def seal_mission_key(master: bytes, mission: bytes, r: bytes, seq: int) -> Missi
 
 
 class TrustedNodes(Protocol):
-    """The trusted nodes of robots, by their row from 0, here or elsewhere."""
+    """Trusted nodes of a list of robots, in this process or on other machines; robots are numbered from 0."""
 
-    snode: NDArray[np.uint8]  # (n, size): what kernels know the s-nodes by
-    anode: NDArray[np.uint8]  # the same
+    snode: NDArray[np.uint8]  # (n, size): the s-nodes, as kernels take them
+    anode: NDArray[np.uint8]  # (n, size): the a-nodes
 
     def load_master(self, i: int, key: bytes, robot_id: int) -> None:
-        """Both nodes of robot i have their master key, for ever."""
+        """Load the master key and the id into both nodes of robot i, irrevocably."""
         ...
 
     def load_mission(self, i: int, now: int, sealed: MissionKey) -> None:
-        """Both nodes of robot i have the mission key."""
+        """Load the mission key into both nodes of robot i."""
         ...
 
 
 class Nodes:
-    """The s- and a-nodes of n robots as they leave the factory; `snode` and `anode` are their memory: (n, size) uint8,
-    in whole lines.
+    """The s- and a-nodes of n robots, without keys at first.
 
-    Robots are known by their row from 0; their ids come with the master key. The limits are the same for all.
-    Raises: UsageError: limits that make no sense.
+    `snode` and `anode` are their memory: (n, size) uint8, in whole cache lines. Robots are numbered from 0; their ids
+    come with the master key. All have the same limits.
+    Raises: UsageError: a limit is invalid.
     """
 
     def __init__(self, n: int, profile: int, limits: Limits) -> None:
@@ -155,12 +155,12 @@ class Nodes:
         try:
             made = self._ffi.new("phx_limits *", astuple(limits))
         except OverflowError as error:
-            raise UsageError(f"limits of the trusted nodes: {error}") from error
+            raise UsageError(f"a limit of the trusted nodes is out of range: {error}") from error
         for i in range(n):
             if self._lib.phx_snode_make(self._s(i), made) or self._lib.phx_anode_make(self._a(i), made):
                 raise UsageError(
-                    "limits of the trusted nodes make no sense",
-                    "f_max at most 15; T_val, periods, rates and capacities above 0",
+                    "the trusted nodes do not accept their limits",
+                    "use an f_max of at most 15, and T_val, periods, rates and capacities above 0",
                 )
 
     def _s(self, i: int) -> Any:
@@ -169,16 +169,16 @@ class Nodes:
     def _a(self, i: int) -> Any:
         return self._ffi.from_buffer("phx_anode *", self.anode[i])
 
-    # --- from outside the c-node -----------------------------------------------------------------------------------
+    # --- calls of the operator, not of the c-node ------------------------------------------------------------------
 
     def load_master(self, i: int, key: bytes, robot_id: int) -> None:
-        """Both nodes of robot i have their master key, for ever. Source: RoboRebound Alg. 2."""
+        """Load the master key and the id into both nodes of robot i, irrevocably. Source: RoboRebound Alg. 2."""
         key = _exactly(key, KEY_BYTES)
         _checked(self._lib.phx_snode_load_master(self._s(i), key, robot_id))
         _checked(self._lib.phx_anode_load_master(self._a(i), key, robot_id))
 
     def load_mission(self, i: int, now: int, sealed: MissionKey) -> None:
-        """Both nodes of robot i have the mission key. Source: RoboRebound Alg. 2."""
+        """Load the mission key into both nodes of robot i. Source: RoboRebound Alg. 2."""
         k, r, mac = _exactly(sealed.k, KEY_BYTES), _exactly(sealed.r, KEY_BYTES), _exactly(sealed.mac, MAC_BYTES)
         _checked(self._lib.phx_snode_load_mission(self._s(i), now, k, r, sealed.seq, mac))
         _checked(self._lib.phx_anode_load_mission(self._a(i), now, k, r, sealed.seq, mac))

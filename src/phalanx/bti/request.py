@@ -1,7 +1,7 @@
-"""The audit request: what an auditee shows, and its way through radio packets of bounded length.
+"""The audit request: its contents, its transfer in fragments, and the limits on accepting requests.
 
-The record `request` of phalanx.wire.table, then its tokens, the start and the segment of the log; a longer or shorter
-one is malformed. Source: RoboRebound §3.7; docs/spec/rebound.md.
+A request is the record `request` of phalanx.wire.table, then its tokens, the start and the segment of the log, and
+nothing more. Source: RoboRebound §3.7; docs/spec/rebound.md.
 """
 
 from __future__ import annotations
@@ -38,29 +38,29 @@ AT_REQUEST, AT_INDEX, AT_COUNT = map(table.AUDIT_FRAGMENT.at, ("request", "index
 REPLY_T, REPLY_MAC = map(table.AUDIT_TOKEN.at, ("t", "mac"))
 AUTH_MAC = table.AUTHENTICATOR.at("mac")
 TREQ_BYTES = table.TOKEN_REQUEST.size
-# A fragment that found no room is sent again after T_audit >> POSTPONED.
+# A fragment that the radio or the a-node did not accept is sent again after T_audit >> POSTPONED.
 POSTPONED = 5
 
 
 @kernel
 def is_audit(packet: Row, length: int) -> bool:
-    """Return whether a packet is audit traffic, with its head."""
+    """Return whether a packet is an AUDIT packet with a complete header."""
     return length >= AUDIT_HEAD_BYTES and int(packet[0]) & AUDIT != 0
 
 
 @kernel
 def is_fragment(packet: Row, length: int) -> bool:
-    """Return whether a packet is a fragment of a request: its sender waits until it is sent."""
+    """Return whether a packet is a fragment of a request; its sender waits until the radio has sent it."""
     return is_audit(packet, length) and packet[AT_SUB] == FRAGMENT
 
 
 @kernel
 def make_request(f: Fleet, i: int, now: int, treq: Row, auth_s: Row, auth_a: Row) -> int:
-    """Write the request to the next candidate to the robot's row of `f.request`.
+    """Write a request to the next auditor into the robot's row of `f.request`.
 
-    The three rows that are given are scratch memory, of 32, 30 and 30 bytes.
+    `treq` (32,), `auth_s` (30,) and `auth_a` (30,) are scratch.
 
-    Returns: its length; 0 if there is nobody to ask, none is due or the log is full; negative: the a-node's error.
+    Returns: its length; 0 if no auditor is left, none is due or the log is full; negative: the a-node's error.
     Source: RoboRebound §3.7.
     """
     r = f.robot[i]
@@ -99,7 +99,7 @@ def _write(f: Fleet, i: int, treq: Row, auth_s: Row, auth_a: Row) -> int:
     out[0] = VERSION
     out[AT_FLAGS] = r.booted
     put_u16(out, AT_AUDITEE, int(r.id))
-    copy(out, AT_T, treq, 0, TREQ_BYTES)  # they agree from t to the MAC
+    copy(out, AT_T, treq, 0, TREQ_BYTES)  # both records have the same fields from t to the MAC
     copy(out, AT_TOP_S, auth_s, 0, HASH_BYTES)
     copy(out, AT_AUTH_S, auth_s, AUTH_MAC, MAC_BYTES)
     copy(out, AT_AUTH_A, auth_a, AUTH_MAC, MAC_BYTES)
@@ -121,7 +121,7 @@ def _write(f: Fleet, i: int, treq: Row, auth_s: Row, auth_a: Row) -> int:
 
 @kernel
 def row_of(f: Fleet, i: int) -> int:
-    """Return the row of `f.request` that the robot has, or lend it one until the request is withdrawn."""
+    """Return the robot's row of `f.request`; allocate one if needed, until the request is withdrawn."""
     r = f.robot[i]
     if r.request_row == NO_ROW:
         r.request_row = lend(f.request)
@@ -130,7 +130,7 @@ def row_of(f: Fleet, i: int) -> int:
 
 @kernel
 def audit_head(packet: Row, src: int, dst: int, sub: int) -> None:
-    """Write what every audit packet begins with; `dst` 0 is all. Source: docs/spec/rebound.md."""
+    """Write the header of an AUDIT packet; `dst` 0 is a broadcast. Source: docs/spec/rebound.md."""
     packet[0] = AUDIT
     put_u16(packet, AT_SRC, src)
     put_u16(packet, AT_DST, dst)
@@ -139,7 +139,7 @@ def audit_head(packet: Row, src: int, dst: int, sub: int) -> None:
 
 @kernel
 def next_fragment(f: Fleet, i: int, now: int, packet: Row) -> int:
-    """Write the next fragment of the request under way; return its length, 0 if all are sent or the next has to wait.
+    """Write the next fragment of the current request; return its length, 0 if all are sent or the next must wait.
 
     Source: RoboRebound §3.7.
     """
@@ -164,10 +164,10 @@ def next_fragment(f: Fleet, i: int, now: int, packet: Row) -> int:
 
 @kernel
 def postpone(f: Fleet, i: int, now: int) -> int:
-    """Keep the fragment that the radio, or the a-node, did not accept; return when to send it, ms of the robot's clock.
+    """Keep the fragment that the radio or the a-node did not accept; return when to send it, ms of the robot's clock.
 
-    Its token request stays valid. Giving it up let compromised robots that acknowledge nothing stop a robot: each used
-    up one of the few token requests, and the airtime in which the robot could have asked others (docs/adr/0039).
+    The token request stays valid. Dropping the request would let compromised robots that never acknowledge stop this
+    one: each would use up one of its few token requests, and airtime for asking others (docs/adr/0039).
     """
     r = f.robot[i]
     r.request_next = max(r.request_next - 1, 0)
@@ -178,16 +178,17 @@ def postpone(f: Fleet, i: int, now: int) -> int:
 
 @kernel
 def hello(f: Fleet, i: int, packet: Row) -> int:
-    """Write the broadcast that tells others that this robot audits; return its length."""
+    """Write a HELLO, the broadcast that announces this robot as an auditor; return its length."""
     audit_head(packet, int(f.robot[i].id), 0, HELLO)
     return AUDIT_HEAD_BYTES
 
 
 @kernel
 def new_token(f: Fleet, i: int, to: int, number: int, t: int, mac: Row, packet: Row) -> int:
-    """Write the answer to request `number` of robot `to`, and store it in case it is lost; return its length.
+    """Write the reply with a token to request `number` of robot `to`; return its length.
 
-    `t` is the token request's time, ms; `mac` (8,) is the token's.
+    The token is stored, so that it can be sent again if it is lost. `t` is the token request's time, ms; `mac` (8,) is
+    the token's.
     """
     at = peer_at(f, i, to)
     if at >= 0:
@@ -199,7 +200,7 @@ def new_token(f: Fleet, i: int, to: int, number: int, t: int, mac: Row, packet: 
 
 @kernel
 def token_packet(f: Fleet, i: int, to: int, number: int, t: int, mac: Row, packet: Row) -> int:
-    """Write a token for robot `to`; return the packet's length. The arguments are those of `new_token`."""
+    """Write the reply with a token to robot `to`; return its length. The arguments are those of `new_token`."""
     audit_head(packet, int(f.robot[i].id), to, TOKEN)
     put_u16(packet, AT_REQUEST, number)
     put_u32(packet, REPLY_T, t)
@@ -209,11 +210,11 @@ def token_packet(f: Fleet, i: int, to: int, number: int, t: int, mac: Row, packe
 
 @kernel
 def take_fragment(f: Fleet, i: int, packet: Row, length: int, now: int) -> int:
-    """Put a fragment in its place.
+    """Store a fragment of another robot's request.
 
-    Returns: the place among `f.rx_info[i]` of a request that is now whole, or -1. Its row of `f.rx` is given back, and
-        stays as it is until the next fragment comes.
-    Source: docs/spec/rebound.md (bounded memory; one request under way a sender).
+    Returns: the index in `f.rx_info[i]` of a request that is now complete, or -1. Its row of `f.rx` is released, but
+        stays unchanged until the next fragment arrives.
+    Source: docs/spec/rebound.md (bounded memory; one request at a time per sender).
     """
     if length < FRAGMENT_HEAD_BYTES + 1:
         return -1
@@ -254,10 +255,10 @@ def take_fragment(f: Fleet, i: int, packet: Row, length: int, now: int) -> int:
 
 @kernel
 def _place(f: Fleet, i: int, src: int) -> int:
-    """Return the sender's place, or a free one, or that of the request that has waited longest for a fragment.
+    """Return the index of the sender's request, or of a free entry, or of the request that has been idle for longest.
 
-    Newcomers are never turned away: f_max compromised robots who begin requests and do not end them would fill all
-    places for ever.
+    A new request is never rejected for lack of space: f_max compromised robots that begin requests without completing
+    them would otherwise block all entries for ever.
     """
     oldest = 0
     for k in range(f.rx_info.shape[1]):
@@ -271,7 +272,7 @@ def _place(f: Fleet, i: int, src: int) -> int:
 
 @kernel
 def _may_begin(f: Fleet, i: int, src: int, now: int) -> bool:
-    """Return whether a request is taken: one of a robot each T_audit / 2, whole or not. Source: RoboRebound §5.1."""
+    """Return whether `src` may begin a request: one per T_audit / 2, completed or not. Source: RoboRebound §5.1."""
     at = peer_at(f, i, src)
     if at < 0 or now - f.peer[i, at].took < f.settings[0].t_audit // 2:
         return False
@@ -281,10 +282,10 @@ def _may_begin(f: Fleet, i: int, src: int, now: int) -> bool:
 
 @kernel
 def admit(f: Fleet, i: int, src: int, t: int, now: int) -> bool:
-    """Return whether one more request is audited: what n_max neighbours may ask in T_val, no token request twice.
+    """Return whether to audit one more request: not a repeated one, and within what n_max neighbours may ask in T_val.
 
-    Each neighbour's share of that is its own: `take_fragment` begins one request of each in T_audit / 2.
-    Source: RoboRebound §5.1, which has 6 f_max; docs/adr/0027.
+    One neighbour cannot use another's share: `take_fragment` begins one request of each per T_audit / 2.
+    Source: RoboRebound §5.1, where the limit is 6 f_max; docs/adr/0027.
     """
     r, s = f.robot[i], f.settings[0]
     oldest = r.accepted % f.taken.shape[1]

@@ -1,4 +1,4 @@
-"""Rounds of audits, as the auditee goes through them: whom to ask, the checkpoint, tokens, truncation.
+"""Audit rounds on the auditee's side: choice of auditors, checkpoints, tokens, truncation of the log.
 
 Source: RoboRebound §3.5-3.7; docs/spec/rebound.md.
 """
@@ -21,10 +21,10 @@ BOOTED_BYTES = table.BOOTED.size
 AT_T_KEY = table.BOOTED.at("t_key")
 TREQ_TOP, TREQ_MAC = map(table.TOKEN_REQUEST.at, ("top", "mac"))
 
-# A HELLO goes out with each round: who was not heard for two of them has gone.
+# Robots send a HELLO in each round: one that was silent for 2.5 rounds is taken to be out of range.
 HEARD_ROUNDS_X2 = 5
 MOST_MISSES = 15
-# Who was never heard, asked or audited.
+# Entry of a robot that has just been added to the table of peers.
 STRANGER = records(1, PEER)
 STRANGER["heard"] = STRANGER["token"] = STRANGER["asked_ms"] = STRANGER["took"] = STRANGER["here"] = LONG_AGO
 NOTHING_OWED = records(1, OWED)
@@ -49,8 +49,8 @@ def phase_of(mission_seed: int, rob_id: int, t_control: int) -> int:
 
 @kernel
 def mix_hash(one: int, other: int) -> int:
-    """Return a number below 2^31 that looks random in both, for what everybody may know: it hides neither of them."""
-    # Uncompiled, an id out of an array is a uint16 that would overflow.
+    """Return a hash below 2^31 of two numbers. It is not cryptographic: every robot can compute it."""
+    # When kernels run uncompiled, an id from an array is a uint16, which would overflow.
     x = (int(one) * 0x9E3779B1 + int(other) * 0x85EBCA77 + 0x165667B1) & 0xFFFFFFFF
     x = ((x ^ (x >> 15)) * 0x2C1B3C6D) & 0xFFFFFFFF
     x = ((x ^ (x >> 12)) * 0x297A2D39) & 0xFFFFFFFF
@@ -59,7 +59,9 @@ def mix_hash(one: int, other: int) -> int:
 
 @kernel
 def peer_at(f: Fleet, i: int, rob_id: int) -> int:
-    """Return the row of a robot in the table of peers; -1 of none. In a full table a new one replaces another.
+    """Return the row of a robot in the table of peers, adding it if new; -1 for id 0 and the robot itself.
+
+    If the table is full, a new robot replaces another.
 
     Source: docs/spec/rebound.md (constant memory).
     """
@@ -82,11 +84,10 @@ def peer_at(f: Fleet, i: int, rob_id: int) -> int:
 
 @kernel
 def _replaceable(f: Fleet, i: int) -> int:
-    """Return the row of the robot that was heard longest ago, if possible of one that was heard and no more.
+    """Return the row of the peer to replace: the one silent for longest, preferably one that took no part in audits.
 
-    Compromised robots that relay the HELLO of more distant robots than the table holds would otherwise push out all
-    real neighbours. So robots stay that in T_val gave a token, answered a SEEK or asked for an audit. Not as printed
-    (`paper`).
+    Compromised robots could relay the HELLO of so many distant robots that these replace all real neighbours. So peers
+    that gave a token, answered a SEEK or requested an audit within T_val are replaced last. In `paper` all are equal.
     """
     r, s = f.robot[i], f.settings[0]
     oldest, at = 1 << 60, 0
@@ -101,7 +102,7 @@ def _replaceable(f: Fleet, i: int) -> int:
 
 @kernel
 def heard(f: Fleet, i: int, rob_id: int, now: int) -> None:
-    """Note that a robot is in range now. Source: docs/spec/rebound.md (ghost auditors)."""
+    """Record that a robot is in range now. Source: docs/spec/rebound.md (ghost auditors)."""
     at = peer_at(f, i, rob_id)
     if at >= 0:
         f.peer[i, at].heard = now
@@ -109,12 +110,12 @@ def heard(f: Fleet, i: int, rob_id: int, now: int) -> None:
 
 @kernel
 def next_candidate(f: Fleet, i: int, now: int) -> int:
-    """Return whom to ask next in this round, 0 if nobody is left: sources of fresh tokens first, then of AUDIT packets.
+    """Return the id of the auditor to ask next in this round, or 0 if none is left.
 
-    A robot that seeks asks only robots that have just answered its SEEK, and does not prefer fresh tokens: compromised
-    robots that issued one once would use up its few requests. Within each group, a robot that did not answer its last
-    requests comes later. After that the order differs from robot to robot, so that no auditor is everybody's
-    favourite.
+    Robots that issued a token recently come first, then others that sent AUDIT packets. A seeking robot asks only
+    robots that have just answered its SEEK and does not prefer earlier issuers: compromised ones would use up its few
+    requests. Within each group, robots that did not answer the last requests come later. The order of the rest
+    differs from robot to robot, which spreads the load over the auditors.
     Source: docs/spec/rebound.md (ghost auditors); docs/adr/0036.
     """
     r, s = f.robot[i], f.settings[0]
@@ -132,7 +133,7 @@ def next_candidate(f: Fleet, i: int, now: int) -> int:
             continue
         key = mix_hash(int(r.id), rob_id) + (whole(p.misses) << 32) + (0 if fresh else 1 << 36)
         if p.asked == r.round_no:
-            key += 1 << 37  # silent so far in this round: only if nobody else is left
+            key += 1 << 37  # silent so far in this round: only if no other is left
         if key < best_key:
             best, best_key = rob_id, key
     return int(best)
@@ -140,10 +141,10 @@ def next_candidate(f: Fleet, i: int, now: int) -> int:
 
 @kernel
 def retry_interval_ms(f: Fleet) -> int:
-    """Return after how many ms the same robot may be asked again: it takes one request each T_audit / 2.
+    """Return the ms until the same auditor may be asked again: it accepts one request per T_audit / 2.
 
-    Not only in the next round: a robot with f_max + 1 in range would lose a whole round by one lost fragment. Not
-    sooner: it would be asked in vain in the next round too, and so on (seen).
+    Waiting for the next round would cost a robot with just f_max + 1 auditors in range a whole round per lost
+    fragment. Asking sooner would fail, and then fail in each following round too (this was observed).
     Source: RoboRebound §5.1, §5.2.
     """
     return int(f.settings[0].t_audit // 2 + f.settings[0].retry)
@@ -151,7 +152,7 @@ def retry_interval_ms(f: Fleet) -> int:
 
 @kernel
 def is_waiting(f: Fleet, i: int, now: int) -> bool:
-    """Return whether a robot that has not answered in this round was asked so lately that it cannot be asked now."""
+    """Return whether a peer without an answer in this round was asked too recently to be asked again now."""
     r, pause_ms = f.robot[i], retry_interval_ms(f)
     for k in range(r.peers):
         p = f.peer[i, k]
@@ -162,7 +163,7 @@ def is_waiting(f: Fleet, i: int, now: int) -> bool:
 
 @kernel
 def next_retry(f: Fleet, i: int, now: int) -> int:
-    """Return when to ask further robots, or the same again, ms of the robot's clock; -1 if all tokens are there.
+    """Return when to send the next request, ms of the robot's clock; -1 if the robot has all its tokens.
 
     Source: RoboRebound §5.2.
     """
@@ -175,8 +176,8 @@ def next_retry(f: Fleet, i: int, now: int) -> int:
     elif soon > now:
         r.retry_at = soon
     elif r.seeks or (s.profile != PAPER and is_waiting(f, i, now)):
-        # An answer may come at any time; and if its a-node has no token request left, it soon has. A robot that does
-        # not seek yet looks as often: liars that delay a fragment would otherwise keep it silent for half a round.
+        # An answer may come at any time, and an a-node without token requests soon grants another. A robot that does
+        # not seek yet polls as often: compromised robots could silence it for half a round by delaying a fragment.
         r.retry_at = now + s.retry
     else:
         r.retry_at = max(now + s.retry, r.asked_at + retry_interval_ms(f))
@@ -188,7 +189,7 @@ def next_retry(f: Fleet, i: int, now: int) -> int:
 
 @kernel
 def end_round(f: Fleet, i: int) -> bool:
-    """Stop seeking; return whether tokens of the round that ends are missing."""
+    """Stop seeking; return whether the round ends without enough tokens."""
     r = f.robot[i]
     r.seeks = 0
     return bool(r.round_no > 0 and r.got <= f.settings[0].f_max)
@@ -196,7 +197,7 @@ def end_round(f: Fleet, i: int) -> bool:
 
 @kernel
 def begin_round(f: Fleet, i: int, now: int) -> None:
-    """Open a new round, with a request for each token that is needed. Source: RoboRebound §3.7."""
+    """Start a new round, with a quota of one request per token that is needed. Source: RoboRebound §3.7."""
     r = f.robot[i]
     for k in range(r.peers):
         p = f.peer[i, k]
@@ -211,7 +212,7 @@ def begin_round(f: Fleet, i: int, now: int) -> None:
 
 @kernel
 def withdraw(f: Fleet, i: int) -> None:
-    """Give up the request that is under way, if there is one."""
+    """Withdraw the request that is being sent, if there is one."""
     r = f.robot[i]
     r.request_len = 0
     if r.request_row != NO_ROW:
@@ -221,9 +222,9 @@ def withdraw(f: Fleet, i: int) -> None:
 
 @kernel
 def retry(f: Fleet, i: int, now: int) -> int:
-    """Return how many tokens are missing in this round if it is time to ask as many further robots, else 0.
+    """Return how many tokens are missing in this round if more requests are due, else 0.
 
-    Before the first round none is: whoever answers a SEEK then would otherwise use up token requests, with no HELLO.
+    Before the first round, which sends the first HELLO, none is due: robots that answer a SEEK would use up requests.
     Source: RoboRebound §5.2.
     """
     r = f.robot[i]
@@ -237,7 +238,7 @@ def retry(f: Fleet, i: int, now: int) -> int:
 
 @kernel
 def write_checkpoint(f: Fleet, i: int, s_top: Row, a_top: Row) -> None:
-    """Make the state now, right after both chains were flushed with no output pending, the pending checkpoint.
+    """Make the current state the pending checkpoint, right after both chains were flushed with no output pending.
 
     Source: RoboRebound §3.6, §5.2 (66 + 26 n bytes).
     """
@@ -258,7 +259,7 @@ def write_checkpoint(f: Fleet, i: int, s_top: Row, a_top: Row) -> None:
 
 @kernel
 def forget_checkpoint(f: Fleet, i: int) -> None:
-    """Begin the log at boot: zero tops, no tokens. Source: RoboRebound §3.6 (a)."""
+    """Start the log at boot, with zero tops and no tokens. Source: RoboRebound §3.6 (a)."""
     r = f.robot[i]
     put_u32(f.checkpoint[i, START], AT_T_KEY, r.t_key)
     r.start_len = BOOTED_BYTES
@@ -273,18 +274,18 @@ def forget_checkpoint(f: Fleet, i: int) -> None:
 
 @kernel
 def on_token(f: Fleet, i: int, auditor: int, t: int, mac: Row, now: int) -> int:
-    """Install a token and keep it; with f_max + 1 of them cut the log at their checkpoint.
+    """Install a token and store it; once f_max + 1 cover the pending checkpoint, truncate the log there.
 
-    As an answer to this round counts only a token for the request that was sent to its auditor, by time and by the
-    checkpoint claimed: a compromised robot that sends old tokens again, or signs for the start of the log, would
-    otherwise keep its victim from asking others (both seen to stop correct robots).
-    Returns: 0, or negative when it is not a token for one of our checkpoints. Source: RoboRebound §3.5, §3.6.
+    A token counts as an answer of this round only if it matches the request to its auditor in time and checkpoint.
+    Otherwise a compromised robot could keep this one from asking others: it would send old tokens again, or sign the
+    start of the log. Both stopped correct robots in tests.
+    Returns: 0, or negative if the token covers none of our checkpoints. Source: RoboRebound §3.5, §3.6.
     """
     r, s = f.robot[i], f.settings[0]
     which, code = PENDING, trusted.E_BAD_MAC
     if r.checkpoint_at >= 0:
         code = _install(f, i, PENDING, auditor, t, mac, now)
-    if code == trusted.E_BAD_MAC and r.booted == 0:  # not for that one
+    if code == trusted.E_BAD_MAC and r.booted == 0:  # not for the pending checkpoint: try the start checkpoint
         which, code = START, _install(f, i, START, auditor, t, mac, now)
     if code < 0:
         return code
@@ -312,7 +313,7 @@ def _install(f: Fleet, i: int, which: int, auditor: int, t: int, mac: Row, now: 
 
 @kernel
 def _keep(f: Fleet, i: int, which: int, auditor: int, t: int, mac: Row) -> None:
-    """Keep a token for a checkpoint, one an auditor."""
+    """Store a token for a checkpoint, one per auditor."""
     r = f.robot[i]
     n = r.tokens_start if which == START else r.tokens_pending
     at = n
@@ -348,7 +349,7 @@ def _promote(f: Fleet, i: int) -> None:
 
 @kernel
 def flush_marks(f: Fleet, i: int, treq: Row, auth_s: Row, auth_a: Row, auditor: int, now: int) -> int:
-    """Make a token request and the authenticators that go with it; flush both chains for them, and mark that.
+    """Make a token request and its authenticators; flush both chains for them, and mark the flushes in the log.
 
     `treq` (32,) gets a `token_request`; `auth_s` and, in profile `paper` only, `auth_a` (30,) get an `authenticator`
     (phalanx.wire.table).

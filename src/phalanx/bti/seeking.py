@@ -1,14 +1,14 @@
-"""Seeking: how a robot that lacks tokens finds auditors that it can reach now, and how others answer.
+"""Seeking: how a robot that lacks tokens finds auditors in range, and how other robots answer.
 
-A robot seeks if an auditor stays silent in this round, if it lacks tokens and has nobody left to ask, or if its last
-round ended without enough tokens. It broadcasts SEEK at a random time, and again until it has its tokens. Each robot
-that receives SEEK answers once, at a random time: with the token that it has issued in this round, which may be lost,
-or with HERE, which repeats the nonce of SEEK. A robot that seeks asks only robots that have just answered: each request
-uses up one of its a-node's few token requests.
+A robot seeks if an auditor stays silent in this round, if it lacks tokens and has no auditor left to ask, or if its
+last round ended without enough tokens. It broadcasts SEEK at a random time, and repeats it until it has its tokens.
+Each robot that receives SEEK answers once, at a random time. It sends the token that it issued in this round again,
+in case that was lost, or else HERE with the nonce of SEEK. A seeking robot requests audits only from robots that have
+just answered: each request uses up one of its a-node's few token requests.
 
-All random times of a round are hashes of an authenticator's MAC that is never sent, so nobody can foresee them, however
-many of them it has observed: it cannot talk over the packets. A HELLO or HERE that somebody relays from elsewhere does
-not answer the nonce.
+All random times of a round are hashes of the MAC of an authenticator that is never sent. Attackers cannot predict
+them, however many they have observed, so they cannot jam the packets selectively. A HELLO or HERE relayed from
+elsewhere lacks the nonce and does not count.
 Source: docs/adr/0039; docs/spec/rebound.md (rounds).
 """
 
@@ -32,28 +32,31 @@ SEEK_NONCE, SEEK_SINCE, SEEK_SHARE = map(table.AUDIT_SEEK.at, ("nonce", "since",
 HERE_NONCE = table.AUDIT_HERE.at("nonce")
 # How often fragments of one request are repeated.
 REPEATS = 4
-# To wait for an auditor takes an eighth of a round on average: that is too long for six and more that may lie.
+# Largest f_max for which a robot waits for silent auditors: each wait takes an eighth of a round on average.
 PATIENT = 5
-# A HELLO is over by then, if it waited for a fragment or two of others.
+# Long enough for a HELLO to arrive that had to wait for one or two fragments of other robots.
 LISTENS_MS = 5
-# Robots answer a SEEK within T_audit >> ANSWERS_IN: in a sixteenth, liars' buckets filled the channel (docs/adr/0039).
+# Robots answer a SEEK within T_audit >> ANSWERS_IN. In half that time, compromised robots' packets, as far as their
+# a-nodes' token buckets allow them, filled the channel (docs/adr/0039).
 ANSWERS_IN = 3
-# Until a robot answers, SEEK is repeated after T_audit >> UNANSWERED and more: all may have missed it at once.
+# Until a robot answers, SEEK is repeated after T_audit >> UNANSWERED or a little more, in case all missed the last.
 UNANSWERED = 5
-# By then all robots answer, however many they are.
+# Limit of `robot.seeks`: after so many doublings of the share, all robots answer.
 MOST_DOUBLED = 9
-# What is drawn: the nonce, how long to listen, when to seek, answer, repeat a fragment, and ask the same robot again.
+# Purposes of random numbers: nonce, how long to listen, when to seek, answer, repeat a fragment, ask a robot again.
 NONCE, LISTEN, SEEK_AT, ANSWER, REPEAT, AGAIN = range(6)
-DRAWN = record("drawn: what a number is the hash of", f"secret b{MAC_BYTES}", "purpose u8", "id u16", "t u64")
+DRAWN = record(
+    "drawn: input of the hash that yields a random number", f"secret b{MAC_BYTES}", "purpose u8", "id u16", "t u64"
+)
 DRAWN_SECRET, DRAWN_PURPOSE, DRAWN_ID, DRAWN_T = map(DRAWN.at, ("secret", "purpose", "id", "t"))
 DRAWN_BYTES = DRAWN.size
 
 
 @kernel
 def draw(f: Fleet, i: int, purpose: int, rob_id: int, now: int, scratch: Row) -> int:
-    """Return a number below 2^32 that only this robot can compute: from the record `drawn`, which has its secret.
+    """Return a number below 2^32 that only this robot can predict: the hash of the record `drawn` with its secret.
 
-    Without a secret, as in `paper`, everybody can. `scratch` has at least 20 bytes.
+    In `paper` there is no secret, and every robot can compute the number. `scratch` has at least 20 bytes.
     """
     copy(scratch, DRAWN_SECRET, f.robot[i].secret, 0, MAC_BYTES)
     scratch[DRAWN_PURPOSE] = purpose
@@ -65,9 +68,10 @@ def draw(f: Fleet, i: int, purpose: int, rob_id: int, now: int, scratch: Row) ->
 
 @kernel
 def listens(f: Fleet, i: int, now: int, auth_s: Row) -> int:
-    """Return for how long a robot that lacks tokens listens before its next round, ms. It will seek in that round.
+    """Return how many ms a robot that lacks tokens listens before its next round. It starts to seek in that round.
 
-    Two robots whose rounds begin at the same moment would never hear each other's HELLO. `auth_s` (30,) is scratch.
+    Without the random delay, two robots whose rounds begin at the same moment would never receive each other's HELLO.
+    `auth_s` (30,) is scratch.
     Source: docs/adr/0030.
     """
     r = f.robot[i]
@@ -77,16 +81,16 @@ def listens(f: Fleet, i: int, now: int, auth_s: Row) -> int:
 
 @kernel
 def give_up_request(f: Fleet, i: int, now: int, auth_s: Row) -> None:
-    """Give up the request whose fragment did not arrive, and seek; a robot that seeks repeats the fragment later.
+    """Withdraw the request whose fragment did not arrive, and seek; a robot that seeks repeats the fragment later.
 
-    A compromised robot out of the robot's range that knows when it asks could talk over each request. So a fragment is
-    repeated after random pauses, each about twice as long as the last. `auth_s` (30,) is scratch. Source:
-    docs/adr/0028; RoboRebound §5.2.
+    A hidden compromised robot that can predict requests could jam each of them. So fragments are repeated after random
+    pauses, each about twice as long as the last. `auth_s` (30,) is scratch.
+    Source: docs/adr/0028; RoboRebound §5.2.
     """
     r, s = f.robot[i], f.settings[0]
     if r.request_len == 0:
         return
-    nothing = r.request_next == 1
+    none_arrived = r.request_next == 1
     began = not r.seeks and _start(f, i, now, int(r.round_no), auth_s)
     if not (began or r.repeats == REPEATS or (s.f_max > PATIENT and _is_replaceable(f, i, now))):
         r.request_next = max(r.request_next - 1, 0)
@@ -94,7 +98,7 @@ def give_up_request(f: Fleet, i: int, now: int, auth_s: Row) -> None:
         r.repeat_at = now + 1 + draw(f, i, REPEAT, int(r.id), now, auth_s) % longest
         r.repeats += 1
         return
-    if nothing:  # nothing has begun there: it may be asked again in this round
+    if none_arrived:  # the auditor has received no fragment, so it may be asked again in this round
         at = peer_at(f, i, int(r.request_to))
         pause = 0 if began else draw(f, i, AGAIN, int(r.id), now, auth_s) % (s.t_audit // 2)
         f.peer[i, at].asked_ms = now - retry_interval_ms(f) + pause
@@ -105,7 +109,7 @@ def give_up_request(f: Fleet, i: int, now: int, auth_s: Row) -> None:
 
 @kernel
 def _is_replaceable(f: Fleet, i: int, now: int) -> bool:
-    """Return whether another robot has answered that was not asked yet, and at most f_max are silent."""
+    """Return whether a robot that was not asked yet has answered SEEK, and at most f_max auditors are silent."""
     r, silent = f.robot[i], 0
     for k in range(r.peers):
         silent += f.peer[i, k].asked == r.round_no and f.peer[i, k].answered != r.round_no
@@ -115,7 +119,7 @@ def _is_replaceable(f: Fleet, i: int, now: int) -> bool:
 
 @kernel
 def seek(f: Fleet, i: int, now: int, auth_s: Row, packet: Row) -> int:
-    """Write the next SEEK if it is due, and return its length; begin to seek if an auditor is silent or none is left.
+    """Write the next SEEK if it is due, and return its length; start to seek if an auditor is silent or none is left.
 
     `auth_s` (30,) is scratch.
     """
@@ -129,9 +133,9 @@ def seek(f: Fleet, i: int, now: int, auth_s: Row, packet: Row) -> int:
 
 @kernel
 def _has_to_seek(f: Fleet, i: int, now: int) -> bool:
-    """Return whether, after the retry time, a robot asked in this round is silent, or all were asked too lately.
+    """Return whether, after the retry time, an auditor of this round is silent, or all were asked too recently.
 
-    The latter is so if they were asked late in the last round: nobody is silent then, and yet no token will come.
+    The latter occurs if all were asked late in the last round: then none is silent, and yet no token will arrive.
     """
     r, retry_ms = f.robot[i], f.settings[0].retry
     for k in range(r.peers):
@@ -144,7 +148,7 @@ def _has_to_seek(f: Fleet, i: int, now: int) -> bool:
 
 @kernel
 def _start(f: Fleet, i: int, now: int, number: int, auth_s: Row) -> bool:
-    """Begin to seek in round `number`; return False where it cannot: `paper` has no SEEK."""
+    """Start to seek in round `number`; return False if that is impossible: `paper` has no SEEK."""
     r, s = f.robot[i], f.settings[0]
     if s.profile == PAPER or not _draw(f, i, number, auth_s):
         return False
@@ -157,9 +161,9 @@ def _start(f: Fleet, i: int, now: int, number: int, auth_s: Row) -> bool:
 
 @kernel
 def _draw(f: Fleet, i: int, number: int, auth_s: Row) -> bool:
-    """Draw the secret and the nonce of round `number`, once; return False if the s-node refuses.
+    """Draw the secret and the nonce of round `number`, unless already drawn; return False if the s-node refuses.
 
-    A robot that listens has already drawn those of its next round.
+    A robot that listens before a round has already drawn them for that round.
     """
     r, s = f.robot[i], f.settings[0]
     if r.drawn_in > number:
@@ -177,8 +181,8 @@ def _draw(f: Fleet, i: int, number: int, auth_s: Row) -> bool:
 def write_seek(f: Fleet, i: int, now: int, packet: Row) -> int:
     """Write a SEEK, draw the time of the next one, and return its length.
 
-    Where many robots are in range, all their answers would fill the channel: the first SEEK of a round asks for about
-    4 (f_max + 1), and each further one for twice as many.
+    If many robots are in range, their answers would fill the channel. So the first SEEK of a round asks for about
+    4 (f_max + 1) answers, and each further one for twice as many.
     """
     r, s = f.robot[i], f.settings[0]
     near, answered = 1, False
@@ -204,10 +208,10 @@ def write_seek(f: Fleet, i: int, now: int, packet: Row) -> int:
 
 @kernel
 def receive_seek(f: Fleet, i: int, src: int, now: int, packet: Row, auth_s: Row) -> int:
-    """Store a SEEK by `src`; return when to answer it, ms of the robot's clock, or -1.
+    """Store a SEEK by `src`; return when to answer it, ms of the robot's clock, or -1 for no answer.
 
-    Not if this robot answered one just now, or is none of the share that shall answer and owes no token.
-    `auth_s` (30,) is scratch.
+    There is no answer if this robot has just answered one, or if it owes no token and is outside the share of robots
+    that shall answer. `auth_s` (30,) is scratch.
     """
     r, s = f.robot[i], f.settings[0]
     at = peer_at(f, i, src)
@@ -227,7 +231,7 @@ def receive_seek(f: Fleet, i: int, src: int, now: int, packet: Row, auth_s: Row)
 
 @kernel
 def receive_here(f: Fleet, i: int, src: int, now: int, packet: Row) -> None:
-    """Note that `src` can be reached now, if it has repeated the nonce of this round."""
+    """Record that `src` is in range now, if its HERE repeats this robot's nonce of the round."""
     r = f.robot[i]
     at = peer_at(f, i, src)
     if at >= 0 and r.seeks and get_u32(packet, HERE_NONCE) == whole(r.nonce):

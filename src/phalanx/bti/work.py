@@ -1,4 +1,4 @@
-"""Declare the scratch memory of an auditor, and the state of its audit; `audit` has the audit itself."""
+"""Scratch memory of an auditor, and the state of its audit; `audit` has the audit itself."""
 
 from __future__ import annotations
 
@@ -16,50 +16,50 @@ CASE = layout(
     "auditee i8",
     "t i8",  # of the token request
     "tokens start_at start_len i8",
-    "at i8",  # where in the request the replay stands
+    "at i8",  # offset in the request of the next item to replay
     "end step i8",
-    "due i8",  # of the next INPUT, ms of the auditee's clock; at first what the start says
+    "due i8",  # of the next INPUT, ms of the auditee's clock; at first from the start checkpoint
     "entry_t payload_at payload_len i8",
-    "evidence_len i8",  # of the INPUT's, in `work.evidence`
+    "evidence_len i8",  # of the INPUT's evidence, in `work.evidence`
     "waiting i8",  # bytes of expected outputs in `work.waiting`
     "newest i8",  # time of the newest entry
-    "checkpoints i8",  # marks of one so far
-    "marked i8",  # the last that replay saw was a mark
+    "checkpoints i8",  # checkpoint marks so far
+    "marked i8",  # 1 if the last item replayed was a mark
     "state_len i8",  # of the controller's state
-    "known i8",  # bytes of the request that an earlier audit has found right (memo.py)
+    "known i8",  # bytes of the request that an earlier audit has verified (memo.py)
 )
 
 # One action of a robot's event handlers (phalanx.robot.actions): its fields depend on its kind.
 ACTION = layout("kind number more begin length i8")
-# Beside the outputs of one control step: a verdict, a HELLO, a fragment or a token, and when to go on.
+# Actions of one event beside the outputs of a control step: verdict, HELLO, fragment or token, and the next wake-up.
 MORE_ACTIONS = 8
 
 
 class Work(NamedTuple):
     """Scratch memory of one auditor at a time."""
 
-    case: Annotated[Any, Records(CASE)]  # (1,), how far the audit is
-    batch: U8x2  # (2, ...): entries of the s- and of the a-chain that are not hashed yet
-    held: I64x2  # (2, 2): of each, how many entries, and bytes
-    tops: U8x2  # (2, 20): s- and a-chain while they are re-hashed
-    state: U8x1  # the replayed controller's state, behind the rest of a checkpoint
+    case: Annotated[Any, Records(CASE)]  # (1,), progress of the audit
+    batch: U8x2  # (2, ...): entries of the s-chain and the a-chain that are not hashed yet
+    held: I64x2  # (2, 2): their number and their bytes, for each chain
+    tops: U8x2  # (2, 20): s-chain and a-chain while they are hashed again
+    state: U8x1  # a checkpoint: its fixed fields, then the replayed controller's state
     out: U8x1  # outputs of one step of the controller
-    waiting: U8x1  # outputs that the log still has to show, as entries of their cause's time
-    evidence: U8x1  # what the log keeps beside the INPUT; as long as the longest that is read
+    waiting: U8x1  # outputs that must still appear in the log, as entries with the time of their cause
+    evidence: U8x1  # evidence of the last INPUT; as long as the longest that is accepted
     small: U8x2  # (4, 32): token requests, authenticators, hashes
     packet: U8x1  # a radio packet
     entry: U8x1  # a chained entry
-    place: I64x1  # (1,): of the request that became whole last
-    actions: Annotated[Any, Records(ACTION)]  # of the event that was handled last
+    place: I64x1  # (1,): index in `Fleet.rx_info` of the request that was completed last
+    actions: Annotated[Any, Records(ACTION)]  # actions of the last event
     sent: U8x1  # packets and commands of these actions
-    used: I64x1  # (2,): how many actions, and bytes of `sent`
+    used: I64x1  # (2,): number of actions, and of bytes in `sent`
 
 
 pack = bundled(Work)
 
 
 def make_work(config: BtiConfig) -> Work:
-    """Scratch memory for fleets of this configuration."""
+    """Return scratch memory for fleets of this configuration."""
     entry = table.ENTRY_HEADER_BYTES + config.packet_max_bytes
     work = Work(
         case=np.zeros(1, CASE).view(np.recarray),

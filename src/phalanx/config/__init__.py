@@ -1,4 +1,4 @@
-"""The papers' parameters: frozen, units in names, checked when made; one file a subject."""
+"""Parameters of the papers, as frozen dataclasses: units are in the names, and values are checked on construction."""
 
 from .bti import BtiConfig
 from .flock import Box, Disc, FlockConfig, WheelsConfig

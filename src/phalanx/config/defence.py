@@ -1,9 +1,9 @@
-"""Name the defences: how robots respond to compromised robots among them."""
+"""Names of the defences of robots against compromised robots among them."""
 
 from __future__ import annotations
 
 from typing import Literal, get_args
 
-# Nothing; RoboRebound as printed; RoboRebound as docs/spec/rebound.md bounds it.
+# none: no trusted nodes; paper: RoboRebound as printed; hardened: RoboRebound with the limits of docs/spec/rebound.md.
 Defence = Literal["none", "paper", "hardened"]
 DEFENCES: tuple[Defence, ...] = get_args(Defence)

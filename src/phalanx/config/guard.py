@@ -1,4 +1,4 @@
-"""A guard's envelope: what a robot does not leave, whatever its planner advises."""
+"""Parameters of the guard: the limits of speed and place that robots keep, whatever their planner advises."""
 
 from __future__ import annotations
 
@@ -16,40 +16,42 @@ MOST_CORNERS = 500
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuardConfig:
-    """Parameters of the guard: its envelope, and what it counts on.
+    """Parameters of the guard: its envelope, and its assumptions about radio and timing.
 
     Raises: UsageError: a value is out of range, or two contradict each other. Source: docs/guides/guard.md.
     """
 
-    speed_mps: float = within(2.0, 0.01, 50.0, "no robot is faster; each counts on that of the others")
-    accel_mps2: float = within(2.0, 0.01, 5.0, "no command is harder; brakes are as hard")
-    turn_radps: float = within(0.0, 0.0, 50.0, "no command turns the velocity faster; 0: as fast as accel_mps2 can")
-    apart_m: float = within(1.5, 0.0, 1e3, "centres of robots are never nearer to each other")
-    clear_m: float = within(0.75, 0.0, 1e3, "centres of robots are never nearer to a fence or an obstacle")
+    speed_mps: float = within(2.0, 0.01, 50.0, "largest speed of any robot; robots rely on it when they predict others")
+    accel_mps2: float = within(2.0, 0.01, 5.0, "largest acceleration of a command; brakes are as strong")
+    turn_radps: float = within(0.0, 0.0, 50.0, "largest turn rate of the velocity; 0: limited by accel_mps2 only")
+    apart_m: float = within(1.5, 0.0, 1e3, "smallest distance between centres of robots")
+    clear_m: float = within(0.75, 0.0, 1e3, "smallest distance from a robot's centre to a fence or an obstacle")
     fences: tuple[Polygon, ...] = field(
         default=(), metadata=description("polygons, corners in metres; robots start in one and never cross a side")
     )
     keep_out: tuple[Polygon, ...] = field(
         default=(), metadata=description("polygons, corners in metres; robots start outside and never cross a side")
     )
-    advice_ms: int = within(1000, 20, 60_000, "older advice counts no more, and the robot brakes")
-    radio_ms: int = within(250, 0, 10_000, "a broadcast is at most so old when it is heard")
-    promise_ms: int = within(5000, 100, 60_000, "what a broadcast says of its sender's velocity holds for so long")
+    advice_ms: int = within(1000, 20, 60_000, "age after which advice is ignored and the robot brakes")
+    radio_ms: int = within(250, 0, 10_000, "largest age of a broadcast when it is received")
+    promise_ms: int = within(5000, 100, 60_000, "how long a broadcast binds the velocity of its sender")
     forget_ms: int = within(
         9000,
         100,
         3_600_000,
-        "who has not been heard for so long is forgotten; robots listen for so long before they first move",
+        "silence after which a neighbour is forgotten; robots also listen for this time before they first move",
     )
     adviser_key: str = field(
         default="",
-        metadata=description("whose advice counts alone: Ed25519, public, 64 hexadecimal digits; without, anybody's"),
+        metadata=description(
+            "public Ed25519 key of the only adviser, 64 hexadecimal digits; empty: any planner's advice is accepted"
+        ),
     )
-    mission: int = within(1, 1, 2**32 - 1, "its number, as the mission key has it: advice for another does not count")
-    n_max: int = within(24, 1, 1024, "neighbours that a robot remembers")
-    state_every: int = within(6, 1, 1000, "broadcast at each so manieth control step")
-    period_ms: int = within(250, 20, 10_000, "of control, as in BtiConfig")
-    delta_ms: int = within(100, 1, 1000, "a reading is off its grid by so much, and a command late, as in BtiConfig")
+    mission: int = within(1, 1, 2**32 - 1, "number of the mission key; advice for other missions is ignored")
+    n_max: int = within(24, 1, 1024, "neighbours that a robot stores")
+    state_every: int = within(6, 1, 1000, "control steps per state broadcast")
+    period_ms: int = within(250, 20, 10_000, "control period, as in BtiConfig")
+    delta_ms: int = within(100, 1, 1000, "largest delay of a reading and of a command, as in BtiConfig")
     discs: tuple[Disc, ...] = ()  # obstacles
     boxes: tuple[Box, ...] = ()
 
@@ -59,9 +61,9 @@ class GuardConfig:
         slower = self.speed_mps - 2.0 * self.accel_mps2 * self.delta_ms / 1000
         if slower <= 0.0:
             raise UsageError(
-                f"accel_mps2 is {self.accel_mps2:g}: a command that is {self.delta_ms} ms late adds too much to "
-                f"a speed of {self.speed_mps:g} m/s",
-                "less than speed_mps / (2 delta)",
+                f"accel_mps2 is {self.accel_mps2:g}: a command that is {self.delta_ms} ms late could exceed "
+                f"speed_mps, {self.speed_mps:g} m/s",
+                "use an accel_mps2 below speed_mps / (2 delta_ms)",
             )
         for name, polygons in (("fences", self.fences), ("keep_out", self.keep_out)):
             for polygon in polygons:
@@ -72,23 +74,24 @@ class GuardConfig:
                         check_within(f"a corner of {name}", value, -FARTHEST_M, FARTHEST_M)
 
     def check_start(self, point: Point) -> None:
-        """Raise UsageError if a robot starts outside the fences, in a place to keep out of, or too near to an edge."""
+        """Check a start point. Raises: UsageError: outside the fences, in a keep-out area, or too near to an edge."""
         x, y = point
         if self.fences and not any(_inside(point, polygon) for polygon in self.fences):
-            raise UsageError(f"a robot starts at ({x:g}, {y:g}), outside its fences", "start inside one of fences")
+            raise UsageError(f"a robot starts at ({x:g}, {y:g}), outside its fences", "start inside one of the fences")
         solid = [*self.keep_out, *(_corners(box) for box in self.boxes)]
         if any(_inside(point, polygon) for polygon in solid):
-            raise UsageError(f"a robot starts at ({x:g}, {y:g}), in a place to keep out of", "start outside")
+            raise UsageError(f"a robot starts at ({x:g}, {y:g}), in a keep-out area", "start outside of it")
         near = min((_distance(point, polygon) for polygon in (*self.fences, *solid)), default=FARTHEST_M)
         for disc in self.discs:
             near = min(near, ((x - disc.x_m) ** 2 + (y - disc.y_m) ** 2) ** 0.5 - disc.radius_m)
         if near < self.clear_m:
             raise UsageError(
-                f"a robot starts at ({x:g}, {y:g}), {near:.2g} m from an edge", f"clear_m is {self.clear_m:g}"
+                f"a robot starts at ({x:g}, {y:g}), {near:.2g} m from an edge",
+                f"start at least clear_m away: {self.clear_m:g}",
             )
 
     def walls(self) -> list[tuple[float, float, float, float]]:
-        """Every side that is not crossed: two ends each, x and y."""
+        """Return all sides that robots must not cross: x and y of both ends, metres."""
         polygons = [*self.fences, *self.keep_out, *(_corners(box) for box in self.boxes)]
         return [(*a, *b) for polygon in polygons for a, b in _sides(polygon)]
 
@@ -103,7 +106,7 @@ def _sides(polygon: Polygon) -> list[tuple[Point, Point]]:
 
 
 def _inside(point: Point, polygon: Polygon) -> bool:
-    """Return whether a line from the point to the right crosses an odd number of sides."""
+    """Return whether the point is inside: a ray from it to the right crosses an odd number of sides."""
     x, y = point
     odd = False
     for (ax, ay), (bx, by) in _sides(polygon):

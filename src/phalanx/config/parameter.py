@@ -1,4 +1,4 @@
-"""A parameter is declared once: its default, its limits, and what the schema of scenario files says of it."""
+"""Declaration of parameters: default, limits, and description for the schema of scenario files."""
 
 from __future__ import annotations
 
@@ -19,45 +19,45 @@ KEY_DIGITS = 64
 
 
 def description(words: str) -> Mapping[str, Any]:
-    """Metadata of a dataclass's field: what the schema of scenario files says of it."""
+    """Return metadata of a dataclass field with its description in the schema of scenario files."""
     return {"description": words}
 
 
 def described(default: Thing, words: str) -> Thing:
-    """Return a field with a default, and with words for the schema."""
+    """Return a dataclass field with a default and a description for the schema."""
     made: Thing = field(default=default, metadata=description(words))
     return made
 
 
 def within(default: Number, low: float, high: float, words: str = "") -> Number:
-    """A field that holds a number from `low` to `high`; see `check_limits`."""
+    """Return a dataclass field for a number from `low` to `high`; `check_limits` checks it."""
     limited: Number = field(default=default, metadata={"within": (low, high), **description(words)})
     return limited
 
 
 def check_limits(config: Any) -> None:
-    """Nothing, if each field of a dataclass is `within` its limits. Raises: UsageError: one is not."""
+    """Check all fields of a dataclass that are declared by `within`. Raises: UsageError: one is out of range."""
     for each in fields(config):
         if "within" in each.metadata:
             check_within(each.name, getattr(config, each.name), *each.metadata["within"])
 
 
 def limits_in(kind: Any, name: str) -> tuple[float, float]:
-    """Return the limits of a dataclass's field that is `within` some."""
+    """Return the limits of a dataclass field that is declared by `within`."""
     limits: tuple[float, float] = next(each for each in fields(kind) if each.name == name).metadata["within"]
     return limits
 
 
 def check_within(name: str, value: float, low: float, high: float) -> None:
-    """Nothing, if a number is from `low` to `high`. Raises: UsageError: it is not, or is none."""
+    """Check that a value is a number from `low` to `high`. Raises: UsageError: it is not."""
     if not isinstance(value, Real):
         raise UsageError(f"{name} is {value!r}", "a number")
     if not low <= value <= high:  # NaN too
-        raise UsageError(f"{name} is {_words(value)}", f"{_words(low)} to {_words(high)}")
+        raise UsageError(f"{name} is {_format(value)}", f"{_format(low)} to {_format(high)}")
 
 
 def made_once(make: Callable[[Thing], Made]) -> Callable[[Thing], Made]:
-    """Return `make` with a cache by identity: to hash thirty fields takes longer than most that is made of them."""
+    """Return `make` with a cache by identity: hashing a config of thirty fields would cost more than most calls."""
     known: dict[int, tuple[Thing, Made]] = {}
 
     @wraps(make)
@@ -73,10 +73,12 @@ def made_once(make: Callable[[Thing], Made]) -> Callable[[Thing], Made]:
 
 
 def check_key(name: str, key: str) -> None:
-    """Nothing, if that is a public Ed25519 key, or "" for nobody's. Raises: UsageError."""
+    """Check that a key is a public Ed25519 key in hexadecimal, or "" for none. Raises: UsageError: it is not."""
     if key and not (len(key) == KEY_DIGITS and set(key) <= set(string.hexdigits)):
-        raise UsageError(f"{name} is {key[:KEY_DIGITS]!r}", "64 hexadecimal digits: phalanx keys list")
+        raise UsageError(
+            f"{name} is {key[:KEY_DIGITS]!r}", "use 64 hexadecimal digits, as phalanx keys list prints them"
+        )
 
 
-def _words(value: float) -> str:
+def _format(value: float) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)

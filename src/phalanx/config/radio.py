@@ -1,4 +1,4 @@
-"""The radio of the simulated world: what RoboRebound's ns-3 model comes to, and what may be set otherwise."""
+"""Parameters of the simulated radio; the defaults correspond to RoboRebound's ns-3 model."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ HE_SYMBOL_US = 12.8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RadioConfig:
-    """Parameters of 802.11ax without an access point; the defaults are RoboRebound's, as ns-3 plays them.
+    """Parameters of 802.11ax without an access point; the defaults are RoboRebound's, as simulated by ns-3.
 
-    Reception is a disc: `range_m` follows from the path loss and the sensitivity. At MCS 3 the weakest packet that is
-    detected at all still has 12 dB of SNR; whoever sets a faster MCS sets the sensitivity to match it.
+    Reception is a disc: `range_m` follows from the path loss and the sensitivity. At MCS 3 the weakest detectable
+    packet has 12 dB of SNR, enough to decode it. For a faster MCS, raise the sensitivity to match.
 
     Raises: UsageError: a value is out of range.
     Source: RoboRebound §4; docs/adr/0011-radio-model.md.
@@ -30,26 +30,32 @@ class RadioConfig:
 
     tx_gain_dbm: float = within(16.02, -200, 200, "transmit power")
     loss_1m_db: float = within(36.05, -200, 200, "path loss at one metre")
-    exponent: float = field(default=3.0, metadata=description("of the path loss, log-distance; a multiple of one half"))
-    sensitivity_dbm: float = within(-82.0, -200, 200, "weakest preamble that is detected; carrier sense ends there too")
+    exponent: float = field(
+        default=3.0, metadata=description("exponent of the log-distance path loss, a multiple of one half")
+    )
+    sensitivity_dbm: float = within(
+        -82.0, -200, 200, "weakest preamble that is detected, and threshold of carrier sense"
+    )
     broadcast_mbps: int = field(default=6, metadata=description("legacy rate of broadcasts, whatever the data mode"))
     control_mbps: int = field(default=24, metadata=description("legacy rate of acknowledgements"))
     mcs: int = within(3, 0, len(HE_BITS) - 1, "HE MCS of unicast data, 20 MHz, one stream")
     guard_us: float = field(
         default=3.2,
-        metadata=description("HE guard interval. The paper names 1.6 µs; ns-3's latencies fit its default, 3.2 µs"),
+        metadata=description(
+            "HE guard interval. The paper states 1.6 µs, but the latencies of ns-3 fit its default of 3.2 µs"
+        ),
     )
     capture_db: float = within(
-        4.0, 0, 300, "how much stronger than all that overlaps it a broadcast must be to survive"
+        4.0, 0, 300, "smallest power ratio of a broadcast to the sum of overlapping packets at which it is received"
     )
     data_capture_db: float = within(
-        12.0, 0, 300, "the same for unicast packets and acknowledgements. 300 for both: every overlap loses both"
+        12.0, 0, 300, "the same for unicast packets and acknowledgements. With 300, every overlap loses both packets"
     )
-    tries: int = within(7, 1, 255, "transmissions of a unicast packet before it is given up")
+    tries: int = within(7, 1, 255, "transmissions of a unicast packet before it is dropped")
     loss: float = within(
-        0.0, 0.0, 0.9, "share of receptions, acknowledgements too, that fail by chance, each robot's own"
+        0.0, 0.0, 0.9, "probability that a robot loses a received packet or acknowledgement, independently of others"
     )
-    long_bytes: int = within(2048, 64, 8192, "longest packet; each robot's NIC holds one of more than 64 bytes")
+    long_bytes: int = within(2048, 64, 8192, "longest packet; a robot's radio buffers one packet of more than 64 bytes")
 
     def __post_init__(self) -> None:
         check_limits(self)
@@ -59,19 +65,19 @@ class RadioConfig:
             "guard_us": GUARDS_US,
             "exponent": EXPONENTS,
         }
-        for name, words in choices.items():
-            if getattr(self, name) not in words:
-                raise UsageError(f"{name} is {getattr(self, name)}", f"one of {', '.join(map(str, words))}")
+        for name, allowed in choices.items():
+            if getattr(self, name) not in allowed:
+                raise UsageError(f"{name} is {getattr(self, name)}", f"one of {', '.join(map(str, allowed))}")
         if not 0.01 <= self.range_m <= 1e6:
             raise UsageError(f"radio range is {self.range_m:g} m", "between 1 cm and 1000 km: check gain and loss")
 
     @property
     def range_m(self) -> float:
-        """Radius of the disc, metres: everything arrives inside, nothing outside. 116.33 m by default."""
+        """Return the radius within which packets are received, metres: 116.33 m by default."""
         margin_db = self.tx_gain_dbm - self.loss_1m_db - self.sensitivity_dbm
         return math.pow(10.0, margin_db / (10.0 * self.exponent))
 
     @property
     def data_symbol_ns(self) -> int:
-        """Length of an OFDM symbol of unicast data, with its guard interval."""
+        """Return the duration of an OFDM symbol of unicast data, including the guard interval."""
         return round(1000 * (HE_SYMBOL_US + self.guard_us))

@@ -1,6 +1,6 @@
-"""Dataclasses as YAML: what a file may say is what they say, and so is the schema that editors read.
+"""Read YAML files into dataclasses, whose fields define the keys of a file and the JSON schema for editors.
 
-Whatever the bytes are, the answer is a dataclass or a `UsageError` with file, line and what is allowed there.
+Any bytes give either a dataclass or a `UsageError` with file, line and the allowed values.
 """
 
 from __future__ import annotations
@@ -31,9 +31,10 @@ Keys = dict[str, dataclasses.Field[Any]]
 
 
 class Reader:
-    """Walks the nodes of one file along the types of the dataclasses, so that its depth is theirs.
+    """Parser of one file: its recursion follows the types of the dataclasses, and is no deeper.
 
-    Errors begin with `source`. No file says the `derived` fields. A word in the place of a dataclass is met by `lone`.
+    Errors begin with `source`. Files must not contain the `derived` fields. If a file has a plain string in place of a
+    dataclass, `lone` makes the hint for it.
     """
 
     def __init__(
@@ -47,7 +48,7 @@ class Reader:
         self._outermost: Keys = {}
 
     def root(self, kind: Any, data: bytes, name: str) -> Any:
-        """Parse the whole file as a `kind`. Raises: UsageError: it does not parse."""
+        """Parse the whole file as a `kind`. Raises: UsageError: the file does not parse."""
         node, self._outermost = compose(data, self._source, self._hint), keys_of(kind, self._derived)
         if node is None:
             raise UsageError(f"{self._source}: empty", f"allowed: {', '.join(keys_of(kind, self._derived))}")
@@ -66,13 +67,13 @@ class Reader:
         if origin is tuple:
             return self._read_list(arguments, node, name)
         if dataclasses.is_dataclass(kind):
-            meant = self._lone.get(typing.cast("type", kind))
-            if meant and (word := _text(node)) is not None:
-                self._refuse(node, f"{name} is {_shown(node)}", meant(word))
+            make_hint = self._lone.get(typing.cast("type", kind))
+            if make_hint and (text := _text(node)) is not None:
+                self._refuse(node, f"{name} is {_shown(node)}", make_hint(text))
             return self._read_record(kind, self._pairs(node, name), node, name)
         if kind in WORDS:
             return self._read_scalar(kind, node, name)
-        assert issubclass(origin or object, Mapping), f"no file says a {kind}"
+        assert issubclass(origin or object, Mapping), f"unsupported type {kind}"
         pairs = self._pairs(node, name)
         return {key: self.read(arguments[1], value, key) for key, (_, value) in pairs.items()}
 
@@ -99,7 +100,7 @@ class Reader:
                 shapes = " or ".join(", ".join(keys_of(kind, self._derived)) for kind in kinds)
                 self._refuse(node, f"{name} has {', '.join(pairs) or 'nothing'}", shapes)
             return self._read_record(fitting, pairs, node, name)
-        assert kinds == (float, str), "the only choice of scalars there is"
+        assert kinds == (float, str), "the only supported union of scalars"
         if isinstance(node, yaml.ScalarNode) and not node.style and NUMBER.fullmatch(node.value):
             return self.read(float, node, name)
         if _text(node) is None:
@@ -133,14 +134,14 @@ class Reader:
             self._refuse(_culprit(keys, kind, values, pairs, str(error)) or node, str(error), error.hint)
 
     def _pairs(self, node: yaml.Node, name: str) -> dict[str, tuple[yaml.Node, yaml.Node]]:
-        """Key to its node and its value's."""
+        """Return the nodes of the key and of the value for each key."""
         if not isinstance(node, yaml.MappingNode):
-            self._refuse(node, f"{name} is {_shown(node)}", "lines of KEY: VALUE")
+            self._refuse(node, f"{name} is {_shown(node)}", "write lines of KEY: VALUE")
         pairs: dict[str, tuple[yaml.Node, yaml.Node]] = {}
         for key_node, value_node in node.value:
             key = _text(key_node)
             if key is None:
-                self._refuse(key_node, f"{_shown(key_node)} in {name} is not a key", "a word")
+                self._refuse(key_node, f"{_shown(key_node)} in {name} is not a key", "use text as a key")
             if key in pairs:
                 self._refuse(key_node, f"{name} has {key!r} twice", f"first in line {line_of(pairs[key][0])}")
             pairs[key] = key_node, value_node
@@ -153,27 +154,29 @@ class Reader:
 def _culprit(
     fields: Keys, kind: Any, values: dict[str, Any], pairs: dict[str, tuple[yaml.Node, yaml.Node]], complaint: str
 ) -> yaml.Node | None:
-    """Find the node that an error about a whole record concerns; None if unknown."""
+    """Return the node that caused an error of the whole record; None if unknown."""
 
-    def still(said: dict[str, Any]) -> bool:
+    def is_repeated(trial: dict[str, Any]) -> bool:
         try:
-            kind(**said)
+            kind(**trial)
         except UsageError as error:
             return str(error) == complaint
         return False
 
-    # The first item of a list with which it is said, then the key that it names, then one without which it is not said.
+    # Try in turn: the first list item that causes the error, a key that it names, a key without which it vanishes.
     for key, (_, node) in pairs.items():
         items = values[key]
         if isinstance(items, tuple) and dataclasses.is_dataclass(next(iter(items), None)):
             lengths = range(len(items) + 1)
-            shortest = bisect_left(lengths, True, key=lambda n: still(values | {key: items[:n]}))
+            shortest = bisect_left(lengths, True, key=lambda n: is_repeated(values | {key: items[:n]}))
             if shortest > 0:
                 item = node.value[shortest - 1]
                 pair = named(item.value, complaint)
                 return pair[0] if pair else item
     others = {key: {name: value for name, value in values.items() if name != key} for key in pairs}
-    needed = {key: pairs[key][0] for key in reversed(pairs) if _has_default(fields[key]) and not still(others[key])}
+    needed = {
+        key: pairs[key][0] for key in reversed(pairs) if _has_default(fields[key]) and not is_repeated(others[key])
+    }
     pair = named(pairs.values(), complaint)
     return pair[0] if pair else next(iter(needed.values()), None)
 
@@ -189,7 +192,7 @@ def _shown(node: yaml.Node) -> str:
 
 
 def keys_of(kind: Any, derived: Derived) -> Keys:
-    """The fields of a dataclass that a file may say."""
+    """Return the fields of a dataclass that a file may contain."""
     hidden = derived.get(kind, frozenset())
     return {field.name: field for field in dataclasses.fields(kind) if field.name not in hidden}
 
@@ -199,12 +202,12 @@ def _has_default(field: dataclasses.Field[Any]) -> bool:
 
 
 def needed_of(kind: Any, derived: Derived) -> list[str]:
-    """Those that it must."""
+    """Return the keys that a file must contain: fields without a default."""
     return [key for key, field in keys_of(kind, derived).items() if not _has_default(field)]
 
 
 def schema_of(kind: Any, derived: Derived = NOTHING_DERIVED) -> dict[str, Any]:
-    """A JSON schema (draft 2020-12) of what a file says of a dataclass, or of another type. Source: json-schema.org."""
+    """Return the JSON schema (draft 2020-12) of a dataclass or another type in a file. Source: json-schema.org."""
     origin, arguments = get_origin(kind), get_args(kind)
     if kind in WORDS:
         return {"type": {int: "integer", float: "number", str: "string"}[kind]}
@@ -224,8 +227,8 @@ def schema_of(kind: Any, derived: Derived = NOTHING_DERIVED) -> dict[str, Any]:
     hints = typing.get_type_hints(kind)
     properties = {}
     for key, field in keys_of(kind, derived).items():
-        words = field.metadata.get("description")
-        properties[key] = schema_of(hints[key], derived) | ({"description": f"{words}."} if words else {})
+        text = field.metadata.get("description")
+        properties[key] = schema_of(hints[key], derived) | ({"description": f"{text}."} if text else {})
         if isinstance(field.default, int | float | str):
             properties[key]["default"] = field.default
     required = needed_of(kind, derived)
@@ -234,13 +237,13 @@ def schema_of(kind: Any, derived: Derived = NOTHING_DERIVED) -> dict[str, Any]:
     )
 
 
-def as_written(said: Any, derived: Derived = NOTHING_DERIVED) -> Any:
-    """Return the YAML-ready form of a value: dicts, lists, words and numbers, without defaults."""
-    if dataclasses.is_dataclass(said):
-        values = {key: (getattr(said, key), field) for key, field in keys_of(type(said), derived).items()}
-        told = {key: value for key, (value, field) in values.items() if value != field.default}
-        written = {key: as_written(value, derived) for key, value in told.items()}
-        return {key: value for key, value in written.items() if value not in ({}, [])}
-    if isinstance(said, Mapping):
-        return {key: as_written(value, derived) for key, value in said.items()}
-    return [as_written(each, derived) for each in said] if isinstance(said, tuple) else said
+def as_written(value: Any, derived: Derived = NOTHING_DERIVED) -> Any:
+    """Return a value as plain dicts, lists, strings and numbers for YAML, without fields that have their default."""
+    if dataclasses.is_dataclass(value):
+        values = {key: (getattr(value, key), field) for key, field in keys_of(type(value), derived).items()}
+        changed = {key: each for key, (each, field) in values.items() if each != field.default}
+        written = {key: as_written(each, derived) for key, each in changed.items()}
+        return {key: each for key, each in written.items() if each not in ({}, [])}
+    if isinstance(value, Mapping):
+        return {key: as_written(each, derived) for key, each in value.items()}
+    return [as_written(each, derived) for each in value] if isinstance(value, tuple) else value

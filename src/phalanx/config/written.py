@@ -1,6 +1,6 @@
-"""Read files that people write: bytes, YAML nodes, keys, and the line of each.
+"""Read YAML files with line numbers for error messages.
 
-Whatever the bytes are, the answer is nodes or words, or a `UsageError` with file and line.
+Any bytes give either YAML nodes or plain values, or a `UsageError` with file and line.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ import yaml
 
 from phalanx.errors import ALIKE, Unavailable, UsageError
 
-_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast, where libyaml is
+_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the C loader is ten times as fast
 MOST_DEPTH = 100
 Pair = tuple[yaml.Node, yaml.Node]
 
 
 def read_at_most(path: Path, most_bytes: int, hint: str) -> bytes:
-    """Return a file's bytes. Raises: UsageError: no file there, or a longer one. Unavailable: it cannot be read."""
+    """Return a file's bytes. Raises: UsageError: no such file, or it is too long. Unavailable: it cannot be read."""
     try:
         with path.open("rb") as file:
             data = file.read(most_bytes + 1)
@@ -38,12 +38,12 @@ def read_at_most(path: Path, most_bytes: int, hint: str) -> bytes:
 
 
 def file_meant(path: Path, hint: str) -> str:
-    """A hint for who names a file that is not there: first one beside it that was perhaps meant, if `hint` has none."""
+    """Return a hint for a missing file: a file of a similar name in the same folder, if there is one, then `hint`."""
     with contextlib.suppress(OSError):
         beside = list(path.parent.iterdir())
-        # Their endings alone would make any two files of a kind alike.
+        # Compare stems: with the same suffix, any two names would be similar.
         stems = difflib.get_close_matches(path.stem, {each.stem for each in beside}, len(beside) + 1, ALIKE)
-        # A misspelt ending is meant to be another one, as .ctr; a file of another kind is not meant.
+        # Accept a misspelt suffix, like .ctr, but no file of another kind.
         kinds = {each.suffix for each in beside}
         if path.suffix:
             kinds = set(difflib.get_close_matches(path.suffix, kinds, len(beside) + 1, ALIKE))
@@ -60,19 +60,19 @@ def compose(data: bytes, source: str, hint: str) -> yaml.Node | None:
         text, depth = data.decode(), 0
         for event in yaml.parse(text, _Loader):
             depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-            if depth > MOST_DEPTH:  # libyaml's composer would crash on brackets in brackets without end
+            if depth > MOST_DEPTH:  # libyaml's composer would crash on deeply nested brackets
                 raise yaml.MarkedYAMLError(problem="nested too deep", problem_mark=event.start_mark)
         node: yaml.Node | None = yaml.compose(text, _Loader)
     return node
 
 
 def words_of(node: yaml.Node | None, data: bytes, source: str, hint: str) -> Any:
-    """Return what `compose` made of `data`, as dicts, lists, texts and numbers; None of an empty file.
+    """Return `compose`'s node of `data` as dicts, lists, strings and numbers; None for an empty file.
 
-    Raises: UsageError: a name is there twice, of which the second would silently replace the first; or a value is none.
+    Raises: UsageError: a key occurs twice, where PyYAML would silently use the second; or a value is invalid.
     """
     with _yaml(data, source, hint):
-        return None if node is None else _Words().construct_document(node)
+        return None if node is None else _UniqueKeys().construct_document(node)
 
 
 def line_of(node: yaml.Node) -> int:
@@ -81,7 +81,7 @@ def line_of(node: yaml.Node) -> int:
 
 
 def named(pairs: Iterable[Pair], complaint: str) -> Pair | None:
-    """The first whose key a complaint names, or whose value it quotes."""
+    """Return the first pair whose key an error message names, or whose value it quotes."""
     for key, value in pairs:
         is_named = isinstance(key, yaml.ScalarNode) and re.search(rf"\b{re.escape(key.value)}\b", complaint)
         if is_named or (isinstance(value, yaml.ScalarNode) and repr(value.value) in complaint):
@@ -89,20 +89,20 @@ def named(pairs: Iterable[Pair], complaint: str) -> Pair | None:
     return None
 
 
-class _Words(yaml.constructor.SafeConstructor):  # type: ignore[misc]
+class _UniqueKeys(yaml.constructor.SafeConstructor):  # type: ignore[misc]
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         seen = set()
         for key, _ in node.value:
             name = self.construct_object(key, deep=True)
             if isinstance(name, str | int | float) and name in seen:
-                raise yaml.MarkedYAMLError(problem=f"{name!r} is there twice", problem_mark=key.start_mark)
+                raise yaml.MarkedYAMLError(problem=f"key {name!r} occurs twice", problem_mark=key.start_mark)
             seen.add(name if isinstance(name, str | int | float) else id(key))
         mapping: dict[Any, Any] = super().construct_mapping(node, deep)
         return mapping
 
 
-_Words.add_constructor(
-    yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, lambda words, node: words.construct_mapping(node, deep=True)
+_UniqueKeys.add_constructor(
+    yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, lambda maker, node: maker.construct_mapping(node, deep=True)
 )
 
 
@@ -116,8 +116,8 @@ def _yaml(data: bytes, source: str, hint: str) -> Iterator[None]:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         problem = " ".join(str(error.problem).split())[:200]
-        # libyaml takes the end of the last line for the beginning of another.
+        # libyaml reports the end of the last line as the start of another.
         line = min(mark.line + 1, len(data.splitlines())) if mark else 1
         raise UsageError(f"{source}:{line}: not YAML: {problem}", hint) from error
-    except Exception as error:  # of `!!int x` or `!!timestamp x` PyYAML raises whatever it comes upon
+    except Exception as error:  # for `!!int x` or `!!timestamp x` PyYAML may raise any exception
         raise UsageError(f"{source}: not YAML", hint) from error

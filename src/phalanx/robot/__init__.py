@@ -1,6 +1,6 @@
-"""Robots as their operators see them, and the parts of controllers and attacks of your own.
+"""The operator's interface to robots, and base classes for your own controllers, planners and attacks.
 
-The latter are loaded when they are first used: a swarm alone does not wait for them.
+The base classes are imported on first use, so that importing a swarm stays fast.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Actions: what a robot's event handlers ask of its surroundings, in one buffer.
+"""Actions: requests of a robot's event handlers to their caller, in one buffer.
 
 A handler (`handlers.py`) clears the buffer and appends its actions, in the order in which they are to be carried out.
 The simulator's loop reads them in compiled code; Python decodes them into the dataclasses below.
@@ -22,7 +22,7 @@ COUNT, BYTES = 0, 1
 
 @dataclass(frozen=True, slots=True)
 class Transmit:
-    """Send a packet that the a-node passed, to one robot's id or EVERYBODY."""
+    """Send a packet that the a-node admitted, to one robot's id or to EVERYBODY."""
 
     packet: bytes
     to: int
@@ -30,21 +30,21 @@ class Transmit:
 
 @dataclass(frozen=True, slots=True)
 class Actuate:
-    """Give the actuators a command that the a-node passed."""
+    """Pass a command that the a-node admitted to the actuators."""
 
     command: bytes
 
 
 @dataclass(frozen=True, slots=True)
 class RetryAt:
-    """Call `on_retry` at this moment of the robot's clock, or earlier if it asks for that: it has one timer."""
+    """Call `on_retry` at this time of the robot's clock. The robot has one such timer: the earliest time counts."""
 
     at_ms: int
 
 
 @dataclass(frozen=True, slots=True)
 class RoundAt:
-    """Call `on_round` at this moment of the robot's clock; `listened`: it has been silent before this round."""
+    """Call `on_round` at this time of the robot's clock; `listened`: the robot has listened before this round."""
 
     at_ms: int
     listened: bool
@@ -52,7 +52,7 @@ class RoundAt:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Note that an audit by this robot has ended; `refusal` is NONE if a token was issued."""
+    """Record that an audit by this robot has ended; `refusal` is NONE if it issued a token."""
 
     auditee: int
     refusal: Refusal
@@ -106,7 +106,7 @@ def _decoded(w: Work, kind: int, number: int, more: int, begin: int, length: int
 
 
 def encode(w: Work, action: Action) -> None:
-    """Make an action the only one in the buffer."""
+    """Replace the contents of the buffer by one action."""
     clear(w)
     if isinstance(action, Transmit):
         carry(w, TRANSMIT, action.to, row(action.packet), 0, len(action.packet))

@@ -1,6 +1,6 @@
-"""The waypoint controller: which wheels to turn to get to a point.
+"""The waypoint controller: wheel speeds that drive a robot to a point.
 
-Replayable (RoboRebound §3.7): only + - * / and sqrt on floats, whole percents out.
+It can be replayed bit for bit (RoboRebound §3.7): only + - * / and sqrt on floats, and the result is whole percents.
 """
 
 from __future__ import annotations
@@ -21,17 +21,18 @@ SLOWEST = 0.25
 
 @kernel
 def percent(value: int) -> int:
-    """`value`, or the end of -100..100 that it is beyond."""
+    """Return `value` clamped to -100..100."""
     return min(max(value, whole(-FULL_PCT)), whole(FULL_PCT))
 
 
 @kernel
 def steer(ahead_mm: float, right_mm: float, distance_mm: float) -> tuple[int, int]:
-    """Wheels, left and right, -100..100 percent, towards a goal that lies so; zero within 1e-6 mm of it."""
+    """Return the speeds of the left and right wheel towards a goal, -100..100 percent; zero within 1e-6 mm of it."""
     if distance_mm < 1e-6:
         return whole(0), whole(0)
     slow = min(max(distance_mm / SLOW_WITHIN_MM, SLOWEST), 1.0)
-    # Straight on as far as the goal is in front; behind, turn on the spot, to the right if it lies dead astern.
+    # Drive forwards in proportion to how far ahead the goal lies. If it is behind, turn on the spot, to the right if it
+    # is exactly behind.
     if ahead_mm > 0.0:
         speed, turn = FULL_PCT * (ahead_mm / distance_mm) * slow, TURN_PCT * (right_mm / distance_mm)
     else:
@@ -46,7 +47,7 @@ def _nearest(value: float) -> int:
 
 @kernel
 def wheels_towards(ahead_mm: F64x1, right_mm: F64x1) -> tuple[I64x1, I64x1]:
-    """`steer` for N robots with a goal each: (N,) all."""
+    """Apply `steer` to N robots with a goal each; all arrays are (N,)."""
     left, right = np.zeros(len(ahead_mm), np.int64), np.zeros(len(ahead_mm), np.int64)
     for i in range(len(ahead_mm)):
         ahead, aside = ahead_mm[i], right_mm[i]

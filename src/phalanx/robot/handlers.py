@@ -1,28 +1,28 @@
-"""One robot: events in, actions out. s-node → c-node → a-node, as kernels over one row of a fleet.
+"""Event handlers of one robot: events in, actions out, as kernels over one row of a fleet.
 
-The surroundings call a handler for each event, and carry out the actions in `work.actions` (actions.py) in order:
+The caller runs a handler for each event, and then carries out the actions in `work.actions` (actions.py) in order:
 
     on_boot      the mission key was loaded        on_round   T_audit has passed, or the robot has listened
     on_reading   the sensors were read             on_retry   the time of a `RETRY_AT` has come
-    on_advice    a planner has advised             on_sent    the radio has sent a fragment, or given it up
+    on_advice    a planner has sent advice         on_sent    the radio has sent a fragment, or dropped it
     on_packet    a packet has arrived
 
 The protocol in short (RoboRebound §3; docs/spec/rebound.md):
 
-Log. Each reading passes the s-node, and each packet and command the a-node. The node chains it by a hash, and the
-c-node logs the same bytes. Auditors replay the log with the mission's controller, and compare.
+Log. Each reading passes through the s-node, and each packet and command through the a-node. The node adds it to a hash
+chain, and the c-node logs the same bytes. Auditors replay the log with the mission's controller, and compare.
 
-Rounds. A robot needs fresh tokens of f_max + 1 auditors, or its a-node stops it. So each T_audit a round begins: the
-robot sends HELLO, so that others know an auditor; takes a checkpoint with its first request; and asks one robot after
-the other for a token. A request goes out in fragments, one whenever the radio has sent the last.
+Rounds. A robot needs fresh tokens from f_max + 1 auditors, or its a-node stops it. So each T_audit a round begins. The
+robot sends HELLO, which announces it as an auditor. It takes a checkpoint with its first request, and asks one robot
+after the other for a token. It sends a request in fragments, each after the radio has sent the last one.
 
-Tokens. An auditor whose replay agrees returns a token for the checkpoint that the request claims. With f_max + 1 of
-them the robot drops its log up to that checkpoint.
+Tokens. An auditor whose replay agrees returns a token for the checkpoint that the request claims. With f_max + 1
+tokens the robot drops its log up to that checkpoint.
 
 Seeking. If an auditor stays silent, or a round ends without enough tokens, the robot sends SEEK at a random time. Each
-robot that receives it answers at a random time, and the robot asks only those (bti/seeking.py).
+robot that receives it answers at a random time, and the robot requests audits only from those (bti/seeking.py).
 
-A robot whose controller is plain Python runs the same kernels step by step (robot.py). So does an attack, in another
+A robot with a controller in plain Python runs the same kernels step by step (robot.py). Attacks run them in another
 order or with other bytes (adversary/liar.py).
 """
 
@@ -42,9 +42,9 @@ from . import actions
 from .controllers import dispatch
 from .replay import replay_bundled
 
-# What `on_packet` returns beside its actions.
+# Results of `on_packet`.
 NOTHING, HEARD, WHOLE = 0, 1, 2
-ID_AT = STATE.at("id")  # as in every other broadcast of a controller's
+ID_AT = STATE.at("id")  # the same in all broadcasts of controllers
 ID_BYTES = STATE.at("t") - ID_AT
 
 
@@ -63,7 +63,7 @@ def on_boot(f: Fleet, i: int, now: int) -> None:
 @kernel
 @reads_peer(rejected=-1)
 def on_advice(f: Fleet, i: int, advice: Row, length: int) -> int:
-    """Give a planner's advice to the bundled controller. Returns: 0; -1: rejected. Source: docs/guides/guard.md."""
+    """Pass a planner's advice to the bundled controller. Returns: 0; -1: rejected. Source: docs/guides/guard.md."""
     r, s = f.robot[i], f.settings[0]
     dispatch.on_advice(s.controller, f.params, int(r.id), advice, length, f.state[i])
     r.state_len = dispatch.size(s.controller, f.state[i])
@@ -72,7 +72,7 @@ def on_advice(f: Fleet, i: int, advice: Row, length: int) -> int:
 
 @kernel
 def on_reading(f: Fleet, i: int, w: Work, now: int, reading: Row, length: int) -> None:
-    """Handle a reading: the s-node chains it, the controller decides, and its outputs go out.
+    """Handle a reading: the s-node chains it, the controller runs, and its outputs are sent.
 
     Source: RoboRebound Alg. 1.
     """
@@ -84,7 +84,7 @@ def on_reading(f: Fleet, i: int, w: Work, now: int, reading: Row, length: int) -
 
 @kernel
 def send_output(f: Fleet, i: int, w: Work, now: int, length: int) -> None:
-    """Pass the packets and commands in `w.out[:length]` through the a-node, and on as actions."""
+    """Pass the packets and commands in `w.out[:length]` through the a-node, and append them as actions."""
     at = 0
     while at < length:
         kind, size = int(w.out[at]), get_u16(w.out, at + OUTPUT_LENGTH)
@@ -128,12 +128,12 @@ def run_controller(f: Fleet, i: int, w: Work, length: int) -> int:
     return int(n)
 
 
-# --- what passes the trusted nodes: they chain it, and the c-node logs the same bytes. Source: RoboRebound §3.4 ---
+# --- calls of the trusted nodes, which chain bytes; the c-node logs the same bytes. Source: RoboRebound §3.4 ---
 
 
 @kernel
 def plain(w: Work, kind: int, now: int, payload: Row, length: int) -> int:
-    """Write the entry as a trusted node would make it, where there is none. Source: docs/spec/rebound.md."""
+    """Write the entry that a trusted node would make, for robots without one. Source: docs/spec/rebound.md."""
     if ENTRY_HEAD_BYTES + length > len(w.entry):
         return -1
     w.entry[0] = kind
@@ -145,9 +145,9 @@ def plain(w: Work, kind: int, now: int, payload: Row, length: int) -> int:
 
 @kernel
 def chain(f: Fleet, i: int, w: Work, kind: int, now: int, payload: Row, length: int) -> int:
-    """Have the trusted node chain a reading (INPUT), a packet (RECV, SEND) or a command (ACMD); write its entry.
+    """Let the trusted node chain a reading (INPUT), a packet (RECV, SEND) or a command (ACMD); write the entry.
 
-    The entry is in `w.entry`. What is behind its head may go on: to the c-node, the radio, the actuators.
+    The entry is in `w.entry`. Its payload is admitted to the c-node, the radio or the actuators.
     Returns: the entry's length, or the node's error. Source: RoboRebound Alg. 3, Alg. 4.
     """
     profile = f.settings[0].profile
@@ -164,7 +164,7 @@ def chain(f: Fleet, i: int, w: Work, kind: int, now: int, payload: Row, length: 
 
 @kernel
 def take(f: Fleet, i: int, w: Work, kind: int, now: int, payload: Row, length: int) -> int:
-    """Chain as `chain` does, and log the entry unless it is audit traffic."""
+    """Call `chain`, and log the entry unless it is audit traffic."""
     n = chain(f, i, w, kind, now, payload, length)
     if n > 0 and f.settings[0].profile != PLAIN and (kind in (INPUT, ACMD) or not int(payload[0]) & request.AUDIT):
         log.append(f, i, w.entry, n)
@@ -176,10 +176,10 @@ def take(f: Fleet, i: int, w: Work, kind: int, now: int, payload: Row, length: i
 
 @kernel
 def on_packet(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) -> int:
-    """Handle a packet that the radio received: the controller gets it, or it is audit traffic and is handled here.
+    """Handle a received packet: pass it to the controller, or handle it here if it is audit traffic.
 
-    Returns: NOTHING; HEARD: it is logged, and for the controller; WHOLE: it completed a request, at `work.place[0]`,
-        that a controller in plain Python has to replay. Negative: the a-node refused the packet.
+    Returns: NOTHING; HEARD: the packet is logged, and a controller in plain Python must handle it; WHOLE: it completed
+        a request, at `work.place[0]`, that a controller in plain Python must replay; negative: the a-node refused it.
     Source: RoboRebound Alg. 4, §3.7.
     """
     actions.clear(w)
@@ -202,7 +202,7 @@ def hear(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int) -> int:
     if int(packet[0]) & request.AUDIT:
         return handle_audit(f, i, w, now, packet, length)
     if s.profile == PAPER and length >= ID_AT + ID_BYTES and packet[0] in dispatch.STATE_KINDS:
-        # As printed: auditors are chosen among the neighbours that states claim.
+        # As in the paper: auditors are chosen among the senders of states.
         rounds.heard(f, i, get_u16(packet, ID_AT), now)
     if s.controller:
         r, t = f.robot[i], get_u32(w.entry, ENTRY_T)
@@ -254,10 +254,10 @@ def store_fragment(f: Fleet, i: int, w: Work, now: int, packet: Row, length: int
 
 @kernel
 def precheck_request(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
-    """Check the request's form, and have the a-node issue the token to `w.small[2]`: `answer` sends it after the audit.
+    """Check the request's form, and let the a-node issue the token to `w.small[2]`; `answer` sends it after the audit.
 
-    Compromised robots can make any number of false token requests, which must not count as audits. Only IssueToken
-    detects them.
+    Compromised robots can make any number of forged token requests, which must not use up the limit of audits. Only
+    IssueToken detects them.
     Returns: 0 or a `Refusal`. Source: RoboRebound §3.8, §5.1.
     """
     q = f.rx.rows[f.rx_info[i, place].row]
@@ -293,16 +293,16 @@ def answer(f: Fleet, i: int, w: Work, now: int, place: int, src: int, refused: i
     send(f, i, w, now, w.packet, n, src)
 
 
-# --- audited ---
+# --- auditee ---
 
 
 @kernel
 def on_round(f: Fleet, i: int, w: Work, now: int, listened: int, busy: int) -> None:
-    """Begin a round: say HELLO, take a checkpoint, ask the first auditor. Source: RoboRebound §3.7.
+    """Begin a round: send HELLO, take a checkpoint, ask the first auditor. Source: RoboRebound §3.7.
 
     Args:
-        listened: 1 when the robot has been silent before this round, as the last `ROUND_AT` said.
-        busy: 1 while the radio holds a fragment.
+        listened: 1 if the robot has listened before this round, as in the `ROUND_AT` for it.
+        busy: 1 while the radio is sending a fragment.
     """
     actions.clear(w)
     if listened or not listen(f, i, w, now):
@@ -312,7 +312,7 @@ def on_round(f: Fleet, i: int, w: Work, now: int, listened: int, busy: int) -> N
 
 @kernel
 def listen(f: Fleet, i: int, w: Work, now: int) -> bool:
-    """Ask for the next round, and return whether this one waits until the robot has listened (seeking.listens)."""
+    """Schedule the next round; return whether this round must wait until the robot has listened (seeking.listens)."""
     actions.append(w, actions.ROUND_AT, now + f.settings[0].t_audit, 0)
     wait_ms = seeking.listens(f, i, now, w.small[1]) if rounds.end_round(f, i) else 0
     if wait_ms > 0:
@@ -322,7 +322,7 @@ def listen(f: Fleet, i: int, w: Work, now: int) -> bool:
 
 @kernel
 def begin_round(f: Fleet, i: int, w: Work, now: int) -> None:
-    """Open a round, and send HELLO or SEEK."""
+    """Start a round, and send HELLO or SEEK."""
     rounds.begin_round(f, i, now)
     n = seeking.write_seek(f, i, now, w.packet) if f.robot[i].seeks else request.hello(f, i, w.packet)
     send(f, i, w, now, w.packet, n, actions.EVERYBODY)
@@ -338,7 +338,7 @@ def on_retry(f: Fleet, i: int, w: Work, now: int, busy: int) -> None:
 
 @kernel
 def seek(f: Fleet, i: int, w: Work, now: int) -> bool:
-    """Answer SEEKs, and send one, if that is due; return whether it is time to ask for missing tokens."""
+    """Answer SEEKs and send one, as far as due; return whether it is time to ask for missing tokens."""
     n = seeking.answer(f, i, now, w.packet)
     while n > 0:
         send(f, i, w, now, w.packet, n, get_u16(w.packet, request.AT_DST))
@@ -356,7 +356,7 @@ def seek(f: Fleet, i: int, w: Work, now: int) -> bool:
 
 @kernel
 def on_sent(f: Fleet, i: int, w: Work, now: int, arrived: int, busy: int) -> None:
-    """Send the next fragment: the radio has sent the last one, or given it up. Source: RoboRebound §5.2."""
+    """Send the next fragment, after the radio has sent or dropped the last one. Source: RoboRebound §5.2."""
     actions.clear(w)
     if arrived == 0:
         seeking.give_up_request(f, i, now, w.small[1])
@@ -365,14 +365,14 @@ def on_sent(f: Fleet, i: int, w: Work, now: int, arrived: int, busy: int) -> Non
 
 @kernel
 def ask(f: Fleet, i: int, w: Work, now: int, busy: int) -> None:
-    """Send the next fragment, or say when to retry; while the radio holds one, wait for `on_sent`."""
+    """Send the next fragment, or set the time of the next retry; do nothing while the radio is busy."""
     if busy == 0:
         ask_with(f, i, w, now, next_fragment(f, i, w, now))
 
 
 @kernel
 def next_fragment(f: Fleet, i: int, w: Work, now: int) -> int:
-    """Write the next fragment, of a new request if need be, to `w.packet`; return its length, 0 for nothing to send."""
+    """Write the next fragment to `w.packet`, if need be of a new request; return its length, 0 if there is none."""
     n = request.next_fragment(f, i, now, w.packet)
     if n == 0 and request.make_request(f, i, now, w.small[0], w.small[1], w.small[2]) > 0:
         n = request.next_fragment(f, i, now, w.packet)
@@ -381,7 +381,7 @@ def next_fragment(f: Fleet, i: int, w: Work, now: int) -> int:
 
 @kernel
 def ask_with(f: Fleet, i: int, w: Work, now: int, length: int) -> None:
-    """Send the fragment in `w.packet`; without one, say when to retry. Source: RoboRebound §5.2."""
+    """Send the fragment in `w.packet`; without one, set the time of the next retry. Source: RoboRebound §5.2."""
     if length > 0:
         if send(f, i, w, now, w.packet, length, int(f.robot[i].request_to)) <= 0:
             actions.append(w, actions.RETRY_AT, request.postpone(f, i, now), 0)

@@ -1,4 +1,4 @@
-"""Collect the names that a compiled controller of your own is written with (docs/guides/own-controller.md)."""
+"""Names for compiled controllers of your own (docs/guides/own-controller.md)."""
 
 from phalanx.arrays import Params
 from phalanx.kernel import kernel

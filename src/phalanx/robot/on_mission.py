@@ -1,4 +1,4 @@
-"""The state of a swarm that lives an encoded mission: how far each robot is, and what has been decoded."""
+"""Progress of a swarm on an encoded mission: the state of each robot, and the decoded nodes."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ from phalanx.mission.landmarks import FloorPlan
 
 from .swarm import Point, Swarm
 
-# What a robot has learnt that its odometry leaves out: of the way and of turns in thousandths, and to the left for each
-# metre in hundredths of a degree. Source: Encoded graphs §VI-F.
+# Estimated errors of a robot's odometry: scale of distance and of turns in thousandths, and drift to the left per metre
+# in hundredths of a degree. Source: Encoded graphs §VI-F.
 Drift = tuple[int, int, int]
 
 
 def drift_of(way: float, turn: float, curve_radpm: float) -> Drift:
-    """Return a belief's drift in these units, from its shares and radians per metre."""
+    """Return a `Drift` from the scale errors, as fractions, and the curvature."""
     return round(1000 * way), round(1000 * turn), round(100 * math.degrees(curve_radpm))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Walk:
-    """The progress of one robot."""
+    """Progress of one robot."""
 
     address: str
     name: str
     phase: str  # waiting, seeking, returning, held or done
-    decoded: int  # nodes, of its part of the mission
-    of: int
-    why: str  # it fell back or stopped, or ""
+    decoded: int  # nodes of its part of the mission that it has decoded
+    of: int  # all nodes of its part
+    why: str  # reason why it fell back or stopped, or ""
     drift: Drift = (0, 0, 0)
 
 
 @dataclass(frozen=True, slots=True)
 class DecodedPlace:
-    """A landmark that some robot has decoded: where it is in the area, and its type, "" for another place."""
+    """A place that a robot has decoded, in the area; its type is that of the landmark, "" without one."""
 
     at: Point
     type: str
@@ -45,29 +45,29 @@ class DecodedPlace:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """The mission that runs."""
+    """Progress of a swarm's mission."""
 
     id: str  # 16 bytes as hexadecimal digits, of its first part
-    name: str  # for people
-    nodes: int  # of all parts
-    left: int  # those that nobody has decoded
-    completed: int  # robots that are done
+    name: str  # for display
+    nodes: int  # in all parts
+    left: int  # nodes that no robot has decoded
+    completed: int  # robots that have completed their part
 
 
 @dataclass(frozen=True, slots=True)
 class Decoded:
-    """A robot decoded a node for the first time."""
+    """Event: a robot has decoded a node that was not decoded before."""
 
-    robot: int  # their numbers
-    node: int
-    name: str  # what the author called the node; "" in the paper profile
-    place_m: tuple[float, float] | None  # where it is, map frame
+    robot: int  # its id
+    node: int  # its number
+    name: str  # the author's name of the node; "" in the paper profile
+    place_m: tuple[float, float] | None  # its position, map frame
     type: str  # of the landmark that was recognised; "" for nodes of other things
 
 
 @dataclass(frozen=True, slots=True)
 class NotValidated:
-    """A robot fell back, stopped, or did not believe a match."""
+    """Event: a robot fell back, stopped, or rejected a match."""
 
     robot: int
     why: str
@@ -75,7 +75,7 @@ class NotValidated:
 
 @dataclass(frozen=True, slots=True)
 class Completed:
-    """A robot's mission is done."""
+    """Event: a robot has completed its mission."""
 
     robot: int
 
@@ -85,39 +85,39 @@ News = Decoded | NotValidated | Completed
 
 @runtime_checkable
 class OnMission(Swarm, Protocol):
-    """A swarm whose robots live missions in a building."""
+    """A swarm whose robots carry out encoded missions in a building."""
 
     @property
     def plan(self) -> FloorPlan:
-        """The building."""
+        """Return the floor plan of the building."""
 
     def walls_mm(self) -> list[list[int]]:
         """Return x, y of both ends of each wall, in the area."""
 
     def check(self, plain: Mission) -> None:
-        """Check that these robots can live such a mission, before it is compiled, which takes its time.
+        """Check that these robots can carry out a mission, before the slow compilation.
 
-        Raises: UsageError: they lack a sensor that it wants.
+        Raises: UsageError: the robots lack a sensor that the mission needs.
         """
 
     def prepare(self, plain: Mission, built: Sequence[Built]) -> Callable[[], None]:
-        """Return a function that has all robots begin a mission, of which each part is built, in their order.
+        """Return a function that starts a mission on all robots, one built part each, in their order.
 
-        It raises PeerError if one must not.
-        Raises: UsageError: as `check`, or robots cannot be put where a part begins.
+        The function raises PeerError if a robot must not start its part.
+        Raises: UsageError: as `check`, or robots cannot be placed at the start of a part.
         """
 
     def progress(self) -> Progress | None:
-        """Return the mission that runs, or ran last."""
+        """Return the progress of the current or last mission; None if there was none."""
 
     def plain(self) -> Mission | None:
-        """Return the source of the mission that `progress` returns; None without, or if only its files are known."""
+        """Return the source of the current or last mission; None if there is none, or if only its files are known."""
 
     def walks(self) -> Sequence[Walk]:
-        """Return one for every robot."""
+        """Return the progress of every robot."""
 
     def lit(self) -> Sequence[DecodedPlace]:
-        """Return what was decoded and has a place, in that order."""
+        """Return the decoded places, in the order of decoding."""
 
     def news(self) -> Sequence[tuple[str, News]]:
-        """Return (address, news of that robot) since the last call, oldest first."""
+        """Return the events since the last call with the robots' addresses, oldest first."""

@@ -1,7 +1,7 @@
-"""Planners advise guarded robots, and the guard decides (docs/guides/guard.md).
+"""Planners, which advise guarded robots; the guard decides (docs/guides/guard.md).
 
-A planner is any program: it may use chance, a clock, a network, a learned policy. Nobody replays it; only its advice
-is in the log. It may run elsewhere (`Adviser`).
+A planner may be any program: it may use random numbers, a clock, a network or a learned policy. It is not replayed:
+the log has only its advice. It may run on another machine (`Adviser`).
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ if TYPE_CHECKING:
 
 Pair = tuple[float, float]
 MakePlanner = Callable[[int, Pair], "Planner"]
-FARTHEST = 1e6  # what a guard takes for a reading
-# Of two clocks: what delays and a drift of 500 ppm make of a reading's date.
+FARTHEST = 1e6  # largest number that a guard accepts in a reading
+# How far a reading's time may be ahead of ours: AHEAD_MS for delays, and a part in DRIFT (500 ppm) for the clocks.
 AHEAD_MS, DRIFT = 1000, 2000
 MOST_BYTES = max(SENSOR.size, STATE.size)
 
 
 class Planner(ABC):
-    """An adviser of one robot.
+    """Planner of one robot.
 
     Args:
         rob_id: 1..65535.
-        goal_m: where the scenario would have it go, x and y.
+        goal_m: the goal of the scenario, x and y.
     """
 
     def __init__(self, rob_id: int, goal_m: Pair) -> None:
@@ -42,53 +42,53 @@ class Planner(ABC):
 
     @abstractmethod
     def advise(self, t_s: float, position_m: Pair, velocity_mps: Pair) -> Sequence[float] | None:
-        """Return the velocity that it wants, m/s, x and y, or None; called at each reading, `t_s` its time.
+        """Return the advised velocity, m/s, x and y, or None; called at each reading, taken at `t_s`.
 
-        Two numbers are advice whatever they are: the guard shortens what is too fast, and ignores NaN and infinity.
+        Any two numbers are accepted: the guard shortens velocities that are too fast, and ignores NaN and infinity.
         """
 
-    def hear(self, t_s: float, rob_id: int, position_m: Pair, velocity_mps: Pair) -> None:  # noqa: B027 - may not care
-        """Another robot says where it is and where it goes; it may lie."""
+    def hear(self, t_s: float, rob_id: int, position_m: Pair, velocity_mps: Pair) -> None:  # noqa: B027 - optional
+        """Handle a state that another robot has broadcast; it may be false."""
 
 
 class ToGoal(Planner):
-    """Straight to the goal, slower near it: an honest planner that does not look where it goes."""
+    """Planner that advises the straight way to the goal, slower near it, and ignores obstacles."""
 
     def advise(self, _t_s: float, position_m: Pair, _velocity_mps: Pair) -> Sequence[float]:
-        """Return the way to the goal as a velocity; the guard knows how fast that may be."""
+        """Return the vector to the goal as a velocity; the guard limits it."""
         return [to - at for to, at in zip(self.goal_m, position_m, strict=True)]
 
 
 def advice_of(planner: Planner, t_ms: int, reading: bytes) -> bytes:
-    """Return a planner's advice on a reading, as it is logged; b"" for nothing.
+    """Return a planner's advice on a reading, as it is logged; b"" for none.
 
-    Raises: OwnMistake: it returned something else. What the planner raises goes on to the caller.
+    Raises: OwnMistake: the planner returned something else. Exceptions of the planner are passed on.
     """
     if len(reading) != SENSOR.size:
         return b""
     _, _, _, x, y, vx, vy = SENSOR.form.unpack(reading)
-    told = planner.advise(t_ms / 1000, (x, y), (vx, vy))
-    if told is None:
+    returned = planner.advise(t_ms / 1000, (x, y), (vx, vy))
+    if returned is None:
         return b""
     try:
-        wished = [float(number) for number in told]
+        wished = [float(number) for number in returned]
     except (TypeError, ValueError):
         wished = []
     if len(wished) != 2:
-        hint = "two numbers, m/s along x and y, or None"
-        raise OwnMistake(f"advise returned {kind_of(told)}", hint, planner, "advise")
+        hint = "return two numbers, m/s along x and y, or None"
+        raise OwnMistake(f"advise returned {kind_of(returned)}", hint, planner, "advise")
     return WISH.form.pack(KIND_WISH, *_as_f32(*wished))
 
 
 def forward_state(planner: Planner, t_ms: int, packet: bytes) -> None:
-    """Pass a broadcast to a planner, if it is a robot's state."""
+    """Pass a packet to a planner if it is a robot's state."""
     if len(packet) == STATE.size and packet[0] == KIND_STATE:
         _, rob_id, _, x, y, vx, vy = STATE.form.unpack(packet)
         planner.hear(t_ms / 1000, rob_id, (x, y), (vx, vy))
 
 
 def _as_f32(x: float, y: float) -> Pair:
-    """Return the vector, or one in its direction if an f32 does not hold it: `struct` refuses that."""
+    """Return the vector, scaled down if an f32 cannot hold it: `struct` would raise an error."""
     largest = max(abs(x), abs(y))
     if not LARGEST_F32 < largest < math.inf:
         return x, y
@@ -96,18 +96,18 @@ def _as_f32(x: float, y: float) -> Pair:
 
 
 class Adviser:
-    """A planner for each of the robots 1 to `robots`: it receives what they sense and hear, and answers with advice.
+    """Server of advice for robots 1 to `robots`: it runs a planner for each on the messages that it receives.
 
-    What a robot sends is what its computer says, and that may be taken over. So a reading that makes no sense is not
-    shown to the planner. And where advice is signed, a reading that is dated ahead is not answered, or what is signed
-    now could be used later: the first reading of each robot says by how much its clock and ours differ, for good. A
-    robot that dates all its readings ahead by the same time is indistinguishable from one with another clock.
+    Robots may be compromised, so invalid readings are not passed to a planner. If advice is signed, readings with a
+    time in the future get no answer, because the signed advice could be used later. The first reading of each robot
+    fixes the offset between its clock and ours. A robot that shifts the times of all its readings equally cannot be
+    distinguished from one with another clock.
 
     Args:
-        make: for a robot's id and `goal_m`.
-        signer: signs what planners wish; None for advice that anybody may give.
-        clock_ms: this side's, which goes on.
-        at: where robots are whose place is known, by their ids; the others are where they speak first.
+        make: makes a planner from a robot's id and `goal_m`.
+        signer: signs the advice; None for unsigned advice.
+        clock_ms: this side's monotonic clock.
+        at: hosts of robots by id, where known; the host of any other robot is that of its first reading.
     """
 
     def __init__(
@@ -122,23 +122,24 @@ class Adviser:
         self._make, self._goal_m, self._robots = make, goal_m, robots
         self._signer, self._clock_ms, self._at = signer, clock_ms, at
         self._planners: dict[int, Planner] = {}
-        self._speaks: dict[Hashable, int] = {}  # who was the last to send a robot's readings, and of which
+        self._robot_of: dict[Hashable, int] = {}  # by sender, the robot whose readings it sent last
         self._latest_ms: dict[int, int] = {}
-        self._first: dict[int, tuple[str, float, int]] = {}  # from where a robot's first reading came, and both clocks
+        self._first: dict[int, tuple[str, float, int]] = {}  # of a robot's first reading: host, our clock, its clock
 
     def answer(self, sender: Hashable, host: str, said: bytes) -> bytes:
-        """Return the answer to this packet: advice, or b"" for nothing. What a planner raises goes on.
+        """Return the answer to a packet: advice, or b"" for none. Exceptions of a planner are passed on.
 
         Args:
-            sender: a key that tells senders apart.
-            host: where that is; for signed advice a robot stays where it was first.
+            sender: key that identifies the sender.
+            host: the sender's host; with signed advice, a robot must keep its first host.
+            said: the packet.
         """
         if len(said) == STATE.size and said[0] == KIND_STATE:
-            robot = self._speaks.get(sender)
-            if robot and _makes_sense(said):
+            robot = self._robot_of.get(sender)
+            if robot and _is_valid(said):
                 forward_state(self._planners[robot], self._latest_ms[robot], said)
             return b""
-        if len(said) != SENSOR.size or said[0] != KIND_SENSOR or not _makes_sense(said):
+        if len(said) != SENSOR.size or said[0] != KIND_SENSOR or not _is_valid(said):
             return b""
         _, robot, t_ms, *_ = SENSOR.form.unpack(said)
         if not 1 <= robot <= self._robots or self._at.get(robot, host) != host:
@@ -147,19 +148,19 @@ class Adviser:
             return b""
         if robot not in self._planners:
             self._planners[robot] = self._make(robot, self._goal_m)
-        self._speaks = {each: of for each, of in self._speaks.items() if of != robot} | {sender: robot}
+        self._robot_of = {each: of for each, of in self._robot_of.items() if of != robot} | {sender: robot}
         self._latest_ms[robot] = t_ms
         wish = advice_of(self._planners[robot], t_ms, said)
         return self._signer.sign(robot, t_ms, wish) if wish and self._signer else wish
 
     def _is_its_time(self, robot: int, host: str, t_ms: int) -> bool:
-        """Return whether the robot is where it was first heard, and its clock went no faster than ours since then."""
+        """Return whether the robot has its first host, and its clock has gone no faster than ours since then."""
         now_ms = self._clock_ms()
         there, began_ms, first_ms = self._first.setdefault(robot, (host, now_ms, t_ms))
         since_ms = now_ms - began_ms
         return there == host and t_ms - first_ms <= since_ms + since_ms / DRIFT + AHEAD_MS
 
 
-def _makes_sense(said: bytes) -> bool:
-    *_, x, y, vx, vy = SENSOR.form.unpack(said)  # a broadcast's form is the same
-    return all(abs(number) <= FARTHEST for number in (x, y, vx, vy))  # NaN is not
+def _is_valid(packet: bytes) -> bool:
+    *_, x, y, vx, vy = SENSOR.form.unpack(packet)  # a STATE has the same form
+    return all(abs(number) <= FARTHEST for number in (x, y, vx, vy))  # False for NaN

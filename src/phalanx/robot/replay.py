@@ -1,6 +1,6 @@
-"""Deterministic replay of a log with the controller that the mission prescribes.
+"""Deterministic replay of a log with the mission's controller.
 
-Compiled for the bundled controllers; in Python for all others, and for a log from its mission's beginning (retrace.py).
+It is compiled for bundled controllers, and in Python for others and for whole logs (retrace.py).
 Source: RoboRebound §3.7; docs/spec/rebound.md (Auditor).
 """
 
@@ -25,7 +25,7 @@ from phalanx.wire.fields import Row
 from .controllers import dispatch
 from .controllers.python_controller import Act, Controller, EvidenceController, Send, pack_outputs
 
-# Fields of each event, read as one tuple: that takes 0.2 us, and one field of a numpy record takes 2.
+# Fields of each event, read as one tuple in 0.2 us; a single field of a numpy record would take 2 us.
 _EVENT: Final = itemgetter(
     *map(list(CASE.fields or ()).index, ("payload_at", "payload_len", "entry_t", "step", "evidence_len"))
 )
@@ -34,7 +34,7 @@ _EVENT: Final = itemgetter(
 def replay(f: Fleet, w: Work, q: Row, controller: Controller, *, is_claim: bool = True) -> int:
     """Replay the log of `work.case` in `q`, and compare its outputs with the controller's.
 
-    `is_claim`: the log is in a request, which claims a state at the log's checkpoint.
+    `is_claim`: the log is in a request, which claims the hash of the state at the checkpoint.
     Returns: 0 or a `Refusal`.
     """
     while (event := int(audit.next_event(f, w, q))) > audit.END:
@@ -60,14 +60,14 @@ def replay(f: Fleet, w: Work, q: Row, controller: Controller, *, is_claim: bool 
 
 
 def show_state(w: Work, controller: Controller) -> int:
-    """Write the controller's encoded state to `work.state`, behind the checkpoint's head; return its length."""
+    """Write the controller's encoded state to `work.state`, after the checkpoint's fixed fields; return its length."""
     state = controller.encode()
     w.state[CHECKPOINT_BYTES : CHECKPOINT_BYTES + len(state)] = np.frombuffer(state, np.uint8)
     return len(state)
 
 
 def decide(controller: Controller, step: int, t_ms: int, reading: bytes, evidence: bytes) -> Iterable[Send | Act]:
-    """Return a controller's outputs for a reading, with the evidence that the log has behind it."""
+    """Return a controller's outputs for a reading, with the evidence that follows it in the log."""
     if isinstance(controller, EvidenceController):
         return controller.on_evidence(step, t_ms, reading, evidence)
     return controller.on_input(step, t_ms, reading)

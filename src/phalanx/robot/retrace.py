@@ -1,7 +1,7 @@
-"""Replay a robot's whole log, and find the first place where an honest robot's log would differ.
+"""Replay of a robot's whole log, to find the first entry at which an honest robot's log would differ.
 
-The kernels are those of audits. But the log begins with the mission, and no MAC is checked: its c-node alone vouches
-for what the log says. Source: RoboRebound §3.7.
+It uses the kernels of audits. But the log begins with the mission, and no MAC is checked: the log is as trustworthy as
+its c-node. Source: RoboRebound §3.7.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from phalanx.wire.table import PROOF
 
 from .replay import replay
 
-# Refusals that depend only on earlier entries, so a log cut behind such an entry gets them too.
+# Refusals that depend only on the entries up to the wrong one: a log truncated after that entry gets the same.
 OF_ENTRIES = {
     Refusal.ENTRY_MALFORMED,
     Refusal.OUT_OF_ORDER,
@@ -38,7 +38,7 @@ ENTRIES = np.dtype([("end", "i8"), ("t_ms", "i8")])
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One entry or mark, as it lies in the log from `at` to `end`; `t_ms` is -1 for all but entries."""
+    """One entry or mark, at the bytes `at` to `end` of a log; `t_ms` is -1 for all but entries."""
 
     at: int
     end: int
@@ -48,7 +48,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """The first entry that an honest log would not have, counted from 0, and the reason."""
+    """The first entry that an honest log would not contain, counted from 0, and the reason."""
 
     entry: int
     t_ms: int
@@ -56,7 +56,7 @@ class Finding:
 
 
 def entries_of(raw: bytes) -> Iterator[Entry]:
-    """Yield the entries and marks, up to one that was cut short."""
+    """Yield the entries and marks of a log, up to the first that is incomplete."""
     data, at = row(raw), 0
     while at < len(raw):
         kind, _, end = map(int, log.piece_at(data, at, len(raw)))
@@ -72,16 +72,16 @@ def entries_of(raw: bytes) -> Iterator[Entry]:
 def first_lie(
     raw: bytes, rob_id: int, t_key_ms: int, config: BtiConfig, make: Callable[[int], Controller], mission_seed: int
 ) -> Finding | None:
-    """Return the first entry that an honest robot's log would not have; None for an honest log.
+    """Return the first entry that an honest robot's log would not contain; None for an honest log.
 
     Args:
-        raw: the log from the mission key on; an entry cut short at its end is left out.
-        t_key_ms: when its mission key was loaded, by the clock of its trusted nodes.
+        raw: the log since the mission key was loaded; an incomplete entry at its end is ignored.
+        t_key_ms: when the mission key was loaded, by the clock of the trusted nodes.
         make: returns a new controller for a robot's id.
-        mission_seed: decides the phase of the readings.
-    Raises: PeerError: the log cannot be replayed because of a defect of ours, which is logged.
+        mission_seed: determines the phase of the readings.
+    Raises: PeerError: a bug in phalanx, which is logged, prevents the replay.
     """
-    # As numbers, not as `Entry`: a hostile log has 64 million entries of one byte.
+    # An array, not a list of `Entry`: a hostile log may have 64 million entries of one byte.
     entries = np.fromiter(((each.end, each.t_ms) for each in entries_of(raw)), ENTRIES)
     if not entries.size:
         return None
@@ -98,7 +98,7 @@ def first_lie(
     )
     work = make_work(config)
     newest = np.maximum.accumulate(entries["t_ms"])
-    # The check compares with the tops in a request's head. A log has none, so append room that it may read.
+    # The check also reads the tops in a request's header, which a log lacks, so append as many zeros.
     q = row(raw + bytes(request.HEAD_BYTES))
 
     def begin(count: int) -> None:
@@ -120,7 +120,7 @@ def first_lie(
     if count:
         begin(count)
         if replayed := replay(fleet, work, q, make(rob_id), is_claim=False):
-            # The entry that was read when the replay differed: an output, or one that came while an output was overdue.
+            # The entry at which the replay differed: a wrong output, or the first entry after an output was overdue.
             number = int(np.searchsorted(entries["end"], int(work.case[0].at)))
             return Finding(number, int(entries["t_ms"][number]), Refusal(replayed))
     return found

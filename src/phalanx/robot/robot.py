@@ -1,6 +1,6 @@
-"""One robot for callers in Python: events in, actions out, step by step, with the kernels of `handlers`.
+"""One robot for callers in Python: events in, actions out, with the kernels of `handlers`.
 
-Controllers in plain Python decide between the steps. Attacks override some of them (adversary/liar.py).
+Controllers in plain Python run between these kernels. Attacks override some of the methods (adversary/liar.py).
 Source: RoboRebound §3; docs/spec/rebound.md (c-node).
 """
 
@@ -44,14 +44,15 @@ MakeController: TypeAlias = Callable[[int], Controller]
 class Robot:
     """Robot `i` of a fleet.
 
-    Robots that run one after the other may share `work`. Without `make_controller` it runs the fleet's bundled one.
+    Robots that never run at the same time may share `work`. Without `make_controller` the robot runs the fleet's
+    bundled controller.
 
     Attributes:
-        id: the robot's, 1..65535.
-        profile: of the trusted nodes.
+        id: the robot's id, 1..65535.
+        profile: profile of the trusted nodes.
         raw: sensor data of which the next reading has only a hash; the caller sets it before `on_reading`.
-        busy: its radio holds a fragment, so it must not send another.
-        is_own: it runs a researcher's controller honestly, so its errors are reported as mistakes in their file.
+        busy: whether the radio is sending a fragment, so that the robot must not send another.
+        is_own: whether it honestly runs a user's controller, so that errors are reported as mistakes in that file.
 
     Source: docs/spec/rebound.md.
     """
@@ -59,14 +60,14 @@ class Robot:
     def __init__(self, fleet: Fleet, i: int, work: Work, make_controller: MakeController | None = None) -> None:
         self.f, self.i, self.w = fleet, i, work
         self.make_controller = make_controller
-        # Asked for at every event: reading a record's field takes a microsecond.
+        # Cached, because each event needs them, and reading a record's field takes a microsecond.
         self.id, self.profile = int(fleet.robot[i].id), int(fleet.settings[0].profile)
         self._step_of, self._packet_max = fleet.robot["step"], int(fleet.settings[0].packet_max)
         self.controller = make_controller(self.id) if make_controller else None
         self.is_own = self.controller is not None
         self.raw = b""
         self.busy = False
-        self._is_kept = True  # the fleet's memory has the controller's newest state
+        self._is_kept = True  # whether the fleet's memory has the controller's newest state
 
     # --- events ---
 
@@ -76,12 +77,12 @@ class Robot:
         self.keep_state()
 
     def on_reading(self, now_ms: int, reading: bytes) -> list[Action]:
-        """Handle a reading: the s-node chains it, the controller decides, and its outputs go out."""
+        """Handle a reading: the s-node chains it, the controller runs, and its outputs are sent."""
         n = self.take(INPUT, now_ms, reading)
         return self.carry_out(now_ms, n) if n > 0 else []
 
     def on_advice(self, advice: bytes) -> None:
-        """Log a planner's advice, and give it to the controller. At most once a reading, or logs fill."""
+        """Log a planner's advice, and pass it to the controller; call it at most once per reading, or logs fill up."""
         self.record(guarded.ADVICE.encode(bytes=advice))
         if self.controller:
             self.controller.on_advice(advice)
@@ -101,27 +102,27 @@ class Robot:
         return actions.decode(self.w)
 
     def on_round(self, now_ms: int, *, listened: bool) -> list[Action]:
-        """Begin a round: say HELLO, take a checkpoint, ask the first auditor; or listen first, without `listened`."""
+        """Begin a round: send HELLO, take a checkpoint, ask an auditor. Unless `listened`, it may listen first."""
         if listened:
             return self.begin_round(now_ms)
-        asked, waits = self._done(handlers.listen, now_ms)
-        return asked if waits else asked + self.begin_round(now_ms)
+        todo, waits = self._run(handlers.listen, now_ms)
+        return todo if waits else todo + self.begin_round(now_ms)
 
     def on_retry(self, now_ms: int) -> list[Action]:
         """Ask further robots if tokens are missing at the retry time."""
-        asked, is_missing = self._done(handlers.seek, now_ms)
-        return asked + self.next_packet(now_ms) if is_missing else asked
+        todo, is_missing = self._run(handlers.seek, now_ms)
+        return todo + self.next_packet(now_ms) if is_missing else todo
 
     def on_sent(self, now_ms: int, *, arrived: bool) -> list[Action]:
-        """Send the next fragment: the radio has sent the last one, or given it up."""
+        """Send the next fragment, after the radio has sent or dropped the last one."""
         if not arrived:
             seeking.give_up_request(self.f, self.i, now_ms, self.w.small[1])
         return self.next_packet(now_ms)
 
     # --- steps of these -----------------------------------------------------------------------------------------------
 
-    def _done(self, step: Callable[..., Any], *args: int | Row) -> tuple[list[Action], int]:
-        """Run a step of the handlers; return its actions, and the number that it returned."""
+    def _run(self, step: Callable[..., Any], *args: int | Row) -> tuple[list[Action], int]:
+        """Run a kernel of `handlers`; return its actions and its result."""
         actions.clear(self.w)
         returned = step(self.f, self.i, self.w, *args)
         return actions.decode(self.w), int(returned or 0)
@@ -131,24 +132,26 @@ class Robot:
         return int(handlers.take(self.f, self.i, self.w, kind, now_ms, row(payload), len(payload)))
 
     def record(self, raw: bytes | Row) -> None:
-        """Log an entry or a mark, where there are logs."""
+        """Log an entry or a mark, unless the robot has no log."""
         if self.profile != PLAIN:
             log.append(self.f, self.i, row(bytes(raw)), len(raw))
 
     def carry_out(self, now_ms: int, entry_len: int) -> list[Action]:
-        """Decide on the INPUT in `work.entry`, and pass the outputs through the a-node."""
-        asked = (self.checked("send_output", self.send_output(now_ms, output)) for output in self.decide(entry_len))
-        return [action for each in asked for action in each]
+        """Run the controller on the INPUT in `work.entry`, and pass its outputs through the a-node."""
+        todo = (self.checked("send_output", self.send_output(now_ms, output)) for output in self.decide(entry_len))
+        return [action for each in todo for action in each]
 
-    def checked(self, method: str, asked: object) -> list[Action]:
-        """Return what a method returned if that is actions: an attack may be a researcher's own.
+    def checked(self, method: str, returned: object) -> list[Action]:
+        """Return the result of a method, which may be that of a user's attack, if it is a list of actions.
 
         Raises: OwnMistake: it is not.
         """
-        if isinstance(asked, list) and all(isinstance(each, Action) for each in asked):
-            return asked
-        wrong = next(each for each in asked if not isinstance(each, Action)) if isinstance(asked, list) else asked
-        raise OwnMistake(f"{method} returned {kind_of(wrong)}", "a list of actions, empty for nothing", self, method)
+        if isinstance(returned, list) and all(isinstance(each, Action) for each in returned):
+            return returned
+        wrong = returned
+        if isinstance(returned, list):
+            wrong = next(each for each in returned if not isinstance(each, Action))
+        raise OwnMistake(f"{method} returned {kind_of(wrong)}", "return a list of actions, or []", self, method)
 
     def decide(self, entry_len: int) -> list[Send | Act]:
         """Return the controller's outputs for the INPUT in `work.entry`."""
@@ -169,7 +172,7 @@ class Robot:
         return checked_outputs(outputs, self._packet_max, self.controller)
 
     def evidence(self, step: int, t_ms: int, reading: bytes) -> bytes:
-        """Return what to keep of `raw`: nothing once the log is half full, because the rest is for unasked packets."""
+        """Return the evidence from `raw`; none once the log is half full: the rest is for packets of other robots."""
         assert isinstance(self.controller, EvidenceController)
         kept = self.controller.keep(step, t_ms, reading, self.raw)
         if self.profile == PLAIN:
@@ -179,7 +182,7 @@ class Robot:
         return kept if fits else b""
 
     def keep_evidence(self, evidence: bytes) -> None:
-        """Log the evidence, right behind its INPUT."""
+        """Log the evidence, right after its INPUT."""
         if evidence:
             self.record(table.EVIDENCE.encode(bytes=evidence))
 
@@ -191,47 +194,47 @@ class Robot:
 
     def act(self, now_ms: int, command: bytes) -> list[Action]:
         """Pass a command through the a-node, and log it."""
-        return self._done(handlers.act, now_ms, row(command), len(command))[0]
+        return self._run(handlers.act, now_ms, row(command), len(command))[0]
 
     def send(self, now_ms: int, packet: bytes, to: int) -> list[Action]:
         """Pass a packet through the a-node, and log it unless it is audit traffic."""
-        asked, n = self._done(handlers.send, now_ms, row(packet), len(packet), to)
+        todo, n = self._run(handlers.send, now_ms, row(packet), len(packet), to)
         if n == trusted.E_AIRTIME and self.is_own and not packet[0] & request.AUDIT:
-            # Otherwise its auditors would stop it for a missing output, without a hint at the reason.
+            # Otherwise auditors would stop the robot for a missing output, and the user would not learn the reason.
             raise OwnMistake(
-                f"robot {self.id}: its a-node has no airtime left for a packet of {len(packet)} bytes",
-                "shorter packets, or fewer: in each state period as much airtime as four of 27 bytes",
+                f"robot {self.id}: the a-node has no airtime left for a packet of {len(packet)} bytes",
+                "send less: the limit per state period is the airtime of four packets of 27 bytes",
                 self.controller,
             )
-        return asked
+        return todo
 
     def answer(self, now_ms: int, place: int, auditee: int, refusal: int) -> list[Action]:
-        """End the audit of the request at `place`."""
-        return self._done(handlers.answer, now_ms, place, auditee, refusal)[0]
+        """Record the verdict on the request at `place`, and send the token if it passed."""
+        return self._run(handlers.answer, now_ms, place, auditee, refusal)[0]
 
     def begin_round(self, now_ms: int) -> list[Action]:
-        """Open a round: say HELLO, and ask the first auditor."""
-        return self._done(handlers.begin_round, now_ms)[0] + self.next_packet(now_ms)
+        """Start a round: send HELLO, and ask the first auditor."""
+        return self._run(handlers.begin_round, now_ms)[0] + self.next_packet(now_ms)
 
     def next_packet(self, now_ms: int) -> list[Action]:
-        """Send the next fragment of an audit request, or say when to retry."""
+        """Send the next fragment of an audit request, or set the time of the next retry."""
         if self.busy:
             return []
         n = request.next_fragment(self.f, self.i, now_ms, self.w.packet)
         if n == 0 and self.make_request(now_ms):
             n = request.next_fragment(self.f, self.i, now_ms, self.w.packet)
-        return self._done(handlers.ask_with, now_ms, n)[0]
+        return self._run(handlers.ask_with, now_ms, n)[0]
 
     def make_request(self, now_ms: int) -> bool:
-        """Make a request for an audit in `fleet.request`; return whether there is one."""
-        self.flush_state()  # its checkpoint is made now
+        """Write an audit request to `fleet.request`; return whether one was due."""
+        self.flush_state()  # make_request takes the checkpoint
         return bool(request.make_request(self.f, self.i, now_ms, *self.w.small[:3]) > 0)
 
     # --- plain-Python controllers ---
 
     def keep_state(self) -> None:
-        """Write the state of a controller in plain Python to the fleet's memory, from which checkpoints are made."""
-        # A mission's state is long, and without audits nothing reads it.
+        """Write the state of a controller in plain Python to the fleet's memory, from which checkpoints are taken."""
+        # Skip the long state of a mission in robots without audits, where nothing reads it.
         unasked = self.profile == PLAIN and isinstance(self.controller, EvidenceController)
         if self.controller and not unasked:
             room = self.f.checkpoint.shape[2] - CHECKPOINT_BYTES
@@ -241,12 +244,12 @@ class Robot:
         self._is_kept = True
 
     def flush_state(self) -> None:
-        """Write the controller's state to the fleet's memory, unless it is there."""
+        """Write the controller's state to the fleet's memory, unless that is up to date."""
         if not self._is_kept:
             self.keep_state()
 
     def _judge(self, place: int, src: int) -> int:
-        """Audit as `handlers.audit_request` does, with the mission's plain-Python controller."""
+        """Audit a request as `handlers.audit_request` does, but with a controller in plain Python."""
         info = self.f.rx_info[self.i, place]
         q, length = self.f.rx.rows[info.row], int(info.len)
         try:
@@ -254,7 +257,7 @@ class Robot:
                 refused = audit.examine(self.f, self.i, self.w, q, length, src) or self._replay(q)
         except Defective:
             refused = Refusal.DEFECT
-        except Exception:  # noqa: BLE001 - whatever a log makes a researcher's controller raise, it earns no token
+        except Exception:  # noqa: BLE001 - a log that makes a user's controller raise gets no token
             refused = Refusal.CONTROLLER_FAILED
         return int(refused)
 

@@ -1,6 +1,6 @@
-"""Sign orders of a gateway or an operator, and advice.
+"""Signers of orders (by a gateway or an operator) and of advice.
 
-Robots check them in controllers/orders.py and controllers/bundled/guard.py.
+Robots verify signatures in controllers/orders.py and controllers/bundled/guard.py.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ from phalanx.wire.driven import (
 
 
 class Signer:
-    """Signs orders of one mission, each with a number above the last; `said_ms` is its own clock.
+    """Signer of orders for one mission, numbered in rising order. `said_ms` is the time of an order by its own clock.
 
     Args:
-        key: its public part is what the mission names.
+        key: private key, whose public part is in the mission.
         who: GATEWAY or OPERATOR of phalanx.wire.driven.
 
     Attributes:
-        number: of the last order; stops have none.
+        number: number of the last order; stops have none.
 
-    Raises: UsageError: from all of its methods, if a value is out of range.
+    Raises: UsageError: by all methods, if a value is out of range.
     Source: docs/spec/orders.md.
     """
 
@@ -49,42 +49,42 @@ class Signer:
 
     @property
     def public(self) -> bytes:
-        """The public key, 32 bytes."""
+        """Return the public key, 32 bytes."""
         return self._key.public_key().public_bytes_raw()
 
     def wheels(self, robot: int, said_ms: int, left_pct: int, right_pct: int) -> bytes:
-        """Turn the wheels for a moment, -100..100; ends waypoint following. Source: docs/spec/vocabulary.md."""
+        """Order to turn the wheels for a moment, -100..100, and to end a route. Source: docs/spec/vocabulary.md."""
         return self._order(robot, said_ms, TELL_WHEELS, ORDER_WHEELS.encode(left=left_pct, right=right_pct))
 
     def led(self, robot: int, said_ms: int, red: int, green: int, blue: int) -> bytes:
-        """Show a colour, 0..255 each. Source: docs/spec/vocabulary.md."""
+        """Order to set the LED's colour, 0..255 each. Source: docs/spec/vocabulary.md."""
         return self._order(robot, said_ms, TELL_LED, ORDER_LED.encode(red=red, green=green, blue=blue))
 
     def route(self, robot: int, said_ms: int, threshold_mm: int, points_mm: Sequence[tuple[int, int]]) -> bytes:
-        """Visit at most 32 points in order, each reached within 1..1000 mm. Source: docs/spec/vocabulary.md."""
+        """Order to visit at most 32 points, each reached within 1..1000 mm. Source: docs/spec/vocabulary.md."""
         if len(points_mm) > WAYPOINTS_MAX or not 1 <= threshold_mm <= THRESHOLD_MAX_MM:
             raise UsageError(
-                f"a route of {len(points_mm)} points within {threshold_mm} mm",
-                f"at most {WAYPOINTS_MAX} points, 1 to {THRESHOLD_MAX_MM} mm",
+                f"route of {len(points_mm)} points with a threshold of {threshold_mm} mm",
+                f"use at most {WAYPOINTS_MAX} points, and a threshold of 1 to {THRESHOLD_MAX_MM} mm",
             )
         points = b"".join(WAYPOINT.encode(x_mm=x_mm, y_mm=y_mm) for x_mm, y_mm in points_mm)
         body = ORDER_ROUTE.encode(threshold_mm=threshold_mm, count=len(points_mm), points=points)
         return self._order(robot, said_ms, TELL_ROUTE, body)
 
     def beacon(self, said_ms: int) -> bytes:
-        """Order nothing of everybody, each second: by its time robots learn what is late."""
+        """Make a beacon, sent each second: an empty order by whose time all robots learn which orders are late."""
         return self._order(EVERYBODY, said_ms, TELL_NOTHING)
 
     def stop(self, said_ms: int) -> bytes:
-        """Stand still, and obey no motion until `go`: everybody's emergency stop."""
+        """Order all robots to stand still and to ignore orders to move until `go`: an emergency stop."""
         return self._order(EVERYBODY, said_ms, TELL_STOP)
 
     def go(self, said_ms: int) -> bytes:
-        """Allow orders to move again."""
+        """Allow all robots to obey orders to move again."""
         return self._order(EVERYBODY, said_ms, TELL_GO)
 
     def _order(self, robot: int, said_ms: int, action: int, body: bytes = b"") -> bytes:
-        # Later than the last whatever the clock: a stop is obeyed if its signer has said nothing since.
+        # Later than the last order, whatever the clock: robots obey a stop only if it is the newest of its signer.
         self._said_ms = max(said_ms, self._said_ms + 1)
         self.number += action != TELL_STOP
         signed = ORDER.encode(
@@ -100,18 +100,18 @@ class Signer:
 
 
 class AdviceSigner:
-    """Signs what a planner wishes, for one mission; its key's public part is the guard's `adviser_key`."""
+    """Signer of a planner's advice for one mission; the public part of its key is the guard's `adviser_key`."""
 
     def __init__(self, key: Ed25519PrivateKey, mission: int) -> None:
         self._key, self._mission = key, mission
 
     @property
     def public(self) -> bytes:
-        """The public key, 32 bytes."""
+        """Return the public key, 32 bytes."""
         return self._key.public_key().public_bytes_raw()
 
     def sign(self, robot: int, t_ms: int, wish: bytes) -> bytes:
-        """A `signed_wish` of a `wish`, in answer to the robot's reading of `t_ms`. Source: docs/guides/guard.md."""
+        """Return the `signed_wish` of a `wish` on the robot's reading of `t_ms`. Source: docs/guides/guard.md."""
         _, vx_mps, vy_mps = guarded.WISH.form.unpack(wish)
         form = guarded.SIGNED_WISH.form
         signed = form.pack(guarded.KIND_SIGNED_WISH, self._mission, robot, t_ms, vx_mps, vy_mps)

@@ -1,9 +1,9 @@
 """The station that sends signed orders of a gateway and its operator, and the swarm of robots that obey it.
 
-It says the gateway's beacon and the operator's stop to all, and visitors' orders each to its robot, all of it signed.
-It speaks no faster than the channel and a robot's log have room for, whatever visitors do: of several orders of one
-kind that wait for one robot only the newest is said. Its radio and its clock are whoever's asks it to speak: those of a
-simulation, or of a gateway.
+It broadcasts the gateway's beacon and the operator's stop, and sends visitors' orders to single robots, all signed. Its
+rate is limited to the capacity of the channel and of the robots' logs, whatever visitors do: of several queued orders
+of one kind for one robot, it sends only the newest. The caller provides the radio and the clock: a simulation or a
+gateway.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from .roster import Member, Roster
 from .signer import Signer
 from .swarm import Led, Point
 
-# A robot's log has room for so many bytes of orders a second.
+# Bytes of orders per second that a robot's log has room for.
 ORDER_BYTES_PER_S = 700
-# All robots' together: a tenth of the channel.
+# Orders per second to all robots together: a tenth of the channel.
 ORDERS_PER_S = 330
 BEACON_S = 1.0
-# What all are told may be lost on the air: a stop, and its end, is said so often at once, and then with each beacon.
+# Broadcasts may be lost: a stop, or its end, is sent AT_ONCE times at intervals of AGAIN_S, then every BEACON_S.
 AT_ONCE, AGAIN_S = 5, 0.1
 MOTION, COLOUR = 0, 1  # kinds of orders
-# What makes an order's packet of the robot's id and the signer's clock, ms.
+# Makes an order's packet from the robot's id and the signer's clock, ms.
 Make = Callable[[int, int], bytes]
 
 
@@ -38,21 +38,21 @@ class Air(Protocol):
     """The radio of a station."""
 
     def is_busy(self) -> bool:
-        """Return whether the last packet still waits to go out."""
+        """Return whether the last packet is still waiting to be sent."""
 
     def is_deaf(self, robot: int) -> bool:
-        """Return whether the robot is known to be stopped for good."""
+        """Return whether the robot is known to be stopped permanently."""
 
     def say(self, packet: bytes, robot: int) -> None:
         """Send a packet to a robot, or to EVERYBODY."""
 
 
 class Station:
-    """One radio that is no robot; robots go by their ids.
+    """Queue and rate limiter of orders from one base station; robots are identified by their ids.
 
     Attributes:
-        gateway, operator: who signs what it says.
-        held: whether the operator has all robots stand still; may be set by another thread.
+        gateway, operator: signers of its orders.
+        held: whether the operator has stopped all robots; other threads may set it.
     """
 
     def __init__(self, gateway: Signer, operator: Signer) -> None:
@@ -68,31 +68,31 @@ class Station:
         self._told: dict[int, int] = {}
 
     def tell(self, robot: int, kind: int, make: Make) -> None:
-        """Queue an order for the robot, in the place of one of its kind; for any thread."""
+        """Queue an order for the robot, replacing a queued one of the same kind; thread-safe."""
         self._waiting[robot, kind] = make
 
     def release(self) -> None:
-        """Let robots be driven again, and tell them so: a station before this one may have had them stand."""
+        """Let robots be driven again, and broadcast that: a previous station may have stopped them."""
         self.held = False
         self._let_go = True
 
     def drop_pending(self) -> None:
-        """Drop waiting colours, and wait for no robot's log: for the last orders."""
+        """Drop queued colours and ignore the log limits of robots, to send the last orders at once."""
         self._drop(COLOUR)
 
     @property
     def has_pending_order(self) -> bool:
-        """Return whether an order waits, or a broadcast goes on."""
+        """Return whether an order is queued, or a broadcast is being repeated."""
         return bool(self._waiting or self._at_once)
 
     def told(self, robot: int) -> int | None:
-        """Return the number of the last order to the robot; None if one to move still waits."""
+        """Return the number of the last order sent to the robot; None while an order to move is queued."""
         return None if (robot, MOTION) in self._waiting else self._told.get(robot, 0)
 
     def speak(self, air: Air, now_s: float, said_ms: int) -> float:
-        """Send what is due, one packet at a time; `said_ms` is the signers' clock.
+        """Send the next packet that is due, at most one; `said_ms` is the signers' clock.
 
-        Returns: when to ask again, s; never if nothing waits.
+        Returns: when to call again, s; infinity if nothing is queued.
         """
         self._receive_stop(now_s)
         if now_s >= self._may_speak_at_s and not air.is_busy() and not self._broadcast_order(air, now_s, said_ms):
@@ -110,10 +110,10 @@ class Station:
             self._drop(MOTION)
 
     def _drop(self, kind: int) -> None:
-        for key in list(self._waiting):  # another thread may tell something meanwhile
+        for key in list(self._waiting):  # a copy, as other threads may queue orders meanwhile
             if key[1] == kind:
                 self._waiting.pop(key)
-        # What a long route has used up of a robot's log is made good when it stands.
+        # Reset the log limits: a robot that stands still has room in its log again.
         self._may_order_at_s.clear()
 
     def _broadcast_order(self, air: Air, now_s: float, said_ms: int) -> bool:
@@ -133,7 +133,7 @@ class Station:
         for robot, kind in list(self._waiting):
             if air.is_deaf(robot):
                 del self._waiting[robot, kind]
-            # Who has not heard yet that it may move would not obey.
+            # While `go` is being broadcast, robots that have not received it would ignore orders to move.
             elif now_s >= self._may_order_at_s.get(robot, 0.0) and not (kind == MOTION and self._at_once):
                 packet = self._waiting.pop((robot, kind))(robot, said_ms)
                 self._told[robot] = self.gateway.number
@@ -147,7 +147,7 @@ class Station:
 
 
 class Ordered(Roster):
-    """Members of a simulated or real swarm that obey one station; `ids` has the robots' ids, by row."""
+    """Members of a simulated or real swarm that obey one station; `ids` are the robots' ids in the members' order."""
 
     def __init__(self, members: Iterable[Member], ids: Sequence[int], station: Station) -> None:
         super().__init__(members)
@@ -155,37 +155,37 @@ class Ordered(Roster):
 
     @property
     def longest_route(self) -> int:
-        """Most points of a route."""
+        """Return the largest number of points of a route."""
         return orders.WAYPOINTS_MAX
 
     def drive(self, address: str, left_pct: int, right_pct: int) -> None:
-        """Turn the wheels for 300 ms; ends waypoint following."""
+        """Order a robot to turn its wheels for 300 ms, and to end its route."""
         i = self._find(address)
         self._members[i].route = ()
         left, right = max(-100, min(100, left_pct)), max(-100, min(100, right_pct))
         self._tell(i, MOTION, partial(self._station.gateway.wheels, left_pct=left, right_pct=right))
 
     def hold(self) -> None:
-        """All that do not lie stand still until `release`: the operator says so to all, before all else, and again."""
+        """Stop all robots that obey until `release`: the operator's stop is broadcast first, and repeated."""
         self._station.held = True
         for each in self._members:
             each.route = ()
 
     def release(self) -> None:
-        """They may be driven again."""
+        """Let robots be driven again."""
         self._station.release()
 
     def set_led(self, address: str, led: Led) -> None:
-        """Show a colour."""
+        """Order a robot to set its LED's colour."""
         self._show(self._find(address), led)
 
     def _show(self, i: int, led: Led) -> None:
         self._tell(i, COLOUR, partial(self._station.gateway.led, red=led.red, green=led.green, blue=led.blue))
 
     def _follow(self, i: int, route: Sequence[Point], threshold_mm: float, here: Point) -> None:
-        """Robot i, which is `here`, is to visit these points. Raises: UsageError: more than `longest_route`."""
+        """Order robot i, now at `here`, to visit these points. Raises: UsageError: more than `longest_route`."""
         if len(route) > self.longest_route:
-            raise UsageError(f"a route of {len(route)} points", f"at most {self.longest_route}")
+            raise UsageError(f"route of {len(route)} points", f"use at most {self.longest_route}")
         points = [(round(point.x_mm), round(point.y_mm)) for point in route]
         near = round(min(max(threshold_mm, 1), orders.THRESHOLD_MAX_MM))
         self._tell(i, MOTION, partial(self._station.gateway.route, threshold_mm=near, points_mm=points))

@@ -1,6 +1,6 @@
-"""The swarm as whoever commands it sees it: simulated, real or protected ones all stand behind this.
+"""The interface of swarms, simulated or real, protected or not.
 
-Lengths are millimetres, x to the right and y down from the area's top left corner; a direction is in whole degrees,
+Lengths are in millimetres, x to the right and y down from the area's top left corner. Directions are in whole degrees,
 0 along +y and clockwise on the screen (docs/spec/vocabulary.md).
 """
 
@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A place in the area, mm."""
+    """Point in the area, mm."""
 
     x_mm: float
     y_mm: float
@@ -21,7 +21,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Led:
-    """A colour, 0..255 each."""
+    """Colour of an LED, 0..255 each."""
 
     red: int
     green: int
@@ -29,103 +29,103 @@ class Led:
 
 
 class Robot(NamedTuple):
-    """One robot at one moment."""
+    """Snapshot of one robot."""
 
     address: str  # 16 upper-case hexadecimal digits
-    name: str  # short, for people
+    name: str  # short, for display
     at: Point
     direction_deg: int  # whole degrees
-    battery_v: float  # 0 of a robot that tells none
+    battery_v: float  # 0 if the robot does not report it
     led: Led
-    route: tuple[Point, ...]  # the points being followed, the first where it stood when told; () when it follows none
-    threshold_mm: float  # how near counts as reached
-    heard_at_s: float  # when it last spoke, seconds since 1970
-    history: Sequence[Point]  # where it has been, oldest first
+    route: tuple[Point, ...]  # the robot's position when the route was set, then its points; () without a route
+    threshold_mm: float  # distance at which a point counts as reached
+    heard_at_s: float  # time of its last message, seconds since 1970
+    history: Sequence[Point]  # past positions, oldest first
 
 
 class Swarm(Protocol):
-    """Robots that can be watched and told what to do.
+    """Robots that can be observed and commanded.
 
-    Every method that takes an address raises `phalanx.errors.Unknown` if no such robot is there. They are called from
-    the gateway's event loop: they must not wait. What else they raise is logged; a failed stop is tried again.
+    Every method that takes an address raises `phalanx.errors.Unknown` if there is no such robot. The gateway calls the
+    methods from its event loop: they must not block. Other exceptions are logged; a failed stop is retried.
 
-    `stop`, `hold` and `release` are called from another thread, also while a method of the others runs or hangs, and
-    must not wait for it.
+    `stop`, `hold` and `release` are called from another thread, even while another method runs or hangs, and must not
+    wait for it.
     """
 
     @property
     def area_mm(self) -> tuple[int, int]:
-        """Width and height of the area."""
+        """Return width and height of the area."""
 
     def robots(self) -> Sequence[Robot]:
-        """Return every robot that is there now."""
+        """Return all robots that are present now."""
 
     def drive(self, address: str, left_pct: int, right_pct: int) -> None:
-        """Turn the wheels, -100..100, until told otherwise; ends waypoint following."""
+        """Turn a robot's wheels, -100..100, until the next command, and end its route."""
 
     def stop(self, address: str) -> None:
-        """Stand still, and follow nothing, until told otherwise."""
+        """Stop a robot and end its route, until the next command."""
 
     def hold(self) -> None:
-        """Every robot stands still, those too that come, whatever they are told, until `release`: an emergency stop.
+        """Stop all robots, also those that appear later, and ignore commands until `release`: an emergency stop.
 
-        Called ten times a second for as long as it lasts: a message to a robot may be lost.
+        The gateway calls this ten times per second until `release`, because messages to robots may be lost.
         """
 
     def release(self) -> None:
-        """Robots may be told to move again; those on a mission go on."""
+        """Let robots obey commands to move again; those on a mission continue it."""
 
     def set_led(self, address: str, led: Led) -> None:
-        """Show a colour."""
+        """Set the colour of a robot's LED."""
 
     def follow(self, address: str, route: Sequence[Point], threshold_mm: float) -> None:
-        """Visit these points in order; none stops the robot."""
+        """Let a robot visit these points in order; an empty route stops it."""
 
     def clear_history(self, address: str) -> None:
-        """Forget where the robot has been."""
+        """Clear a robot's past positions."""
 
 
 @runtime_checkable
 class RouteLimited(Swarm, Protocol):
-    """A swarm whose robots keep shorter routes than most."""
+    """A swarm whose robots accept only short routes."""
 
     @property
     def longest_route(self) -> int:
-        """Most points that a robot is told to follow."""
+        """Return the largest number of points of a route."""
 
 
 @runtime_checkable
 class SteppedSwarm(Swarm, Protocol):
-    """A swarm whose world stands still unless it is told that time passes."""
+    """A simulated swarm whose time the caller advances."""
 
     def step(self, dt_s: float) -> None:
-        """Let so many seconds pass."""
+        """Advance the simulation by `dt_s` seconds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shield:
-    """One robot's shield at one moment."""
+    """Protection status of one robot: its tokens, and whether it is in Safe Mode."""
 
     address: str
-    needed: int  # f_max + 1, fresh tokens that keep it alive
-    full_s: float  # T_val, how long a token counts
-    vouchers: tuple[tuple[str, float], ...]  # addresses, each with the seconds for which it still counts, longest first
-    safe_mode: bool  # it has been stopped
-    attack: str  # name of the one it runs, as the operator chose it; "" for an honest robot. Visitors are not told
+    needed: int  # f_max + 1, fresh tokens that keep it out of Safe Mode
+    full_s: float  # T_val, the lifetime of a token
+    vouchers: tuple[tuple[str, float], ...]  # addresses of its tokens' auditors, and remaining seconds, longest first
+    safe_mode: bool  # whether its a-node has stopped it
+    attack: str  # name of the attack that the operator started on it; "" for none. Never sent to visitors
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Audit:
-    """An audit that has ended, and between whom, by address."""
+    """An audit that has ended, with the addresses of auditor and auditee."""
 
     auditor: str
     auditee: str
-    refusal: str  # why no token was issued, in words; "" if one was
+    refusal: str  # why no token was issued, for display; "" if one was
 
 
 @dataclass(frozen=True, slots=True)
 class AttackChoice:
-    """An attack that an operator can have a robot run: its name, and what it does."""
+    """An attack that an operator can start on a robot: its name and its description."""
 
     name: str
     does: str
@@ -133,51 +133,51 @@ class AttackChoice:
 
 @runtime_checkable
 class AuditedSwarm(RouteLimited, Protocol):
-    """A swarm whose robots audit each other; their orders are logged, and sent by radio."""
+    """A swarm whose robots audit each other; they log their orders, which are sent by radio."""
 
     def shields(self) -> Sequence[Shield]:
-        """Return one for every robot."""
+        """Return the protection status of every robot."""
 
     def new_audits(self) -> Sequence[Audit]:
-        """Return those that ended since the last call, oldest first."""
+        """Return the audits that ended since the last call, oldest first."""
 
     def attacks(self) -> Sequence[AttackChoice]:
-        """Return what a robot can be made to do."""
+        """Return the attacks that `compromise` can start."""
 
     def compromise(self, address: str, attack: str) -> None:
-        """Have the robot lie from now on.
+        """Start an attack on a robot.
 
-        Raises: Unknown: no such robot, or no such attack; or it is compromised or stopped already.
+        Raises: Unknown: no such robot or attack, or the robot is already compromised or stopped.
         """
 
 
 @runtime_checkable
 class Revivable(AuditedSwarm, Protocol):
-    """A simulated swarm, in which a stopped robot can begin anew with its honest controller."""
+    """A simulated swarm in which a stopped robot can be restarted with its honest controller."""
 
     def revive(self, address: str) -> None:
-        """Have it begin anew in a moment.
+        """Restart a stopped robot shortly.
 
-        Raises: Unknown: no such robot, or it is not stopped.
+        Raises: Unknown: no such robot, or the robot is not stopped.
         """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Done:
-    """The results of a swarm's work lately."""
+    """Recent results of a swarm's task."""
 
-    name: str  # of the work
-    score: float | None  # None while there was nothing to count
-    counts: str  # what the score counts, and its unit: "% watched"
-    lately_s: float  # so far back it counts
+    name: str  # of the task
+    score: float | None  # None if there was nothing to count yet
+    counts: str  # unit of the score, like "% watched"
+    lately_s: float  # length of the period that the score covers
 
 
 @runtime_checkable
 class WorkingSwarm(Swarm, Protocol):
-    """A swarm that may have work of its own, which it does while nobody drives it."""
+    """A swarm whose robots may have a task, which they do while no visitor drives them."""
 
     def done(self) -> Done | None:
-        """Return its results; called about once a second, None where robots wait for people."""
+        """Return the results of the task; None without a task. Called about once per second."""
 
     def things(self) -> Sequence[Point]:
-        """Return the places of the things that the work is about, those in the area."""
+        """Return the positions of the task's moving objects in the area, like targets or intruders."""

@@ -1,4 +1,4 @@
-"""The interface that attacks implement: a record (attack.py), and a robot that lies (liar.py, mission_cheat.py).
+"""The interface of attacks: a record (attack.py), and base classes of compromised robots (liar.py, mission_cheat.py).
 
-The attacks themselves are in `phalanx.attacks`, above the world that they are tried in; registry.py finds them by name.
+The attacks themselves are in `phalanx.attacks`, which imports the simulated worlds; registry.py finds them by name.
 """

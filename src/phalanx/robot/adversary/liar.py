@@ -1,8 +1,8 @@
-"""A compromised robot: the honest `Robot` with some methods overridden, and the base class of all attacks on swarms.
+"""Compromised robots: the base class of all attacks on swarms, a `Robot` that overrides some methods.
 
-An honest controller runs beside the lying c-node, with the true readings and packets. A deviation is an output that the
-a-node passed and the honest controller did not return, or the reverse. So the first deviation is measured, and does not
-depend on the attack's own account. An attack sees what a c-node sees, and its plan; it can only call the trusted nodes.
+An honest controller runs in parallel, with the true readings and packets. A deviation is an output that the a-node
+admitted and the honest controller did not return, or the reverse. So the first deviation is measured independently of
+the attack's code. An attack knows what a c-node knows, and its plan; it can use trusted nodes only through their calls.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ MOTION = STATE.form  # of a `sensor` too: kind, id, t, position, velocity
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """The adversary's knowledge and options when it takes a robot over."""
+    """Knowledge and options of the adversary that takes a robot over."""
 
-    ids: tuple[int, ...]  # every robot's id
-    goal_m: tuple[float, float]  # where the swarm is going
+    ids: tuple[int, ...]  # ids of all robots
+    goal_m: tuple[float, float]  # the swarm's goal
     colluding: tuple[int, ...]  # ids of the other compromised robots
-    start_ms: int  # it lies from here on, ms of the robot's own clock
-    stop_ms: int  # and is honest again from here on
-    chance: np.random.Generator  # the adversary's random source, seeded by the scenario
+    start_ms: int  # start of the attack, ms of the robot's own clock
+    stop_ms: int  # end of the attack, after which the robot is honest again
+    chance: np.random.Generator  # the adversary's random generator, seeded by the scenario
     options: Mapping[str, float | str] = field(default_factory=dict)  # the attack's options, by name
 
 
@@ -56,20 +56,20 @@ class Motion:
 
 
 class Liar(Robot):
-    """A robot that lies in one way. Honest before `plan.start_ms` and from `plan.stop_ms` on.
+    """Robot under an attack: dishonest from `plan.start_ms` to `plan.stop_ms`, and honest otherwise.
 
-    While it lies, `sensed`, `heard`, `asked` and `round_due` replace what an honest c-node does at these events.
+    While it lies, `sensed`, `heard`, `asked` and `round_due` replace the honest handling of these events.
 
     Class attributes:
-        scene: kind of run in which such an attack is tried.
-        period_ms: time between calls of `on_wake` while it lies; 0 for never. An attack may set its own each time.
+        scene: setting in which the attack is tried.
+        period_ms: time between calls of `on_wake` while it lies; 0 for never. An attack may change it at any time.
 
     Attributes:
         attack: the record of this attack; `lying` sets it.
-        first_deviation_ms: when it first did what an honest robot would not; None while it has not.
-        last_deviation_ms: when it did so last.
-        output_missing: the first deviation is an output left out: no auditor can know before δ and the skew are over.
-        gained: how much an attack on the audits gained beyond what an honest robot is due.
+        first_deviation_ms: time of the first deviation from an honest robot; None before it.
+        last_deviation_ms: time of the last deviation.
+        output_missing: whether the first deviation is a missing output, which auditors detect only after δ + skew.
+        gained: advantage of an attack on the audits over an honest robot, as a count.
     """
 
     scene: ClassVar[Scene] = "flock"
@@ -80,7 +80,7 @@ class Liar(Robot):
         self, fleet: Fleet, i: int, work: Work, plan: Plan, make_controller: MakeController | None = None
     ) -> None:
         super().__init__(fleet, i, work, make_controller)
-        self.is_own = False  # its errors are no mistakes of a researcher's controller
+        self.is_own = False  # do not report its errors as mistakes in a user's controller
         self.plan = plan
         self.first_deviation_ms: int | None = None
         self.last_deviation_ms: int | None = None
@@ -88,12 +88,12 @@ class Liar(Robot):
         self.gained = 0
         self.seen: dict[int, Motion] = {}
         self.me = Motion(0.0, 0.0, 0.0, 0.0)
-        self.sensed_ms = 0  # when its last reading came; in Safe Mode there are none
+        self.sensed_ms = 0  # time of its last reading, of which there are none in Safe Mode
         bundled = compiled(fleet.settings[0].controller, fleet.params)
         self._honest = (make_controller or bundled)(self.id)
         self._steps = 0
         r = fleet.robot[i]
-        if r.alive:  # taken over in the middle of a mission
+        if r.alive:  # taken over during a mission
             remembered = fleet.state[i, : r.state_len].tobytes()
             self._honest.decode(remembered)
             if self.controller:
@@ -103,25 +103,25 @@ class Liar(Robot):
 
     @property
     def alive_s(self) -> float:
-        """Return for how many seconds it has had its mission key, until Safe Mode."""
+        """Return the seconds from the mission key to Safe Mode, or to now."""
         return (self.sensed_ms - int(self.f.robot[self.i].t_key)) / 1000
 
     @property
     def lied_s(self) -> float:
-        """Return for how many seconds it has lied, until Safe Mode."""
+        """Return the seconds of lying, up to Safe Mode."""
         return max(0, min(self.sensed_ms, self.plan.stop_ms) - self.plan.start_ms) / 1000
 
     @classmethod
     def before_key(cls, rob_id: int, profile: int, anode: Row, f_max: int) -> None:
-        """Act before the mission key is loaded: the c-node runs, and `anode` can be called.
+        """Attack before the mission key is loaded, when the c-node runs and can call `anode`.
 
         Source: docs/spec/rebound.md (zero key).
         """
 
-    # --- events: honest while it does not lie -------------------------------------------------------------------------
+    # --- events: handled honestly while it does not lie ---------------------------------------------------------------
 
     def on_reading(self, now_ms: int, reading: bytes) -> list[Action]:
-        """Handle a reading, and compare what goes out with the honest controller's outputs."""
+        """Handle a reading, and compare the outputs with those of the honest controller."""
         reading = self.read(now_ms, reading)
         self.sensed_ms = now_ms
         self.me = Motion(*MOTION.unpack_from(reading)[3:]) if reading[0] == SENSOR.tag else self.me
@@ -151,17 +151,17 @@ class Liar(Robot):
         return self.round_due(now_ms) if self.lies(now_ms) else super().begin_round(now_ms)
 
     def on_wake(self, now_ms: int) -> list[Action]:
-        """Act out of turn, every `period_ms` while it lies."""
+        """Act at any time: called every `period_ms` while it lies."""
         return []
 
-    # --- what subclasses override -------------------------------------------------------------------------------------
+    # --- hooks for subclasses -----------------------------------------------------------------------------------------
 
     def saw(self, rob_id: int, motion: Motion) -> None:
-        """Note a state that was broadcast in a robot's name; it may be a lie."""
+        """Record a state that was broadcast in a robot's name; it may be false."""
         self.seen[rob_id] = motion
 
     def read(self, now_ms: int, reading: bytes) -> bytes:
-        """Return the reading that the sensor gives the s-node; override it for a sensor that lies."""
+        """Return the reading that the s-node receives; override it for a manipulated sensor."""
         return reading
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
@@ -181,7 +181,7 @@ class Liar(Robot):
         """Begin a round while it lies."""
         return super().begin_round(now_ms)
 
-    # --- what goes out is watched -------------------------------------------------------------------------------------
+    # --- detection of deviations --------------------------------------------------------------------------------------
 
     def act(self, now_ms: int, command: bytes) -> list[Action]:
         return self._watched(now_ms, Act(command), super().act(now_ms, command))
@@ -200,17 +200,17 @@ class Liar(Robot):
         return actions
 
     def lies(self, now_ms: int) -> bool:
-        """Return whether it lies at this moment."""
+        """Return whether the attack is active at this time."""
         return self.plan.start_ms <= now_ms < self.plan.stop_ms
 
     def deviates(self, now_ms: int, *, output_missing: bool = False) -> None:
-        """Note a deviation from an honest robot at this time."""
+        """Record a deviation from an honest robot."""
         if self.first_deviation_ms is None:
             self.first_deviation_ms = now_ms
             self.output_missing = output_missing
         self.last_deviation_ms = now_ms
 
-    # --- what several attacks need ------------------------------------------------------------------------------------
+    # --- tools for attacks --------------------------------------------------------------------------------------------
 
     def others(self) -> list[int]:
         """Return the ids of all robots but itself."""
@@ -221,21 +221,21 @@ class Liar(Robot):
         return [rob_id for rob_id in self.others() if rob_id not in self.plan.colluding]
 
     def nearest(self, *, but: int = 0) -> Motion:
-        """Return the motion of the nearest robot that it has heard of, except `but`."""
-        heard = [motion for rob_id, motion in self.seen.items() if rob_id != but]
-        return min(heard, key=lambda other: math.hypot(other.x_m - self.me.x_m, other.y_m - self.me.y_m))
+        """Return the motion of the nearest robot whose state it has received, except `but`."""
+        known = [motion for rob_id, motion in self.seen.items() if rob_id != but]
+        return min(known, key=lambda other: math.hypot(other.x_m - self.me.x_m, other.y_m - self.me.y_m))
 
     def claim_motion(self, now_ms: int, name: int, motion: Iterable[float], to: int = EVERYBODY) -> list[Action]:
         """Send a state in a robot's name: position, m, and velocity, m/s."""
         return self.send(now_ms, MOTION.pack(KIND_STATE, name, now_ms, *motion), to)
 
     def count(self, actions: list[Action]) -> list[Action]:
-        """Add the packets that an attack on the audits has sent to `gained`; return them."""
+        """Add the number of actions to `gained`, and return the actions."""
         self.gained += len(actions)
         return actions
 
     def whole_request(self, now_ms: int, packet: bytes) -> int:
-        """Store a fragment; return the place of the request if it is complete and well-formed, -1 otherwise."""
+        """Store a fragment; return the index of the request if it is complete and well-formed, -1 otherwise."""
         place = int(request.take_fragment(self.f, self.i, row(packet), len(packet), now_ms))
         if place < 0:
             return -1
@@ -244,12 +244,12 @@ class Liar(Robot):
         return place if audit.open_request(self.w, q, length, src) == 0 else -1
 
     def shown(self, place: int) -> Row:
-        """Return the bytes of the request at this place, also right after it was released."""
+        """Return the bytes of the request at this index, which stay valid right after its release."""
         q: Row = self.f.rx.rows[self.f.rx_info[self.i, place].row]
         return q
 
     def vouch(self, now_ms: int, place: int) -> list[Action]:
-        """Send a token to the sender of the request just opened, without an audit."""
+        """Send a token to the sender of the request that was just parsed, without an audit."""
         src = int(self.w.case[0].auditee)
         refused = audit.issue(self.f, self.i, self.w, self.shown(place), self.w.small[2])
         actions = self.answer(now_ms, place, src, refused)
@@ -257,7 +257,7 @@ class Liar(Robot):
         return actions
 
     def believe(self, t_ms: int, packet: bytes) -> None:
-        """Log a packet and act on it as if it had come at `t_ms`."""
+        """Log a packet and pass it to the controller as if it had arrived at `t_ms`."""
         n = handlers.plain(self.w, RECV, t_ms, row(packet), len(packet))
         self.record(self.w.entry[:n])
         if self.controller:
@@ -269,24 +269,24 @@ class Liar(Robot):
             r.state_len = dispatch.on_recv(s.controller, self.f.params, r.id, t_ms, row(packet), len(packet), state)
 
     def chain(self, kind: int, now_ms: int, payload: bytes) -> int:
-        """Have a trusted node chain bytes, and log nothing; return the length of the entry in `work.entry`."""
+        """Let a trusted node chain bytes without logging them; return the length of the entry in `work.entry`."""
         return int(handlers.chain(self.f, self.i, self.w, kind, now_ms, row(payload), len(payload)))
 
 
 def tokens_in(actions: Iterable[Action]) -> list[Transmit]:
-    """Return the tokens among the packets that go out."""
+    """Return the packets with tokens among the actions."""
     return [each for each in actions if isinstance(each, Transmit) and is_audit(each.packet, request.TOKEN)]
 
 
 def is_audit(packet: bytes, sub: int) -> bool:
-    """Return whether a packet is AUDIT traffic of a kind: HELLO, FRAGMENT, TOKEN or SEEK of `request`."""
+    """Return whether a packet is an AUDIT packet of this kind: HELLO, FRAGMENT, TOKEN or SEEK."""
     return bool(request.is_audit(row(packet), len(packet))) and packet[request.AT_SUB] == sub
 
 
 def lying(
     attack: Attack, fleet: Fleet, i: int, work: Work, plan: Plan, make_controller: MakeController | None = None
 ) -> Liar:
-    """Return robot `i`, compromised by this attack; arguments as for a `Liar`."""
+    """Return robot `i` compromised by an attack; the other arguments are those of `Liar`."""
     liar: Liar = attack.kind(fleet, i, work, plan, make_controller)
     liar.attack = attack
     return liar

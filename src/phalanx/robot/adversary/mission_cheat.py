@@ -1,7 +1,7 @@
-"""A robot that cheats on its mission although peers replay it, and what its adversary knows.
+"""Compromised robots on a mission that peers audit, and the knowledge of their adversary.
 
-Like every liar (liar.py), they are honest until they begin, and an honest controller runs beside the lying one: the
-first output that it would not have put out is the deviation from which promise P1 counts.
+As in liar.py, a robot is honest until the attack begins, and an honest controller runs in parallel. The first output
+that differs from the honest controller's is the deviation from which the bound of promise P1 counts.
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ from phalanx.wire.fields import get_u32
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheatPlan:
-    """Knowledge of the adversary at a take-over: the floor plan, and nodes that colluding robots opened."""
+    """Plan and knowledge of the adversary: the building, and the nodes that colluding robots have decoded."""
 
-    after_ms: int  # it begins so long after the mission key was loaded
-    toward_m: tuple[float, float] = (0.0, 0.0)  # where it wants to be, map frame
-    # A scan's bytes as the robot's lidar would make them, in a building of the adversary's choice
+    after_ms: int  # time from the mission key to the start of the attack
+    toward_m: tuple[float, float] = (0.0, 0.0)  # the adversary's destination, map frame
+    # Makes the bytes of a scan from a pose in a building of the adversary's choice
     imagine: Callable[[Pose], bytes] = lambda _pose: b""
-    # Gates that colluding robots opened
+    # Gates that colluding robots have opened
     keys: Keyring = Keyring()  # noqa: RUF009  # frozen
-    node: int = 0  # to be skipped
-    onward: int = 0  # the node behind it
+    node: int = 0  # node to skip
+    onward: int = 0  # the node after it
 
 
 class MissionCheat(Robot):
-    """A compromised c-node on a mission."""
+    """Robot with a compromised c-node on a mission."""
 
     scene: ClassVar[Scene] = "team"
 
     def __init__(self, fleet: Fleet, i: int, work: Work, make_controller: MakeController, *, plan: CheatPlan) -> None:
         super().__init__(fleet, i, work, make_controller)
-        self.is_own = False  # its mistakes are the adversary's
+        self.is_own = False  # do not report its errors as mistakes in a user's controller
         self.plan = plan
         self.first_deviation_ms: int | None = None
         self.output_missing = False
@@ -54,12 +54,12 @@ class MissionCheat(Robot):
 
     @property
     def mission(self) -> MissionController:
-        """Return the controller that is made to lie."""
+        """Return the controller that the attack manipulates."""
         assert isinstance(self.controller, MissionController)
         return self.controller
 
     def take_over(self, controller: MissionController) -> None:
-        """Go on from what an honest robot has come to know, in the middle of a mission."""
+        """Continue from the state of an honest robot during its mission."""
         assert isinstance(self._honest, MissionController)
         self.controller, self._honest.memory = controller, controller.memory
 
@@ -87,7 +87,7 @@ class MissionCheat(Robot):
         return outputs
 
     def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
-        """Return what it puts out instead; here, still what an honest robot would."""
+        """Return the outputs of the attack; this base class returns the honest ones."""
         evidence = self.evidence(step, t_ms, reading)
         self.keep_evidence(evidence)
         return self.mission.on_evidence(step, t_ms, reading, evidence)

@@ -1,7 +1,7 @@
-"""Find attacks by name. What stands below `phalanx.attacks` knows them by this registry alone.
+"""Registry of attacks by name; modules that `phalanx.attacks` imports find attacks only here.
 
-Packages add attacks by an entry point of the group `phalanx.attacks`, as this one does (pyproject.toml): a mapping from
-names to records.
+Packages register attacks by an entry point of the group `phalanx.attacks`, a mapping from names to records. This
+package does so in its pyproject.toml.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ GROUP = "phalanx.attacks"
 
 @cache
 def attacks() -> Mapping[str, Attack]:
-    """Return all registered attacks, by name; load them at the first call."""
+    """Return all registered attacks by name, loaded at the first call."""
     return MappingProxyType({name: each for point in entry_points(group=GROUP) for name, each in point.load().items()})
 
 
 @cache
 def swarm_attacks() -> Mapping[str, Attack]:
-    """Return the attacks that a robot of a swarm carries out, by name."""
+    """Return the attacks by robots of a swarm, by name."""
     return MappingProxyType({name: each for name, each in attacks().items() if each.in_swarm})

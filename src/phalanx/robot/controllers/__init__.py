@@ -1,1 +1,1 @@
-"""The controllers that robots run and auditors replay, and how a researcher adds one (python_controller.py)."""
+"""Controllers, which robots run and auditors replay; python_controller.py has the base class for your own."""

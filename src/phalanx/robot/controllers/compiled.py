@@ -1,4 +1,4 @@
-"""The bundled controllers, which are compiled, as objects for Python."""
+"""Python objects for compiled controllers."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from phalanx.wire.table import ENTRY_HEADER_BYTES, PACKET_MAX
 from . import dispatch
 from .python_controller import Controller, Output, unpack_outputs
 
-OUT_BYTES = 64  # more than any bundled controller puts out at once
+OUT_BYTES = 64  # more than the outputs of any bundled controller in one step
 OWN_OUT_BYTES = 2 * (ENTRY_HEADER_BYTES + PACKET_MAX)  # as in compiled code (bti/work.py)
 
 
 def compiled(kind: int, params: Params) -> Callable[[int], Controller]:
-    """Return what makes the controller of a number (dispatch.NUMBERS; 0 does nothing) for a robot's id, in Python."""
+    """Return a function that makes the controller of this number (dispatch.NUMBERS, or 0) for a robot's id."""
     make: Any = partial(_Compiled, kind=kind, params=params)
-    make.state_bytes = int(dispatch.capacity(kind, params))  # what a scenario leaves room for
+    make.state_bytes = int(dispatch.capacity(kind, params))  # read by scenarios
     made: Callable[[int], Controller] = make
     return made
 
@@ -33,10 +33,10 @@ def compiled(kind: int, params: Params) -> Callable[[int], Controller]:
 class _Compiled(Controller):
     def __init__(self, rob_id: int, *, kind: int, params: Params) -> None:
         if not 1 <= rob_id <= 0xFFFF:
-            raise UsageError(f"robot id {rob_id}", "1 to 65535")
+            raise UsageError(f"robot id is {rob_id}", "1 to 65535")
         super().__init__(rob_id)
         self._kind, self._params = int(kind), params
-        self.state_bytes = int(dispatch.capacity(self._kind, params))  # type: ignore[misc] # by its parameters
+        self.state_bytes = int(dispatch.capacity(self._kind, params))  # type: ignore[misc] # depends on the parameters
         self._state = np.zeros(self.state_bytes, np.uint8)
         self._out = np.zeros(OUT_BYTES if kind < dispatch.FIRST_OWN else OWN_OUT_BYTES, np.uint8)
         dispatch.begin(self._kind, params, rob_id, self._state)

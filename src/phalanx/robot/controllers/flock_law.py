@@ -1,7 +1,7 @@
-"""The law of Olfati-Saber flocking: what pushes a robot, as numbers; the bytes are in `flock.py`.
+"""The flocking law of Olfati-Saber: accelerations as numbers; bundled/flock.py encodes them.
 
-Each push is written so that nothing divides by what can be zero, and so that the order of its operations is fixed.
-Numbers of equations are those of Olfati-Saber 2006.
+Each term avoids division by zero, and has a fixed order of floating-point operations. Equation numbers are those of
+Olfati-Saber 2006.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from phalanx.wire.fields import whole
 
 from .sine import HALF_PI, sine
 
-# Places in the parameters; the obstacles follow, three numbers a disc, four a box.
+# Indices of the parameters; the obstacles follow, three numbers per disc, four per box.
 N_MAX, FORGET_MS, STATE_EVERY, LIMIT, GOAL_X, GOAL_Y = 0, 1, 2, 3, 4, 5
 EPSILON, A, B, C, H_ALPHA, H_BETA = 6, 7, 8, 9, 10, 11
 R_SQUARED, R_NORM, D_NORM, D_BETA_NORM = 12, 13, 14, 15
 C1_ALPHA, C2_ALPHA, C1_BETA, C2_BETA, C1_GAMMA, C2_GAMMA = 16, 17, 18, 19, 20, 21
 PUSH, DISCS, BOXES, OBSTACLES = 22, 23, 24, 25
-# A neighbour pushes hardest at its spring's steepest, or by a pace that is so much another one's.
+# Relative speed for the largest damping term of one neighbour, which limits the sum of neighbours' terms (`crowd`).
 PACE_MPS = 1.0
 
 
 def flock_params(config: FlockConfig) -> Params:
-    """Return the mission's parameters as kernels read them: 25 numbers, then the obstacles. Source: Table 3; eq. 8, 15.
+    """Return the mission's parameters for kernels: 25 numbers, then the obstacles. Source: Table 3; eq. 8, 15.
 
-    An obstacle acts within d' = 0.5 kappa d, where its bump ends: the paper's r' = kappa d' changes nothing. Table 3
-    prints c = |a - b| / sqrt(4 a b) without bars: a < b would then push robots that are at the right spacing.
+    An obstacle acts within d' = 0.5 kappa d, where its bump function ends: the paper's r' = kappa d' has no effect.
+    Table 3 prints c = |a - b| / sqrt(4 a b) without bars: with a < b, robots at distance d would then exert a force.
     """
     radius = config.kappa * config.d_m
     head = (
@@ -71,7 +71,7 @@ def _sigma_norm(length: float, epsilon: float) -> float:
 
 @kernel
 def neighbour_push(params: Params, dx: float, dy: float, dvx: float, dvy: float) -> tuple[float, float]:
-    """Return what a neighbour adds, at (dx, dy) and moving at (dvx, dvy) from here. Source: eq. 9, 15, 59 (alpha)."""
+    """Return the acceleration by a neighbour at relative position and velocity. Source: eq. 9, 15, 59 (alpha)."""
     gap_squared = dx * dx + dy * dy
     if gap_squared >= params[R_SQUARED]:
         return 0.0, 0.0
@@ -88,9 +88,9 @@ def neighbour_push(params: Params, dx: float, dy: float, dvx: float, dvy: float)
 
 @kernel
 def obstacles_push(params: Params, x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
-    """Return what all obstacles add: each acts as a robot at its nearest point, which slides along with us (eq. 53).
+    """Return the acceleration by all obstacles; each acts as a robot at its nearest point, moving along (eq. 53).
 
-    Inside an obstacle, where the original is silent, that point counts as if it lay behind us, so that it pushes out.
+    Inside an obstacle, which the paper does not define, the nearest point is mirrored, so that the force points out.
     """
     ax, ay = 0.0, 0.0
     at = OBSTACLES
@@ -108,7 +108,7 @@ def obstacles_push(params: Params, x: float, y: float, vx: float, vy: float) -> 
         at += 3
     for _ in range(whole(params[BOXES])):
         dx, dy = _to_box(x, y, params[at], params[at + 1], params[at + 2], params[at + 3])
-        # Along a side we slide; at a corner (a disc of no radius) the nearest point stands still.
+        # Along a side the nearest point moves with the robot; at a corner (a disc of radius 0) it stands still.
         along_x = vx if dx == 0.0 else 0.0
         along_y = vy if dy == 0.0 else 0.0
         push_x, push_y = _wall_push(params, dx, dy, along_x - vx, along_y - vy)
@@ -120,7 +120,7 @@ def obstacles_push(params: Params, x: float, y: float, vx: float, vy: float) -> 
 
 @kernel
 def _to_box(x: float, y: float, left: float, bottom: float, right: float, top: float) -> tuple[float, float]:
-    """From (x, y) to the nearest point of a box; from inside, the way in, as far as it is out."""
+    """Return the vector from (x, y) to the nearest point of a box; from inside, the negated vector to that point."""
     dx = left - x if x < left else (right - x if x > right else 0.0)
     dy = bottom - y if y < bottom else (top - y if y > top else 0.0)
     if dx != 0.0 or dy != 0.0:
@@ -148,14 +148,14 @@ def _wall_push(params: Params, dx: float, dy: float, dvx: float, dvy: float) -> 
 
 @kernel
 def goal_pull(params: Params, x: float, y: float, vx: float, vy: float) -> tuple[float, float]:
-    """Return what the goal adds; linear, as a saturated pull would move robots 2 m in 150 s. Source: Table 3."""
+    """Return the acceleration to the goal. It is linear: a saturated one moves robots 2 m in 150 s. Source: Table 3."""
     spring, damper = params[C1_GAMMA], params[C2_GAMMA]
     return spring * (params[GOAL_X] - x) - damper * vx, spring * (params[GOAL_Y] - y) - damper * vy
 
 
 @kernel
 def bump(z: float, h: float) -> float:
-    """Return 1 up to h, 0 from 1 on, in between (1 + cos(pi u)) / 2 = sin(pi (1 - u) / 2)², u from 0 to 1: eq. 10."""
+    """Return the bump function, eq. 10: 1 up to h, 0 from 1 on, and sin(pi (1 - u) / 2)² between, u from 0 to 1."""
     if z < h:
         return 1.0
     if z >= 1.0:
@@ -166,7 +166,7 @@ def bump(z: float, h: float) -> float:
 
 @kernel
 def limited(value: float, limit: float) -> float:
-    """`value`, or the end of +-limit that it is beyond. Source: RoboRebound §4."""
+    """Return `value` clamped to +-limit. Source: RoboRebound §4."""
     if value > limit:
         return limit
     if value < -limit:

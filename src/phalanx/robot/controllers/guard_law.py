@@ -1,8 +1,9 @@
-"""The guard's law as numbers: whether a command leaves a robot room to brake; the bytes are in `bundled/guard.py`.
+"""The guard's law as numbers: whether a robot can still brake after a command; bundled/guard.py encodes it.
 
-A command is good if the way until the next one is in force, and the brakes behind it, keep clear of every wall, and of
-wherever a neighbour can be by then (promises.py). A robot that always chooses a good command, or else goes on to brake,
-keeps clear for ever. docs/guides/guard.md has the argument; tests/test_guarded_search.py looks for what it overlooks.
+A command is good if the path until the next command is in force, and the braking after it, keep clear of all walls and
+of all places where a neighbour can be by then (promises.py). A robot that always chooses a good command, or else
+continues to brake, never collides. docs/guides/guard.md has the proof; tests/test_guarded_search.py searches for
+counterexamples.
 """
 
 from __future__ import annotations
@@ -19,31 +20,31 @@ from phalanx.kernel import kernel
 from phalanx.wire.fields import whole
 from phalanx.wire.guarded import ENVELOPE_BYTES
 
-# Of a robot at a reading: place, m; velocity, m/s; and the command that is still in force, m/s²; x and y of each.
+# State of a robot at a reading, x and y of each: position, m; velocity, m/s; the command still in force, m/s².
 Motion: TypeAlias = tuple[float, float, float, float, float, float]
-# Places in the parameters; the envelope's hash follows, a byte each, then walls of four numbers, and discs of three.
-# Where the mission names an adviser, its number and his key, a byte each, are the last.
+# Indices of the parameters. Then follow the envelope's hash, one byte per number, walls of four numbers, and discs of
+# three. If the mission names an adviser, the mission's number and the bytes of the key are the last.
 N_MAX, FORGET_MS, STATE_EVERY, ADVICE_MS, RADIO_MS = 0, 1, 2, 3, 4
 SPEED, WISHED, ACCEL, APART, CLEAR = 5, 6, 7, 8, 9
 PERIOD_S, LATE_S, HELD_S, PROMISE_MS, TURN, WALLS, DISCS = 10, 11, 12, 13, 14, 15, 16
 HASH = 17
 OBSTACLES = HASH + ENVELOPE_BYTES
-LITTLE_ENDIAN = np.dtype(np.float64).newbyteorder("<")  # on any machine, as it is hashed
-# Of what is wished, so much is tried, one after the other.
+LITTLE_ENDIAN = np.dtype(np.float64).newbyteorder("<")  # the same on any machine, because it is hashed
+# Shares of the wish that are tried in turn.
 SHARES = (1.0, 0.75, 0.5, 0.25, 0.125)
-# A robot that brakes stands still but for so much of accel · held², see `rest_s`.
+# Distance that a braked robot may still creep, in units of accel · held²; see `rest_s`.
 CREEP = 0.14
-# Of the envelope's speed: who is slower turns on the spot.
+# Share of the envelope's speed below which the turn rate is not limited.
 ON_THE_SPOT = 0.05
-# Speeds below this one are none: what rounding to f32 leaves.
+# Speeds below this count as zero, because of rounding to f32.
 STILL_MPS = 1e-3
 
 
 def guard_params(config: GuardConfig) -> Params:
     """Return the mission's parameters for kernels: 17 numbers, the SHA-1 of all the others, walls, discs, adviser.
 
-    A command is in force until the next one is: both readings may be δ off their grid, and the next command δ late.
-    Wishes are slower than the envelope by what a late command can add.
+    A command is in force until the next one: both readings may be off their due time by δ, and the next command may be
+    late by δ. The speed limit of wishes is lower than the envelope's by what a late command can add.
     """
     period_s, late_s = config.period_ms / 1000, config.delta_ms / 1000
     head = [
@@ -82,17 +83,17 @@ def adviser_at(params: Params) -> int:
 
 @kernel
 def towards(params: Params, vx: float, vy: float, to_x: float, to_y: float) -> tuple[float, float]:
-    """The command that leads to another velocity as soon as can be and does not overshoot, m/s²; to (0, 0), brakes."""
+    """Return the command that reaches a velocity as soon as possible without overshoot, m/s²; (0, 0) brakes."""
     ax, ay = (to_x - vx) / params[HELD_S], (to_y - vy) / params[HELD_S]
     return shortened(ax, ay, params[ACCEL])
 
 
 @kernel
 def straightened(params: Params, vx: float, vy: float, ax: float, ay: float) -> tuple[float, float]:
-    """Return the command, with no more of it across the velocity than the envelope's turn rate allows, m/s².
+    """Return the command with its part across the velocity limited by the envelope's turn rate, m/s².
 
-    That part over the least speed before the next command turns the velocity. Brakes stay, nothing gets faster:
-    docs/guides/guard.md.
+    The turn rate is that part divided by the lowest speed before the next command. Braking is unchanged, and no speed
+    increases: docs/guides/guard.md.
     """
     turn, speed = params[TURN], math.sqrt(vx * vx + vy * vy)
     if turn == 0.0 or speed <= ON_THE_SPOT * params[SPEED]:
@@ -108,7 +109,7 @@ def straightened(params: Params, vx: float, vy: float, ax: float, ay: float) -> 
 
 @kernel
 def shortened(x: float, y: float, longest: float) -> tuple[float, float]:
-    """The vector, or one in its direction that is `longest` long."""
+    """Return the vector, scaled down to length `longest` if it is longer."""
     squared = x * x + y * y
     if squared <= longest * longest:
         return x, y
@@ -118,7 +119,7 @@ def shortened(x: float, y: float, longest: float) -> tuple[float, float]:
 
 @kernel
 def brake_m(params: Params, speed: float) -> float:
-    """The way that brakes take at most, from the reading at which they begin. Source: docs/guides/guard.md."""
+    """Return the longest braking distance, from the reading at which braking begins. Source: docs/guides/guard.md."""
     accel, held = params[ACCEL], params[HELD_S]
     if speed < accel * held:
         return float(speed * (params[LATE_S] + held))
@@ -127,29 +128,29 @@ def brake_m(params: Params, speed: float) -> float:
 
 @kernel
 def rest_s(params: Params, speed: float) -> float:
-    """When a robot that brakes from then on stands still, but for CREEP. Source: docs/guides/guard.md."""
+    """Return the time after which a braking robot stands still, except for CREEP. Source: docs/guides/guard.md."""
     return float(params[LATE_S] + speed / params[ACCEL] + 2.0 * params[HELD_S])
 
 
 @kernel
 def held_mps(params: Params, ax: float, ay: float) -> float:
-    """Return the velocity that a command adds while the next one is late."""
+    """Return the velocity that a command adds during the delay of the next one."""
     return float(math.sqrt(ax * ax + ay * ay) * params[LATE_S])
 
 
 @kernel
 def off_mps(params: Params, now: Motion, ax: float, ay: float) -> float:
-    """By how much its velocity may differ: the command is late, the next reading early or late, and the brakes late."""
+    """Return the largest velocity error due to timing: late commands and brakes, and a next reading early or late."""
     return held_mps(params, ax - now[4], ay - now[5]) + 3.0 * held_mps(params, ax, ay)
 
 
 @kernel
 def way(params: Params, now: Motion, ax: float, ay: float) -> tuple[float, float, float, float, float, float, float]:
-    """Return where a robot goes with the command (ax, ay) that brakes from its next reading on.
+    """Return the path of a robot that executes the command (ax, ay) and brakes from its next reading on.
 
     Source: docs/guides/guard.md.
-    Returns: where its next reading finds it; where it stands at last; how far from the line between these it may be;
-        how far from the line to the first; and after how long it stands, s.
+    Returns: its position at the next reading; its final position; its largest distance from the line between these;
+        its largest distance from the line to the first; and the time until it stands, s.
     """
     x, y, vx, vy = now[0], now[1], now[2], now[3]
     period, late = params[PERIOD_S], params[LATE_S]
@@ -158,7 +159,7 @@ def way(params: Params, now: Motion, ax: float, ay: float) -> tuple[float, float
     push, off = math.sqrt(ax * ax + ay * ay), off_mps(params, now, ax, ay)
     speed = math.sqrt(then_x * then_x + then_y * then_y)
     stands_s = rest_s(params, speed + off)
-    # A reading that is late finds it farther on.
+    # Add the distance by which a late reading delays braking.
     brake = brake_m(params, speed + off) + 2.0 * late * (speed + off)
     share = brake / speed if speed > 0.0 else 0.0
     last_x, last_y = next_x + share * then_x, next_y + share * then_y
@@ -169,7 +170,7 @@ def way(params: Params, now: Motion, ax: float, ay: float) -> tuple[float, float
 
 @kernel
 def past(x: float, y: float, ax: float, ay: float, bx: float, by: float) -> float:
-    """How far a point is from the nearest of the line from a to b, squared."""
+    """Return the squared distance of a point from the segment from a to b."""
     long_x, long_y = bx - ax, by - ay
     length = long_x * long_x + long_y * long_y
     share = 0.0
@@ -187,7 +188,7 @@ def _side(ax: float, ay: float, bx: float, by: float, x: float, y: float) -> flo
 
 @kernel
 def between(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float) -> float:
-    """How far the line from a to b is from that from c to d, squared."""
+    """Return the squared distance of the segments from a to b and from c to d."""
     crossed = _side(ax, ay, bx, by, cx, cy) * _side(ax, ay, bx, by, dx, dy) < 0.0
     if crossed and _side(cx, cy, dx, dy, ax, ay) * _side(cx, cy, dx, dy, bx, by) < 0.0:
         return 0.0
@@ -197,7 +198,7 @@ def between(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx
 
 @kernel
 def retreats(params: Params, now: Motion, out_x: float, out_y: float, ax: float, ay: float) -> bool:
-    """Return whether the motion has no part against (out_x, out_y), so that it only leaves a wall."""
+    """Return whether the motion has no component against (out_x, out_y), so that it only moves away from a wall."""
     _, _, vx, vy, old_x, old_y = now
     late, period = params[LATE_S], params[PERIOD_S]
     length = math.sqrt(out_x * out_x + out_y * out_y)
@@ -211,7 +212,7 @@ def retreats(params: Params, now: Motion, out_x: float, out_y: float, ax: float,
 
 @kernel
 def clear_of_walls(params: Params, now: Motion, ax: float, ay: float) -> bool:
-    """Return whether the way keeps `clear_m` from each wall and disc or leads away. Source: docs/guides/guard.md."""
+    """Return whether the path keeps `clear_m` from each wall and disc, or leads away. Source: docs/guides/guard.md."""
     next_x, next_y, last_x, last_y, spread, bulge, _ = way(params, now, ax, ay)
     x, y = now[0], now[1]
     first, then = params[CLEAR] + bulge, params[CLEAR] + spread

@@ -1,7 +1,8 @@
-"""Robots on wheels keep apart: what they see of robots nearby, and how that changes their wheels.
+"""Collision avoidance of robots on wheels by the positions of robots nearby.
 
-A reading ends with the places of the nearest robots, as the s-node senses them. A robot never drives towards one that
-is too near, whoever drives it; by itself, or on a route, it goes around. Replayable: only + - * / and sqrt on floats.
+A reading ends with the relative positions of the nearest robots, as the s-node senses them. A robot never drives
+towards one that is too near, even by joystick. On its own work or on a route, it drives around others. It can be
+replayed bit for bit: only + - * / and sqrt on floats.
 """
 
 from __future__ import annotations
@@ -15,10 +16,10 @@ from phalanx.wire.driven import ROBOT_NEARBY
 SEEN = 4  # nearest robots in a reading
 RANGE_MM = 450.0
 NEAR_BYTES = SEEN * ROBOT_NEARBY.size
-# Distances between middles. A body has 80 mm; in the 0.1 s of a control step two robots come 60 mm nearer.
+# Distances between centres. A body has 80 mm; in a control step of 0.1 s two robots approach by up to 60 mm.
 STOP_MM, SLOW_MM = 130.0, 240.0
-BESIDE_MM = 95.0  # a robot so far to the side of the way is passed
-AROUND_MM = 320.0  # from so far on a robot that goes by itself turns away
+BESIDE_MM = 95.0  # lateral distance at which a robot can be passed
+AROUND_MM = 320.0  # distance at which an autonomous robot begins to turn away
 
 Offset = tuple[float, float]
 
@@ -32,16 +33,16 @@ def encode_near(at_m: tuple[float, float], others_m: Sequence[tuple[float, float
 
 
 def decode_near(near: bytes) -> list[Offset]:
-    """Return the places of robots nearby relative to this one, mm; whatever is no such has none."""
+    """Return the relative positions of robots nearby, mm; [] for an invalid encoding."""
     if len(near) != NEAR_BYTES:
         return []
     return [(float(dx), float(dy)) for dx, dy in ROBOT_NEARBY.form.iter_unpack(near) if dx or dy]
 
 
 def go_around(goal_mm: Offset, near_mm: Sequence[Offset]) -> Offset:
-    """Return the direction to drive in for a goal: past robots on the way, those ahead on one's left.
+    """Return the direction towards a goal and around robots nearby; robots ahead are kept on the left.
 
-    Both of two that meet turn to the same side, so that neither waits for the other.
+    Two robots that meet turn to the same side, so that neither waits for the other.
     """
     length = math.sqrt(goal_mm[0] * goal_mm[0] + goal_mm[1] * goal_mm[1])
     if length < 1e-6:
@@ -58,9 +59,9 @@ def go_around(goal_mm: Offset, near_mm: Sequence[Offset]) -> Offset:
 
 
 def restrain(left: int, right: int, sin: float, cos: float, near_mm: Sequence[Offset]) -> tuple[int, int]:
-    """Return wheels in percent that do not drive towards a robot nearby; turning on the spot stays as it is.
+    """Return wheel speeds, percent, that do not drive towards a robot nearby; turning on the spot is unchanged.
 
-    `sin` and `cos` of the direction; the nose points along (-sin, cos).
+    `sin` and `cos` are those of the direction; the robot's front points along (-sin, cos).
     """
     speed, turn = (left + right) / 2, (left - right) / 2
     if speed == 0.0:

@@ -1,6 +1,7 @@
-"""The robots that a controller has heard: records `neighbour` by rising id, behind its own head.
+"""List of neighbours in a controller's state: records `neighbour` by rising id, after the controller's own fields.
 
-`head` is how long that is; its last two bytes count them. So the order is the same in any replay.
+`head` is the length of those fields, whose last two bytes are the number of neighbours. The order is the same in any
+replay.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from phalanx.wire.fields import F32_BYTES, Row, are_fine, copy, get_u16, get_u64
 EACH_BYTES = table.NEIGHBOUR.size
 HEARD, PLACE = map(table.NEIGHBOUR.at, ("heard", "x_m"))
 STATE_BYTES, SENSOR_BYTES = table.STATE.size, table.SENSOR.size
-ID, MOTION = map(table.STATE.at, ("id", "x_m"))  # position and velocity, in a reading too, and as remembered
+ID, MOTION = map(table.STATE.at, ("id", "x_m"))  # position and velocity; the same in a reading and in the list
 MOTION_BYTES = STATE_BYTES - MOTION
 NUMBERS = MOTION_BYTES // F32_BYTES
 COUNT_BYTES = table.FLOCK_MEMORY.size - table.FLOCK_MEMORY.at("count")
@@ -20,14 +21,14 @@ COUNT_BYTES = table.FLOCK_MEMORY.size - table.FLOCK_MEMORY.at("count")
 
 @kernel
 def is_reading(rob_id: int, reading: Row, length: int) -> bool:
-    """Return whether these bytes are a finite reading of this robot's, a `sensor`."""
+    """Return whether these bytes are a reading of this robot, a `sensor` with finite numbers."""
     is_own = length == SENSOR_BYTES and reading[0] == table.KIND_SENSOR and get_u16(reading, ID) == rob_id
     return is_own and are_fine(reading, MOTION, NUMBERS)
 
 
 @kernel
 def sender(rob_id: int, packet: Row, length: int) -> int:
-    """Return the id of the other robot whose finite `state` these bytes are, or 0."""
+    """Return the id of the other robot that sent this packet, if it is a `state` with finite numbers, else 0."""
     if length != STATE_BYTES or packet[0] != table.KIND_STATE or not are_fine(packet, MOTION, NUMBERS):
         return 0
     rob = get_u16(packet, ID)
@@ -36,7 +37,7 @@ def sender(rob_id: int, packet: Row, length: int) -> int:
 
 @kernel
 def count(state: Row, head: int) -> int:
-    """How many there are."""
+    """Return the number of neighbours."""
     return get_u16(state, head - COUNT_BYTES)
 
 
@@ -48,7 +49,7 @@ def end(state: Row, head: int) -> int:
 
 @kernel
 def are_neighbours(state: Row, head: int, rob_id: int) -> bool:
-    """Return whether `rob_id` can have the list; check each foreign checkpoint that is long enough."""
+    """Return whether the list is valid in the state of `rob_id`; the row must be long enough for it."""
     last = whole(0)
     for at in range(head, end(state, head), EACH_BYTES):
         rob = get_u16(state, at)
@@ -73,13 +74,13 @@ def place_of(rob: int, state: Row, head: int) -> int:
 
 @kernel
 def is_at(rob: int, at: int, state: Row, head: int) -> bool:
-    """Return whether it is `rob` that is there."""
+    """Return whether the entry at `at` is that of `rob`."""
     return at < end(state, head) and get_u16(state, at) == rob
 
 
 @kernel
 def put(rob: int, t_ms: int, packet: Row, at: int, state: Row, head: int) -> None:
-    """`rob`, whose place is `at`, was heard to say `packet`; there is room for it."""
+    """Store `packet` as the latest state of `rob` at `at`, its place in the list; there must be room for it."""
     if not is_at(rob, at, state, head):
         copy(state, at + EACH_BYTES, state, at, end(state, head) - at)
         put_u16(state, head - COUNT_BYTES, count(state, head) + 1)
@@ -90,7 +91,7 @@ def put(rob: int, t_ms: int, packet: Row, at: int, state: Row, head: int) -> Non
 
 @kernel
 def oldest(state: Row, head: int) -> int:
-    """Return the neighbour heard longest ago; of several, the lowest id."""
+    """Return the offset of the neighbour with the oldest state; of several, that with the lowest id."""
     found = head
     for at in range(head, end(state, head), EACH_BYTES):
         if get_u64(state, at + HEARD) < get_u64(state, found + HEARD):
@@ -107,7 +108,7 @@ def remove(at: int, state: Row, head: int) -> None:
 
 @kernel
 def remember(rob: int, n_max: int, t_ms: int, packet: Row, state: Row, head: int) -> None:
-    """Put `rob`, which was heard to say `packet`; if it is new and there are `n_max`, in place of the oldest."""
+    """Store `packet` as the latest state of `rob`; if it is new and the list is full, replace the oldest neighbour."""
     at = place_of(rob, state, head)
     if count(state, head) == n_max and not is_at(rob, at, state, head):
         remove(oldest(state, head), state, head)
@@ -117,7 +118,7 @@ def remember(rob: int, n_max: int, t_ms: int, packet: Row, state: Row, head: int
 
 @kernel
 def forget(forget_ms: int, t_ms: int, state: Row, head: int) -> None:
-    """Those heard more than `forget_ms` before `t_ms` are gone; the rest keep their order."""
+    """Remove neighbours whose state is older than `forget_ms` at `t_ms`, keeping the order of the others."""
     kept = head
     for at in range(head, end(state, head), EACH_BYTES):
         if t_ms - get_u64(state, at + HEARD) <= forget_ms:

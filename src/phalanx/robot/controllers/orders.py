@@ -1,10 +1,10 @@
-"""The orders a robot obeys: for it, of its mission, new, in time, and signed by a key that the mission names.
+"""Validation of orders: a valid order is for this robot and mission, new, in time, and signed by a key of the mission.
 
-Only an order that could be obeyed has its signature checked, and at most WheelsConfig.looks of these from one reading
-to the next: a compromised robot cannot make others compute all day. Clocks need not agree: a robot learns from every
-order by how much its own is ahead of the signer's, at least; what comes LATE_MS later was held back. The least may
-grow by a part in DRIFT. Auditors decide alike from log and state, where `at` is a signer's record. Source:
-docs/spec/orders.md; ADR 0031.
+The signature is verified last, and at most WheelsConfig.looks times per control period, so that compromised robots
+cannot make others compute all day. Clocks need not agree: each order bounds the offset between the robot's clock and
+the signer's. An order more than LATE_MS later than the smallest offset was delayed by an attacker. The smallest offset
+may grow by a part in DRIFT. Auditors get the same results from log and state. `at` is the offset of a signer's record
+in the state. Source: docs/spec/orders.md; ADR 0031.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ POINT_X, POINT_Y = map(driven.WAYPOINT.at, ("x_mm", "y_mm"))
 WAYPOINTS_MAX = 32
 THRESHOLD_MAX_MM = 1000
 LATE_MS = 1000
-# Of two clocks, the one may gain a part in so many on the other: 500 ppm.
+# Largest drift between two clocks, as a divisor: 500 ppm.
 DRIFT = 2000
-# No clock gets there: a signer that was never heard.
+# Larger than any clock: offset of a signer without orders so far.
 NEVER = 1 << 62
 
 
@@ -46,8 +46,8 @@ def is_order(mission: int, rob_id: int, packet: Row, length: int) -> bool:
         or packet[WHO] >= driven.SIGNERS
     ):
         return False
-    told, action = get_u16(packet, ID), int(packet[ACTION])
-    if told not in (driven.EVERYBODY, rob_id):
+    to, action = get_u16(packet, ID), int(packet[ACTION])
+    if to not in (driven.EVERYBODY, rob_id):
         return False
     if action == driven.TELL_WHEELS:
         return size == WHEELS_BYTES
@@ -67,10 +67,10 @@ def _is_route(packet: Row, size: int) -> bool:
 
 @kernel
 def is_new_order(t_ms: int, packet: Row, state: Row, at: int) -> bool:
-    """Return whether a signer's order is one that the robot has not heard and that nobody held back.
+    """Return whether an order is newer than the signer's previous ones, and was not delayed by an attacker.
 
-    A stop needs no number, so that none is too old to stop; but its signer must have said nothing since, nor since a
-    go, whose number may be new though it is older than the stop that was heard.
+    A stop has no number, so that a lost order does not invalidate it; but it must be the newest order of its signer.
+    The same holds for a go, whose number may be new although it is older than a stop that the robot has obeyed.
     """
     number, said = get_u64(packet, NUMBER), get_u64(packet, SAID)
     if packet[ACTION] in (driven.TELL_STOP, driven.TELL_GO) and said <= get_u64(state, at + LATEST):
@@ -85,13 +85,13 @@ def is_new_order(t_ms: int, packet: Row, state: Row, at: int) -> bool:
 
 @kernel
 def is_signed(packet: Row, length: int, state: Row, at: int) -> bool:
-    """Return whether it was said by whom the mission names."""
+    """Return whether the order is signed by the signer's key."""
     return trusted.order_check(state[at : at + driven.SIGNER_KEY_BYTES], packet, length) == 0
 
 
 @kernel
 def learn(t_ms: int, packet: Row, state: Row, at: int) -> None:
-    """Its signer said this; from now on that is old."""
+    """Store number, time and clock offset of a valid order, so that it and older ones are no longer accepted."""
     said = get_u64(packet, SAID)
     if t_ms - said < _least_ms(t_ms, state, at):
         put_u64(state, at + LEAST, t_ms - said)
@@ -109,6 +109,6 @@ def _least_ms(t_ms: int, state: Row, at: int) -> int:
 
 @kernel
 def is_signer(state: Row, at: int) -> bool:
-    """Return whether what is remembered of a signer can be; to be asked of every foreign checkpoint."""
+    """Return whether a signer's record is valid; call it for each checkpoint of others."""
     fine = get_u64(state, at + HIGHEST) >= 0 and get_u64(state, at + LATEST) >= 0 and get_u64(state, at + LEARNT) >= 0
     return fine and get_u64(state, at + LEAST) <= NEVER

@@ -1,8 +1,8 @@
-"""A user's own controller as kernels, compiled when it is loaded.
+"""Users' controllers written as kernels, compiled on loading.
 
-Its file has a `CONTROLLER` and kernels (declaration.py). The machine's C compiler compiles them into the user's cache,
-and dispatch.py calls them by address. Without a compiler, compiled code calls them in Python; with PHALANX_PURE=1 all
-is Python.
+The user's file has a `CONTROLLER` and kernels (declaration.py). The machine's C compiler compiles them into the user's
+cache, and dispatch.py calls them by address. Without a compiler, compiled code calls back into Python; with
+PHALANX_PURE=1 everything runs in Python.
 """
 
 from __future__ import annotations
@@ -43,32 +43,32 @@ from .declaration import Declaration
 ROOT = Path(__file__).resolve().parents[2]
 MOST_STATE_BYTES = 65_535
 logger = logging.getLogger(__name__)
-# Numbers of what was loaded, by a hash of its C: a file that did not change keeps its number.
+# Numbers of loaded controllers by the hash of their C text, so that an unchanged file keeps its number.
 _loaded: dict[str, int] = {}
-# Of each version of a file, by its path and a hash, the declaration and the number.
+# Declaration and number of each version of a file, by its path and content hash.
 _files: dict[tuple[Path, bytes], tuple[Declaration, int]] = {}
-# What compiled code holds addresses of.
+# Keeps objects alive whose addresses compiled code uses.
 _kept: list[Any] = []
 
 
-# --- what kernels may return ---
+# --- checks of kernels' results ---
 
 
 @kernel
 def is_capacity(returned: int) -> bool:
-    """Return whether a state can be so long."""
+    """Return whether the result of `capacity` is in range."""
     return 0 <= returned <= MOST_STATE_BYTES
 
 
 @kernel
 def is_length(returned: int, state: Row) -> bool:
-    """Return whether so many bytes fit into a row."""
+    """Return whether a length fits into a row."""
     return 0 <= returned <= len(state)
 
 
 @kernel
 def are_outputs(returned: int, out: Row, command_bytes: int, command_kind: int) -> bool:
-    """Return whether `out` has outputs up to there: commands of the body's, and packets unlike those of the audits."""
+    """Return whether `out[:returned]` is valid: commands of the body, then packets, none of them an AUDIT packet."""
     if returned < 0 or returned > len(out):
         return False
     at, has_sent = 0, False
@@ -99,7 +99,7 @@ def _no_advice(_params: Params, _rob_id: int, _advice: Row, _length: int, _state
 
 
 def is_loaded(words: str, path: Path) -> bool:
-    """Return whether a file was loaded as it is now; then `words` name its controller."""
+    """Return whether the current content of a file was loaded; if so, register `words` as its name."""
     found = _files.get(_content_of(path)) if path.is_file() else None
     if found:
         dispatch.name_own(words, *found)
@@ -111,9 +111,9 @@ def _content_of(path: Path) -> tuple[Path, bytes]:
 
 
 def load_kernels(words: str, module: ModuleType) -> None:
-    """Let `words` name the controller in a module, which was run from its file.
+    """Load the controller of a module, which was imported from its file, under the name `words`.
 
-    Raises: UsageError: a kernel is missing or takes other arguments, or the cache is not safe. OutsideSubset: one
+    Raises: UsageError: a kernel is missing or has wrong arguments, or the cache is unsafe. OutsideSubset: a kernel
     cannot be compiled. Unavailable: the cache cannot be written.
     """
     file = str(module.__file__)
@@ -134,18 +134,20 @@ def load_kernels(words: str, module: ModuleType) -> None:
 
 
 def _checked(words: str, declared: Declaration) -> Declaration:
-    """Return the declaration with parameters as kernels take them."""
+    """Check a declaration, and return it with `params` converted to the array that kernels take."""
     if declared.config is not FlockConfig:
-        raise UsageError(f"config of CONTROLLER in {words} is {declared.config.__name__}", "FlockConfig, or no config")
+        raise UsageError(
+            f"config of CONTROLLER in {words} is {declared.config.__name__}", "use FlockConfig, or no config"
+        )
     layouts = {"reads": declared.reads, "commands": declared.commands, "says": declared.says}
     for name, layout in layouts.items():
         if not isinstance(layout, Record):
-            raise UsageError(f"{name} of CONTROLLER in {words} is {layout!r}", "a record of phalanx.wire.table")
+            raise UsageError(f"{name} of CONTROLLER in {words} is {layout!r}", "use a record of phalanx.wire.table")
     return replace(declared, params=lambda config: np.array(declared.params(config), np.float64).reshape(-1))
 
 
 def _kernels_of(words: str, module: ModuleType, declared: Declaration) -> dict[str, Own]:
-    """Return the kernels with the tests of what they return. Raises: UsageError: of one that is not as declared."""
+    """Return the kernels with the checks of their results. Raises: UsageError: a kernel has another signature."""
     found: dict[str, Own] = {}
     for name, of in dispatch.DECLARED.items():
         function = getattr(module, name, None)
@@ -168,23 +170,23 @@ def _kernels_of(words: str, module: ModuleType, declared: Declaration) -> dict[s
 
 
 def _check_kernel(words: str, name: str, declared: Callable[..., Any], found: Any) -> None:
-    """Raises: UsageError: it is no kernel, or takes or returns something else than `declared`."""
+    """Check a kernel's signature. Raises: UsageError: not a kernel, or its signature differs from `declared`."""
     function = uncompiled(found)
     head = f"def {name}{inspect.signature(declared)}".replace("kind: 'int', ", "").replace("'", "")
     if not getattr(function, "__kernel__", False):
         what = "function" if function is None else "kernel"
-        raise UsageError(f"{words} has no {what} {name}", f"@kernel above {head}")
+        raise UsageError(f"{words} has no {what} {name}", f"write @kernel above {head}")
     wanted, wanted_returned = signature_of(declared)
     try:
         types, returned = signature_of(function)
     except TypeError as error:
         raise UsageError(f"{words}:{line_of(function)}: {name}: {error}", head) from error
     if [*types.values(), returned] != [*list(wanted.values())[1:], wanted_returned]:
-        raise UsageError(f"{words}:{line_of(function)}: {name} takes or returns something else", head)
+        raise UsageError(f"{words}:{line_of(function)}: {name} has another signature", f"write {head}")
 
 
 def _check_writes(name: str, function: Callable[..., Any]) -> None:
-    """Raises: SubsetError: a kernel writes to a parameter that it may only read."""
+    """Check that a kernel writes only to its outputs. Raises: SubsetError: it writes to a read-only parameter."""
     declared = list(inspect.signature(dispatch.DECLARED[name]).parameters)[1:]
     lines = writes_of(function)
     for parameter, meant in zip(inspect.signature(function).parameters, declared, strict=True):
@@ -197,7 +199,7 @@ def _check_writes(name: str, function: Callable[..., Any]) -> None:
 
 
 def _plain(own: Own, file: str) -> Callable[..., Any]:
-    """Return a kernel that runs uncompiled; what it does wrong is an `OwnDefect` with file and line."""
+    """Return a kernel that runs in Python, and raises `OwnDefect` with file and line for any error."""
     function, check, rows = own.function, own.check, () if own.row is None else (own.row,)
 
     def call(*arguments: Any) -> Any:
@@ -209,36 +211,36 @@ def _plain(own: Own, file: str) -> Callable[..., Any]:
         except Exception as error:
             raise _defect(error, file, line_of(function)) from error
         if not fits:
-            words = MESSAGES[own.violation].format(returned, *(len(arguments[row]) for row in rows))
-            raise OwnDefect(f"{shown_path(file)}:{line_of(function)}: {words}", FILE_DEFECT)
+            message = MESSAGES[own.violation].format(returned, *(len(arguments[row]) for row in rows))
+            raise OwnDefect(f"{shown_path(file)}:{line_of(function)}: {message}", FILE_DEFECT)
         return int(returned)
 
     return call
 
 
 def _defect(error: Exception, file: str, line: int) -> OwnDefect:
-    """Return an exception as compiled code would tell of it: by the last line that is not the package's."""
+    """Return an exception as compiled code would report it, with the last line outside this package."""
     frames = list(traceback.extract_tb(error.__traceback__))
     frames = [each for each in frames if not Path(each.filename).is_relative_to(ROOT)]
     if frames:
         file, line = frames[-1].filename, frames[-1].lineno or line
-    words = f"{type(error).__name__}: {error}"
-    if isinstance(error, KernelDefect):  # of a kernel of the package that was called wrongly
-        words = str(error).partition(": ")[2]
-    return OwnDefect(f"{shown_path(file)}:{line}: {words}".splitlines()[0], FILE_DEFECT)
+    message = f"{type(error).__name__}: {error}"
+    if isinstance(error, KernelDefect):  # the user's code called a kernel of this package with wrong arguments
+        message = str(error).partition(": ")[2]
+    return OwnDefect(f"{shown_path(file)}:{line}: {message}".splitlines()[0], FILE_DEFECT)
 
 
 # --- compiled, or called from compiled code ---
 
 
 class _Row(ctypes.Structure):
-    """An array of one axis, as compiled code has it (runtime.h)."""
+    """One-dimensional array of compiled code (runtime.h)."""
 
     _fields_ = (("p", ctypes.c_void_p), ("n0", ctypes.c_int64))
 
 
 class _Fault(ctypes.Structure):
-    """A violation (runtime.h)."""
+    """Violation record of compiled code (runtime.h)."""
 
     _fields_ = (
         ("file", ctypes.c_char_p),
@@ -255,18 +257,18 @@ C_TYPES: dict[ValueType, Any] = {INT: ctypes.c_int64, FLOAT: ctypes.c_double, BO
 def _addresses(
     words: str, text: str, slots: Mapping[str, int], plain: Mapping[str, Callable[..., Any]]
 ) -> dict[str, int]:
-    """Return the addresses of a controller's kernels: compiled, or of callbacks where there is no compiler."""
+    """Return the addresses of a controller's kernels, or of callbacks into Python if there is no compiler."""
     try:
         library = _library(text)
     except NoCompiler as error:
         logger.warning("%s runs uncompiled, many times slower: %s; %s", words, error, INSTALL_COMPILER)
         return {name: _callback(name, function) for name, function in plain.items()}
     except UnsafeCache as error:
-        words = f"{error}: compiled code there may be somebody else's"
-        raise UsageError(words, "move it, run chmod go-w, or set XDG_CACHE_HOME to another folder") from error
+        message = f"{error}: other users could have written the compiled code there"
+        raise UsageError(message, "move it, run chmod go-w, or set XDG_CACHE_HOME to another folder") from error
     except (OSError, RuntimeError) as error:
-        words = f"{words} cannot be compiled into the cache: {error}"
-        raise Unavailable(words, "set XDG_CACHE_HOME to a folder") from error
+        message = f"{words} cannot be compiled into the cache: {error}"
+        raise Unavailable(message, "set XDG_CACHE_HOME to a writable folder") from error
     _kept.append(library)
     library.own_linked.restype = ctypes.POINTER(ctypes.c_void_p)
     for symbol, slot in slots.items():
@@ -279,21 +281,21 @@ def _library(text: str) -> ctypes.CDLL:
     path = library_of(text, __version__)
     try:
         return ctypes.CDLL(str(path))
-    except OSError as error:  # a disk that was full, or a machine that went down
-        logger.warning("%s: compiled again", error)
+    except OSError as error:  # truncated because of a full disk or a crash
+        logger.warning("cannot load the compiled controller, compiling it again: %s", error)
         path.unlink(missing_ok=True)
         return ctypes.CDLL(str(library_of(text, __version__)))
 
 
 def _callback(name: str, function: Callable[..., Any]) -> int:
-    """Return the address of a C function that calls one in Python."""
+    """Return the address of a C callback that calls a Python function."""
     parameters, returned = signature_of(dispatch.DECLARED[name])
     types = list(parameters.values())[1:]
 
     def called(*arguments: Any) -> Any:
         try:
             return function(*(_in_python(typ, each) for typ, each in zip(types, arguments, strict=False)))
-        except BaseException as error:  # noqa: BLE001 - compiled code unwinds, and raises it again
+        except BaseException as error:  # noqa: BLE001 - the caller of the compiled code raises it again
             fault = arguments[-1][0]
             fault.file, fault.line, fault.what, fault.index = b"a user's file", 0, RAISED, keep_raised(error)
             return 0
@@ -305,7 +307,7 @@ def _callback(name: str, function: Callable[..., Any]) -> int:
 
 
 def _in_python(typ: ValueType, value: Any) -> Any:
-    """Return an argument of compiled code as kernels take it in Python."""
+    """Convert an argument from compiled code for a kernel in Python."""
     if not isinstance(typ, Array):
         return value
     if value.n0 == 0:

@@ -1,6 +1,6 @@
-"""The bodies that protocols drive: a point mass, and two wheels that visitors may drive as well.
+"""Bodies for protocols: a point mass, and two wheels that visitors may drive as well.
 
-Protocols decide in metres, the same for both; here their decisions become commands.
+Protocols compute a target in metres, whatever the body; the classes here convert it to commands.
 """
 
 from __future__ import annotations
@@ -25,40 +25,40 @@ from .protocol import Point
 from .python_controller import Act, Output, Send
 from .sine import sine_cosine
 
-ID, BEHIND_T = 1, 3  # of the fields of what robots say, sense and do, by number: kind, id, t, and the rest
-MOST_MPS2 = 5.0  # along each axis, as the body can
-# Of the drive: pace for each metre that is left, and share of a wrong pace that is undone in a second.
+ID, BEHIND_T = 1, 3  # indices of fields in states, readings and commands: kind, id, t, then the rest
+MOST_MPS2 = 5.0  # largest acceleration along each axis
+# Gains: speed per metre of remaining distance, and acceleration per m/s of speed error.
 PACE_PER_S, HASTE_PER_S = 1.5, 3.0
-WHEELS_MPS = 0.3  # about what wheels do
-STANDS_MM = 20.0  # so near to where they are to be they stand, and do not circle around it
-# Who drives a robot by joystick has it for so long after the last word; then it goes back to its work.
+WHEELS_MPS = 0.3  # approximate top speed
+STANDS_MM = 20.0  # distance to the target at which wheels stop, instead of circling around it
+# Time after the last joystick order until a robot resumes its own work.
 TAKEN_MS: Final = 5000
 
 
 def is_fine(number: float) -> bool:
-    """Return whether it is a number that a place or a pace may be: neither NaN nor beyond 10^6."""
+    """Return whether a number is valid as a coordinate or a speed: not NaN, and at most 10^6 in size."""
     return abs(number) <= LARGEST_NUMBER
 
 
-def fields_of(record: Record, said: bytes) -> tuple[Any, ...] | None:
-    """Return a record's fields, the kind first; None if it is no such, or has numbers that nothing can be."""
-    if len(said) != record.size or said[0] != record.tag:
+def fields_of(record: Record, raw: bytes) -> tuple[Any, ...] | None:
+    """Parse a record; return its fields, kind first, or None for another record or invalid numbers."""
+    if len(raw) != record.size or raw[0] != record.tag:
         return None
-    found = record.form.unpack(said)
+    found = record.form.unpack(raw)
     rest = found[BEHIND_T:]
-    # Mostly all together are no more than one may be, which is quickly said; of a NaN it is not.
+    # Fast path: if the sum of sizes is within the limit, each number is. A NaN fails both checks.
     return found if sum(map(abs, rest)) <= LARGEST_NUMBER or all(map(is_fine, rest)) else None
 
 
 class PeerBody:
-    """How one robot of a protocol senses, moves, and says where it is: a point mass that accelerates along each axis.
+    """Body of a robot: a point mass that accelerates along each axis. It parses readings and makes commands and states.
 
     Args:
-        pace_mps: its top speed along each axis.
+        pace_mps: top speed along each axis.
 
     Class attributes:
-        sensor: what a reading says of the robot itself; what else it sees is behind that.
-        per_m: of the lengths in there.
+        sensor: record of the robot's own motion, the first part of a reading.
+        per_m: units of length per metre in that record.
     """
 
     sensor: ClassVar[Record] = SENSOR
@@ -68,21 +68,21 @@ class PeerBody:
         self.rob_id, self.pace_mps = rob_id, pace_mps
 
     def beside(self, reading: bytes) -> bytes:
-        """Return what a reading says of other things than the robot: a protocol's own matter."""
+        """Return the protocol's part of a reading, after the robot's own motion."""
         return reading[self.sensor.size :]
 
     def own(self, reading: bytes) -> tuple[Any, ...] | None:
-        """Return what a reading says of the robot, as fields; None if it makes no sense."""
+        """Return the fields of the robot's own motion in a reading; None for an invalid reading."""
         own = fields_of(self.sensor, reading[: self.sensor.size])
         return own if own and own[ID] == self.rob_id else None
 
     def where(self, reading: bytes) -> Point | None:
-        """Return where the robot is, m; None if the reading makes no sense."""
+        """Return the robot's position, m; None for an invalid reading."""
         own = self.own(reading)
         return (own[BEHIND_T] / self.per_m, own[BEHIND_T + 1] / self.per_m) if own else None
 
     def drive(self, step: int, t_ms: int, reading: bytes, aim_m: Point | None, *, speaks: bool) -> list[Output]:  # noqa: ARG002
-        """Return a command towards a place, or to stand; and where it is, if it is to speak."""
+        """Return a command towards `aim_m`, or to coast without one; if it `speaks`, also the robot's state."""
         own = self.own(reading)
         if own is None or aim_m is None:
             return [Act(ACCELERATION.form.pack(KIND_ACCELERATION, self.rob_id, t_ms, 0.0, 0.0))]
@@ -98,31 +98,31 @@ class PeerBody:
         return outputs
 
     def position_in(self, packet: bytes) -> tuple[int, float, float] | None:
-        """Return the id of a robot that says where it is, and that, m; None if the packet says nothing of it."""
-        said = fields_of(STATE, packet)
-        return (said[ID], said[BEHIND_T], said[BEHIND_T + 1]) if said else None
+        """Return id and position, m, of the sender of a state; None for other packets."""
+        state = fields_of(STATE, packet)
+        return (state[ID], state[BEHIND_T], state[BEHIND_T + 1]) if state else None
 
-    def is_taken(self, t_ms: int) -> bool:  # noqa: ARG002 - a point mass obeys nobody
-        """Return whether it is held, or somebody drives it: what the protocol wants is not done."""
+    def is_taken(self, t_ms: int) -> bool:  # noqa: ARG002 - a point mass takes no orders
+        """Return whether the robot is held or driven by orders, so that the protocol does not control it."""
         return False
 
     def on_recv(self, t_ms: int, packet: bytes) -> None:
-        """Hear a packet that is no word of the protocol: an order, perhaps."""
+        """Handle a packet that does not belong to the protocol, such as an order."""
 
     def encode(self) -> bytes:
-        """Return all that it remembers."""
+        """Return the encoded state of the body."""
         return b""
 
     def decode(self, encoding: bytes) -> bytes:
-        """Remember what an encoding begins with; return the rest. Raises: MalformedRecord: `encode` gives no such."""
+        """Restore the body's state from the start of an encoding; return the rest. Raises: MalformedRecord: invalid."""
         return encoding
 
 
 class DrivenWheels(PeerBody):
-    """Two wheels that obey signed orders as `wheels` do, and otherwise do the protocol's work.
+    """Two wheels that obey signed orders as `wheels` does, and otherwise do the protocol's work.
 
-    A `wheels` controller does what orders demand: a stop, a route to its end, a joystick. This drives while it is idle.
-    With `keeps_apart` a reading ends with who is nearby, and the robot avoids them, whoever drives it.
+    A `wheels` controller carries out orders: a stop, a route to its end, a joystick. While it is idle, the protocol
+    drives. With `keeps_apart`, a reading ends with the robots nearby, and the robot always avoids them.
     """
 
     sensor, per_m = WHEELS_SENSOR, 1000
@@ -133,7 +133,7 @@ class DrivenWheels(PeerBody):
         self._driven = compiled(dispatch.NUMBERS["wheels"], params)(rob_id)
 
     def drive(self, step: int, t_ms: int, reading: bytes, aim_m: Point | None, *, speaks: bool) -> list[Output]:  # noqa: ARG002
-        """As a body's, where nobody else drives it."""
+        """Return commands as `PeerBody` does, unless orders control the robot."""
         outputs = list(self._driven.on_input(step, t_ms, reading[: self.sensor.size]))
         own = self.own(reading)
         if own is None or aim_m is None:
@@ -151,20 +151,20 @@ class DrivenWheels(PeerBody):
         return self._restrained([Act(bytes(act)), *outputs[1:]], own, near)
 
     def beside(self, reading: bytes) -> bytes:
-        """As a body's, without who is nearby."""
+        """Return the protocol's part of a reading, without the robots nearby."""
         return super().beside(reading[: len(reading) - self._near_bytes])
 
     def position_in(self, packet: bytes) -> tuple[int, float, float] | None:
-        """As a body's, from millimetres."""
-        said = fields_of(WHEELS_STATE, packet)
-        if not said:
+        """Return id and position, m, of the sender of a state of wheels; None for other packets."""
+        state = fields_of(WHEELS_STATE, packet)
+        if not state:
             return None
-        # As it is remembered in a checkpoint: who replays from there is to decide the same.
-        x_m, y_m = (float(np.float32(said[at] / self.per_m)) for at in (BEHIND_T, BEHIND_T + 1))
-        return said[ID], x_m, y_m
+        # Rounded to f32 as in a checkpoint, so that a replay from there gives the same outputs.
+        x_m, y_m = (float(np.float32(state[at] / self.per_m)) for at in (BEHIND_T, BEHIND_T + 1))
+        return state[ID], x_m, y_m
 
     def on_recv(self, t_ms: int, packet: bytes) -> None:
-        """Obey an order, if it is one for this robot."""
+        """Obey the packet if it is an order for this robot."""
         self._driven.on_recv(t_ms, packet)
 
     def encode(self) -> bytes:
@@ -172,21 +172,21 @@ class DrivenWheels(PeerBody):
         return self._driven.encode()
 
     def decode(self, encoding: bytes) -> bytes:
-        """Remember a `wheels_memory`; return what stands behind it."""
+        """Restore the `wheels_memory` at the start of an encoding; return the rest."""
         if len(encoding) < wheels.ROUTE:
-            raise MalformedRecord(f"{len(encoding)} bytes of wheels")
+            raise MalformedRecord(f"{len(encoding)} bytes, shorter than a wheels_memory")
         end = wheels.ROUTE + POINT_BYTES * encoding[wheels.COUNT]
         self._driven.decode(encoding[:end])
         return encoding[end:]
 
     def is_taken(self, t_ms: int) -> bool:
-        """Return whether it is held, or drives by orders."""
+        """Return whether the robot is held or driven by orders."""
         state = row(self._driven.encode())
         heard_ms = get_u64(state, wheels.HEARD)
         return bool(state[wheels.HELD] or state[wheels.COUNT] or (heard_ms and t_ms - heard_ms <= TAKEN_MS))
 
     def _restrained(self, outputs: list[Output], own: tuple[Any, ...], near: list[Point]) -> list[Output]:
-        """Return the outputs with wheels that do not drive towards a robot nearby."""
+        """Return the outputs, with wheel speeds limited so that the robot does not drive towards robots nearby."""
         if not near:
             return outputs
         act = bytearray(outputs[0].payload)

@@ -1,7 +1,7 @@
-"""The common part of protocols: a robot that says where it is and what it takes on, and knows what others said.
+"""Common part of protocols: a robot that broadcasts its position and claims, and stores those of others.
 
-The mission names its robots, so a compromised robot's invented ones are nobody: each robot remembers the others, no
-more and no less. None is forgotten, for one that is silent still stands there. Source: RoboRebound §2.1;
+The mission lists its robots, so messages of invented robots are ignored: each robot stores an entry for every other
+robot. Silent robots are not removed, because they still stand in the way. Source: RoboRebound §2.1;
 docs/guides/protocols.md.
 """
 
@@ -18,7 +18,7 @@ from .peer_bodies import BEHIND_T, ID, DrivenWheels, PeerBody, fields_of, is_fin
 from .protocol import Point, Task
 from .python_controller import Controller, Output, Send
 
-# Periods of broadcasts after which who has not been heard is taken to be silent for good.
+# Broadcast periods of silence after which a robot counts as stopped.
 SILENT_PERIODS = 4
 
 
@@ -35,15 +35,15 @@ class Peer:
 
 
 class PeerController(Controller, ABC):
-    """A robot that takes on one place after another, and says so.
+    """Robot that claims places, and broadcasts its claims.
 
     Class attributes:
-        pace_mps: its top speed along each axis; wheels have their own.
+        pace_mps: top speed along each axis; wheels have their own.
 
     Attributes:
-        here, holds, wants: numbers of places: where it is, where it goes, what it asks for next.
-        done: how far it is with what it has to do.
-        others: by id, rising.
+        here, holds, wants: numbers of places: its current place, its target, and the next one that it requests.
+        done: number of finished steps of its work.
+        others: last claims of the other robots, by rising id.
     """
 
     pace_mps: ClassVar[float] = 3.0
@@ -62,44 +62,44 @@ class PeerController(Controller, ABC):
         self.done = 0
         self.others = {other: Peer(0, *place) for other, place in enumerate(task.starts_m, 1) if other != rob_id}
 
-    # --- what a protocol decides ---------------------------------------------------------------------------------
+    # --- hooks for protocols -------------------------------------------------------------------------------------
 
     @abstractmethod
     def turn(self, t_ms: int, place_m: Point) -> None:
-        """It is about to speak: what it has reached, takes on, and asks for, is up to date."""
+        """Update `here`, `holds` and `wants`; called before each broadcast."""
 
     @abstractmethod
     def aim(self) -> Point:
-        """Return the point that it drives to, m."""
+        """Return the point to drive to, m."""
 
     def told(self, rob_id: int, t_ms: int, before_ms: int) -> None:
-        """Another robot, which was heard last at `before_ms`, has claimed places, remembered by now."""
+        """Handle a claim, already stored in `others`, of a robot whose previous one came at `before_ms`."""
 
-    # --- what all do ---------------------------------------------------------------------------------------------
+    # --- common to all protocols ---------------------------------------------------------------------------------
 
     def is_silent(self, other: Peer, t_ms: int) -> bool:
-        """Return whether it has been so long silent that it has stopped, or was never there."""
+        """Return whether a robot has been silent for so long that it counts as stopped or absent."""
         return t_ms - other.heard_ms > SILENT_PERIODS * self.period_ms
 
     def on_recv(self, t_ms: int, packet: bytes) -> None:
         """Store a message of another robot of the mission; pass anything else to the body."""
-        if (said := fields_of(CLAIM, packet)) and (other := self.others.get(said[ID])):
+        if (claim := fields_of(CLAIM, packet)) and (other := self.others.get(claim[ID])):
             before_ms, other.heard_ms = other.heard_ms, t_ms
-            other.here, other.holds, other.wants = said[BEHIND_T:]
-            self.told(said[ID], t_ms, before_ms)
-        elif where := self.body.position_in(packet):
-            if other := self.others.get(where[0]):
-                _, other.x_m, other.y_m = where
+            other.here, other.holds, other.wants = claim[BEHIND_T:]
+            self.told(claim[ID], t_ms, before_ms)
+        elif position := self.body.position_in(packet):
+            if other := self.others.get(position[0]):
+                _, other.x_m, other.y_m = position
         else:
             self.body.on_recv(t_ms, packet)
 
     def on_input(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
-        """It drives; and in its turn it decides, and says where it is and what it takes on."""
+        """Return a command, and when a broadcast is due, the robot's position and claims."""
         place_m = self.body.where(reading)
-        if place_m is None:  # a reading that makes no sense: coast, and say nothing
+        if place_m is None:  # an invalid reading: coast, and broadcast nothing
             return self.body.drive(step, t_ms, reading, None, speaks=False)
         for other in self.others.values() if step == 0 else ():
-            other.heard_ms = t_ms  # nobody is silent yet
+            other.heard_ms = t_ms  # at the start, no robot counts as silent
         speaks = (step + self.rob_id) % self.task.state_every == 0
         if speaks:
             self.turn(t_ms, place_m)
@@ -118,13 +118,13 @@ class PeerController(Controller, ABC):
         return self.body.encode() + PEER_MEMORY.form.pack(self.here, self.holds, self.wants, self.done) + peers
 
     def decode(self, encoding: bytes) -> None:
-        """Back to a checkpoint. Raises: MalformedRecord: not one of this robot's."""
+        """Restore a checkpoint. Raises: MalformedRecord: not a state of this robot."""
         memory = PEER_MEMORY.decode(self.body.decode(encoding))
         if len(memory["rest"]) != PEER.size * len(self.others):
-            raise MalformedRecord(f"{len(self.others)} others, and {len(memory['rest'])} bytes of them")
+            raise MalformedRecord(f"{len(memory['rest'])} bytes for {len(self.others)} other robots")
         peers = PEER.form.iter_unpack(memory["rest"])
-        self.others = {rob_id: Peer(*said) for rob_id, said in zip(self.others, peers, strict=True)}
+        self.others = {rob_id: Peer(*peer) for rob_id, peer in zip(self.others, peers, strict=True)}
         if not all(is_fine(each.x_m) and is_fine(each.y_m) for each in self.others.values()):
-            raise MalformedRecord("a robot is nowhere")
+            raise MalformedRecord("the position of a robot is out of range")
         self.here, self.holds, self.wants = memory["here"], memory["holds"], memory["wants"]
         self.done = memory["done"]

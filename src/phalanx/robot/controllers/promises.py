@@ -1,8 +1,9 @@
-"""The promises of a guarded robot's velocity, on which others may count; the law is in `guard_law.py`.
+"""Promises of guarded robots about their velocity, on which other robots rely; see also `guard_law.py`.
 
-A broadcast's velocity g stands for a disc of velocities: around g/2, WIDE · |g| wide, so that standing still is in it.
-For `promise_ms` from its reading on the sender's velocity stays in there. A g faster than MEANT of the envelope's speed
-promises that speed alone. Robots that promise little may be approached. Source: docs/guides/guard.md ("Promises").
+The velocity g of a broadcast promises a disc of velocities with centre g/2 and radius WIDE · |g|, which contains
+standing still. For `promise_ms` from the reading on, the sender's velocity stays in the disc. A g faster than MEANT
+times the envelope's speed promises only that speed. Others may come closer to robots that promise low speeds.
+Source: docs/guides/guard.md ("Promises").
 """
 
 from __future__ import annotations
@@ -17,13 +18,14 @@ from phalanx.wire.fields import F32_BYTES, Row, get_f32, get_u64, put_f32, put_u
 from . import guard_law
 
 WIDE = 0.8
-# A disc has speeds up to (1/2 + WIDE) |g|: a promise of more than so much of the envelope's speed would be none.
+# A disc contains speeds up to (1/2 + WIDE) |g|: with a larger |g| than this share of the envelope's speed, its promise
+# would be weaker than the envelope.
 MEANT = 1.0 / (0.5 + WIDE)
-# Of the envelope's speed: what a robot that stands may still creep.
+# Residual speed of a robot that stands still, as a share of the envelope's speed.
 STIRS = 0.01
-# Two robots' promises together take so much of the room that is between them.
+# Share of the space between two robots that their promises together may use.
 SHARED = 1.2
-# By how much the clocks of two robots differ after the longest promise, ms.
+# Largest difference of two robots' clocks after the longest promise, ms.
 CLOCKS_MS = 10
 
 EACH_BYTES = guarded.PROMISE.size
@@ -34,23 +36,23 @@ NUMBERS = (EACH_BYTES - PROMISED_X) // F32_BYTES
 
 
 @kernel
-def exceeds_envelope(params: Params, gx: float, gy: float) -> bool:
-    """Return whether g promises more than the envelope's speed."""
+def is_within_envelope(params: Params, gx: float, gy: float) -> bool:
+    """Return whether the disc of g is within the envelope's speed."""
     most = MEANT * params[guard_law.SPEED]
     return bool(gx * gx + gy * gy <= most * most)
 
 
 @kernel
 def disc(params: Params, gx: float, gy: float) -> tuple[float, float, float]:
-    """The velocities that g stands for: their middle, x and y, and how far from it they are at most."""
-    if not exceeds_envelope(params, gx, gy):
+    """Return the disc of velocities that g promises: centre, x and y, and radius."""
+    if not is_within_envelope(params, gx, gy):
         return 0.0, 0.0, params[guard_law.SPEED]
     return 0.5 * gx, 0.5 * gy, WIDE * math.sqrt(gx * gx + gy * gy) + STIRS * params[guard_law.SPEED]
 
 
 @kernel
 def holds(params: Params, g: tuple[float, float], v: tuple[float, float], off_mps: float, rests_mps: float) -> bool:
-    """Return whether a velocity with this error is in the disc, and so is its whole way to rest."""
+    """Return whether the promise g covers velocity v with its error, and all velocities from v to rest."""
     mx, my, wide = disc(params, g[0], g[1])
     room, at_rest = wide - off_mps, wide - rests_mps
     if room < 0.0 or at_rest < 0.0 or mx * mx + my * my > at_rest * at_rest:
@@ -60,7 +62,7 @@ def holds(params: Params, g: tuple[float, float], v: tuple[float, float], off_mp
 
 
 @kernel
-def _said(state: Row, at: int) -> tuple[float, float]:
+def _promise_at(state: Row, at: int) -> tuple[float, float]:
     return get_f32(state, at + PROMISED_X), get_f32(state, at + PROMISED_Y)
 
 
@@ -68,27 +70,27 @@ def _said(state: Row, at: int) -> tuple[float, float]:
 def keeps_promises(
     params: Params, t_ms: int, state: Row, v: tuple[float, float], off_mps: float, rests_mps: float
 ) -> bool:
-    """Return whether the velocity keeps all promises that still hold."""
+    """Return whether a velocity keeps all promises that are still in force."""
     for at in range(MADE_AT, END, EACH_BYTES):
-        if get_u64(state, at + UNTIL) > t_ms and not holds(params, _said(state, at), v, off_mps, rests_mps):
+        if get_u64(state, at + UNTIL) > t_ms and not holds(params, _promise_at(state, at), v, off_mps, rests_mps):
             return False
     return True
 
 
 @kernel
 def slowest_mps(params: Params, t_ms: int, state: Row) -> float:
-    """The slowest velocity that was said and still holds; the envelope's for wishes if there is none."""
+    """Return the slowest promised speed that is still in force; without one, the envelope's limit for wishes."""
     slowest = params[guard_law.WISHED]
     for at in range(MADE_AT, END, EACH_BYTES):
         if get_u64(state, at + UNTIL) > t_ms:
-            gx, gy = _said(state, at)
+            gx, gy = _promise_at(state, at)
             slowest = min(slowest, math.sqrt(gx * gx + gy * gy))
     return float(slowest)
 
 
 @kernel
 def closing_mps(params: Params, gx: float, gy: float, gap_x: float, gap_y: float) -> float:
-    """How fast who promises g may come nearer to a robot that is (gap_x, gap_y) away."""
+    """Return the largest closing speed of a robot that promises g, towards one at (gap_x, gap_y) from it."""
     mx, my, wide = disc(params, gx, gy)
     far = math.sqrt(gap_x * gap_x + gap_y * gap_y)
     return float(wide + (mx * gap_x + my * gap_y) / far) if far > 0.0 else wide
@@ -96,7 +98,7 @@ def closing_mps(params: Params, gx: float, gy: float, gap_x: float, gap_y: float
 
 @kernel
 def fair_mps(params: Params, gap_x: float, gap_y: float) -> float:
-    """How fast each of two robots may come nearer, so that in a promise's time both stay in their share of the room."""
+    """Return the closing speed for each of two robots at which both stay in their share of the gap for `promise_ms`."""
     room = math.sqrt(gap_x * gap_x + gap_y * gap_y) - params[guard_law.APART]
     return float(0.5 * SHARED * max(0.0, room) / (params[guard_law.PROMISE_MS] * 1e-3))
 
@@ -105,9 +107,10 @@ def fair_mps(params: Params, gap_x: float, gap_y: float) -> float:
 def reach(
     params: Params, place: tuple[float, float], said: tuple[float, float], known_s: float
 ) -> tuple[float, float, float]:
-    """Return where a robot can be whose reading at `place` is `known_s` old at most: a middle, and how far from it, m.
+    """Return the disc in which a robot can be whose reading at `place` is at most `known_s` old: centre and radius, m.
 
-    With its body's room and the creep of its brakes. A promise holds for `promise_ms`; then the envelope's speed does.
+    It includes the distance between bodies, and the creep while braking. The promise `said` holds for `promise_ms`;
+    after that the limit is the envelope's speed.
     """
     kept_s = min(known_s, params[guard_law.PROMISE_MS] * 1e-3)
     mx, my, wide = disc(params, said[0], said[1])
@@ -118,8 +121,8 @@ def reach(
 
 @kernel
 def make(params: Params, t_ms: int, state: Row, gx: float, gy: float) -> tuple[float, float]:
-    """Promise g and remember it, or extend the newest promise if too many still hold; return what is said."""
-    if not exceeds_envelope(params, gx, gy):
+    """Store the promise g, or extend the newest one if too many are in force; return the promise to broadcast."""
+    if not is_within_envelope(params, gx, gy):
         return gx, gy
     oldest, newest = MADE_AT, MADE_AT
     for at in range(MADE_AT, END, EACH_BYTES):
@@ -133,4 +136,4 @@ def make(params: Params, t_ms: int, state: Row, gx: float, gy: float) -> tuple[f
         put_f32(state, at + PROMISED_X, gx)
         put_f32(state, at + PROMISED_Y, gy)
     put_u64(state, at + UNTIL, t_ms + whole(params[guard_law.PROMISE_MS]) + CLOCKS_MS)
-    return _said(state, at)
+    return _promise_at(state, at)

@@ -1,4 +1,4 @@
-"""A lidar and bumpers, which robots have if their controller's class declares them."""
+"""Lidar and bumpers of simulated robots, declared by a controller's class."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ RANGE = np.dtype(np.float32).newbyteorder("<")  # on any machine
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Senses:
-    """A lidar and bumpers; all is counterclockwise from the east of the world's frame, for a point mass has no heading.
+    """A lidar and bumpers; angles are counterclockwise from east in the world frame, as point masses have no heading.
 
-    Behind the 27 bytes of a reading stand `beams` ranges, f32 little-endian, m from the robot's middle, infinity where
-    nothing is within `range_m`; and `bumpers` bytes, 1 where a sector touches. Raises: UsageError: out of range.
+    The 27 bytes of a reading are followed by `beams` ranges from the robot's centre, m, f32 little-endian, infinity if
+    nothing is within `range_m`. Then follow `bumpers` bytes, 1 for a sector that touches something.
+    Raises: UsageError: a value is out of range.
     """
 
     beams: int = within(0, 0, 360)
@@ -29,18 +30,18 @@ class Senses:
 
     @property
     def size(self) -> int:
-        """Return how many bytes stand behind a reading."""
+        """Return the number of bytes after the fixed fields of a reading."""
         return RANGE.itemsize * self.beams + self.bumpers
 
     def is_readable(self, beside: bytes) -> bool:
-        """Return whether these bytes are ranges, of which none is negative or a NaN, and bumpers, each 0 or 1."""
+        """Return whether these bytes are valid: no negative or NaN range, and each bumper 0 or 1."""
         if len(beside) != self.size:
             return False
         ranges_m, touches = self._both(beside)
         return all(each >= 0.0 for each in ranges_m) and all(each <= 1 for each in touches)
 
     def ranges_m(self, reading: Reading) -> tuple[float, ...]:
-        """Return how far it is to what each beam hits; infinity for nothing in range."""
+        """Return the range of each beam, m; infinity for nothing in range."""
         return self._both(reading.beside)[0]
 
     def touches(self, reading: Reading) -> tuple[bool, ...]:

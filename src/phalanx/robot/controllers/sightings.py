@@ -1,8 +1,8 @@
-"""The common part of guards and trackers: things that move, reported by robots that see them; a few go to each.
+"""Common part of perimeter and tracking protocols: moving objects are reported, and a few robots go to each.
 
-A sensor reports the nearest thing within `SIGHT_STEPS`. Of one thing the latest message counts, so a robot's own eyes
-come first. The `party` nearest robots go to it, all others to their posts. Messages are forgotten after
-`FRESH_PERIODS`, and of each robot only the last is known: a compromised robot never invents more than one thing.
+A sensor reports the nearest object within `SIGHT_STEPS`. The latest report of an object counts, preferably the robot's
+own. The `party` nearest robots go to the object, all others to their posts. Reports expire after `FRESH_PERIODS`, and
+only the last of each robot is stored, so a compromised robot can invent only one object at a time.
 Source: RoboRebound §2.1, §2.3.
 """
 
@@ -22,12 +22,12 @@ from .peers import PeerController
 from .protocol import Point, Stage, Task, squared_m
 from .python_controller import Output, Send
 
-SIGHT_STEPS = 0.5  # of the robots' own step: so far a sensor sees
-FRESH_PERIODS = 2  # of broadcasts: so long a word counts
+SIGHT_STEPS = 0.5  # range of the sensor, as a share of the grid's spacing
+FRESH_PERIODS = 2  # lifetime of a report, in periods of broadcasts
 
 
 class Sighted(NamedTuple):
-    """The last message of a robot on a thing that it sees: heard when, which thing, and where it is."""
+    """Last report of a robot: when it was received, and number and position of the object."""
 
     at_ms: int = 0
     number: int = NOWHERE
@@ -36,13 +36,13 @@ class Sighted(NamedTuple):
 
 
 class SightController(PeerController):
-    """A robot that goes to a thing if few are nearer, and else to its post; it `holds` the thing's number.
+    """Robot that goes to an object if it is among the nearest, and else to its post; `holds` is the object's number.
 
     Class attributes:
-        party: so many robots go to one thing.
+        party: number of robots that go to one object.
 
     Attributes:
-        sighted: by id, its own too: what was said last.
+        sighted: last report of each robot by id, including its own.
     """
 
     party: ClassVar[int]
@@ -51,20 +51,20 @@ class SightController(PeerController):
         super().__init__(rob_id, task)
         self.middle_m = middle_m(task)
         self.sighted = dict.fromkeys(range(1, len(task.starts_m) + 1), Sighted())
-        self._now_ms = 0  # of the reading that is being answered: nothing to remember
+        self._now_ms = 0  # time of the current reading, which is not part of the state
 
     def things(self) -> dict[int, Point]:
-        """Return each reported object's place: the latest report, of two equal ones our own."""
+        """Return the position of each object by its latest report; of simultaneous reports, prefer our own."""
         fresh_ms = FRESH_PERIODS * self.period_ms
         latest: dict[int, tuple[int, bool, int, Point]] = {}
-        for rob_id, said in self.sighted.items():
-            if said.number != NOWHERE and 0 <= self._now_ms - said.at_ms <= fresh_ms:
-                word = said.at_ms, rob_id == self.rob_id, rob_id, (said.x_m, said.y_m)
-                latest[said.number] = max(word, latest.get(said.number, word))
+        for rob_id, report in self.sighted.items():
+            if report.number != NOWHERE and 0 <= self._now_ms - report.at_ms <= fresh_ms:
+                key = report.at_ms, rob_id == self.rob_id, rob_id, (report.x_m, report.y_m)
+                latest[report.number] = max(key, latest.get(report.number, key))
         return {number: place_m for number, (*_, place_m) in sorted(latest.items())}
 
     def turn(self, t_ms: int, place_m: Point) -> None:
-        """The thing that this robot is among the nearest to; those nearest to the middle have theirs first."""
+        """Choose the object of this robot; the objects nearest to the centre get their robots first."""
         self.holds = NOWHERE
         free = {rob_id: (each.x_m, each.y_m) for rob_id, each in self.others.items() if not self.is_silent(each, t_ms)}
         free[self.rob_id] = place_m
@@ -78,26 +78,27 @@ class SightController(PeerController):
                 return
 
     def aim(self) -> Point:
-        """Return the place of its object, or its post."""
+        """Return the position of its object, or its post."""
         return self.things().get(self.holds, self.task.waits_m[self.rob_id - 1])
 
     def on_recv(self, t_ms: int, packet: bytes) -> None:
-        """Store the sighting of another robot of the mission as well."""
-        said = fields_of(SIGHTING, packet)
-        if said and said[ID] in self.others:
-            self.sighted[said[ID]] = Sighted(t_ms, *said[BEHIND_T:])
+        """Store the report of another robot of the mission, and handle the packet as other protocols do."""
+        fields = fields_of(SIGHTING, packet)
+        if fields and fields[ID] in self.others:
+            self.sighted[fields[ID]] = Sighted(t_ms, *fields[BEHIND_T:])
         super().on_recv(t_ms, packet)
 
     def on_input(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
-        """It drives by what it sees, and says so in its turn."""
+        """Store the robot's own sighting, drive, and broadcast the sighting when a broadcast is due."""
         self._now_ms = t_ms
-        packet = self._frame(t_ms, reading)
-        if packet and (said := fields_of(SIGHTING, packet)):
-            self.sighted[self.rob_id] = Sighted(t_ms, *said[BEHIND_T:])
+        packet = self._report(t_ms, reading)
+        if packet and (fields := fields_of(SIGHTING, packet)):
+            self.sighted[self.rob_id] = Sighted(t_ms, *fields[BEHIND_T:])
         outputs = super().on_input(step, t_ms, reading)
         return [*outputs, Send(packet)] if packet and len(outputs) > 1 else outputs
 
-    def _frame(self, t_ms: int, reading: bytes) -> bytes:
+    def _report(self, t_ms: int, reading: bytes) -> bytes:
+        """Return the packet about the object in a reading; b"" if there is none."""
         place_m, beside = self.body.where(reading), self.body.beside(reading)
         if place_m is None or len(beside) != SEEN.size:
             return b""
@@ -108,34 +109,34 @@ class SightController(PeerController):
         return SIGHTING.form.pack(KIND_SIGHTING, self.rob_id, t_ms, number, x_m + dx_m, y_m + dy_m)
 
     def encode(self) -> bytes:
-        """A `peer_memory`, and a `sighted` of each robot behind it, its own too."""
+        """Encode a `peer_memory`, then a `sighted` for each robot including this one."""
         return super().encode() + b"".join(SIGHTED.form.pack(*each) for each in self.sighted.values())
 
     def decode(self, encoding: bytes) -> None:
-        """Back to a checkpoint. Raises: MalformedRecord: not one of this robot's."""
+        """Restore a checkpoint. Raises: MalformedRecord: not a state of this robot."""
         end = len(encoding) - SIGHTED.size * len(self.sighted)
         super().decode(encoding[: max(0, end)])
-        said = [Sighted(*each) for each in SIGHTED.form.iter_unpack(encoding[end:])]
-        if not all(is_fine(each.x_m) and is_fine(each.y_m) for each in said):
-            raise MalformedRecord("something is seen nowhere")
-        self.sighted = dict(zip(self.sighted, said, strict=True))
+        reports = [Sighted(*each) for each in SIGHTED.form.iter_unpack(encoding[end:])]
+        if not all(is_fine(each.x_m) and is_fine(each.y_m) for each in reports):
+            raise MalformedRecord("the position of a sighting is out of range")
+        self.sighted = dict(zip(self.sighted, reports, strict=True))
 
 
 class SightStage(Stage):
-    """Things that move by themselves, and who is near them."""
+    """Stage with moving objects, which records robots near them."""
 
     seen_bytes = SEEN.size
 
     @abstractmethod
     def things(self, t_s: float) -> dict[int, Point]:
-        """See `Stage`: each that is still there."""
+        """Return the positions of all objects that are present; see `Stage`."""
 
     @abstractmethod
     def near(self, rob_id: int, t_s: float, number: int, away_m: float) -> None:
-        """A robot that does not lie is so near to a thing, at most as far as it sees."""
+        """Record that an honest robot sees an object at this distance, m."""
 
     def look(self, rob_id: int, t_s: float, place_m: Point, *, lies: bool) -> bytes:
-        """The nearest thing, if it is in sight; a compromised robot sees it as well."""
+        """Return the nearest object if it is in sight, to compromised robots too."""
         self.now_s, things = max(self.now_s, t_s), self.things(t_s)
         away_m = {number: math.dist(at_m, place_m) for number, at_m in things.items()}
         number = min(away_m, key=lambda each: (away_m[each], each), default=NOWHERE)
@@ -148,7 +149,7 @@ class SightStage(Stage):
 
 
 def middle_m(task: Task) -> Point:
-    """Of the posts, m."""
+    """Return the centroid of the posts, m."""
     x_m = y_m = 0.0
     for x, y in task.waits_m:
         x_m, y_m = x_m + x, y_m + y
@@ -157,6 +158,6 @@ def middle_m(task: Task) -> Point:
 
 @lru_cache(256)
 def drawn(words: str) -> tuple[float, float]:
-    """Two shares of one, the same for the same words with any version of any library."""
+    """Return two pseudo-random numbers in [0, 1) that depend on `words` only, with any version of any library."""
     number = int(hashlib.sha256(words.encode()).hexdigest(), 16)
     return (number >> 224) / (1 << 32), (number >> 192) % (1 << 32) / (1 << 32)

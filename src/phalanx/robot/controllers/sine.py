@@ -1,4 +1,4 @@
-"""Sine and cosine of our own: libm's differ between machines in the last bit, which would convict honest robots."""
+"""Reproducible sine and cosine: libm's last bits differ between machines, and audits of honest robots would fail."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ RAD_PER_DEG = 0.017453292519943295
 
 @kernel
 def sine(angle_rad: float) -> float:
-    """The sine of an angle within +-pi/2, to 1e-15; beyond, wrong."""
+    """Return the sine of an angle within +-pi/2, to 1e-15; other angles give wrong results."""
     z, rest = angle_rad * angle_rad, 1.0
-    for n in range(20, 0, -2):  # the series, from its end
+    for n in range(20, 0, -2):  # the Taylor series, from its last term
         rest = 1.0 - z / (n * (n + 1)) * rest
     return angle_rad * rest
 
 
 @kernel
 def sine_cosine(angle_deg: float) -> tuple[float, float]:
-    """Return sine and cosine of an angle within +-10^6 degrees, of which whole turns come off exactly; to 1e-14."""
+    """Return sine and cosine of an angle within +-10^6 degrees, to 1e-14; quarter turns are subtracted exactly."""
     quarters = int(angle_deg / 90.0 + (0.5 if angle_deg >= 0.0 else -0.5))
     angle_rad = (angle_deg - 90.0 * quarters) * RAD_PER_DEG
     half = sine(angle_rad * 0.5)

@@ -1,1 +1,1 @@
-"""The bundled controllers, a file each: whatever declares itself here can be chosen by its name (dispatch.py)."""
+"""The bundled controllers, one per file, which can be selected by the file's name (dispatch.py)."""

@@ -1,9 +1,9 @@
-"""Olfati-Saber flocking: neighbours at their distance (alpha), around obstacles (beta), to the goal (gamma).
+"""Olfati-Saber flocking: keep the distance to neighbours (alpha), avoid obstacles (beta), go to the goal (gamma).
 
-Its state is a `flock_memory` and its neighbours by rising id, 18 + 26 n bytes. One not heard for `forget_ms` is
-forgotten: it would otherwise push for ever from where it was last seen, and robots that a lie invents would stay.
-The price: a silent robot is forgotten too, though it still stands there. Times are the log's; a packet's own is not
-used. A reading that makes no sense changes nothing: the robot coasts and says nothing.
+The state is a `flock_memory` and the neighbours by rising id, 18 + 26 n bytes. A neighbour that is silent for
+`forget_ms` is removed: otherwise robots that have left, and robots invented by an attacker, would exert a force for
+ever. The drawback is that a stopped, silent robot is removed too. Times are those of log entries, not of packets.
+Invalid readings change nothing: the robot coasts and broadcasts nothing.
 
 Source: RoboRebound Alg. 1, §5.2 (the checkpoint), Table 3; Olfati-Saber 2006, eq. 8-17, 47-59.
 """
@@ -34,33 +34,33 @@ EACH_BYTES, PLACE = neighbours.EACH_BYTES, neighbours.PLACE
 
 @kernel
 def capacity(params: Params) -> int:
-    """The longest that a state gets, bytes: what its row must hold. Source: RoboRebound §5.2."""
+    """Return the length of the longest state, bytes. Source: RoboRebound §5.2."""
     return HEAD_BYTES + EACH_BYTES * whole(params[flock_law.N_MAX])
 
 
 @kernel
 def size(state: Row) -> int:
-    """The length of the encoding that `state` holds now. Source: RoboRebound §5.2."""
+    """Return the length of the encoding in `state`. Source: RoboRebound §5.2."""
     return neighbours.end(state, HEAD_BYTES)
 
 
 @kernel
 def begin(_params: Params, _rob_id: int, state: Row) -> int:
-    """The boot state is in `state`, at the origin and alone; its length."""
+    """Write the state at boot to `state`, at the origin and without neighbours; return its length."""
     state[:HEAD_BYTES] = 0
     return size(state)
 
 
 @kernel
 def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
-    """Return whether the first `length` bytes are a state that this robot can be in (dispatch.py)."""
+    """Return whether the first `length` bytes are a valid state of this robot (dispatch.py)."""
     fits = HEAD_BYTES <= length <= capacity(params) and length == size(state)
     return fits and are_fine(state, X, neighbours.NUMBERS) and neighbours.are_neighbours(state, HEAD_BYTES, rob_id)
 
 
 @kernel
 def on_recv(params: Params, rob_id: int, t_ms: int, packet: Row, length: int, state: Row) -> int:
-    """Remember a broadcast, in place of the one heard longest ago if full; return the new length of the encoding."""
+    """Store a neighbour's state, replacing the oldest neighbour if full; return the new length of the encoding."""
     rob = neighbours.sender(rob_id, packet, length)
     if rob != 0:
         neighbours.remember(rob, whole(params[flock_law.N_MAX]), t_ms, packet, state, HEAD_BYTES)
@@ -69,7 +69,7 @@ def on_recv(params: Params, rob_id: int, t_ms: int, packet: Row, length: int, st
 
 @kernel
 def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, length: int, state: Row, out: Row) -> int:
-    """Put a command into `out`, and a broadcast when it is due; return their length. Source: RoboRebound Alg. 1, §4."""
+    """Write a command, and a broadcast if due, to `out`; return their length. Source: RoboRebound Alg. 1, §4."""
     end = put_head(out, 0, table.ENTRY_ACMD, COMMAND_BYTES, table.KIND_ACCELERATION, rob_id, t_ms)
     if not neighbours.is_reading(rob_id, reading, length):
         put_f32(out, end + AX, 0.0)
@@ -81,7 +81,9 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
     put_f32(out, end + AX, flock_law.limited(ax, params[flock_law.LIMIT]))
     put_f32(out, end + AY, flock_law.limited(ay, params[flock_law.LIMIT]))
     end += COMMAND_BYTES
-    if (step + rob_id) % whole(params[flock_law.STATE_EVERY]) == 0:  # robots started at once do not send at once
+    if (step + rob_id) % whole(
+        params[flock_law.STATE_EVERY]
+    ) == 0:  # spreads the broadcasts of robots that started together
         end = put_head(out, end, table.ENTRY_SEND, STATE_BYTES, table.KIND_STATE, rob_id, t_ms)
         copy(out, end + MOTION, reading, MOTION, MOTION_BYTES)
         end += STATE_BYTES
@@ -93,7 +95,10 @@ def _acceleration(params: Params, state: Row) -> tuple[float, float]:
     x, y, vx, vy = get_f32(state, X), get_f32(state, Y), get_f32(state, VX), get_f32(state, VY)
     ax, ay = 0.0, 0.0
     for at in range(HEAD_BYTES + PLACE, size(state), EACH_BYTES):
-        dx, dy = get_f32(state, at + X) - x, get_f32(state, at + Y) - y  # a neighbour's motion lies as one's own
+        dx, dy = (
+            get_f32(state, at + X) - x,
+            get_f32(state, at + Y) - y,
+        )  # `x_m` to `vy_mps` are laid out as in the own state
         dvx, dvy = get_f32(state, at + VX) - vx, get_f32(state, at + VY) - vy
         push_x, push_y = flock_law.neighbour_push(params, dx, dy, dvx, dvy)
         ax += push_x

@@ -1,15 +1,16 @@
-"""The guard: what a planner advises is done as far as the mission's envelope lets it.
+"""The guard: a controller that follows a planner's advice as far as the mission's envelope allows.
 
-It is advised by `wish`; the velocity in its broadcasts is what it promises (promises.py). Its state is a `guard_memory`
-and its neighbours: 127 + 26 n bytes. The log holds advice and auditors replay the guard over it: whatever a planner
-says, the command is inside the envelope. It tries the wish, then smaller shares of it, and brakes if none is good.
+Advice is a `wish`, a velocity. The velocity in the guard's broadcasts is a promise (promises.py). The state is a
+`guard_memory` and the neighbours: 127 + 26 n bytes. The log has the advice, and auditors replay the guard with it, so
+commands stay inside the envelope whatever a planner advises. The guard tries the wish, then smaller shares of it, and
+brakes if none is safe.
 
-It stands still when advice is too old, missing, no finite velocity, or not signed by the adviser that the mission
-names; for the first `forget_ms`, to hear who is there; and for `forget_ms` after it has heard more robots than it can
-remember, or one where that robot cannot have got to: somebody speaks in its name. A reading that makes no sense changes
-nothing: it coasts and says nothing.
+The robot stands still if advice is missing, too old, not finite, or not signed by the mission's adviser. It also stands
+for the first `forget_ms`, to discover its neighbours. The same holds for `forget_ms` after it has received states of
+more robots than it can store, or a position that the sender cannot have reached: then the sender is forged. Invalid
+readings change nothing: the robot coasts and broadcasts nothing.
 
-Source: docs/guides/guard.md (the law, and why it keeps clear); RoboRebound Alg. 1 (the packet of it).
+Source: docs/guides/guard.md (the law and its safety argument); RoboRebound Alg. 1 (the structure).
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ SENSED_X, SENSED_Y, SENSED_VX, SENSED_VY = map(table.SENSOR.at, ("x_m", "y_m", "
 AX, AY = map(table.ACCELERATION.at, ("ax_mps2", "ay_mps2"))
 WISH_X = guarded.WISH.at("vx_mps")
 SIGNED_MISSION, SIGNED_ID, SIGNED_T, SIGNED_X = map(guarded.SIGNED_WISH.at, ("mission", "id", "t", "vx_mps"))
-VELOCITY_X, VELOCITY_Y = map(table.STATE.at, ("vx_mps", "vy_mps"))  # in a broadcast what is promised
+VELOCITY_X, VELOCITY_Y = map(table.STATE.at, ("vx_mps", "vy_mps"))  # in a broadcast: the promised velocity
 PLACE_BYTES = VELOCITY_X - MOTION
 OLD_X, OLD_Y, WISHED_X, WISHED_Y = map(guarded.GUARD_MEMORY.at, ("ax_mps2", "ay_mps2", "vx_mps", "vy_mps"))
 FRESH, WISHED, STANDS = map(guarded.GUARD_MEMORY.at, ("fresh", "wished", "stands"))
@@ -64,13 +65,13 @@ EACH_BYTES, HEARD = neighbours.EACH_BYTES, neighbours.HEARD
 PLACE_X, PLACE_Y, SAID_X, SAID_Y = map(table.NEIGHBOUR.at, ("x_m", "y_m", "vx_mps", "vy_mps"))
 REMEMBERED = (FRESH - OLD_X) // F32_BYTES  # numbers, from OLD_X on
 WISH_NUMBERS = (WISH_BYTES - WISH_X) // F32_BYTES
-# Of a claim, m: what rounding to f32 leaves, at 10^6 m.
+# Tolerance of a claimed position for rounding to f32 at 10^6 m.
 ROUNDED_M = 0.13
 
 
 @kernel
 def capacity(params: Params) -> int:
-    """Return the bytes of a state's row: the longest state, then an adviser's key if there is one."""
+    """Return the length of a state's row: the longest state, then room for an adviser's key if there is one."""
     return _longest(params) + (driven.SIGNER_KEY_BYTES if guard_law.adviser_at(params) > 0 else 0)
 
 
@@ -81,13 +82,13 @@ def _longest(params: Params) -> int:
 
 @kernel
 def size(state: Row) -> int:
-    """The length of the encoding that `state` holds now."""
+    """Return the length of the encoding in `state`."""
     return neighbours.end(state, HEAD_BYTES)
 
 
 @kernel
 def begin(params: Params, _rob_id: int, state: Row) -> int:
-    """The boot state is in `state`: the mission's envelope, and nothing heard; its length."""
+    """Write the state at boot to `state`, with the envelope's hash and no neighbours; return its length."""
     state[:HEAD_BYTES] = 0
     for k in range(guarded.ENVELOPE_BYTES):
         state[k] = whole(params[guard_law.HASH + k])
@@ -96,7 +97,7 @@ def begin(params: Params, _rob_id: int, state: Row) -> int:
 
 @kernel
 def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
-    """Return whether the first `length` bytes are a state that this robot can be in (dispatch.py)."""
+    """Return whether the first `length` bytes are a valid state of this robot (dispatch.py)."""
     if length < HEAD_BYTES or length != size(state) or length > _longest(params):
         return False
     if not are_fine(state, OLD_X, REMEMBERED) or state[FRESH] > guarded.IS_FRESH:
@@ -114,9 +115,10 @@ def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
 
 @kernel
 def on_advice(params: Params, rob_id: int, advice: Row, length: int, state: Row) -> int:
-    """Remember a wish, ignore anything else; return the new length of the encoding.
+    """Store a wish and ignore anything else; return the new length of the encoding.
 
-    An adviser's has to be newer, and the first since the last reading: nobody makes auditors check signatures all day.
+    A signed wish must be newer than the last, and the first since the last reading, which limits the signatures that
+    auditors must verify.
     """
     at, adviser = WISH_X, guard_law.adviser_at(params)
     if adviser > 0:
@@ -139,7 +141,7 @@ def on_advice(params: Params, rob_id: int, advice: Row, length: int, state: Row)
 
 @kernel
 def _is_signed(params: Params, adviser: int, rob_id: int, advice: Row, length: int, state: Row) -> bool:
-    """Return whether advice is for this robot and mission, new, unchecked since the last reading, and signed."""
+    """Return whether advice is signed, new, for this robot and mission, and the first since the last reading."""
     if advice[0] != guarded.KIND_SIGNED_WISH or state[FRESH] == guarded.IS_FRESH:
         return False
     if get_u32(advice, SIGNED_MISSION) != whole(params[adviser]) or get_u16(advice, SIGNED_ID) != rob_id:
@@ -147,7 +149,7 @@ def _is_signed(params: Params, adviser: int, rob_id: int, advice: Row, length: i
     if get_u64(advice, SIGNED_T) <= get_u64(state, WISHED):
         return False
     state[FRESH] = guarded.IS_FRESH
-    key = _longest(params)  # where no state gets
+    key = _longest(params)  # the part of the row behind any state
     for k in range(driven.SIGNER_KEY_BYTES):
         state[key + k] = whole(params[adviser + 1 + k])
     return trusted.order_check(state[key : key + driven.SIGNER_KEY_BYTES], advice, length) == 0
@@ -155,7 +157,7 @@ def _is_signed(params: Params, adviser: int, rob_id: int, advice: Row, length: i
 
 @kernel
 def on_recv(params: Params, rob_id: int, t_ms: int, packet: Row, length: int, state: Row) -> int:
-    """Remember a broadcast, ignore anything else, as a flock's robots do; return the new length of the encoding."""
+    """Store a neighbour's state and ignore anything else; return the new length of the encoding."""
     rob = neighbours.sender(rob_id, packet, length)
     if rob == 0:
         return size(state)
@@ -174,8 +176,8 @@ def on_recv(params: Params, rob_id: int, t_ms: int, packet: Row, length: int, st
 
 @kernel
 def _can_be(params: Params, t_ms: int, packet: Row, at: int, state: Row) -> bool:
-    """Return whether a robot can have got from where it was heard last to where it says it is."""
-    dx = get_f32(packet, SENSED_X) - get_f32(state, at + PLACE_X)  # a state's place lies as a sensor's
+    """Return whether a robot can have moved from its last position to that in the packet."""
+    dx = get_f32(packet, SENSED_X) - get_f32(state, at + PLACE_X)  # same offset in `state` and `sensor`
     dy = get_f32(packet, SENSED_Y) - get_f32(state, at + PLACE_Y)
     since_s = (t_ms - get_u64(state, at + HEARD) + params[guard_law.RADIO_MS]) * 1e-3
     most = params[guard_law.SPEED] * since_s + ROUNDED_M
@@ -184,7 +186,7 @@ def _can_be(params: Params, t_ms: int, packet: Row, at: int, state: Row) -> bool
 
 @kernel
 def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, length: int, state: Row, out: Row) -> int:
-    """Put a command, and a broadcast when it is due, into `out`; return their length. Source: docs/guides/guard.md."""
+    """Write a command, and a broadcast if due, to `out`; return their length. Source: docs/guides/guard.md."""
     end = put_head(out, 0, table.ENTRY_ACMD, COMMAND_BYTES, table.KIND_ACCELERATION, rob_id, t_ms)
     forget_ms = whole(params[guard_law.FORGET_MS])
     if step == 0:
@@ -201,7 +203,7 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
             at = put_head(out, end + COMMAND_BYTES, table.ENTRY_SEND, STATE_BYTES, table.KIND_STATE, rob_id, t_ms)
             copy(out, at + MOTION, reading, MOTION, PLACE_BYTES)
             _put_velocity(out, at, *_promised(params, t_ms, now, state))
-            # As others will read it: one that rounding makes a promise is one.
+            # As others will read it, after rounding to f32.
             said_x, said_y = get_f32(out, at + VELOCITY_X), get_f32(out, at + VELOCITY_Y)
             _put_velocity(out, at, *promises.make(params, t_ms, state, said_x, said_y))
             said = at + STATE_BYTES
@@ -221,7 +223,7 @@ def _put_velocity(out: Row, at: int, x: float, y: float) -> None:
 
 @kernel
 def _wished(params: Params, t_ms: int, state: Row) -> tuple[float, float]:
-    """The wish that counts now; (0, 0) if there is none."""
+    """Return the current wish; (0, 0) if there is none or it is too old."""
     wished = get_u64(state, WISHED)
     if wished == 0 or not 0 <= t_ms - wished <= whole(params[guard_law.ADVICE_MS]):
         return 0.0, 0.0
@@ -251,7 +253,7 @@ def _command(params: Params, t_ms: int, now: guard_law.Motion, state: Row) -> tu
 
 @kernel
 def _is_good(params: Params, t_ms: int, now: guard_law.Motion, state: Row, ax: float, ay: float) -> bool:
-    """Return whether the robot can do that, keeps its promises, and can brake before known obstacles."""
+    """Return whether a command keeps the robot's promises, and lets it brake before all obstacles and neighbours."""
     x, y, vx, vy = now[0], now[1], now[2], now[3]
     period = params[guard_law.PERIOD_S]
     then = (vx + period * ax, vy + period * ay)
@@ -275,7 +277,10 @@ def _is_good(params: Params, t_ms: int, now: guard_law.Motion, state: Row, ax: f
 
 @kernel
 def _promised(params: Params, t_ms: int, now: guard_law.Motion, state: Row) -> tuple[float, float]:
-    """Return as much of its wish as is fair to all neighbours; else what brakes are in; else the envelope's speed."""
+    """Return the velocity to promise: the share of the wish that is fair to all neighbours, if it covers the motion.
+
+    Otherwise it is a promise that covers braking, or else the envelope's speed.
+    """
     speed = params[guard_law.SPEED]
     gx, gy = guard_law.shortened(*_wished(params, t_ms, state), promises.MEANT * speed)
     share, alone = 1.0, True
@@ -290,7 +295,9 @@ def _promised(params: Params, t_ms: int, now: guard_law.Motion, state: Row) -> t
     if alone:
         return speed, 0.0
     g, v = (share * gx, share * gy), (now[2], now[3])
-    late = guard_law.held_mps(params, now[4], now[5])  # brakes change the velocity's length alone, but for this
+    late = guard_law.held_mps(
+        params, now[4], now[5]
+    )  # braking changes only the length of the velocity, except for this
     for _ in range(2):
         if promises.holds(params, g, v, late, late):
             return g
@@ -302,7 +309,7 @@ def _promised(params: Params, t_ms: int, now: guard_law.Motion, state: Row) -> t
 
 @kernel
 def _reach(params: Params, t_ms: int, state: Row, at: int, later_s: float) -> tuple[float, float, float]:
-    """Return the disc that neighbour `at` can reach in so much time: centre and radius."""
+    """Return the disc that the neighbour at `at` can reach in `later_s`: centre and radius."""
     place = (get_f32(state, at + PLACE_X), get_f32(state, at + PLACE_Y))
     said = (get_f32(state, at + SAID_X), get_f32(state, at + SAID_Y))
     known_s = (t_ms - get_u64(state, at + HEARD) + params[guard_law.RADIO_MS]) * 1e-3

@@ -1,10 +1,10 @@
-"""Robots that visitors drive: two wheels and an LED, by joystick or along a route.
+"""Controller of robots that visitors drive: two wheels and an LED, by joystick or along a route.
 
-It obeys an `order` that it can check (orders.py). Its state is a `wheels_memory` and its route: 158 + 4 n bytes, with
-the keys it obeys and the last joystick order; a reached point of the route is taken out. While somebody holds it, it
-stands. A reading that makes no sense stops the wheels, in silence.
+It obeys signed orders (orders.py). The state is a `wheels_memory` and the route: 158 + 4 n bytes. It includes the
+signers' keys and the last joystick order; reached points are removed from the route. A held robot stands still. Invalid
+readings stop the wheels, and the robot broadcasts nothing.
 
-Source: docs/spec/vocabulary.md (orders, lengths and directions); RoboRebound Alg. 1 (the packet of it).
+Source: docs/spec/vocabulary.md (orders, lengths and directions); RoboRebound Alg. 1 (the structure).
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from phalanx.wire.fields import (
     whole,
 )
 
-GOOD_MS, STATE_EVERY, MISSION, LOOKS, KEYS = 0, 1, 2, 3, 4  # places in the parameters; of the keys a byte each
+GOOD_MS, STATE_EVERY, MISSION, LOOKS, KEYS = 0, 1, 2, 3, 4  # indices of the parameters; a key has one byte per number
 
 
 def wheels_params(config: WheelsConfig) -> Params:
-    """The mission's parameters as kernels read them."""
+    """Return the mission's parameters for kernels."""
     keys = [key or bytes(driven.SIGNER_KEY_BYTES) for key in (config.gateway_key, config.operator_key)]
     numbers = [config.good_ms, config.state_every, config.mission, config.looks, *b"".join(keys)]
     return np.array(numbers, dtype=np.float64)
@@ -57,8 +57,8 @@ CONTROLLER = Declaration(
 READING_BYTES = table.WHEELS_SENSOR.size
 COMMAND_BYTES = table.WHEELS_COMMAND.size
 STATE_BYTES = table.WHEELS_STATE.size
-ID = table.WHEELS_STATE.at("id")  # as in the other two
-BODY = table.WHEELS_STATE.at("x_mm")  # the pose, as in the reading; in the command the wheels
+ID = table.WHEELS_STATE.at("id")  # the same in readings and commands
+BODY = table.WHEELS_STATE.at("x_mm")  # offset of the pose, also in readings, and of the wheels in commands
 POSE_BYTES = table.WHEELS_STATE.at("red") - BODY
 POSE_NUMBERS = POSE_BYTES // F32_BYTES
 
@@ -73,19 +73,19 @@ CAPACITY_BYTES = ROUTE + orders.POINT_BYTES * orders.WAYPOINTS_MAX
 
 @kernel
 def capacity(_params: Params) -> int:
-    """The longest that a state gets, bytes: what its row must hold."""
+    """Return the length of the longest state, bytes."""
     return CAPACITY_BYTES
 
 
 @kernel
 def size(state: Row) -> int:
-    """The length of the encoding that `state` holds now."""
+    """Return the length of the encoding in `state`."""
     return ROUTE + orders.POINT_BYTES * whole(state[COUNT])
 
 
 @kernel
 def begin(params: Params, _rob_id: int, state: Row) -> int:
-    """The boot state is in `state`: whom it obeys, nothing heard, the LED dark; its length."""
+    """Write the state at boot to `state`: the signers' keys, no orders, the LED off; return its length."""
     state[:ROUTE] = 0
     for signer in range(driven.SIGNERS):
         at = SIGNERS + orders.EACH_BYTES * signer
@@ -97,7 +97,7 @@ def begin(params: Params, _rob_id: int, state: Row) -> int:
 
 @kernel
 def is_encoding(params: Params, _rob_id: int, state: Row, length: int) -> bool:
-    """Return whether the first `length` bytes are a state that this robot can be in (dispatch.py)."""
+    """Return whether the first `length` bytes are a valid state of this robot (dispatch.py)."""
     if not ROUTE <= length <= CAPACITY_BYTES or length != size(state) or not are_fine(state, X, POSE_NUMBERS):
         return False
     left, right = get_i8(state, LEFT), get_i8(state, RIGHT)
@@ -127,7 +127,7 @@ def _are_signers(params: Params, state: Row) -> bool:
 
 @kernel
 def on_recv(params: Params, rob_id: int, t_ms: int, packet: Row, length: int, state: Row) -> int:
-    """Obey an order that this robot has to obey; return the new length of the encoding. Source: docs/spec/orders.md."""
+    """Obey a packet if it is a valid order; return the new length of the encoding. Source: docs/spec/orders.md."""
     if not orders.is_order(whole(params[MISSION]), rob_id, packet, length):
         return size(state)
     signer = whole(packet[orders.WHO])
@@ -143,7 +143,7 @@ def on_recv(params: Params, rob_id: int, t_ms: int, packet: Row, length: int, st
 
 @kernel
 def _obey(signer: int, t_ms: int, packet: Row, end: int, state: Row) -> None:
-    """Carry out the order, but move nothing while an operator holds the robot. Source: docs/spec/vocabulary.md."""
+    """Carry out an order; while a signer holds the robot, ignore orders to move. Source: docs/spec/vocabulary.md."""
     action, body = int(packet[orders.ACTION]), orders.BODY
     if action == driven.TELL_STOP:
         state[HELD] |= 1 << signer
@@ -169,12 +169,12 @@ def _obey(signer: int, t_ms: int, packet: Row, end: int, state: Row) -> None:
 
 @kernel
 def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, length: int, state: Row, out: Row) -> int:
-    """Put a command, and a broadcast when it is due, into `out`; return their length."""
+    """Write a command, and a broadcast if due, to `out`; return their length."""
     left, right = whole(0), whole(0)
     state[CHECKS] = 0
-    known = length == READING_BYTES and reading[0] == table.KIND_WHEELS_SENSOR and get_u16(reading, ID) == rob_id
-    known = known and are_fine(reading, BODY, POSE_NUMBERS)
-    if known:
+    is_valid = length == READING_BYTES and reading[0] == table.KIND_WHEELS_SENSOR and get_u16(reading, ID) == rob_id
+    is_valid = is_valid and are_fine(reading, BODY, POSE_NUMBERS)
+    if is_valid:
         copy(state, X, reading, BODY, POSE_BYTES)
         _drop_reached(state)
         if state[COUNT] > 0:
@@ -186,7 +186,7 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
     out[end + COMMAND_RIGHT] = right & 255
     copy(out, end + COMMAND_LED, state, LED, orders.LED_BYTES)
     end += COMMAND_BYTES - BODY
-    if known and (step + rob_id) % whole(params[STATE_EVERY]) == 0:
+    if is_valid and (step + rob_id) % whole(params[STATE_EVERY]) == 0:
         end = BODY + put_head(out, end, table.ENTRY_SEND, STATE_BYTES, table.KIND_WHEELS_STATE, rob_id, t_ms)
         copy(out, end, state, X, POSE_BYTES)
         copy(out, end + POSE_BYTES, state, LED, orders.LED_BYTES)
@@ -203,7 +203,7 @@ def _first(state: Row) -> tuple[float, float]:
 
 @kernel
 def _drop_reached(state: Row) -> None:
-    """The route begins with a point that is not reached yet, or is empty."""
+    """Remove points from the start of the route as long as they are reached."""
     near = get_u16(state, THRESHOLD)
     while state[COUNT] > 0:
         dx, dy = _first(state)
@@ -215,7 +215,7 @@ def _drop_reached(state: Row) -> None:
 
 @kernel
 def _towards(state: Row) -> tuple[int, int]:
-    """Left and right, percent, towards the first point of the route."""
+    """Return the wheel speeds, left and right, towards the first point of the route, percent."""
     dx, dy = _first(state)
     sin, cos = sine_cosine(get_f32(state, DIRECTION))
     return steer(dy * cos - dx * sin, -dx * cos - dy * sin, math.sqrt(dx * dx + dy * dy))

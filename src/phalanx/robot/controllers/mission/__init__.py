@@ -1,1 +1,1 @@
-"""A robot on an encoded mission, as a controller that peers replay without its keys and its map."""
+"""Controller of a robot on an encoded mission, which auditors replay without its keys and its map."""

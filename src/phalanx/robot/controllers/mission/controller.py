@@ -1,7 +1,8 @@
-"""A robot on an encoded mission, as a controller that peers replay without its keys and without its map.
+"""Controller of a robot on an encoded mission, which auditors replay without its keys and its map.
 
-Where nobody audits it, it takes in more than a chain could hold: each scan, its camera's codes, what others report. Its
-checkpoint is a `mission_memory`, what it says, `crumb`s of the way here, and the walk (mission/walk/checkpoint.py).
+Without audits, it uses more data than a chain could hold: each scan, codes seen by its camera, and reports of others.
+The checkpoint is a `mission_memory`, the messages that it sends, `crumb`s of its path, and the state of the walk
+(mission/walk/checkpoint.py).
 Source: docs/spec/mission.md (Under audit); docs/adr/0020.
 """
 
@@ -39,13 +40,13 @@ from .surroundings import Pose, Sectors, packed, unpacked
 
 SAID_MAX = 8
 MILLI = 1000
-# Landmarks farther off are left alone: what a robot decodes it must be able to reach.
+# Landmarks farther away are ignored: a robot must be able to reach what it decodes.
 SEE_M = 10.0
-# A robot of 0.175 m that sees something nearer than this ahead of it, and what it drives from one reading to the next,
-# may push against it; not against what is beside it.
+# A robot of radius 0.175 m may be pushing against an obstacle that is nearer than TOUCHES_M plus STEP_M, the distance
+# driven between readings. ASIDE is the cosine below which a sector does not count as ahead.
 TOUCHES_M, STEP_M, ASIDE = 0.2, 0.06, 0.05
-ACTION_MAX_BYTES = 1024  # an a-node takes no command of more than 2048
-# A fix from a landmark seen again is worth a kilobyte of evidence after so much way, or so much of a turn.
+ACTION_MAX_BYTES = 1024  # a-nodes accept commands of up to 2048
+# Distance or turn after which a position fix by a known landmark is worth a kilobyte of evidence.
 AGAIN_M, AGAIN_RAD = 1.0, 0.5
 CLAIM_ROOM_BYTES, PACKING_BYTES = 1200, 64
 EVIDENCE_BYTES_PER_S = 2400
@@ -54,31 +55,31 @@ _MOST = 1e9
 
 @dataclass(frozen=True, slots=True)
 class Assignment:
-    """Public part of one robot's mission: nothing in it decodes a node."""
+    """Public part of one robot's mission, which does not suffice to decode a node."""
 
     mission: EncodedMission
-    start: Pose  # x, y in metres and heading in radians at which the robot is put, map frame
+    start: Pose  # start pose: x, y in metres and heading in radians, map frame
     pool: tuple[Action, ...] = ()
-    begin_s: float = 0.0  # the mission's clock at the robot's first reading
-    wait_s: float = 0.0  # so long after that reading the robot sets out
+    begin_s: float = 0.0  # time of the mission's clock at the robot's first reading
+    wait_s: float = 0.0  # time from that reading until the robot starts to move
 
 
 @dataclass(frozen=True, slots=True)
 class Missions:
-    """All robots' assignments, and how they sense: the same for whoever drives and whoever audits."""
+    """Assignments and sensors of all robots, which are the same for robots and auditors."""
 
     assigned: Mapping[int, Assignment]
     # Lidar and sectors
     sensors: Sensors = Sensors()  # noqa: RUF009  # frozen
     config: MissionConfig = MissionConfig()  # noqa: RUF009  # frozen
-    eye: Eye | None = None  # the camera of those that read codes
-    say_every: int = 6  # control periods from one message to the next
-    audited: bool = True  # decisions rest on what auditors are shown, and on nothing else
+    eye: Eye | None = None  # camera of robots that read codes
+    say_every: int = 6  # control periods per message
+    audited: bool = True  # whether decisions use only data that auditors can check
 
     def controllers_of(
         self, rob_id: int, own: Walker, kind: type[MissionController] | None = None
     ) -> Callable[[int], Controller]:
-        """Return what makes controllers inside a robot: its own, of a `kind`, with its walker; others' to replay."""
+        """Return a function for robot `rob_id` that makes its own controller, of a `kind`, and others' for replay."""
         others = cache(lambda auditee: Walker(self.assigned[auditee].mission, config=self.config, replays=True))
 
         def make(auditee: int) -> Controller:
@@ -89,7 +90,7 @@ class Missions:
         return make
 
     def audits(self, config: BtiConfig) -> BtiConfig:
-        """Return the audits' parameters with room for these missions. Raises: UsageError: one is too large to show."""
+        """Return audit parameters with room for these missions. Raises: UsageError: a request would be too long."""
         walks = [state_capacity(a.mission, self.config, a.pool) for a in self.assigned.values()]
         return replace(
             config,
@@ -106,24 +107,24 @@ class Memory:
     """State of the controller."""
 
     belief: Belief
-    odometry: Pose = (0.0, 0.0, 0.0)  # by the last reading, in its own frame
-    begun_ms: int = 0  # of the s-node's clock, at the first reading; 0 before
+    odometry: Pose = (0.0, 0.0, 0.0)  # of the last reading, odometry frame
+    begun_ms: int = 0  # time of the first reading, s-node's clock; 0 before
     leg: Leg = Leg()  # noqa: RUF009  # frozen
-    blocked: bool = False  # the way was given up at the last step
-    said: tuple[bytes, ...] = ()
+    blocked: bool = False  # the last step gave the path up as blocked
+    said: tuple[bytes, ...] = ()  # encoded messages that the robot broadcasts in turn
     walk: State = State()  # noqa: RUF009  # frozen
 
 
 class MissionController(EvidenceController):
-    """One robot's mission, driven or replayed.
+    """Controller of one robot's mission, for driving and for replay.
 
     Args:
-        walker: with the robot's start key, or one that replays.
+        walker: a walker with the robot's start key, or one for replay.
 
     Attributes:
-        messages: that have just come by another road than the radio, where nobody audits it.
-        tries: hashes or KDFs of the last search for something to claim.
-        seen, outcome: of its last step, None before the first; for whoever watches the robot, no decision reads them.
+        messages: messages that have just arrived, but not by radio; only without audits.
+        tries: hashes or KDF calls of the last search for a claim.
+        seen, outcome: input and result of the last step, None before the first; for observers only.
     """
 
     def __init__(self, rob_id: int, missions: Missions, walker: Walker) -> None:
@@ -140,7 +141,7 @@ class MissionController(EvidenceController):
         step = lidar.angle_increment_rad
         self._sectors = Sectors(lidar.angle_min_rad - step / 2, each * step, missions.sensors.sectors)
         ahead = self._sectors.cosines
-        # Steps of room, fewer than which in a sector ahead mean that the robot touches something
+        # Ranges per sector, in steps, below which the robot may touch something ahead
         fewer = np.arange(CLEAR) * CLEAR_STEP_M < (TOUCHES_M + STEP_M * ahead)[:, None]
         self._touching = np.where(ahead > ASIDE, fewer.sum(axis=1), 0).astype(np.uint8)
         self._extraction = replace(missions.sensors.extraction, feature_range_m=SEE_M).for_noise(lidar.noise_m)
@@ -158,13 +159,13 @@ class MissionController(EvidenceController):
 
     @property
     def over(self) -> bool:
-        """Return whether it has stopped for good."""
+        """Return whether the mission has ended, completed or not."""
         return self.memory.walk.phase in (Phase.DONE, Phase.HELD)
 
-    # --- the robot alone ----------------------------------------------------------------------------------------------
+    # --- not replayed -------------------------------------------------------------------------------------------------
 
-    def keep(self, step: int, t_ms: int, reading: bytes, raw: bytes) -> bytes:  # noqa: ARG002 - a search knows no steps
-        """The evidence for what the search comes upon, or for a landmark seen again; none where nobody asks for it."""
+    def keep(self, step: int, t_ms: int, reading: bytes, raw: bytes) -> bytes:  # noqa: ARG002 - independent of steps
+        """Search for a node; return evidence for a found one or a known landmark, b"" for none or without audits."""
         if not self.missions.audited:
             self._scan = raw
             return b""
@@ -186,29 +187,29 @@ class MissionController(EvidenceController):
             return pack_evidence(None, raw[:end], raw[end:])
         return b""
 
-    # --- what is replayed ---------------------------------------------------------------------------------------------
+    # --- replayed by auditors -----------------------------------------------------------------------------------------
 
-    def on_recv(self, t_ms: int, packet: bytes) -> None:  # noqa: ARG002 - a message is good whenever it comes
-        """An encoded message is remembered; anything else is not for this controller."""
+    def on_recv(self, t_ms: int, packet: bytes) -> None:  # noqa: ARG002 - messages do not expire
+        """Store an encoded message, and ignore other packets."""
         if len(packet) == table.MISSION_MESSAGE.size and packet[0] == table.KIND_MISSION_MESSAGE:
             message = packet[-SECRET_BYTES:]
             self.memory = replace(self.memory, walk=self.walker.hear(self.memory.walk, message))
 
     def on_evidence(self, step: int, t_ms: int, reading: bytes, evidence: bytes) -> list[Output]:
-        """A step of the walk, and the commands that follow from it."""
+        """Advance the walk by a step, and return commands and messages."""
         now = self._parsed(reading)
         if now is None:
             return [self._drive(t_ms, Drive())]
         claim, scan = unpack_evidence(evidence, self.missions.sensors.lidar.beams) if evidence else (None, self._scan)
-        # What the robot has just sensed itself is not hashed again where nobody audits it.
+        # Without audits there is no evidence, and the robot's own scan need not be hashed again.
         if evidence and scan and scan_sha1(scan) != now.scan_sha1:
-            raise BadEvidence("a scan that the s-node has not chained")
+            raise BadEvidence("the scan's hash differs from that in the chained reading")
         if not self.memory.begun_ms:
             self.memory = replace(self.memory, begun_ms=t_ms)
         return self._step(step, t_ms, now, scan, claim)
 
     def _parsed(self, reading: bytes) -> Reading | None:
-        """None for a reading that makes no sense, at which a robot stands still."""
+        """Parse a reading; return None for an invalid one, at which the robot stops."""
         try:
             return self.missions.sensors.parse(reading)
         except MalformedRecord:
@@ -234,7 +235,7 @@ class MissionController(EvidenceController):
         return [self._drive(t_ms, command), *self._actions(t_ms, outcome), *self._messages(step)]
 
     def walk(self, seen: Experience, claim: Claim | None) -> tuple[State, Outcome]:
-        """The walk after a step, and its outcome: what was claimed, or where nobody audits, what was searched."""
+        """Return the walk after a step and its outcome, by the claim, or without audits by a search."""
         if self.missions.audited:
             return self.walker.advance(self.memory.walk, seen, claim)
         return self.walker.step(self.memory.walk, seen)
@@ -277,7 +278,7 @@ class MissionController(EvidenceController):
         return Act(table.DRIVE.form.pack(table.KIND_DRIVE, self.rob_id, t_ms, speed, turn))
 
     def _actions(self, t_ms: int, outcome: Outcome) -> list[Output]:
-        """Return the actions at a node just decoded, and the ways on from it."""
+        """Return commands for the actions at a node that was just decoded, and on the edge from it."""
         here = outcome.decoded.do if outcome.decoded else None
         onward = outcome.order.do if outcome.event is not None and outcome.order.kind is Kind.DO else None
         said = [action_bytes(action) for action in (here, onward) if action is not None]
@@ -293,7 +294,7 @@ class MissionController(EvidenceController):
     # --- the checkpoint -----------------------------------------------------------------------------------------------
 
     def encode(self) -> bytes:
-        """All that a replay needs, and no key."""
+        """Encode all state that a replay needs; it contains no keys."""
         m, leg, course = self.memory, self.memory.leg, self.memory.leg.course
         around = (course.turning, *course.stop, *leg.base, leg.seen_s, course.waited_s, packed(leg.cells))
         carried = (leg.passed, leg.best_m, leg.best_s, *around, m.blocked)
@@ -303,7 +304,7 @@ class MissionController(EvidenceController):
         return head + b"".join(m.said) + trail + encode_state(self.given.mission, m.walk)
 
     def decode(self, encoding: bytes) -> None:
-        """It remembers what this checkpoint says; its keys are not in there. Raises: MalformedMission."""
+        """Restore a checkpoint, keeping the robot's keys. Raises: MalformedMission: not a valid state."""
         reader = Reader(encoding)
         begun_ms, *numbers = reader.unpack(table.MISSION_MEMORY)
         belief, odometry = of_numbers(numbers[:NUMBERS]), tuple(numbers[NUMBERS : NUMBERS + 3])
@@ -312,11 +313,11 @@ class MissionController(EvidenceController):
         placed = belief is not None and all(abs(value) < _MOST for value in (*belief.pose, *odometry))
         timed = max(abs(best_s), abs(around[4]), abs(around[5])) < LONGEST_S
         if belief is None or not (placed and timed and abs(best_m) <= math.inf):
-            raise MalformedMission("a robot that is nowhere")
+            raise MalformedMission("pose or time out of range")
         if kind not in range(-1, len(Kind)) or max(passed, blocked) > 1 or abs(turning) > 2:
-            raise MalformedMission("an instruction that cannot be")
+            raise MalformedMission("invalid instruction")
         if said > SAID_MAX or crumbs > TRAIL_MAX:
-            raise MalformedMission("more than a robot remembers")
+            raise MalformedMission("more messages or crumbs than a robot stores")
         messages = tuple(reader.take(SECRET_BYTES) for _ in range(said))
         trail = tuple((x, y) for x, y in (reader.unpack(table.CRUMB) for _ in range(crumbs)))
         x, y, base_x, base_y, seen_s, waited_s, cells = around
@@ -329,9 +330,9 @@ class MissionController(EvidenceController):
         self.memory = Memory(belief, odometry, begun_ms, leg, bool(blocked), messages, walk)
         if self.encode() != encoding:
             self.memory = before
-            raise MalformedMission("a state has one spelling")
+            raise MalformedMission("not the canonical encoding of the state")
 
 
 def message_packet(rob_id: int, message: bytes) -> bytes:
-    """An encoded message, as a robot says it, or a station whose id is nobody's."""
+    """Return the packet of an encoded message, sent by a robot or by a station with an unused id."""
     return table.MISSION_MESSAGE.form.pack(table.KIND_MISSION_MESSAGE, rob_id, message)

@@ -1,7 +1,7 @@
-"""Choose where to drive and how fast: straight to the goal if that is free, else the cheapest way around.
+"""Choice of direction and speed: straight to the goal if the path is free, else around obstacles.
 
-On the way that field.py finds it makes for the farthest place that it can go straight to, and keeps to this until it is
-there or something comes between: a robot that chose anew at every step would turn to and fro between two equal ways.
+On the path of field.py, the robot heads for the farthest point that it can reach in a straight line. It keeps this
+point until it is there or an obstacle comes between: otherwise it would alternate between two equally good paths.
 """
 
 from __future__ import annotations
@@ -33,17 +33,18 @@ from .surroundings import CELL_M, HALF, PER_M, SIDE, Pose, Seen, Stop, free_way,
 SPEED_MPS = 0.6
 TURN_RADPS = 1.2
 TURN_GAIN = 1.5
-ABOUT, BEHIND = 0.25, -0.94  # cosine of a course: what lies further aside is turned to on the spot, by either side
+# Cosines of the bearing: below ABOUT the robot turns on the spot, and below BEHIND it may turn to either side.
+ABOUT, BEHIND = 0.25, -0.94
 SHORT_M, SLOW_M = 0.4, 1.0
-LOOK_M, BEYOND_LOOK_M = 2.0, 3.0  # straight on must be free so far
+LOOK_M, BEYOND_LOOK_M = 2.0, 3.0  # length of straight path that must be free
 NO_STOP = -(1 << 31)
 REACHED_M = 0.3
-# Before a way around that leads so far aside (cosine), or is so much longer, it waits: people walk on.
+# Before a detour that leads aside (cosine below ASIDE) or costs LONGER more, the robot waits: people walk on.
 ASIDE, LONGER, WAIT_S = 0.7, 100, 2.0
-LOOK_S = 3.0  # and who does not know what it looks for looks around, once
-FORGETS = 3.0  # seconds of its waits that a robot forgets with each metre that it gets on
-BEFORE_M = 0.5  # there it waits: what it looks for may be in the wall, or it is a person
-AHEAD_STEPS = 13  # cells of the way that are looked at for a stop
+LOOK_S = 3.0  # time for which a robot that does not know its target's position then looks around, once
+FORGETS = 3.0  # seconds of waiting that are cancelled per metre of progress
+BEFORE_M = 0.5  # distance from an obstacle at which it waits: the target may be in a wall, or the obstacle a person
+AHEAD_STEPS = 13  # cells of the path that are searched for a point to head for
 CM_PER_M = 100.0
 ARC_S, ARC_STEPS = 1.0, 8
 CREEP_MPS, ASIDE_STEPS, ON_COURSE_RADPS = 0.1, 3, 0.15
@@ -54,28 +55,28 @@ class Goal(NamedTuple):
     """Goal of a robot, in its own frame."""
 
     at: Point
-    beyond: Point  # what a way around makes for
-    looks: bool  # it does not know where the target is
+    beyond: Point  # goal of a detour
+    looks: bool  # whether the position of the target is unknown
 
 
 class Course(NamedTuple):
-    """How it gets there, from step to step."""
+    """State of driving to a goal, kept from step to step."""
 
-    stop: Stop = (NO_STOP, NO_STOP)  # place on the way around that it makes for, cm in odometry's frame
-    # 1 or -1 while it turns about, to the left or to the right; 2 or -2 when it has, and 0 before the first time
+    stop: Stop = (NO_STOP, NO_STOP)  # point of a detour that the robot heads for, cm, odometry frame
+    # 1 or -1 while the robot turns about to the left or to the right; 2 or -2 afterwards; 0 before the first time
     turning: int = 0
-    waited_s: float = 0.0  # before a long way around
+    waited_s: float = 0.0  # time of waiting before a long detour
 
 
 @kernel
 def around(
     cells: U8x1, base: Stop, moved: Pose, goal: tuple[float, float], points: F64x2, count: int
 ) -> tuple[float, float, bool, bool]:
-    """(place to go to, robot frame; whether to wait before it; whether it leads far aside)."""
+    """Return the next point of a detour, x and y, robot frame; whether to wait before it; whether it is long."""
     wide = SIDE + 2
     leave, costs = np.empty(wide * wide, np.int64), np.empty(wide * wide, np.int64)
     sine, cosine = sin_cos(moved[2])
-    # In cells, from the corner of the first.
+    # In cells from the corner of the first cell.
     here_x, here_y = moved[0] / CELL_M - base[0], moved[1] / CELL_M - base[1]
     there = np.empty((count, 2))
     for k in range(count):
@@ -109,7 +110,7 @@ def around(
     is_long = (
         along <= ASIDE * goal_m * math.sqrt(to_x * to_x + to_y * to_y) or least > PER_CELL * PER_M * goal_m + LONGER
     )
-    if steps == 0:  # what it would touch is right before it
+    if steps == 0:  # an obstacle is right in front
         j = downhill(costs, leave, i)
         dx = (base[0] + j % wide - 0.5) * CELL_M - moved[0]
         dy = (base[1] + j // wide - 0.5) * CELL_M - moved[1]
@@ -119,7 +120,7 @@ def around(
 
 @kernel
 def touches(points: F64x2, count: int, speed_mps: float, turn_radps: float) -> bool:
-    """Return whether driving so for a second comes too near to an obstacle, and nearer than now."""
+    """Return whether a second of driving at these speeds comes too near to an obstacle, and nearer than now."""
     part = ARC_S / ARC_STEPS
     xs, ys = np.empty(ARC_STEPS), np.empty(ARC_STEPS)
     x, y = 0.0, 0.0
@@ -144,10 +145,11 @@ def touches(points: F64x2, count: int, speed_mps: float, turn_radps: float) -> b
 def command(
     points: F64x2, count: int, to: tuple[float, float], left_m: float, turning: int
 ) -> tuple[float, float, int]:
-    """Return (speed, turn, how it turns about) to a place that can be reached straight; `left_m` to the goal.
+    """Return speed, turn rate and `turning` to a point in free sight; `left_m` is the distance to the goal.
 
-    A robot that turns about goes on as it began, until the place lies ahead: a course at the edge of the view would be
-    lost at once. To what is behind it turns by the other side than the last time: so the errors of its odometry cancel.
+    A robot that turns about continues in the same direction until the point is ahead: otherwise a point at the edge of
+    the view would be lost at once. It alternates the direction of turns to points behind, so that errors of its
+    odometry cancel.
     """
     away = math.sqrt(to[0] * to[0] + to[1] * to[1])
     cosine = to[0] / away if away > 0.0 else 1.0
@@ -170,7 +172,7 @@ def command(
         speed *= 0.5
     if abs(turn) > ON_COURSE_RADPS:
         return 0.0, turn, turning
-    # On its course it would touch something beside it: so it creeps away from that first.
+    # On its course the robot would touch something beside it, so it first creeps away from that.
     for step in range(1, ASIDE_STEPS + 1):
         for way in (1.0, -1.0):
             aside = way * step * TURN_RADPS / ASIDE_STEPS
@@ -181,7 +183,7 @@ def command(
 
 @kernel
 def looking(for_s: float) -> float:
-    """Return how it turns to look around: 45 degrees to each side, which a lidar of 270 needs, so errors cancel."""
+    """Return the turn rate of looking around: 45 degrees to each side, for a lidar of 270 degrees; errors cancel."""
     part = for_s / LOOK_S
     part -= int(part)
     return -TURN_RADPS if 0.25 <= part < 0.75 else TURN_RADPS
@@ -189,25 +191,25 @@ def looking(for_s: float) -> float:
 
 @kernel
 def _rested(waited_s: float, way_m: float) -> float:
-    """Return what is left of a wait when it gets on: stopped again at once, it does not wait all of it again.
+    """Return the waiting time after progress of `way_m`, so that a robot that stops again soon waits less.
 
-    Turning on the spot is not getting on: looking around and turning back would follow each other for ever.
+    Turning on the spot is no progress: otherwise looking around and turning back would alternate for ever.
     """
     return max(0.0, min(waited_s, WAIT_S + LOOK_S) - FORGETS * way_m)
 
 
 @kernel
 def steer(seen: Seen, wanted: Goal, course: Course, past_s: float, cells: U8x1) -> tuple[float, float, Stop, Course]:
-    """Return speed, turn, base and course, `past_s` after the last step; put the cells into `cells`, as `look` does."""
+    """Return speed, turn rate, base and course, `past_s` after the last step; write the cells to `cells`, as `look`."""
     goal, moved = wanted.at, seen.moved
     stop, turning, waited_s = course
     points = np.empty((len(seen.clear) + SIDE * SIDE, 2))
     base_x, base_y, count = look(seen, cells, points)
     base = base_x, base_y
     left_m = math.sqrt(goal[0] * goal[0] + goal[1] * goal[1])
-    if left_m < 0.5 * SHORT_M:  # whoever has arrived looks around
+    if left_m < 0.5 * SHORT_M:  # arrived: look around
         return 0.0, looking(waited_s), base, Course((NO_STOP, NO_STOP), turning, waited_s + past_s)
-    # Who goes straight does so until something is near; who goes around, until nothing is in the way for long.
+    # A straight course ends when an obstacle is near; a detour ends when a longer path ahead is free.
     along, look_m = goal, LOOK_M
     if stop[0] != NO_STOP:
         along, look_m = wanted.beyond, BEYOND_LOOK_M
@@ -218,14 +220,14 @@ def steer(seen: Seen, wanted: Goal, course: Course, past_s: float, cells: U8x1) 
         return speed, turn, base, Course((NO_STOP, NO_STOP), turning, _rested(waited_s, speed * past_s))
     sine, cosine = sin_cos(moved[2])
     to_x, to_y, away = 0.0, 0.0, 0.0
-    gets_on = False
+    has_progress = False
     if stop[0] != NO_STOP:
         dx, dy = stop[0] / CM_PER_M - moved[0], stop[1] / CM_PER_M - moved[1]
         to_x, to_y = cosine * dx + sine * dy, cosine * dy - sine * dx
         away = math.sqrt(to_x * to_x + to_y * to_y)
     if away < REACHED_M or free_way(points, count, to_x / away, to_y / away, KEEP_M) < away:
         to_x, to_y, waits, is_long = around(cells, base, moved, wanted.beyond, points, count)
-        gets_on = not is_long
+        has_progress = not is_long
         if is_long and waited_s <= (WAIT_S + LOOK_S if wanted.looks else WAIT_S):
             free_m = free_way(points, count, goal[0] / left_m, goal[1] / left_m, MARGIN_M) - BEFORE_M
             if free_m <= 0.0 or waited_s > WAIT_S:
@@ -233,13 +235,13 @@ def steer(seen: Seen, wanted: Goal, course: Course, past_s: float, cells: U8x1) 
                 return 0.0, turn, base, Course((NO_STOP, NO_STOP), turning, waited_s + past_s)
             speed, turn, turning = command(points, count, goal, free_m, turning)
             return speed, turn, base, Course((NO_STOP, NO_STOP), turning, waited_s)
-        if waits:  # by its cells; where it is narrow there may be a way between their middles
+        if waits:  # blocked in the grid of cells; in a narrow place there may still be a path between their centres
             speed, turn, turning = command(points, count, (to_x, to_y), left_m, turning)
             return min(speed, CREEP_MPS), turn, base, Course((NO_STOP, NO_STOP), turning, waited_s)
         x = moved[0] + (cosine * to_x - sine * to_y)
         y = moved[1] + (sine * to_x + cosine * to_y)
         stop = int(x * CM_PER_M + (1 << 30)) - (1 << 30), int(y * CM_PER_M + (1 << 30)) - (1 << 30)
     speed, turn, turning = command(points, count, (to_x, to_y), left_m, turning)
-    if gets_on:
+    if has_progress:
         waited_s = _rested(waited_s, speed * past_s)
     return speed, turn, base, Course(stop, turning, waited_s)

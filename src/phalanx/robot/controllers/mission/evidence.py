@@ -1,8 +1,8 @@
-"""Evidence: what a c-node keeps of a reading that is too long for a chain, as its log holds it and auditors read it.
+"""Evidence: logged sensor data of which the chained reading has only a hash.
 
-The chain has the reading's SHA-1. The reading itself is kept only to prove a claim: a robot can pretend not to have
-seen a thing, but not to have seen one. Behind a scan's ranges stand other sensors' readings and the codes in the
-camera's picture, each a `sensed`. A code's place follows from its corners. Source: docs/spec/mission.md (Under audit).
+The chain has the data's SHA-1. The data itself is logged only to prove a claim: a robot can hide an observation, but
+not invent one. After a scan's ranges follow other sensors' readings and the codes in the camera's image, each as a
+`sensed`. A code's position follows from its corners. Source: docs/spec/mission.md (Under audit).
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from phalanx.wire.table import KEPT, KEPT_CLAIM, RANGE
 
 from .readings import SENSED_MAX_BYTES
 
-CODE_EDGE_M = 0.12  # of all codes that robots read
-Eye = tuple[Intrinsics, Mount]  # a camera, as far as it says where a code is
+CODE_EDGE_M = 0.12  # edge of all codes that robots read
+Eye = tuple[Intrinsics, Mount]  # the parameters of a camera that locate a code
 
 
 class BadEvidence(PeerError):
-    """Not evidence, or not of the reading whose hash was chained."""
+    """Error: malformed evidence, or its hash is not the chained one."""
 
 
 class Sensed(NamedTuple):
@@ -40,22 +40,22 @@ class Sensed(NamedTuple):
 
 
 def reading_entry(reading: bytes) -> bytes:
-    """A sensor's reading, as it stands behind a scan."""
+    """Encode a sensor's reading as an entry after a scan."""
     return SENSED.encode(kind=OF_READING, content=reading)
 
 
 def code_entry(code: SeenCode) -> bytes:
-    """A code in the camera's picture, as it stands behind a scan."""
+    """Encode a code in the camera's image as an entry after a scan."""
     corners = np.rint(code.corners_px.ravel() / PART_PX).astype(np.int64).tolist()
     return SENSED.encode(kind=OF_CODE, content=SEEN_CODE.form.pack(*corners) + code.text.encode(errors="replace"))
 
 
 def parse_sensed(raw: bytes) -> Sensed:
-    """Parse the other sensors' readings behind a scan. Raises: PeerError: they are malformed."""
+    """Parse the entries after a scan. Raises: PeerError: they are malformed."""
     if not raw:
         return Sensed()
     if len(raw) > SENSED_MAX_BYTES:
-        raise MalformedRecord("more behind a scan than there is room for")
+        raise MalformedRecord(f"more than {SENSED_MAX_BYTES} bytes after a scan")
     reader = Reader(raw)
     readings: list[bytes] = []
     codes: list[SeenCode] = []
@@ -68,12 +68,12 @@ def parse_sensed(raw: bytes) -> Sensed:
         elif kind == OF_READING and length:
             readings.append(content.raw)
         else:
-            raise MalformedRecord("behind a scan stands what is no reading")
+            raise MalformedRecord("unknown or empty entry after a scan")
     return Sensed(tuple(readings), tuple(codes))
 
 
 def codes_at(eye: Eye | None, pose: tuple[float, float, float], codes: tuple[SeenCode, ...]) -> tuple[Landmark, ...]:
-    """Codes in a picture as landmarks, where a pose of the robot puts them; none of a robot without a camera."""
+    """Return codes in an image as landmarks, positioned by the robot's pose; none without a camera."""
     if eye is None:
         return ()
     seen = [(code.text, code_pose(code.corners_px, CODE_EDGE_M, eye[0])) for code in codes]
@@ -81,29 +81,29 @@ def codes_at(eye: Eye | None, pose: tuple[float, float, float], codes: tuple[See
 
 
 def pack_evidence(claim: Claim | None, scan: bytes, sensed: bytes = b"") -> bytes:
-    """Return the record `kept`: the claim or None, then the scan, u16 a beam, as zlib's of its differences.
+    """Encode the record `kept`: an optional claim, then the scan, u16 per beam, as compressed differences.
 
-    `scan` is b"" where the claim needs none; `sensed` is what stands behind it.
+    `scan` is b"" if the claim needs none; `sensed` are the entries after it.
     """
     claimed = KEPT_CLAIM.encode(claim=claim.encode()) if claim else b""
     packed = b""
     if scan:
         steps = np.diff(np.frombuffer(scan, RANGE.dtype), prepend=np.uint16(0)).astype(RANGE.dtype)
-        # High bytes first, then low ones: the high ones are nearly all alike.
+        # All high bytes first, then all low ones: most high bytes are equal, which compresses well.
         high, low = (steps >> 8).astype(np.uint8).tobytes(), (steps & 255).astype(np.uint8).tobytes()
         packed = zlib.compress(high + low + sensed)
     return KEPT.encode(claims=int(claim is not None), shown=claimed + packed)
 
 
 def unpack_evidence(raw: bytes, beams: int) -> tuple[Claim | None, bytes]:
-    """Return (claim, scan and what stands behind it) of what another robot's log holds.
+    """Decode evidence of another robot's log into the claim and the raw data (scan and entries).
 
-    No more than a scan of so many beams is unpacked. Raises: BadEvidence, or what `parse_claim` raises.
+    Decompression is limited to a scan of `beams`. Raises: BadEvidence, and exceptions of `parse_claim`.
     """
     reader = Reader(raw)
     count = reader.number(KEPT)
     if count > 1:
-        raise BadEvidence(f"{count} claims at once")
+        raise BadEvidence(f"{count} claims instead of 0 or 1")
     claim = parse_claim(reader.behind(KEPT_CLAIM)) if count else None
     if not reader.left:
         return claim, b""
@@ -113,8 +113,8 @@ def unpack_evidence(raw: bytes, beams: int) -> tuple[Claim | None, bytes]:
         planes, sensed = unpacked[: 2 * beams], unpacked[2 * beams :]
         parse_sensed(sensed)
     except (zlib.error, PeerError) as error:
-        raise BadEvidence("not a packed scan") from error
+        raise BadEvidence("not a compressed scan") from error
     if len(planes) != 2 * beams or not unpacker.eof or unpacker.unused_data:
-        raise BadEvidence(f"a scan that is not {beams} beams")
+        raise BadEvidence(f"not a scan of {beams} beams")
     high, low = np.frombuffer(planes, np.uint8).reshape(2, beams).astype(np.uint16)
     return claim, np.cumsum(high << 8 | low, dtype=np.uint16).astype(RANGE.dtype).tobytes() + sensed

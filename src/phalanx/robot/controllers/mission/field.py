@@ -1,7 +1,7 @@
-"""The cost from each cell around a robot to its goal, or to the edge and straight on: a wavefront planner's field.
+"""Wavefront planner: the cost from each cell around a robot to its goal, or to the edge and then straight on.
 
-Cells near things cost more, and those where the robot would touch something so much that it takes any other way first,
-or waits before them.
+Cells near obstacles cost more. Cells in which the robot would touch something cost so much that it takes any other path
+first, or waits.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from .surroundings import HALF, PER_M, SIDE
 
 Point = tuple[float, float]
 
-# Of the robot's middle from everything, where it may choose; on a way once chosen; and by what it does in a second.
+# Distances of the robot's centre from obstacles: for choosing a path, for keeping to it, and for the next second.
 MARGIN_M, KEEP_M, TOUCH_M = 0.25, 0.2, 0.205
 BESIDE = 2  # cells
-REAR, ABOUT_COST = 3, 12  # cells, and what they cost: to turn about is as good as 2 m of way
-# Distances in cells: 3 to the next, 4 to that at the corner. Nearer to a thing than two a robot touches it.
+REAR, ABOUT_COST = 3, 12  # cells behind the robot, and their cost: turning about costs as much as 2 m of path
+# Chamfer distances: 3 to an adjacent cell, 4 to a diagonal one. At less than TOUCHES a robot touches the obstacle.
 STRAIGHT, ACROSS = 3, 4
 TOUCHES = 6
 TOUCHING = 40
 FAR_OFF = 1 << 40
-# A way in the open costs 10 a cell.
+# Cost of a cell far from obstacles.
 PER_CELL = 10.0
 TOUCHING_COST = 2000
-UNSEEN_COST = 160  # straight on from the edge something is seen to be in the way
+UNSEEN_COST = 160  # of a cell at the edge from which an obstacle blocks the straight path on
 PASSES = 24
-NEAR_GOAL = 3.2  # cells: a place in a wall is reached from so near
+NEAR_GOAL = 3.2  # distance in cells that counts as the goal, which may be inside a wall
 
 
 @kernel
 def weight(near: int) -> int:
-    """Return the cost of a step at a distance from an obstacle, in halves."""
+    """Return the cost of a step at a chamfer distance from an obstacle, in halves."""
     if near < TOUCHES:
         return TOUCHING
     if near < 8:
@@ -46,11 +46,11 @@ def weight(near: int) -> int:
 
 @kernel
 def standing(cells: U8x1, here: Point, along: tuple[float, float], points: F64x2, near: I64x1, out: I64x1) -> None:
-    """Let a robot go on from where it stands to where nothing is nearer; behind it cells cost more.
+    """Adjust the costs next to the robot: it may move away from obstacles that it touches; cells behind it cost more.
 
     Args:
-        here: where it is, in cells from the corner of the first.
-        points: (k, 2) what is in the way, likewise.
+        here: the robot's position, in cells from the corner of the first cell.
+        points: (k, 2) obstacles, likewise.
     """
     wide = SIDE + 2
     own = near[(HALF + 1) * wide + HALF + 1]
@@ -85,10 +85,10 @@ def is_nearer(points: F64x2, here: Point, to_x: float, to_y: float) -> bool:
 
 @kernel
 def weights(cells: U8x1, here: Point, along: tuple[float, float], points: F64x2, out: I64x1) -> None:
-    """Put (SIDE + 2)^2 costs to leave a cell into `out`, by how near the nearest thing is; the rest as in `standing`.
+    """Write the cost to leave each cell to `out`, (SIDE + 2)^2, by the distance of the nearest obstacle.
 
     Args:
-        along: where the robot looks; of two ways that are equally good it goes on along one.
+        along: the robot's heading, which decides between equally good paths; the others are as in `standing`.
     """
     wide = SIDE + 2
     out[:] = 3 * SIDE
@@ -111,10 +111,11 @@ def weights(cells: U8x1, here: Point, along: tuple[float, float], points: F64x2,
 
 @kernel
 def seeds(leave: I64x1, goal_x: float, goal_y: float, points: F64x2, out: I64x1) -> None:
-    """Put the straight way to the goal from cells there and at the edge into `out`, (SIDE + 2)^2, 0.01 m.
+    """Write the cost of the straight path to the goal, from cells at the goal and at the edge, to `out`, (SIDE + 2)^2.
 
     Args:
-        goal_x, goal_y, points: in cells, from the corner of the first; points (k, 2) are in the way.
+        goal_x, goal_y: in cells from the corner of the first cell.
+        points: (k, 2) obstacles, likewise.
     """
     wide = SIDE + 2
     out[:] = FAR_OFF
@@ -134,7 +135,7 @@ def seeds(leave: I64x1, goal_x: float, goal_y: float, points: F64x2, out: I64x1)
 
 @kernel
 def is_between(points: F64x2, here: tuple[float, float], along: tuple[float, float], away: float) -> bool:
-    """Return whether something is on the straight way from here, in cells."""
+    """Return whether an obstacle is on the straight path of length `away` from `here`, in cells."""
     for k in range(len(points)):
         dx, dy = points[k, 0] - here[0], points[k, 1] - here[1]
         ahead = dx * along[0] + dy * along[1]
@@ -145,7 +146,7 @@ def is_between(points: F64x2, here: tuple[float, float], along: tuple[float, flo
 
 @kernel
 def spread(leave: I64x1, out: I64x1) -> None:
-    """(SIDE + 2)^2: the cheapest way from each cell to a seed, and on."""
+    """Compute the cost of the cheapest path from each cell to a seed and on, in `out`, (SIDE + 2)^2."""
     wide = SIDE + 2
     for _ in range(PASSES):
         changed = False
@@ -164,10 +165,10 @@ def spread(leave: I64x1, out: I64x1) -> None:
 
 @kernel
 def downhill(costs: I64x1, leave: I64x1, i: int) -> int:
-    """The next cell of the way; the same where it ends."""
+    """Return the next cell on the cheapest path; `i` itself at its end."""
     wide = SIDE + 2
     best, least = i, costs[i]
-    # A seed is where the way ends: nothing beside it is nearer.
+    # At a seed the path ends: no adjacent cell costs less.
     found = FAR_OFF
     for dy in range(-1, 2):
         for dx in range(-1, 2):

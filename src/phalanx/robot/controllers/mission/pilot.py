@@ -1,8 +1,8 @@
-"""From an instruction to wheels, so that auditors come to the same command: no scan, no libm, no memory but its state.
+"""Drive commands for an instruction of the mission, reproducible by auditors: no scans, no libm, no hidden state.
 
-The robot heads for where its instruction begins, then along the direction, or straight to a known place; around what is
-in the way (course.py), as far as it sees or remembers it. Back it goes the way it came, where it does not see the
-place. Its patience without headway, and how far it follows a direction, are shares of the mission's time.
+The robot drives to the place where the instruction begins, then along its direction, or straight to a known place. It
+avoids the obstacles that it sees or remembers (course.py). To go back, it follows its own path if the place is out of
+sight. The time without progress until it gives up, and the distance along a direction, are shares of the time limit.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from .field import MARGIN_M, Point
 from .readings import Reading
 from .surroundings import FADE_S, FRESH, SIDE, Pose, Sectors, Seen, Stop, sight
 
-# In a doorway itself a robot does not see it: it arrives a little before, and slowly, four commands a second.
+# Distance of arrival: a robot cannot see a doorway while in it, so it stops shortly before.
 ARRIVE_M, NEAR_M = 0.25, 0.9
-# Between two shelves a doorway is seen from outside alone: who stood at a known place and saw nothing goes on so far.
+# A doorway between two shelves is visible only from outside: a robot at a known place without a sighting drives on.
 PAST_M = 2.0
-# Who waits for something at a place has to stand in its cell, which may end so near: beside it nothing is searched for.
+# A robot that waits at a place must stand in its cell, whose edge may be this near; outside, no search takes place.
 AT_M = 0.2
 CARROT_M = 1.5
-# Whoever goes around something makes for a place so far along the line, which lies beyond what is remembered.
+# Goal of a detour along the line, farther away than the remembered surroundings.
 BEYOND_M = 6.0
-# Where a direction leads along a wall or against a pillar, a line so far beside it leads past.
+# Lateral offset of a line that would lead along a wall or against a pillar.
 ASIDE_M = 0.6
 HALT_S = 2.0
-# Of the time until the robot must have validated something: without headway; and on a line, so that it can come back.
+# Shares of the time limit for a validation: without progress, and on a line, so that the robot can still return.
 PATIENCE, LINE = 1 / 3, 3 / 4
-# From one remembered place of the way here to the next, in whole centimetres; so near is there.
+# Distance between stored points of the path, in whole centimetres, and distance at which one counts as reached.
 CRUMB_M, THERE_M = 1.0, 0.7
 TRAIL_MAX = 32
 CM_PER_M = 100
@@ -43,24 +43,24 @@ PROGRESS_M = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """How far an instruction has been carried out, and what stands around."""
+    """Progress of an instruction, and the remembered surroundings."""
 
     # The instruction: its kind, target and the node where it begins; -1 for none
     key: tuple[int, int, int] = (-1, -1, -1)
-    passed: bool = False  # the place where it begins lies behind
-    best_m: float = math.inf  # least way that was left
-    best_s: float = 0.0  # when that was
-    # Places of the way here from where the instruction began, map frame, cm; what leads back
+    passed: bool = False  # whether the robot has passed the place where it begins
+    best_m: float = math.inf  # smallest remaining distance so far
+    best_s: float = 0.0  # time of that distance
+    # Points of the path since the instruction began, for the way back, map frame, cm
     trail: tuple[tuple[int, int], ...] = ()
     course: Course = Course()  # noqa: RUF009  # frozen
-    base: Stop = (0, 0)  # numbers of the first cell, odometry's frame
-    seen_s: float = 0.0  # when it last looked
-    cells: bytes = bytes(SIDE * SIDE)  # what stands around
+    base: Stop = (0, 0)  # indices of the first cell, odometry frame
+    seen_s: float = 0.0  # time of the last update of `cells`
+    cells: bytes = bytes(SIDE * SIDE)  # obstacles around the robot (surroundings.py)
 
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """Drive command: speeds, and whether the way is given up as blocked."""
+    """Drive command: speeds, and whether the robot gives the path up as blocked."""
 
     speed_mps: float = 0.0
     turn_radps: float = 0.0
@@ -70,12 +70,12 @@ class Drive:
 def drive(
     leg: Leg, order: Order, begin: int | None, pose: Pose, now: Reading, sectors: Sectors, t_s: float, timeout_s: float
 ) -> tuple[Leg, Drive]:
-    """Return the next command for an instruction.
+    """Return the next command for an instruction, and its progress.
 
     Args:
-        begin: the node at which it begins.
-        pose: x, y, heading by the robot's estimate, map frame.
-        timeout_s: from one validation to the next, as the mission states it.
+        begin: node at which the instruction begins.
+        pose: estimated x, y and heading, map frame.
+        timeout_s: the mission's time limit for the next validation.
     """
     waits = order.kind is Kind.WAIT and order.place_m is not None
     if not (waits or order.kind in (Kind.GO, Kind.BACK)):
@@ -88,7 +88,7 @@ def drive(
     if key != leg.key:
         trail = leg.trail if leg.key[2] == key[2] else ()
         leg = replace(_anew(leg, key, trail), passed=order.place_m is None, best_s=t_s)
-    if waits:  # there, and not where the node came in sight
+    if waits:  # at the place itself, not where the node came into sight
         place = _local(pose, order.place_m or pose[:2])
         return (leg, Drive()) if _length(place) < AT_M else _steered(leg, place, place, now, sectors, t_s)
     leg = _remember(leg, order, pose)
@@ -108,7 +108,7 @@ def _number(node: int | None) -> int:
 
 
 def _anew(leg: Leg, key: tuple[int, int, int], trail: tuple[tuple[int, int], ...]) -> Leg:
-    """Another instruction, in the same surroundings."""
+    """Return the initial progress of another instruction, in the same surroundings."""
     course = Course(turning=leg.course.turning)
     return Leg(key, trail=trail, course=course, base=leg.base, seen_s=leg.seen_s, cells=leg.cells)
 
@@ -125,7 +125,7 @@ def _steered(leg: Leg, goal: Point, beyond: Point, now: Reading, sectors: Sector
 def _goal(
     leg: Leg, order: Order, pose: Pose, now: Reading, sectors: Sectors, t_s: float, line_m: float
 ) -> tuple[Leg, Point, Point, float]:
-    """Return (leg, goal and what lies beyond it, robot frame, metres left: < 0 where the direction led too far)."""
+    """Return leg, goal, goal of a detour, both in the robot frame, and metres left; < 0 beyond the end of the line."""
     place = _local(pose, order.place_m or pose[:2])
     if order.kind is Kind.BACK:
         return _homeward(leg, place, pose, now, sectors)
@@ -133,7 +133,7 @@ def _goal(
     if not leg.passed:
         away = _length(place)
         halted = away < NEAR_M and t_s - leg.best_s > HALT_S
-        # Far from where a direction begins it says nothing; a place that is known can be reached from anywhere.
+        # A direction is meaningful only near its begin; a known place can be reached from anywhere.
         shorter = (order.toward_m is not None or away < 2 * CARROT_M) and _in_sight(now, sectors, onward)
         if away > ARRIVE_M and not halted and not shorter:
             return leg, place, place, away
@@ -142,7 +142,7 @@ def _goal(
 
 
 def _remember(leg: Leg, order: Order, pose: Pose) -> Leg:
-    """Keeps the way from where the instruction begins: every so often the place where the robot is."""
+    """Append the robot's position to the trail, once per CRUMB_M."""
     if order.kind is not Kind.GO:
         return leg
     trail = leg.trail
@@ -162,7 +162,7 @@ def _crumb(crumb: tuple[int, int]) -> Point:
 
 
 def _homeward(leg: Leg, place: Point, pose: Pose, now: Reading, sectors: Sectors) -> tuple[Leg, Point, Point, float]:
-    """As `_goal`: to the place, or to the oldest remembered one in sight."""
+    """Return the result of `_goal` on the way back: the place, or the oldest point of the trail in sight."""
     trail = leg.trail
     while trail and _length(_local(pose, _crumb(trail[-1]))) < THERE_M:
         trail = trail[:-1]
@@ -175,7 +175,7 @@ def _homeward(leg: Leg, place: Point, pose: Pose, now: Reading, sectors: Sectors
 
 
 def _onward(order: Order, pose: Pose, line_m: float) -> tuple[Point, Point, float]:
-    """(where to go from the order's place on, what lies beyond, metres that are left)."""
+    """Return the goal after passing the order's place, the goal of a detour, and the metres left."""
     if order.toward_m is not None:
         there = _past(order, pose, order.toward_m)
         return there, there, _length(there)
@@ -201,7 +201,7 @@ def _past(order: Order, pose: Pose, there_m: Point) -> Point:
 
 
 def _local(pose: Pose, point: Point) -> Point:
-    """A point of the map in the robot's frame."""
+    """Return a point of the map in the robot frame."""
     dx, dy = point[0] - pose[0], point[1] - pose[1]
     sine, cosine = sin_cos(pose[2])
     return cosine * dx + sine * dy, cosine * dy - sine * dx

@@ -1,8 +1,9 @@
-"""The readings that a mission robot's s-node chains: odometry in its own frame, the scan's hash, and the room around.
+"""Readings that a mission robot's s-node chains: odometry, the scan's hash, and the free range of each sector.
 
-A reading is a `mission_reading` (phalanx.wire.table), a scan u16 a beam. Odometry begins at 0, 0, 0 and is never
-corrected. A sector's byte is the nearest hit in it, in steps of 2 cm rounded down; 255 is 5.1 m and more. What other
-sensors read stands behind the ranges, each a `sensed`, hashed with them. Source: docs/spec/mission.md (Under audit).
+A reading is a `mission_reading` (phalanx.wire.table); a scan has u16 per beam. Odometry begins at 0, 0, 0 and is never
+corrected. A sector's byte is the range of the nearest hit in steps of 2 cm, rounded down; 255 is 5.1 m and more. Other
+sensors' readings follow the ranges, each as a `sensed`, and are hashed with them.
+Source: docs/spec/mission.md (Under audit).
 """
 
 from __future__ import annotations
@@ -31,9 +32,9 @@ CLEAR_STEP_M = 0.02
 CLEAR = 255
 SECTOR_RAD = math.radians(3)
 SILENT, MISS = 0, 0xFFFF
-SENSED_MAX_BYTES = 1024  # of one moment
+SENSED_MAX_BYTES = 1024  # of other sensors, per reading
 MOST_M, MOST_RAD = 200_000.0, 2000.0
-_WORD = np.dtype(RANGE.dtype)  # made once: to name it at each step takes longer than to read a scan
+_WORD = np.dtype(RANGE.dtype)  # made once: making it at each step takes longer than parsing a scan
 _CLEAR_STEP_MM = round(CLEAR_STEP_M * MM_PER_M)
 
 
@@ -66,21 +67,21 @@ def _room_in(words: U16x1, each: int, clear: U8x1) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """A reading, parsed."""
+    """A parsed reading."""
 
-    pose: tuple[float, float, float]  # x, y, heading by odometry, its own frame
-    travelled_m: float  # way since the start, forwards and backwards
+    pose: tuple[float, float, float]  # x, y, heading by odometry, odometry frame
+    travelled_m: float  # distance driven since the start, forwards and backwards
     scan_sha1: bytes
-    clear: NDArray[np.uint8]  # (sectors,) uint8, see the table
+    clear: NDArray[np.uint8]  # (sectors,) free ranges in steps of CLEAR_STEP_M
 
 
 def scan_sha1(raw: bytes) -> bytes:
-    """Return the hash of its scan that a reading carries. Source: docs/spec/mission.md (Under audit)."""
+    """Return the hash of a scan for a reading. Source: docs/spec/mission.md (Under audit)."""
     return hashlib.sha1(raw, usedforsecurity=False).digest()
 
 
 def with_hash_of(reading: bytes, raw: bytes) -> bytes:
-    """The reading, had the scan been this one: what only an s-node may say."""
+    """Return the reading with the hash of another scan, as an s-node would make it."""
     head = list(_HEAD.unpack_from(reading))
     head[-1] = scan_sha1(raw)
     return _HEAD.pack(*head) + reading[HEAD_BYTES:]
@@ -88,17 +89,17 @@ def with_hash_of(reading: bytes, raw: bytes) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class Sensors:
-    """How the robots of a mission see: the same for all, and known to auditors."""
+    """Sensors of a mission's robots, the same for all and known to auditors."""
 
-    # Whose scans are hashed
+    # The lidar whose scans are hashed
     lidar: LidarConfig = LidarConfig()  # noqa: RUF009  # frozen
-    # What is made of them
+    # Extraction of landmarks from scans
     extraction: ExtractionConfig = ExtractionConfig()  # noqa: RUF009  # frozen
 
-    # That one byte of room stands for: about 3 degrees, and all sectors are alike
+    # Beams of one sector: about 3 degrees, equal for all sectors
     beams_per_sector: int = field(init=False, compare=False)
-    sectors: int = field(init=False, compare=False)  # bytes of room in a reading
-    # Length of a scan, and of a reading; they follow from the lidar, and are asked for at every step
+    sectors: int = field(init=False, compare=False)  # number of sectors, a byte each in a reading
+    # Lengths of a scan and of a reading, cached because each step needs them
     scan_bytes: int = field(init=False, compare=False)
     reading_bytes: int = field(init=False, compare=False)
 
@@ -111,7 +112,7 @@ class Sensors:
             object.__setattr__(self, name, size)
 
     def scan_of(self, raw: bytes) -> LaserScan:
-        """The scan in these bytes, of which there must be two for each beam: what robots and auditors extract from."""
+        """Decode a scan of u16 per beam, as robots and auditors use it for extraction."""
         lidar = self.lidar
         ranges = np.empty(lidar.beams)
         words = np.frombuffer(raw, _WORD, lidar.beams)
@@ -119,7 +120,7 @@ class Sensors:
         return LaserScan.of(ranges, lidar)
 
     def parse(self, raw: bytes) -> Reading:
-        """The reading in these bytes. Raises: MalformedRecord: its length or its kind is another's."""
+        """Parse a reading. Raises: MalformedRecord: wrong length or kind."""
         if len(raw) != self.reading_bytes or raw[0] != KIND_MISSION_READING:
             raise MalformedRecord("not a mission robot's reading")
         _, _, _, x, y, heading, travelled, sha1 = _HEAD.unpack_from(raw)
@@ -130,7 +131,7 @@ class Sensors:
     # --- the s-node's side ---
 
     def raw_of(self, scan: LaserScan, entries: Iterable[bytes] = ()) -> bytes:
-        """The scan's bytes, and behind them as many entries, of what other sensors read, as there is room for."""
+        """Encode a scan, followed by the entries of other sensors that fit into SENSED_MAX_BYTES."""
         words = np.empty(len(scan.ranges_m), _WORD)
         _words_of(scan.ranges_m, words)
         raw, most = words.tobytes(), self.scan_bytes + SENSED_MAX_BYTES
@@ -142,14 +143,14 @@ class Sensors:
     def make(
         self, rob_id: int, t_ms: int, odometry: tuple[float, float, float], travelled_m: float, raw: bytes
     ) -> bytes:
-        """Return the reading that goes into the chain; `t_ms` of the s-node's clock. Raises: UsageError: too far away.
+        """Return the reading to chain, at `t_ms` of the s-node's clock. Raises: UsageError: odometry is out of range.
 
         Args:
-            odometry: x and y in metres and heading in radians, its own frame.
+            odometry: x and y in metres and heading in radians, odometry frame.
         """
         x_m, y_m, heading_rad = odometry
         if not (max(abs(x_m), abs(y_m)) < MOST_M and abs(heading_rad) < MOST_RAD and 0 <= travelled_m < MOST_M):
-            raise UsageError("odometry beyond 200 km", "restart the robot")
+            raise UsageError("odometry is beyond 200 km or 2000 rad", "restart the robot")
         head = _HEAD.pack(
             KIND_MISSION_READING,
             rob_id,

@@ -1,8 +1,8 @@
-"""A robot's memory of the things around it: a square of cells that moves along, in the packet of its odometry.
+"""Local obstacle map: a square of cells that moves with the robot, in the frame of its odometry.
 
-Fixes move the map under a robot, not the things beside it: nothing here knows the map. Things out of view are
-remembered long enough to turn about and go around them, and short enough for a person who has gone. A cell is FRESH
-when something was hit in it, one less with every FADE_S, 0 when it is free or unknown.
+It does not use the map frame, so position fixes do not shift it. Obstacles out of view are kept long enough to turn
+about and drive around them, and short enough for a person who has left. A cell is FRESH when a beam hit something in
+it, one less after every FADE_S, and 0 when free or unknown.
 """
 
 from __future__ import annotations
@@ -29,28 +29,28 @@ HALF = SIDE // 2
 FRESH = 3
 FADE_S = 4.0
 PER_BYTE = 4  # cells, in a checkpoint
-# Odometry never gets so far; to round down, numbers are made positive first.
+# Larger than any odometry: added before `int`, so that it rounds down negative numbers too.
 _FAR = 1 << 23
-# A cell's middle is up to 0.09 m from what was hit in it.
+# The centre of a cell is up to 0.09 m from a hit in it.
 _SEEN_M = 0.13
 
 
 class Seen(NamedTuple):
-    """A reading, and what was remembered before it."""
+    """A reading, and the cells before it."""
 
-    old: U8x1  # cells as remembered
-    base: Stop  # the numbers of the first of them
-    fade: int  # by how much cells fade in this step
-    moved: Pose  # by odometry
+    old: U8x1  # cells before the reading
+    base: Stop  # indices of the first of them
+    fade: int  # decrease of cells in this step
+    moved: Pose  # pose by odometry
     clear: U8x1  # (sectors,) as in a reading
-    fan: Fan  # cosines and sines of the sectors, where the field of view begins, and a sector's width
+    fan: Fan  # cosines and sines of the sectors, start of the field of view, and width of a sector
 
 
 class Sectors:
-    """The directions of a reading's sectors, robot frame.
+    """Directions of a reading's sectors, robot frame.
 
     Args:
-        first_rad: where the field of view begins.
+        first_rad: start of the field of view.
     """
 
     def __init__(self, first_rad: float, step_rad: float, count: int) -> None:
@@ -60,30 +60,30 @@ class Sectors:
 
 
 def packed(cells: bytes) -> bytes:
-    """As a checkpoint has it, two bits a cell."""
-    told = np.frombuffer(cells, np.uint8).reshape(-1, PER_BYTE)
-    return (told[:, 0] | told[:, 1] << 2 | told[:, 2] << 4 | told[:, 3] << 6).astype(np.uint8).tobytes()
+    """Pack cells for a checkpoint, two bits each."""
+    four = np.frombuffer(cells, np.uint8).reshape(-1, PER_BYTE)
+    return (four[:, 0] | four[:, 1] << 2 | four[:, 2] << 4 | four[:, 3] << 6).astype(np.uint8).tobytes()
 
 
 def unpacked(raw: bytes) -> bytes:
-    """The cells that `packed` made."""
-    told = np.frombuffer(raw, np.uint8)
-    return np.stack([told & 3, told >> 2 & 3, told >> 4 & 3, told >> 6], axis=1).tobytes()
+    """Return the cells from the result of `packed`."""
+    four = np.frombuffer(raw, np.uint8)
+    return np.stack([four & 3, four >> 2 & 3, four >> 4 & 3, four >> 6], axis=1).tobytes()
 
 
 @kernel
 def cell_at(value_m: float) -> int:
-    """Number of the cell on an axis."""
+    """Return the index of a cell along an axis."""
     return int(value_m * PER_M + _FAR) - _FAR
 
 
 @kernel
 def look(seen: Seen, cells: U8x1, points: F64x2) -> tuple[int, int, int]:
-    """Take a reading in; return the numbers of the first cell, and how many points there are.
+    """Update the cells by a reading; return the indices of the first cell, and the number of points.
 
     Args:
-        cells: out, as they are now.
-        points: out, (k, 2) what is in the way, robot frame: what is hit now, and what is remembered elsewhere.
+        cells: output, the updated cells.
+        points: output, (k, 2) obstacles, robot frame: hits of this reading, and remembered cells out of view.
     """
     old, base, fade, moved, clear, fan = seen
     cosines, sines, first_rad, step_rad = fan
@@ -128,7 +128,7 @@ def look(seen: Seen, cells: U8x1, points: F64x2) -> tuple[int, int, int]:
 
 @kernel
 def free_way(points: F64x2, count: int, cosine: float, sine: float, margin_m: float) -> float:
-    """How far a robot gets in a direction before something comes nearer to its middle than the margin."""
+    """Return the distance that a robot can drive in a direction until an obstacle is within the margin."""
     free = np.inf
     for k in range(count):
         along = points[k, 0] * cosine + points[k, 1] * sine
@@ -139,9 +139,9 @@ def free_way(points: F64x2, count: int, cosine: float, sine: float, margin_m: fl
 
 @kernel
 def sight(clear: U8x1, cosines: F64x1, sines: F64x1, goal_x: float, goal_y: float, margin_m: float) -> bool:
-    """Return whether a reading shows the straight way to a place, robot frame, to be free."""
+    """Return whether a reading shows a free straight path to a place, robot frame."""
     away = math.sqrt(goal_x * goal_x + goal_y * goal_y)
-    # What is farther than a sector's byte can say may have any wall before it.
+    # Beyond the range of a sector's byte, a wall could be in between.
     if goal_x <= 0.0 or away >= CLEAR * CLEAR_STEP_M:
         return False
     points = np.empty((len(clear), 2))

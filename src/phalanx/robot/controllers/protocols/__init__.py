@@ -1,1 +1,1 @@
-"""The uses of robots beside flocking that RoboRebound names, a file each: whatever declares itself here has a name."""
+"""Protocols beside flocking that RoboRebound names, one per file; the file's name is the protocol's name."""

@@ -1,7 +1,8 @@
-"""Patrolling: places are visited again and again, so that none is alone for long.
+"""Patrolling: places are visited again and again, so that none stays unobserved for long.
 
-A robot goes where nobody has been for longest, less the way there: the conscientious reactive patrol, with what others
-say of their visits. Source: RoboRebound §2.1, §2.3 (patrolling, surveillance); Machado et al. 2002.
+A robot goes to the place with the longest time since its last visit, minus the travel time: the conscientious reactive
+strategy, with visits that others report.
+Source: RoboRebound §2.1, §2.3 (patrolling, surveillance); Machado et al. 2002.
 """
 
 from __future__ import annotations
@@ -12,26 +13,26 @@ from collections.abc import Collection
 from phalanx.robot.controllers.places import PLACES, PlaceController, PlaceStage
 from phalanx.robot.controllers.protocol import Protocol
 
-WATCHED_S = 30.0  # so long after a visit nobody would have slipped in
+WATCHED_S = 30.0  # time after a visit for which a place counts as watched
 
 
 class Patrol(PlaceController):
-    """One robot of a patrol."""
+    """Robot of a patrol."""
 
     def worth(self, t_ms: int, place: int, away_m: float) -> float:
-        """How long nobody was there by the time it would be."""
+        """Return the seconds since the last visit, minus the travel time."""
         return (t_ms - self.last_visit_ms(t_ms, place)) / 1000 - away_m / self.body.pace_mps
 
 
 class Watch(PlaceStage):
-    """A place is watched for a while after each visit."""
+    """Share of places that are watched, for a while after each visit."""
 
     counts = "% watched"
-    lost = "so much less of the places and the time is watched by correct robots, of all that could be"
+    lost = "decrease of the share of places and time watched by correct robots"
     bites_from = 5.0
 
     def score(self, left_out: Collection[int]) -> float:
-        """The share of places and time, %."""
+        """Return the watched share of places and time, %."""
         watched_s = 0.0
         for visits in self.visits:
             times = [t_s for t_s, rob_id in visits if rob_id not in left_out]
@@ -43,7 +44,7 @@ class Watch(PlaceStage):
         return max(0.0, min(WATCHED_S - (begin_s - visit_s), later_s - begin_s))
 
     def forget(self, before_s: float) -> None:
-        """See `Stage`."""
+        """Restart the score at `before_s`, and drop visits that no longer count."""
         super().forget(before_s)
         self.visits = [[each for each in visits if each[0] >= before_s - WATCHED_S] for visits in self.visits]
 

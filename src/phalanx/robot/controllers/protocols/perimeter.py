@@ -1,7 +1,7 @@
-"""Perimeter defence: robots on a ring, and intruders who make for its middle; two robots together catch one.
+"""Perimeter defence: robots on a ring, and intruders heading for its centre; two robots together catch one.
 
-The two nearest robots go to an intruder that is reported: one of them mostly does not see it yet. Source: RoboRebound
-§2.3 (perimeter defence); Agmon, Kaminka and Kraus 2011 (robots along a fence); that it takes two is ours.
+The two nearest robots go to a reported intruder; usually only one of them sees it. Source: RoboRebound §2.3 (perimeter
+defence); Agmon, Kaminka and Kraus 2011 (robots along a fence); the rule of two robots is ours.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from phalanx.robot.controllers.protocol import Point, Protocol, Task
 from phalanx.robot.controllers.sightings import SightController, SightStage, drawn, middle_m
 
 PAIR = 2
-# What is far is measured in steps of the ring.
-CATCH_STEPS = 0.25  # so near a robot has a hand on an intruder
-AT_ONCE_S = 0.5  # and the other has within this time
-EVERY_S, FIRST_S = 5.0, 5.0  # an intruder comes
-FROM_STEPS, CORE = 2.0, 0.4  # so far beyond the ring, and to so much of its radius: then it is through
-PACE_STEPS = 0.15625  # an intruder's, a second
+# Lengths are in steps, the spacing of the ring.
+CATCH_STEPS = 0.25  # distance at which a robot touches an intruder
+AT_ONCE_S = 0.5  # time within which two robots must touch it
+EVERY_S, FIRST_S = 5.0, 5.0  # interval of intruders, and start of the first
+FROM_STEPS, CORE = 2.0, 0.4  # start of intruders outside the ring, and share of its radius at which they are through
+PACE_STEPS = 0.15625  # speed of intruders, steps per second
 
 
 class Sentry(SightController):
-    """One robot of the ring."""
+    """Robot of the ring."""
 
     party = PAIR
 
@@ -31,7 +31,7 @@ class Intruders(SightStage):
     """Intruders; the seed decides when and where they come. They leave when caught or through."""
 
     counts = "% caught"
-    lost = "so many more of the intruders get through"
+    lost = "increase of the share of intruders that get through"
     bites_from = 5.0
 
     def __init__(self, task: Task) -> None:
@@ -39,15 +39,15 @@ class Intruders(SightStage):
         self.middle_m = middle_m(task)
         self.ring_m = max(math.dist(self.middle_m, post) for post in task.waits_m)
         self.pace_mps = PACE_STEPS * task.step_m
-        self.caught: dict[int, tuple[int, ...]] = {}  # by whom
-        self._hands: dict[int, dict[int, float]] = {}  # on an intruder: whose, and when
+        self.caught: dict[int, tuple[int, ...]] = {}  # by intruder, the robots that caught it
+        self._hands: dict[int, dict[int, float]] = {}  # by intruder, times at which robots last touched it
 
     @property
     def _lasts_s(self) -> float:
         return (self.ring_m * (1 - CORE) + FROM_STEPS * self.task.step_m) / self.pace_mps
 
     def things(self, t_s: float) -> dict[int, Point]:
-        """The intruders that are on their way."""
+        """Return the positions of the intruders under way."""
         latest = math.floor((t_s - FIRST_S) / EVERY_S)
         ways_s = {number: t_s - FIRST_S - number * EVERY_S for number in range(self._through_by(t_s), latest + 1)}
         return {
@@ -62,7 +62,7 @@ class Intruders(SightStage):
         return self.middle_m[0] + away_m * math.cos(angle), self.middle_m[1] + away_m * math.sin(angle)
 
     def near(self, rob_id: int, t_s: float, number: int, away_m: float) -> None:
-        """With a hand on it, and another's, it is caught."""
+        """Record a touch; two robots that touch an intruder at once catch it."""
         if away_m > CATCH_STEPS * self.task.step_m:
             return
         hands = self._hands.setdefault(number, {})
@@ -76,21 +76,21 @@ class Intruders(SightStage):
         return [self._place_m(number, self._lasts_s) for number in come if number not in self.caught]
 
     def _through_by(self, t_s: float) -> int:
-        """So many have had the time to get through."""
+        """Return the number of intruders that had time to get through by `t_s`."""
         return max(0, math.floor((t_s - FIRST_S - self._lasts_s) / EVERY_S) + 1)
 
     def score(self, left_out: Collection[int]) -> float:
-        """Of those that have had the time to get through, %."""
+        """Return the share caught of intruders that had time to get through, %."""
         come = range(self._through_by(self.since_s), self._through_by(self.now_s))
         by = [self.caught.get(number, ()) for number in come]
         return 100 * sum(any(each not in left_out for each in both) for both in by) / max(1, len(by))
 
     def score_so_far(self, left_out: Collection[int]) -> float | None:
-        """None until the first intruder has had its time."""
+        """Return the score; None until the first intruder had time to get through."""
         return self.score(left_out) if self._through_by(self.now_s) > self._through_by(self.since_s) else None
 
     def forget(self, before_s: float) -> None:
-        """See `Stage`."""
+        """Restart the score at `before_s`, and drop intruders that no longer count."""
         super().forget(before_s)
         first = self._through_by(before_s)
         self.caught = {number: both for number, both in self.caught.items() if number >= first}
