@@ -225,7 +225,7 @@ class TestPages:
         assert health(0.0) == "not working", "no robot was heard"
         assert health(1.0, shield(9.0)) == "not working"
         assert health(2.0, shield(9.0, 3.0)) == "working"
-        swarm.unchecked = "its own trusted nodes are gone"
+        swarm.unchecked = "the gateway's trusted nodes are gone"
         assert health(4.0) == "working", "its tokens are still good"
         assert health(6.0) == "not working"
         assert health(7.0, shield(9.0, 9.0, stopped=True)) == "not working"
@@ -347,7 +347,7 @@ class TestPages:
         options = UpOptions(qrkey=True, broker=where, broker_ws=websocket, port=0, wait_s=0.1, page_url=page)
         with pytest.raises(Unavailable):
             await up(options, lambda _: None, swarm=lambda: Dotbots(1, 1, time.time))
-        told = f"browsers let no page by https, such as {page}, reach {websocket}; hint: a wss:// one"
+        told = f"browsers let no page by https, such as {page}, reach {websocket}; hint: use a wss:// address"
         assert (told in caplog.text) == is_told
 
     async def test_who_asks_for_files_and_hangs_up_leaves_no_trace_in_the_log(self, caplog):
