@@ -248,7 +248,7 @@ def test_a_full_disk_ends_the_kept_log_and_not_the_robot(tmp_path, monkeypatch, 
         with pytest.raises(Unavailable, match="its nodes are gone"):
             asyncio.run(daemon_run._live(Alive(), kept, tmp_path / "nowhere" / "robot-3.json", None, ()))
     kept_no_further, cannot_write = sorted(caplog.messages, key=lambda words: "cannot write" in words)
-    assert "robot-3.log the log is no longer written: No space left" in kept_no_further
+    assert "robot-3.log: the log is no longer written: No space left" in kept_no_further
     assert "cannot write" in cannot_write
 
 
@@ -363,7 +363,8 @@ def test_a_robot_in_safe_mode_says_why_as_far_as_it_knows():
     assert "0 of 2 needed robots vouch for it; it heard 1 robots in the last 5 s" in stopped(
         (100, 6000), (100, 100)
     )
-    assert "heard 2 robots in the last 5 s and asked 1 of them: the others" in stopped((100, 4900, 9000), (4900, 5100, 1))
+    told = stopped((100, 4900, 9000), (4900, 5100, 1))
+    assert "heard 2 robots in the last 5 s and asked 1 of them: the others" in told
     assert "one of its readings was 101 ms late, and its auditors allow 100" in stopped((9, 9), (9, 9), late_ms=101.0)
     assert "its log was full" in stopped(log_full=True)
 
