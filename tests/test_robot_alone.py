@@ -323,7 +323,7 @@ def test_a_state_that_somebody_wrote_commands_no_terminal_and_makes_no_traceback
         assert words in shown
     for more in ({}, {"pid": 1.5}, {"pid": 1 << 40}):
         told.write_text(json.dumps(state | more))
-        with pytest.raises(UsageError, match="not that of a robot"):
+        with pytest.raises(UsageError, match="not that of a robot|not the state file of a robot"):
             status(tmp_path / "robot.yaml", as_json=False)
 
 
@@ -344,7 +344,7 @@ def test_numbers_that_nobody_can_show_make_no_traceback(tmp_path):
     told.write_text(
         json.dumps(state | {"tokens": [], "tokens_needed": 2, "given": [], "refused": [], "longest_ms": {}})
     )
-    with pytest.raises(UsageError, match="not that of a robot"):
+    with pytest.raises(UsageError, match="not that of a robot|not the state file of a robot"):
         status(tmp_path / "robot.yaml", as_json=False)
 
 
@@ -638,7 +638,7 @@ def lived(monkeypatch, *, waits):
     clock.now_ms = lambda: clock.ms
     life.id, life.scenario = 1, SimpleNamespace(bti=BtiConfig(f_max=1))
     life.clock, life._lateness, life.why_late = clock, Lateness(), ""
-    life._came, life._advised, life.waits_for_advice = asyncio.Event(), False, waits
+    life._packet_or_advice, life._advised, life.waits_for_advice = asyncio.Event(), False, waits
     life.radio = SimpleNamespace(take=bytes)
     life.longest_ms = dict.fromkeys(("late", "reading"), 0.0)
     life.runtime = SimpleNamespace(input_ms=1250, check_ms=9999, wake_ms=9999, audit_ms=9999, due_ms=1250)
@@ -659,7 +659,7 @@ async def test_new_advice_is_acted_on_as_early_as_auditors_allow_and_once(monkey
     with lived(monkeypatch, waits=True) as (life, clock, read_ms):
         assert await life._turn() == 250  # nothing is new
         life.advised()
-        assert life._came.is_set()
+        assert life._packet_or_advice.is_set()
         assert await life._turn() == 160
         clock.ms = 1160
         assert await life._turn() == 0
@@ -706,7 +706,7 @@ async def test_in_safe_mode_a_robot_reads_no_frame_any_more(monkeypatch):
 
         async def until_stopped(_: object) -> None:
             assert loop.remove_reader(radio), "it listens"
-            loop.add_reader(radio, life._came.set)
+            loop.add_reader(radio, life._packet_or_advice.set)
 
         monkeypatch.setattr(life, "_until_stopped", until_stopped)
         await life.live(None)
@@ -733,7 +733,7 @@ def test_why_a_thread_is_late_is_told_apart():
         lateness.did("waiting", 10.0)
         time.sleep(0.06)
         lateness.turn(0.0)
-        assert numbers_of(lateness)["for"] >= 40
+        assert numbers_of(lateness)["other"] >= 40
         assert numbers_of(lateness)["computing"] < 30
     finally:
         lateness.close()

@@ -106,7 +106,7 @@ def test_a_robot_begins_no_other_mission_than_was_signed(tmp_path, monkeypatch):
         asyncio.run(daemon_run.run_robot(read_robot(tmp_path / "robot.yaml")))
     for rubbish in (b'{"mission": 7, "signed": 1}', b'{"mission": 7, "signed": {"number": 7}}', b"[]", b"\0"):
         (tmp_path / "key.json").write_bytes(rubbish)
-        with pytest.raises(UsageError, match="no mission key"):
+        with pytest.raises(UsageError, match="not a mission key"):
             asyncio.run(daemon_run.run_robot(read_robot(tmp_path / "robot.yaml")))
 
 

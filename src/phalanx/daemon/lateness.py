@@ -56,7 +56,7 @@ class Lateness:
         rest = max(0.0, wall - self._meant - computed - max(ready, asked))
         return (
             f"{self._doing} took {wall:.0f} ms: {self._meant:.0f} sleeping as planned, {computed:.0f} computing "
-            f"({collected:.0f} of it collecting garbage), {ready:.0f} waiting for a processor, {asked:.0f} waiting for "
+            f"({collected:.0f} of it collecting garbage), {ready:.0f} kept from a processor, {asked:.0f} waiting for "
             f"trusted nodes, {rest:.0f} other, {pages:.0f} pages from a disk"
         )
 
