@@ -323,7 +323,7 @@ def test_a_state_that_somebody_wrote_commands_no_terminal_and_makes_no_traceback
         assert words in shown
     for more in ({}, {"pid": 1.5}, {"pid": 1 << 40}):
         told.write_text(json.dumps(state | more))
-        with pytest.raises(UsageError, match="not that of a robot|not the state file of a robot"):
+        with pytest.raises(UsageError, match=r"not that of a robot|not the state file of a robot"):
             status(tmp_path / "robot.yaml", as_json=False)
 
 
@@ -344,7 +344,7 @@ def test_numbers_that_nobody_can_show_make_no_traceback(tmp_path):
     told.write_text(
         json.dumps(state | {"tokens": [], "tokens_needed": 2, "given": [], "refused": [], "longest_ms": {}})
     )
-    with pytest.raises(UsageError, match="not that of a robot|not the state file of a robot"):
+    with pytest.raises(UsageError, match=r"not that of a robot|not the state file of a robot"):
         status(tmp_path / "robot.yaml", as_json=False)
 
 
@@ -360,9 +360,7 @@ def stopped(heard_ago_ms=(), asked_ago_ms=(), late_ms=0.0, log_full=False):
 
 
 def test_a_robot_in_safe_mode_says_why_as_far_as_it_knows():
-    assert "0 of 2 needed robots vouch for it; it heard 1 robots in the last 5 s" in stopped(
-        (100, 6000), (100, 100)
-    )
+    assert "0 of 2 needed robots vouch for it; it heard 1 robots in the last 5 s" in stopped((100, 6000), (100, 100))
     told = stopped((100, 4900, 9000), (4900, 5100, 1))
     assert "heard 2 robots in the last 5 s and asked 1 of them: the others" in told
     assert "one of its readings was 101 ms late, and its auditors allow 100" in stopped((9, 9), (9, 9), late_ms=101.0)
